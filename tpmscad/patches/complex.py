@@ -1,0 +1,104 @@
+"""The patch complex: a boundary representation in arrays, the waist of the program. No kernel object is in it.
+
+Geometry is stored once and placed by rigid motions: a *carrier* (B-spline primitive or plane), a 3-D *curve* and a parameter
+curve serve every face, edge and edge use that is a copy of another. A motion is x -> R x + t with R orthogonal, mirrors
+included; a mirrored copy keeps its parameters, and its own S_u x S_v is taken after the motion.
+
+    vertices        (V, 3)
+    edges           one curve each, the piece of it between two parameters, from a start vertex to an end vertex
+    uses            an edge as one side of a loop, with its direction and its parameter curve on the face's carrier
+    loops           consecutive uses, closed; the face lies on the left of each use in the carrier's (u, v)
+    faces           a placed carrier, a sense, loops (any order), a tag
+
+A use's parameter curve and its edge's curve take the same parameter: carrier(pcurve(t)) = curve(t) for t in the edge's range,
+whichever way the use runs. On a plane there is none (index -1), the edge's projection serves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmscad.patches.carriers import Carrier
+from tpmscad.splines.bspline import Curve
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Edges:
+    """E edges: edge i is the placed curve on [span[i, 0], span[i, 1]], from vertex start[i] to vertex end[i].
+
+    `deviation` is the greatest measured distance, in model units, between the edge's curve and the carriers it bounds, along
+    the shared parameter; zero to round-off where the edge is a patch side.
+    """
+
+    curve: Ints
+    rotation: Array
+    translation: Array
+    span: Array
+    start: Ints
+    end: Ints
+    deviation: Array
+
+    def __len__(self) -> int:
+        return len(self.curve)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Uses:
+    """K edge uses in loop order: the edge, +1 or -1 along its parameter, the parameter curve's index or -1 on planes."""
+
+    edge: Ints
+    sense: Ints
+    pcurve: Ints
+
+    def __len__(self) -> int:
+        return len(self.edge)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Faces:
+    """F faces: face i has loops loop_start[i] .. loop_start[i + 1] - 1, loop j has uses use_start[j] .. use_start[j + 1] - 1.
+
+    The outward normal (out of the solid) is sense[i] times S_u x S_v of the placed carrier. `tag` indexes the complex's tags.
+    """
+
+    carrier: Ints
+    rotation: Array
+    translation: Array
+    sense: Ints
+    tag: Ints
+    loop_start: Ints
+    use_start: Ints
+
+    def __len__(self) -> int:
+        return len(self.carrier)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchComplex:
+    """Faces on shared edges and vertices, in model units."""
+
+    carriers: tuple[Carrier, ...]
+    curves: tuple[Curve, ...]
+    pcurves: tuple[Curve, ...]
+    vertices: Array
+    edges: Edges
+    uses: Uses
+    faces: Faces
+    tags: tuple[str, ...]
+
+    @property
+    def face_of_use(self) -> Ints:
+        """(K,) the face each use belongs to."""
+        loop_of_use = np.repeat(np.arange(len(self.faces.use_start) - 1), np.diff(self.faces.use_start))
+        face_of_loop = np.repeat(np.arange(len(self.faces)), np.diff(self.faces.loop_start))
+        return face_of_loop[loop_of_use]
+
+    def tagged(self, tag: str) -> Ints:
+        """Indices of the faces with this tag; the tag must be one of the complex's."""
+        return np.flatnonzero(self.faces.tag == self.tags.index(tag))

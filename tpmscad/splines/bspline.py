@@ -1,0 +1,134 @@
+"""Tensor-product B-splines as frozen values: poles, knots with repetition, degree. Nothing else is stored.
+
+Evaluation is SciPy's (`scipy.interpolate.BSpline`), applied one parameter at a time. A surface's four sides are numbered
+counter-clockwise in (u, v), and each runs counter-clockwise too, with the patch on its left:
+
+    side 0: v = v0, u rising      side 1: u = u1, v rising      side 2: v = v1, u falling      side 3: u = u0, v falling
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A B-spline curve in D dimensions: poles (N, D), knots (N + degree + 1,) with repetition."""
+
+    poles: Array
+    knots: Array
+    degree: int
+
+    def __post_init__(self) -> None:
+        if self.poles.ndim != 2 or len(self.knots) != len(self.poles) + self.degree + 1:
+            raise ValueError(
+                f"{self.poles.shape} poles of degree {self.degree} need {len(self.poles) + self.degree + 1} knots, "
+                f"not {len(self.knots)}"
+            )
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        return float(self.knots[self.degree]), float(self.knots[-self.degree - 1])
+
+    def __call__(self, t: ArrayLike, order: int = 0) -> Array:
+        """Points, or derivatives of the given order, at t: (..., D)."""
+        return np.asarray(BSpline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
+
+    def reversed(self) -> Curve:
+        """The same points on the same domain, run the other way."""
+        low, high = self.domain
+        return Curve(self.poles[::-1].copy(), (low + high) - self.knots[::-1], self.degree)
+
+    def moved(self, rotation: Array, translation: Array) -> Curve:
+        return Curve(self.poles @ rotation.T + translation, self.knots, self.degree)
+
+
+def line(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> Curve:
+    """The straight segment as a curve of degree one on the given domain."""
+    return Curve(np.array([start, end], float), np.repeat(np.array(domain, float), 2), 1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """A tensor-product B-spline surface: poles (U, V, D), a knot vector with repetition and a degree for u and for v."""
+
+    poles: Array
+    knots_u: Array
+    knots_v: Array
+    degree_u: int
+    degree_v: int
+
+    def __post_init__(self) -> None:
+        for axis, knots, degree in ((0, self.knots_u, self.degree_u), (1, self.knots_v, self.degree_v)):
+            if self.poles.ndim != 3 or len(knots) != self.poles.shape[axis] + degree + 1:
+                raise ValueError(
+                    f"poles {self.poles.shape} of degree {degree} along {'uv'[axis]} need "
+                    f"{self.poles.shape[axis] + degree + 1} knots, not {len(knots)}"
+                )
+
+    @property
+    def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        (pu, pv) = self.degree_u, self.degree_v
+        return (
+            (float(self.knots_u[pu]), float(self.knots_u[-pu - 1])),
+            (float(self.knots_v[pv]), float(self.knots_v[-pv - 1])),
+        )
+
+    @property
+    def corners(self) -> Array:
+        """Parameters of the four corners in the order of the sides' starting points: (4, 2)."""
+        (u0, u1), (v0, v1) = self.domain
+        return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
+        """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., D)."""
+        u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
+        rows = design(self.knots_u, self.degree_u, u.ravel(), du)
+        columns = design(self.knots_v, self.degree_v, v.ravel(), dv)
+        half = np.einsum("nu,uvd->nvd", rows, self.poles, optimize=True)
+        return np.einsum("nv,nvd->nd", columns, half).reshape(*u.shape, self.poles.shape[2])
+
+    def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
+        """The same on the grid of all u with all v: (len(u), len(v), D)."""
+        rows = design(self.knots_u, self.degree_u, np.asarray(u, float), du)
+        columns = design(self.knots_v, self.degree_v, np.asarray(v, float), dv)
+        return np.einsum("au,uvd,bv->abd", rows, self.poles, columns, optimize=True)
+
+    def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
+        """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
+        return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))
+
+    def side(self, index: int) -> Curve:
+        """The border curve of side 0..3, run counter-clockwise."""
+        along_u = index in (0, 2)
+        poles = {0: self.poles[:, 0], 1: self.poles[-1], 2: self.poles[:, -1], 3: self.poles[0]}[index]
+        curve = Curve(
+            poles.copy(), self.knots_u if along_u else self.knots_v, self.degree_u if along_u else self.degree_v
+        )
+        return curve if index in (0, 1) else curve.reversed()
+
+    def side_line(self, index: int) -> Curve:
+        """The parameter curve of that side, on the domain of `side(index)` and run the same way."""
+        corners = self.corners
+        return line(corners[index], corners[(index + 1) % 4], self.side(index).domain)
+
+    def moved(self, rotation: Array, translation: Array) -> Surface:
+        return Surface(
+            self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v
+        )
+
+
+def design(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
+    """Values (or derivatives) of every basis function at t (n,): (n, len(knots) - degree - 1), dense.
+
+    One-sided at the ends of the domain: the last point takes the last span. Patches have tens of basis functions, for
+    which a dense matrix times the poles is faster than anything sparse.
+    """
+    count = len(knots) - degree - 1
+    return np.asarray(BSpline(knots, np.eye(count), degree)(np.asarray(t, float), order))
