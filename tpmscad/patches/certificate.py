@@ -1,0 +1,59 @@
+"""What is promised about a result: every figure measured on it, next to the bound that was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Measured figures of a solid; lengths in model units, angles in degrees.
+
+    `met` says whether all that was asked for holds; `shortfalls` names what does not, and is empty otherwise. Deviations are
+    orthogonal, in both directions, against `reference`. `gap`, `tangent_jump_deg` and `curvature_jump` (relative to the
+    greatest curvature) are the worst over all joints between smooth faces, extraordinary points included. `betti` are the
+    solid's Betti numbers (pieces, tunnels, voids).
+    """
+
+    met: bool
+    shortfalls: tuple[str, ...]
+    tol: float
+    max_deviation: float
+    rms_deviation: float
+    reference: str
+    gap: float
+    tangent_jump_deg: float
+    curvature_jump: float
+    valid: bool
+    closed: bool
+    volume: float
+    area: float
+    betti: tuple[int, int, int]
+    pieces: tuple[float, ...]
+    n_faces: int
+    n_primitives: int
+    n_poles: int
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, ready for JSON."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+    def __str__(self) -> str:
+        verdict = "met" if self.met else "NOT met: " + "; ".join(self.shortfalls)
+        lines = [
+            f"{verdict}",
+            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (asked {self.tol:g}) from the {self.reference}",
+            f"joints      gap {self.gap:.2g}, tangent {self.tangent_jump_deg:.2g} deg, curvature {self.curvature_jump:.2g} relative",
+            f"solid       {'valid' if self.valid else 'INVALID'}, {'closed' if self.closed else 'OPEN'}, "
+            f"volume {self.volume:.9g}, area {self.area:.9g}, Betti numbers {self.betti}",
+            f"size        {self.n_faces} faces, {self.n_primitives} primitives, {self.n_poles} poles",
+        ]
+        lines += [f"note        {note}" for note in self.notes]
+        if self.seconds:
+            lines.append("seconds     " + ", ".join(f"{k} {v:.2f}" for k, v in self.seconds.items()))
+        return "\n".join(lines)
