@@ -1,0 +1,8 @@
+"""`python -m tpmscad`: the command line."""
+
+from __future__ import annotations
+
+from tpmscad.cli import main
+
+if __name__ == "__main__":
+    main()
