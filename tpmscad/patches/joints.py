@@ -100,7 +100,12 @@ def curvature(surface: Surface, u: Array, v: Array, sense: int = 1) -> tuple[Arr
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     uv = np.einsum("ni,ni->n", surface(u, v, 1, 1), normal)
     second = np.stack(
-        [np.einsum("ni,ni->n", surface(u, v, 2, 0), normal), uv, uv, np.einsum("ni,ni->n", surface(u, v, 0, 2), normal)],
+        [
+            np.einsum("ni,ni->n", surface(u, v, 2, 0), normal),
+            uv,
+            uv,
+            np.einsum("ni,ni->n", surface(u, v, 0, 2), normal),
+        ],
         axis=-1,
     ).reshape(-1, 2, 2)
     dual = tangents @ np.linalg.inv(np.swapaxes(tangents, 1, 2) @ tangents)

@@ -15,9 +15,28 @@ import numpy as np
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.weld import WELD, cluster, weld
 from tpmscad.splines.bspline import Curve, Surface
-from tpmscad.surfaces import PatchSymmetry
+from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 TAGS = ("offset+", "offset-", "gap")
+SIDE_MIDDLES = np.array([[0.5, 0.0], [1.0, 0.5], [0.5, 1.0], [0.0, 0.5]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MidPatch:
+    """A surface's primitive patch as lattices need it: its symmetry, the middles of its sides (4, 3) in cells, and its
+    handedness, the sign of (X_u x X_v) . n."""
+
+    surface: SurfacePatch
+    symmetry: PatchSymmetry
+    side_middles: Array
+    handedness: int
+
+
+def mid_patch(surface: SurfacePatch, symmetry: PatchSymmetry) -> MidPatch:
+    """The patch with what follows from its own points."""
+    jet = surface.jet(*SIDE_MIDDLES.T)
+    side = float(np.cross(jet.du[0], jet.dv[0]) @ jet.normal[0])
+    return MidPatch(surface, symmetry, jet.position, 1 if side > 0 else -1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,76 +62,91 @@ class Sheet:
     upper: tuple[int, bool] | None
 
 
-def whole_cells(symmetry: PatchSymmetry, cells: tuple[int, int, int], phase: Array) -> Placements:
+def whole_cells(mid: MidPatch, cells: tuple[int, int, int], phase: Array) -> Placements:
     """The patches of cells[0] x cells[1] x cells[2] cells, edge-connected within each cell, moved by `phase`."""
     corners = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    return _translates(symmetry, corners + phase)
+    return _translates(mid, corners + phase)
 
 
-def covering(symmetry: PatchSymmetry, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> Placements:
+def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> Placements:
     """The patches with any part of either surface inside the box from the origin to `cells`, by their poles' boxes."""
     reach = 2
     ranges = [np.arange(-reach, n + reach) for n in cells]
     origin = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
-    all_placed = _translates(symmetry, origin + (phase - np.floor(phase)))
+    all_placed = _translates(mid, origin + (phase - np.floor(phase)))
     inside = np.zeros(len(all_placed), bool)
     for layer in (sheet.lower, sheet.upper):
         if layer is None:
             continue
         index, turned = layer
-        rotation, translation = _layer_motion(symmetry, all_placed, turned)
+        rotation, translation = _layer_motion(mid, all_placed, turned)
         poles = sheet.primitives[index].poles.reshape(-1, 3)
         placed = np.einsum("fij,pj->fpi", rotation, poles) + translation[:, None]
         inside |= ((placed.max(axis=1) >= 0) & (placed.min(axis=1) <= np.array(cells))).all(axis=1)
     return Placements(all_placed.rotation[inside], all_placed.translation[inside])
 
 
-def layers(symmetry: PatchSymmetry, sheet: Sheet, placements: Placements) -> PatchComplex:
+def layers(mid: MidPatch, sheet: Sheet, placements: Placements) -> PatchComplex:
     """The offset surfaces alone, open at the border: face i and face i + len(placements) lie over mid patch i."""
-    return weld(sheet.primitives, *_layer_faces(symmetry, sheet, placements), TAGS)
+    return weld(sheet.primitives, *_layer_faces(mid, sheet, placements), TAGS)
 
 
-def natural(symmetry: PatchSymmetry, sheet: Sheet, placements: Placements) -> PatchComplex:
+def natural(mid: MidPatch, sheet: Sheet, placements: Placements) -> PatchComplex:
     """A closed sheet: both offset surfaces, and a ruled gap face over every open side of the mid patches.
 
     TPMS2STEP, section 3.6: gaps are bridged after the copying, so that none lies inside the solid.
     """
     if sheet.lower is None or sheet.upper is None:
         raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
-    gaps = [_gap(symmetry, sheet, side) for side in range(4)]
-    patch, side = _open_sides(symmetry, placements)
-    carrier, rotation, translation, sense, tag = _layer_faces(symmetry, sheet, placements)
+    gaps = [_gap(mid, sheet, side) for side in range(4)]
+    patch, side = open_sides(mid, placements)
+    carrier, rotation, translation, sense, tag = _layer_faces(mid, sheet, placements)
     return weld(
         (*sheet.primitives, *gaps),
         np.concatenate([carrier, len(sheet.primitives) + side]),
         np.concatenate([rotation, placements.rotation[patch]]),
         np.concatenate([translation, placements.translation[patch]]),
-        np.concatenate([sense, np.full(len(side), symmetry.handedness)]),
+        np.concatenate([sense, np.full(len(side), mid.handedness)]),
         np.concatenate([tag, np.full(len(side), TAGS.index("gap"))]),
         TAGS,
     )
 
 
-def _translates(symmetry: PatchSymmetry, by: Array) -> Placements:
-    n = len(symmetry.cell_rotations)
+def ruled(below: Curve, above: Curve) -> Surface:
+    """The ruled surface between two borders run the same way: u along them, v from `below` to `above`."""
+    if below.degree != above.degree or not np.array_equal(below.knots, above.knots):
+        raise ValueError("the two surfaces of a sheet need one spline space")
+    poles = np.stack([below.poles, above.poles], axis=1)
+    return Surface(poles, above.knots, np.repeat([0.0, 1.0], 2), above.degree, 1)
+
+
+def open_sides(mid: MidPatch, placements: Placements) -> tuple[Ints, Ints]:
+    """(patch, side) of the mid patches' sides that no other placed patch shares."""
+    middle = np.einsum("fij,sj->fsi", placements.rotation, mid.side_middles) + placements.translation[:, None]
+    size = np.linalg.norm(mid.side_middles[0] - mid.side_middles[2])
+    label, _ = cluster(middle.reshape(-1, 3), WELD * size)
+    alone = np.flatnonzero(np.bincount(label)[label] == 1)
+    return alone // 4, alone % 4
+
+
+def _translates(mid: MidPatch, by: Array) -> Placements:
+    n = len(mid.symmetry.cell_rotations)
     return Placements(
-        np.tile(symmetry.cell_rotations, (len(by), 1, 1)),
-        (by[:, None, :] + symmetry.cell_translations).reshape(-1, 3) if n else np.zeros((0, 3)),
+        np.tile(mid.symmetry.cell_rotations, (len(by), 1, 1)),
+        (by[:, None, :] + mid.symmetry.cell_translations).reshape(-1, 3) if n else np.zeros((0, 3)),
     )
 
 
-def _layer_motion(symmetry: PatchSymmetry, placements: Placements, turned: bool) -> tuple[Array, Array]:
+def _layer_motion(mid: MidPatch, placements: Placements, turned: bool) -> tuple[Array, Array]:
     if not turned:
         return placements.rotation, placements.translation
     return (
-        placements.rotation @ symmetry.swap_rotation,
-        placements.rotation @ symmetry.swap_translation + placements.translation,
+        placements.rotation @ mid.symmetry.swap_rotation,
+        placements.rotation @ mid.symmetry.swap_translation + placements.translation,
     )
 
 
-def _layer_faces(
-    symmetry: PatchSymmetry, sheet: Sheet, placements: Placements
-) -> tuple[Ints, Array, Array, Ints, Ints]:
+def _layer_faces(mid: MidPatch, sheet: Sheet, placements: Placements) -> tuple[Ints, Array, Array, Ints, Ints]:
     """Carrier, rotation, translation, sense and tag of every offset face.
 
     The primitive's S_u x S_v lies along +n times the patch's handedness; turning over swaps both n and the mirror's sign, so
@@ -123,37 +157,24 @@ def _layer_faces(
         if layer is not None:
             index, turned = layer
             n = len(placements)
-            sense = np.full(n, outward * symmetry.handedness)
-            motion = _layer_motion(symmetry, placements, turned)
+            sense = np.full(n, outward * mid.handedness)
+            motion = _layer_motion(mid, placements, turned)
             parts.append((np.full(n, index), *motion, sense, np.full(n, TAGS.index(tag))))
     carrier, rotation, translation, sense, tags = (np.concatenate(p) for p in zip(*parts, strict=True))
     return carrier, rotation, translation, sense, tags
 
 
-def _open_sides(symmetry: PatchSymmetry, placements: Placements) -> tuple[Ints, Ints]:
-    """(patch, side) of the mid patches' sides that no other placed patch shares."""
-    middle = np.einsum("fij,sj->fsi", placements.rotation, symmetry.side_middles) + placements.translation[:, None]
-    size = np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2])
-    label, _ = cluster(middle.reshape(-1, 3), WELD * size)
-    alone = np.flatnonzero(np.bincount(label)[label] == 1)
-    return alone // 4, alone % 4
-
-
-def _gap(symmetry: PatchSymmetry, sheet: Sheet, side: int) -> Surface:
+def _gap(mid: MidPatch, sheet: Sheet, side: int) -> Surface:
     """The ruled surface over one side of the mid patch, u along the side, v from the lower to the upper surface."""
     assert sheet.lower is not None and sheet.upper is not None
-    below, above = (_border(symmetry, sheet.primitives[i], turned, side) for i, turned in (sheet.lower, sheet.upper))
-    if below.degree != above.degree or not np.array_equal(below.knots, above.knots):
-        raise ValueError("the two surfaces of a sheet need one spline space")
-    poles = np.stack([below.poles, above.poles], axis=1)
-    return Surface(poles, above.knots, np.repeat([0.0, 1.0], 2), above.degree, 1)
+    return ruled(*(_border(mid, sheet.primitives[i], turned, side) for i, turned in (sheet.lower, sheet.upper)))
 
 
-def _border(symmetry: PatchSymmetry, primitive: Surface, turned: bool, side: int) -> Curve:
+def _border(mid: MidPatch, primitive: Surface, turned: bool, side: int) -> Curve:
     """The placed primitive's border over that side of the mid patch, run counter-clockwise in the mid patch's (u, v)."""
     if not turned:
         return primitive.side(side)
-    rotation, translation = symmetry.swap_rotation, symmetry.swap_translation
-    moved = symmetry.side_middles @ rotation.T + translation
-    own = int(np.argmin(np.linalg.norm(moved - symmetry.side_middles[side], axis=1)))
+    rotation, translation = mid.symmetry.swap_rotation, mid.symmetry.swap_translation
+    moved = mid.side_middles @ rotation.T + translation
+    own = int(np.argmin(np.linalg.norm(moved - mid.side_middles[side], axis=1)))
     return primitive.side(own).moved(rotation, translation).reversed()

@@ -143,9 +143,7 @@ def _add_planar_pieces(moments: Array, complex: PatchComplex, planar_uses: Ints,
     in_plane = np.zeros((len(faces), 6))  # area, int u, int v, int u^2, int uv, int v^2
     frames = _plane_frames(complex)
     edge = uses.edge[planar_uses]
-    keys, key_of_use = np.unique(
-        np.column_stack([edges.curve[edge], edges.span[edge]]), axis=0, return_inverse=True
-    )
+    keys, key_of_use = np.unique(np.column_stack([edges.curve[edge], edges.span[edge]]), axis=0, return_inverse=True)
     for k, (index, low, high) in enumerate(keys):
         curve = complex.curves[int(index)]
         nodes, weights = _span_rule(curve, SPAN_POINTS, (low, high))

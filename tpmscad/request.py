@@ -1,0 +1,177 @@
+"""What a lattice is asked to be, checked once: after this every value is finite, in range and free of contradictions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad import surfaces
+from tpmscad.errors import InvalidRequest
+
+SMALLEST_TOL = 2e-7
+"""Model units: the kernel merges points closer than 1e-7, so no solid can be held to less than twice that."""
+
+SMALLEST_RELATIVE_TOL = 1e-7
+"""Of the cell: the finest that patches of degree 18 reach before float64 loses the joints' smoothness."""
+
+DEFAULT_RELATIVE_TOL = 1e-3
+"""Of the smallest cell edge, where no tolerance is given."""
+
+KINDS, SIDES, REFERENCES, BOUNDARIES = ("sheet", "skeletal"), ("-", "+"), ("minimal", "nodal"), ("box", "natural")
+
+
+@dataclass(frozen=True, slots=True)
+class LatticeRequest:
+    """A checked request. Lengths in model units; `cell` are the three edges, `offset` the normal distances of the two walls
+    (sheet) or of the one surface twice (skeletal), `phase` in cells."""
+
+    surface: str
+    cell: tuple[float, float, float]
+    cells: tuple[int, int, int]
+    offset: tuple[float, float]
+    kind: str
+    side: str
+    reference: str
+    boundary: str
+    phase: tuple[float, float, float]
+    tol: float
+
+
+def lattice_request(
+    surface: str,
+    *,
+    cell: float | Sequence[float],
+    cells: int | Sequence[int],
+    thickness: float | None,
+    offset: float | Sequence[float] | None,
+    volume_fraction: float | None,
+    kind: str,
+    side: str,
+    reference: str,
+    boundary: str,
+    phase: Sequence[float],
+    tol: float | None,
+    mapped: bool,
+) -> LatticeRequest:
+    """The request with its thickness, offsets or volume fraction resolved; InvalidRequest names what is wrong."""
+    name = surfaces.find(surface).name
+    for label, value, choices in (
+        ("kind", kind, KINDS),
+        ("side", side, SIDES),
+        ("reference", reference, REFERENCES),
+        ("boundary", boundary, BOUNDARIES),
+    ):
+        if value not in choices:
+            raise InvalidRequest(f"{label} {value!r} is unknown; choose one of {', '.join(map(repr, choices))}")
+    if kind == "skeletal" and boundary == "natural":
+        raise InvalidRequest("a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'")
+    edges = _positive_triple("cell", cell)
+    counts = _counts(cells)
+    shift = _triple("phase", phase)
+    stretched = mapped or len(set(edges)) > 1
+    bound = DEFAULT_RELATIVE_TOL * min(edges) if tol is None else _positive("tol", tol)
+    least = max(SMALLEST_TOL, SMALLEST_RELATIVE_TOL * min(edges))
+    if bound < least:
+        raise InvalidRequest(
+            f"tol {bound:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
+            "ask for more, or scale the model up"
+        )
+    walls = _walls(name, reference, kind, thickness, offset, volume_fraction, edges[0], stretched)
+    if not stretched:
+        _within_reach(name, reference, walls, edges[0])
+    return LatticeRequest(name, edges, counts, walls, kind, side, reference, boundary, shift, bound)
+
+
+def _walls(
+    name: str,
+    reference: str,
+    kind: str,
+    thickness: float | None,
+    offset: float | Sequence[float] | None,
+    volume_fraction: float | None,
+    cell: float,
+    stretched: bool,
+) -> tuple[float, float]:
+    given = {"thickness": thickness, "offset": offset, "volume_fraction": volume_fraction}
+    named = [k for k, v in given.items() if v is not None]
+    if kind == "skeletal":
+        if thickness is not None:
+            raise InvalidRequest("a skeletal solid has no thickness; give offset= (one distance) or volume_fraction=")
+        if not named:
+            return 0.0, 0.0
+    if len(named) != 1:
+        what = " and ".join(named) if named else "none of them"
+        raise InvalidRequest(f"give exactly one of thickness, offset, volume_fraction; here: {what}")
+    if volume_fraction is not None:
+        fraction = _positive("volume_fraction", volume_fraction)
+        if fraction >= 1:
+            raise InvalidRequest(f"volume_fraction {fraction:g} must lie below 1")
+        if stretched:
+            raise InvalidRequest(
+                "volume_fraction is solved for cubic cells without a map; give thickness or offset instead"
+            )
+        return surfaces.offsets_for(name, reference, fraction, kind, cell)
+    if thickness is not None:
+        half = _positive("thickness", thickness) / 2
+        return -half, half
+    values = np.atleast_1d(np.asarray(offset, float))
+    if not np.isfinite(values).all():
+        raise InvalidRequest(f"offset {values.tolist()} must be finite")
+    if kind == "skeletal":
+        if values.size != 1:
+            raise InvalidRequest(f"a skeletal solid has one offset, not {values.size}")
+        return float(values[0]), float(values[0])
+    if values.size != 2 or values[0] >= values[1]:
+        raise InvalidRequest(f"offset {values.tolist()} of a sheet must be two distances, the lower first")
+    return float(values[0]), float(values[1])
+
+
+def _within_reach(name: str, reference: str, walls: tuple[float, float], cell: float) -> None:
+    limit = surfaces.patch(name, reference).max_offset * cell
+    worst = max(walls, key=abs)
+    if abs(worst) >= limit:
+        raise InvalidRequest(
+            f"offset {worst:g} (thickness {2 * abs(worst):g} if symmetric) passes the {name}'s curvature radius at cell "
+            f"{cell:g}: offsets stay below {limit:.6g}, thickness below {2 * limit:.6g}; thin the wall or enlarge the cell"
+        )
+
+
+def _number(label: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise InvalidRequest(f"{label} {value!r} is no number") from None
+    if not np.isfinite(number):
+        raise InvalidRequest(f"{label} {number:g} must be finite")
+    return number
+
+
+def _positive(label: str, value: Any) -> float:
+    number = _number(label, value)
+    if number <= 0:
+        raise InvalidRequest(f"{label} {number:g} must be positive")
+    return number
+
+
+def _triple(label: str, value: Any) -> tuple[float, float, float]:
+    values = list(value) if np.ndim(value) else [value]
+    if len(values) != 3:
+        raise InvalidRequest(f"{label} takes three numbers, one for each axis; here {len(values)}")
+    x, y, z = (_number(label, v) for v in values)
+    return x, y, z
+
+
+def _positive_triple(label: str, value: Any) -> tuple[float, float, float]:
+    x, y, z = (_positive(label, v) for v in _triple(label, [value] * 3 if not np.ndim(value) else value))
+    return x, y, z
+
+
+def _counts(cells: Any) -> tuple[int, int, int]:
+    x, y, z = _positive_triple("cells", cells)
+    for value in (x, y, z):
+        if value != int(value):
+            raise InvalidRequest(f"cells {value:g} must be whole; trim the solid to take part of a cell")
+    return int(x), int(y), int(z)
