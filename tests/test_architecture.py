@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 400
 
-GROUND = {"errors", "progress"}
+GROUND = {"errors"}
 """Modules that anybody may import; they import nothing of the house."""
 
 ROOMS = {
@@ -29,7 +29,7 @@ ROOMS = {
 """What each room may import, beside its own files, the ground and the standard library."""
 
 FACES = {
-    "cli": {"workflows", "typer", "rich"},
+    "cli": {"workflows", "surfaces", "typer", "rich"},  # the catalogue can be listed without the kernel
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},
@@ -39,7 +39,8 @@ FACES = {
 ALLOWED = {
     **{name: set[str]() for name in GROUND},
     **ROOMS,
-    "workflows": {*ROOMS, "numpy"},
+    "request": {"surfaces", "numpy"},
+    "workflows": {*ROOMS, "request", "numpy"},
     **FACES,
     "__init__": {"workflows", *ROOMS},
 }

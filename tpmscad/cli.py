@@ -63,18 +63,6 @@ def _numbers(text: str) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
-def _counts(text: str) -> int | tuple[int, ...]:
-    try:
-        values = tuple(int(part) for part in text.split(","))
-    except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a whole number, nor whole numbers with commas between") from None
-    return values if len(values) > 1 else values[0]
-
-
-def _per_axis(value: Any) -> Any:
-    return value if isinstance(value, tuple) else (value, value, value)
-
-
 def _writable(path: Path, suffixes: Iterable[str]) -> Path:
     """The path, if a file of one of these kinds can be put there; looked at before anything is computed."""
     if path.suffix.lower() not in suffixes:
@@ -137,7 +125,7 @@ def _deliver(model: Any, output: Path, report: Path | None, quiet: bool, **how: 
     """Write the model if it meets the request, then its report, and say what was made."""
     certificate = model.certificate
     if not certificate.met:
-        raise NotMet(f"{output} was not written, the result misses the request: {certificate}", certificate)
+        raise NotMet(f"{output} not written, it misses the request: {'; '.join(certificate.shortfalls)}", certificate)
     model.export_step(output, **how)
     _write_report(report, certificate.to_dict())
     if not quiet:
@@ -146,7 +134,7 @@ def _deliver(model: Any, output: Path, report: Path | None, quiet: bool, **how: 
 
 Surface = Annotated[str, typer.Argument(help="Name of the surface, see `tpmscad surfaces`.")]
 Cell = Annotated[Any, typer.Option(parser=_numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm.")]
-Cells = Annotated[Any, typer.Option(parser=_counts, metavar="N|X,Y,Z", help="Number of cells along each axis.")]
+Cells = Annotated[Any, typer.Option(parser=_numbers, metavar="N|X,Y,Z", help="Number of cells along each axis.")]
 Thickness = Annotated[float | None, typer.Option(metavar="MM", help="Wall thickness along the normal, mm.")]
 Offset = Annotated[
     Any, typer.Option(parser=_numbers, metavar="LO,HI", help="Signed normal distances of the two sides, mm.")
@@ -210,7 +198,7 @@ def lattice(
     surface: Surface,
     cell: Cell,
     output: Output,
-    cells: Cells = "1",
+    cells: Cells = "1,1,1",
     thickness: Thickness = None,
     offset: Offset = None,
     volume_fraction: VolumeFraction = None,
@@ -234,7 +222,7 @@ def lattice(
             model = workflows.lattice(
                 surface,
                 cell=cell,
-                cells=_per_axis(cells),
+                cells=cells,
                 thickness=thickness,
                 offset=offset,
                 volume_fraction=volume_fraction,
@@ -243,7 +231,7 @@ def lattice(
                 side=side,
                 reference=reference,
                 boundary=boundary,
-                phase=_per_axis(phase),
+                phase=phase,
                 progress=progress,
             )
         _deliver(model, output, report, quiet, instanced=instanced, schema=schema)
