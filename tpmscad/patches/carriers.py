@@ -36,5 +36,8 @@ class Plane:
         """Signed distance along the normal: (...)."""
         return (np.asarray(points, float) - self.origin) @ self.normal
 
+    def scaled(self, factor: float) -> Plane:
+        return Plane(factor * self.origin, self.x_axis, self.normal)
+
 
 Carrier = Surface | Plane

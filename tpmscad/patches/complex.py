@@ -16,7 +16,7 @@ whichever way the use runs. On a plane there is none (index -1), the edge's proj
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -102,3 +102,16 @@ class PatchComplex:
     def tagged(self, tag: str) -> Ints:
         """Indices of the faces with this tag; the tag must be one of the complex's."""
         return np.flatnonzero(self.faces.tag == self.tags.index(tag))
+
+
+def scaled(complex: PatchComplex, factor: float) -> PatchComplex:
+    """The complex enlarged about the origin."""
+    edges, faces = complex.edges, complex.faces
+    return replace(
+        complex,
+        carriers=tuple(c.scaled(factor) for c in complex.carriers),
+        curves=tuple(c.scaled(factor) for c in complex.curves),
+        vertices=factor * complex.vertices,
+        edges=replace(edges, translation=factor * edges.translation, deviation=factor * edges.deviation),
+        faces=replace(faces, translation=factor * faces.translation),
+    )

@@ -15,7 +15,14 @@ import numpy as np
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.weld import WELD, cluster, weld
 from tpmscad.splines.bspline import Curve, Surface
+from tpmscad.splines.knots import split
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
+
+TOUCH = 1e-9
+"""Cells: patches that reach into a box by less do not; far above round-off, far below any tolerance."""
+
+REACH = 2
+"""Cells around the box whose patches are looked at: patches of the cell's translation class lie within 1.5 cells of it."""
 
 TAGS = ("offset+", "offset-", "gap")
 SIDE_MIDDLES = np.array([[0.5, 0.0], [1.0, 0.5], [0.5, 1.0], [0.0, 0.5]])
@@ -68,27 +75,44 @@ def whole_cells(mid: MidPatch, cells: tuple[int, int, int], phase: Array) -> Pla
     return _translates(mid, corners + phase)
 
 
-def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> Placements:
-    """The patches with any part of either surface inside the box from the origin to `cells`, by their poles' boxes."""
-    reach = 2
-    ranges = [np.arange(-reach, n + reach) for n in cells]
-    origin = np.stack(np.meshgrid(*ranges, indexing="ij"), axis=-1).reshape(-1, 3)
-    all_placed = _translates(mid, origin + (phase - np.floor(phase)))
-    inside = np.zeros(len(all_placed), bool)
-    for layer in (sheet.lower, sheet.upper):
-        if layer is None:
-            continue
-        index, turned = layer
-        rotation, translation = _layer_motion(mid, all_placed, turned)
-        poles = sheet.primitives[index].poles.reshape(-1, 3)
-        placed = np.einsum("fij,pj->fpi", rotation, poles) + translation[:, None]
-        inside |= ((placed.max(axis=1) >= 0) & (placed.min(axis=1) <= np.array(cells))).all(axis=1)
-    return Placements(all_placed.rotation[inside], all_placed.translation[inside])
+def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> PatchComplex:
+    """The offset surfaces, every patch with a part inside the box from the origin to `cells`; open, ragged outside.
+
+    Where a patch's midline lies in a plane of the box (a mirror plane), patches are quartered along their midlines: then
+    whole quarters end in the plane and nothing is cut there.
+    """
+    origin = np.stack(np.meshgrid(*[np.arange(-REACH, n + REACH) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
+    placements = _translates(mid, origin + (phase - np.floor(phase)))
+    carrier, rotation, translation, sense, tag = _layer_faces(mid, sheet, placements)
+    primitives = sheet.primitives
+    if _midlines_in_planes(primitives, carrier, rotation, translation, cells):
+        primitives = tuple(quarter for primitive in primitives for quarter in quarters(primitive))
+        carrier = (4 * carrier[:, None] + np.arange(4)).ravel()
+        rotation, translation, sense, tag = (np.repeat(a, 4, axis=0) for a in (rotation, translation, sense, tag))
+    inside = np.zeros(len(carrier), bool)
+    for index, primitive in enumerate(primitives):
+        own = np.flatnonzero(carrier == index)
+        poles = primitive.poles.reshape(-1, 3)
+        placed = np.einsum("fij,pj->fpi", rotation[own], poles) + translation[own, None]
+        inside[own] = ((placed.max(axis=1) > TOUCH) & (placed.min(axis=1) < np.array(cells) - TOUCH)).all(axis=1)
+    return weld(primitives, carrier[inside], rotation[inside], translation[inside], sense[inside], tag[inside], TAGS)
 
 
-def layers(mid: MidPatch, sheet: Sheet, placements: Placements) -> PatchComplex:
-    """The offset surfaces alone, open at the border: face i and face i + len(placements) lie over mid patch i."""
-    return weld(sheet.primitives, *_layer_faces(mid, sheet, placements), TAGS)
+def quarters(surface: Surface) -> list[Surface]:
+    """The patch cut along both midlines."""
+    (u0, u1), (v0, v1) = surface.domain
+    return [q for half in split(surface, 0, (u0 + u1) / 2) for q in split(half, 1, (v0 + v1) / 2)]
+
+
+def _midlines_in_planes(
+    primitives: tuple[Surface, ...], carrier: Ints, rotation: Array, translation: Array, cells: tuple[int, int, int]
+) -> bool:
+    t = np.linspace(0.0, 1.0, 5)
+    half = np.full(5, 0.5)
+    lines = np.stack([[s(half, t), s(t, half)] for s in primitives])[carrier]  # (F, 2, 5, 3)
+    placed = np.einsum("fij,flkj->flki", rotation, lines) + translation[:, None, None]
+    planes = np.array([np.zeros(3), np.array(cells)])[:, None, None]  # (2, 1, 1, 3)
+    return bool((np.abs(placed[None] - planes[:, None]).max(axis=3) < TOUCH).any())
 
 
 def natural(mid: MidPatch, sheet: Sheet, placements: Placements) -> PatchComplex:

@@ -48,6 +48,9 @@ class Curve:
     def moved(self, rotation: Array, translation: Array) -> Curve:
         return Curve(self.poles @ rotation.T + translation, self.knots, self.degree)
 
+    def scaled(self, factor: float) -> Curve:
+        return Curve(factor * self.poles, self.knots, self.degree)
+
 
 def line(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> Curve:
     """The straight segment as a curve of degree one on the given domain."""
@@ -119,9 +122,10 @@ class Surface:
         return line(corners[index], corners[(index + 1) % 4], self.side(index).domain)
 
     def moved(self, rotation: Array, translation: Array) -> Surface:
-        return Surface(
-            self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v
-        )
+        return Surface(self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
+
+    def scaled(self, factor: float) -> Surface:
+        return Surface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
 
 
 def design(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
