@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -18,6 +20,7 @@ from tpmscad import cli
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
 
 ROOT = Path(__file__).resolve().parent.parent
+README_LINES = re.findall(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", (ROOT / "README.md").read_text(), re.MULTILINE)
 
 
 class Certificate:
@@ -73,7 +76,7 @@ def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
 
 def run(line: str) -> int:
     with pytest.raises(SystemExit) as stop:
-        cli.main(line.split())
+        cli.main(shlex.split(line))
     return int(stop.value.code or 0)
 
 
@@ -203,6 +206,12 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
     assert run("render part.step -o part.jpg") == 2
     assert run("render part.step -o part.png --report part.json") == 0
     assert json.loads(Path("part.json").read_text())["bytes"] == Path("part.png").stat().st_size
+
+
+@pytest.mark.parametrize("line", [line for line in README_LINES if line != "surfaces"])
+def test_a_command_of_the_readme_is_good_usage(workflows: Recorder, line: str) -> None:
+    Path("gyroid.step").touch()
+    assert run(line) == 0
 
 
 @pytest.mark.parametrize("command", ["", *(command.callback.__name__ for command in cli.app.registered_commands)])
