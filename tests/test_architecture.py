@@ -28,6 +28,9 @@ ROOMS = {
 }
 """What each room may import, beside its own files, the ground and the standard library."""
 
+WORKFLOWS = {name: {"request", "model", "workflows", *ROOMS, "numpy"} for name in ("request", "model", "workflows")}
+"""The floor of the public functions: what is asked for, what is given back, and the work between; one room in three files."""
+
 FACES = {
     "cli": {"workflows", "surfaces", "typer", "rich"},  # the catalogue can be listed without the kernel
     "__main__": {"cli"},
@@ -39,10 +42,9 @@ FACES = {
 ALLOWED = {
     **{name: set[str]() for name in GROUND},
     **ROOMS,
-    "request": {"surfaces", "numpy"},
-    "workflows": {*ROOMS, "request", "numpy"},
+    **WORKFLOWS,
     **FACES,
-    "__init__": {"workflows", *ROOMS},
+    "__init__": {*WORKFLOWS, *ROOMS},
 }
 
 ONLY_IN = {"gudhi": {"tpmscad/topology/reference.py"}}
