@@ -24,9 +24,10 @@ ROOMS = {
     "patches": {"fields", "surfaces", "splines", "numpy", "scipy"},
     "trimming": {"patches", "splines", "numpy", "scipy"},
     "blend": {"fields", "splines", "topology", "numpy", "scipy"},
-    "kernel": {"patches", "trimming", "fields", "OCP", "build123d", "numpy", "scipy"},
+    "kernel": {"patches", "trimming", "fields", "splines", "OCP", "build123d", "numpy", "scipy"},
 }
-"""What each room may import, beside its own files, the ground and the standard library."""
+"""What each room may import, beside its own files, the ground and the standard library. The kernel knows the splines as the
+values a patch complex is made of."""
 
 WORKFLOWS = {name: {"request", "model", "workflows", *ROOMS, "numpy"} for name in ("request", "model", "workflows")}
 """The floor of the public functions: what is asked for, what is given back, and the work between; one room in three files."""
