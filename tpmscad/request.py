@@ -39,6 +39,16 @@ class LatticeRequest:
     phase: tuple[float, float, float]
     tol: float
 
+    @property
+    def layers(self) -> tuple[float | None, float | None]:
+        """Normal distances of the lower and the upper bounding surface; None where the solid has no wall on that side.
+
+        The lower one faces the nodal value's decrease: it bounds a skeletal solid on the "+" side.
+        """
+        if self.kind == "sheet":
+            return self.offset
+        return (self.offset[0], None) if self.side == "+" else (None, self.offset[0])
+
 
 def lattice_request(
     surface: str,
@@ -67,7 +77,9 @@ def lattice_request(
         if value not in choices:
             raise InvalidRequest(f"{label} {value!r} is unknown; choose one of {', '.join(map(repr, choices))}")
     if kind == "skeletal" and boundary == "natural":
-        raise InvalidRequest("a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'")
+        raise InvalidRequest(
+            "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
+        )
     edges = _positive_triple("cell", cell)
     counts = _counts(cells)
     shift = _triple("phase", phase)

@@ -46,9 +46,11 @@ class Certificate:
     def __str__(self) -> str:
         verdict = "met" if self.met else "NOT met: " + "; ".join(self.shortfalls)
         lines = [
-            f"{verdict}",
-            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (asked {self.tol:g}) from the {self.reference}",
-            f"joints      gap {self.gap:.2g}, tangent {self.tangent_jump_deg:.2g} deg, curvature {self.curvature_jump:.2g} relative",
+            verdict,
+            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (asked {self.tol:g}) "
+            f"from the {self.reference}",
+            f"joints      gap {self.gap:.2g}, tangent {self.tangent_jump_deg:.2g} deg, "
+            f"curvature {self.curvature_jump:.2g} relative",
             f"solid       {'valid' if self.valid else 'INVALID'}, {'closed' if self.closed else 'OPEN'}, "
             f"volume {self.volume:.9g}, area {self.area:.9g}, Betti numbers {self.betti}",
             f"size        {self.n_faces} faces, {self.n_primitives} primitives, {self.n_poles} poles",

@@ -72,7 +72,7 @@ class Sheet:
 def whole_cells(mid: MidPatch, cells: tuple[int, int, int], phase: Array) -> Placements:
     """The patches of cells[0] x cells[1] x cells[2] cells, edge-connected within each cell, moved by `phase`."""
     corners = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    return _translates(mid, corners + phase)
+    return translates(mid, corners + phase)
 
 
 def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> PatchComplex:
@@ -81,8 +81,10 @@ def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Ar
     Where a patch's midline lies in a plane of the box (a mirror plane), patches are quartered along their midlines: then
     whole quarters end in the plane and nothing is cut there.
     """
-    origin = np.stack(np.meshgrid(*[np.arange(-REACH, n + REACH) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
-    placements = _translates(mid, origin + (phase - np.floor(phase)))
+    origin = np.stack(np.meshgrid(*[np.arange(-REACH, n + REACH) for n in cells], indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
+    placements = translates(mid, origin + (phase - np.floor(phase)))
     carrier, rotation, translation, sense, tag = _layer_faces(mid, sheet, placements)
     primitives = sheet.primitives
     if _midlines_in_planes(primitives, carrier, rotation, translation, cells):
@@ -153,7 +155,8 @@ def open_sides(mid: MidPatch, placements: Placements) -> tuple[Ints, Ints]:
     return alone // 4, alone % 4
 
 
-def _translates(mid: MidPatch, by: Array) -> Placements:
+def translates(mid: MidPatch, by: Array) -> Placements:
+    """The cell's patches at each of the translations (n, 3)."""
     n = len(mid.symmetry.cell_rotations)
     return Placements(
         np.tile(mid.symmetry.cell_rotations, (len(by), 1, 1)),
@@ -190,7 +193,8 @@ def _layer_faces(mid: MidPatch, sheet: Sheet, placements: Placements) -> tuple[I
 
 def _gap(mid: MidPatch, sheet: Sheet, side: int) -> Surface:
     """The ruled surface over one side of the mid patch, u along the side, v from the lower to the upper surface."""
-    assert sheet.lower is not None and sheet.upper is not None
+    assert sheet.lower is not None
+    assert sheet.upper is not None
     return ruled(*(_border(mid, sheet.primitives[i], turned, side) for i, turned in (sheet.lower, sheet.upper)))
 
 

@@ -1,0 +1,106 @@
+"""The certificate of a result: every figure measured on the complex and on the kernel's solid, then held against the request."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tpmscad.patches.certificate import Certificate
+from tpmscad.patches.complex import PatchComplex
+from tpmscad.patches.deviation import Deviation
+from tpmscad.patches.joints import joints
+from tpmscad.patches.maps import Map
+from tpmscad.patches.summary import Piece, summary
+from tpmscad.request import LatticeRequest
+from tpmscad.splines.bspline import Surface
+
+CHIP = 1e-2
+"""A piece below this fraction of the largest is named a chip in the notes."""
+
+GAP, TANGENT_JUMP_DEG, CURVATURE_JUMP = 1e-9, 1e-6, 1e-6
+"""Joints of copied patches: gap in cells, tangent jump in degrees, curvature jump over the greatest curvature."""
+
+MAPPED_TANGENT_JUMP_DEG, MAPPED_CURVATURE_JUMP = 1e-4, 1e-4
+"""Joints of patches under a map, whose derivatives come from the user's function by differences."""
+
+VOLUME_AGREEMENT = 1e-6
+"""Relative: the kernel's quadrature of its own faces against ours of the patches."""
+
+KERNEL_GAP = 1e-7
+"""Model units: where the kernel takes two points for one."""
+
+
+def lattice_certificate(
+    request: LatticeRequest,
+    bend: Map | None,
+    complex: PatchComplex,
+    deviation: Deviation,
+    found: Any,
+    seconds: Mapping[str, float],
+) -> Certificate:
+    """Measure and compare; `found` is what the kernel says of the built solid, `deviation` in model units."""
+    shape = summary(complex)
+    smooth = joints(complex, ("offset+", "offset-"))
+    reference = f"{request.reference} {request.surface} surface"
+    if bend is not None:
+        reference += f" under {bend.name}"
+    widest = float(complex.edges.deviation.max(initial=0.0))
+
+    shortfalls = []
+    if deviation.max > request.tol:
+        shortfalls.append(f"deviation {deviation.max:.3g} exceeds tol {request.tol:g}")
+    if not shape.closed:
+        shortfalls.append("the faces do not close")
+    if not found.valid:
+        shortfalls.append("the kernel's check rejects the solid")
+    if shape.closed and abs(found.volume - shape.volume) > VOLUME_AGREEMENT * shape.volume:
+        shortfalls.append(f"the kernel's solid has volume {found.volume:.9g}, the patches bound {shape.volume:.9g}")
+    gap, tangent, curvature = (
+        (GAP * request.cell[0], TANGENT_JUMP_DEG, CURVATURE_JUMP)
+        if bend is None
+        else (KERNEL_GAP, MAPPED_TANGENT_JUMP_DEG, MAPPED_CURVATURE_JUMP)
+    )
+    for label, value, limit in (
+        ("gap", smooth.gap, gap),
+        ("tangent jump in degrees", smooth.tangent_jump_deg, tangent),
+        ("relative curvature jump", smooth.curvature_jump, curvature),
+    ):
+        if value > limit:
+            shortfalls.append(f"{label} {value:.3g} exceeds {limit:g}")
+
+    primitives = {int(i) for i in complex.faces.carrier if isinstance(complex.carriers[int(i)], Surface)}
+    splines = [c for c in complex.carriers if isinstance(c, Surface)]
+    return Certificate(
+        met=not shortfalls,
+        shortfalls=tuple(shortfalls),
+        tol=request.tol,
+        max_deviation=deviation.max,
+        rms_deviation=deviation.rms,
+        reference=reference,
+        gap=max(smooth.gap, widest),
+        tangent_jump_deg=smooth.tangent_jump_deg,
+        curvature_jump=smooth.curvature_jump,
+        valid=found.valid,
+        closed=shape.closed,
+        volume=shape.volume,
+        area=shape.area,
+        betti=shape.betti or (0, 0, 0),
+        pieces=tuple(piece.volume for piece in shape.pieces),
+        n_faces=len(complex.faces),
+        n_primitives=len(primitives),
+        n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
+        notes=_pieces(shape.pieces),
+        seconds=dict(seconds),
+    )
+
+
+def _pieces(pieces: tuple[Piece, ...]) -> tuple[str, ...]:
+    """A line on each piece beside the first: the lattice's box can cut off chips."""
+    if len(pieces) < 2:
+        return ()
+    notes = [f"{len(pieces)} separate pieces; another phase may join or shed the small ones"]
+    for piece in pieces[1:]:
+        kind = "chip" if piece.volume < CHIP * pieces[0].volume else "piece"
+        x, y, z = piece.near
+        notes.append(f"{kind} of volume {piece.volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
+    return tuple(notes)

@@ -1,0 +1,66 @@
+"""A result: the solid, the patches it is made of, and its certificate."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.patches.certificate import Certificate
+from tpmscad.patches.complex import Array, PatchComplex
+
+Progress = Callable[[str, float], None]
+"""Called with a stage's name and how much of it is done, 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """A solid with its certificate. `solid` is a build123d Solid, a Compound where there are several pieces."""
+
+    name: str
+    solid: Any
+    patches: PatchComplex
+    certificate: Certificate
+    instances: Instances | None = None
+
+    def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
+        """Write the model as STEP, re-read it and check it; KernelError if the file does not hold what was written.
+
+        `instanced=True` stores one cell and places it once for each cell of the lattice, as touching solids of an assembly.
+        """
+        from tpmscad.workflows import export_model
+
+        if instanced and self.instances is None:
+            raise InvalidRequest(f"{self.name} has no repeating cell to store once: leave instanced out")
+        export_model(self, path, instanced=instanced, schema=schema)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instances:
+    """One cell and where its copies stand: translations (n, 3) in model units. The cell is made when it is asked for."""
+
+    make_cell: Callable[[], PatchComplex]
+    translations: Array
+
+
+@dataclass(slots=True)
+class Stages:
+    """Times the stages of a piece of work and reports them as they begin and end."""
+
+    progress: Progress | None
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def __call__(self, stage: str) -> Iterator[Callable[[float], None]]:
+        begun = time.perf_counter()
+        report = self.progress or (lambda stage, done: None)
+        report(stage, 0.0)
+        try:
+            yield lambda done: report(stage, done)
+        finally:
+            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begun
+        report(stage, 1.0)

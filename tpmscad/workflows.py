@@ -1,0 +1,162 @@
+"""The public functions. Each reads like the abstract of its method; what it does is done on the floors below."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad import certify, kernel, surfaces
+from tpmscad.errors import InvalidRequest
+from tpmscad.model import Instances, Model, Progress, Stages
+from tpmscad.patches import lattice as lattices
+from tpmscad.patches import mapped as mappings
+from tpmscad.patches.complex import Array, PatchComplex, scaled
+from tpmscad.patches.maps import Map, as_map, composed, stretched
+from tpmscad.patches.primitive import fit_sheet
+from tpmscad.request import LatticeRequest, lattice_request
+from tpmscad.trimming import trim_box
+
+
+def lattice(
+    surface: str,
+    *,
+    cell: float | Sequence[float],
+    cells: int | Sequence[int] = (1, 1, 1),
+    thickness: float | None = None,
+    offset: float | Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    kind: str = "sheet",
+    side: str = "-",
+    reference: str = "minimal",
+    boundary: str = "box",
+    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    map: Map | Callable[[Array], Array] | None = None,
+    tol: float | None = None,
+    progress: Progress | None = None,
+) -> Model:
+    """A lattice of a minimal surface, from the origin to `cells` x `cell`, as a certified solid.
+
+    cell: edge length, or three of them, in model units (mm). cells: how many, per axis. Exactly one of
+    thickness (of the wall, along the normal), offset (signed normal distances of the wall's two sides; one distance for
+    kind="skeletal") and volume_fraction. side: which side of the surface is solid, for kind="skeletal" ("-" is where the
+    nodal value is negative). reference: the exact minimal surface or the trigonometric (nodal) one of its name. boundary:
+    flat caps in the planes of the box, or whole patches bridged by gap faces. phase shifts the lattice, in cells. map: a
+    smooth function (..., 3) -> (..., 3) of lattice coordinates in model units; walls keep their thickness. tol: greatest
+    deviation in model units, by default a thousandth of the cell.
+
+    InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
+    """
+    request = lattice_request(
+        surface,
+        cell=cell,
+        cells=cells,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        kind=kind,
+        side=side,
+        reference=reference,
+        boundary=boundary,
+        phase=phase,
+        tol=tol,
+        mapped=map is not None,
+    )
+    stages = Stages(progress)
+    bend = _map_of(request, map)
+    instances = None
+    if bend is None:
+        with stages("fit"):
+            fit = fit_sheet(request.surface, request.reference, request.layers, request.cell[0], request.tol)
+        deviation = fit.deviation
+        complex = _copied(request, fit.mid, fit.sheet, request.cells, stages)
+        instances = Instances(
+            lambda: _copied(request, fit.mid, fit.sheet, (1, 1, 1), Stages(None)),
+            request.cell[0] * _grid(request.cells),
+        )
+    else:
+        complex, deviation = _mapped(request, bend, stages)
+    with stages("build"):
+        solid = kernel.build_solid(complex)
+    with stages("check"):
+        found = kernel.check_shape(solid)
+        certificate = certify.lattice_certificate(request, bend, complex, deviation, found, stages.seconds)
+    return Model(f"{request.surface} {request.kind}", solid, complex, certificate, instances)
+
+
+def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
+    """Write a Model, or any build123d or CadQuery shape, as STEP, in one step: the file is there whole or not at all."""
+    if isinstance(model, Model):
+        model.export_step(path, schema=schema)
+    else:
+        kernel.write_shape(model, path, schema=schema, name=name)
+
+
+def check_step(path: str | Path) -> Any:
+    """Read a STEP file back with the kernel and report what is in it."""
+    return kernel.check_step(path)
+
+
+def render_step(path: str | Path, picture: str | Path) -> None:
+    """Draw a STEP file as a PNG; needs no display."""
+    kernel.render(kernel.read_step(path), picture)
+
+
+def _map_of(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
+    """The map from cubic lattice coordinates (cell = the first edge) to the model, or None where it is the identity."""
+    stretch = None
+    if len(set(request.cell)) > 1:
+        stretch = stretched(tuple(edge / request.cell[0] for edge in request.cell))
+    if map is None:
+        return stretch
+    return as_map(map) if stretch is None else composed(as_map(map), stretch, request.cell[0])
+
+
+def _copied(
+    request: LatticeRequest, mid: lattices.MidPatch, sheet: lattices.Sheet, cells: tuple[int, int, int], stages: Stages
+) -> PatchComplex:
+    """The complex of copied primitives, in model units."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    if request.boundary == "natural":
+        with stages("assemble"):
+            return scaled(lattices.natural(mid, sheet, lattices.whole_cells(mid, cells, phase)), cell)
+    with stages("assemble"):
+        cover = scaled(lattices.covering(mid, sheet, cells, phase), cell)
+    with stages("trim"):
+        return trim_box(cover, np.zeros(3), cell * np.array(cells, float))
+
+
+def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Any]:
+    """The complex of patches fitted one by one to the mapped surface, and their deviation."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    mid = lattices.mid_patch(surfaces.patch(request.surface, request.reference), surfaces.symmetry(request.surface))
+    natural = request.boundary == "natural"
+    box = None if natural else mappings.image_box(bend, cell * np.array(request.cells, float))
+    with stages("fit") as done:
+        if natural:
+            placements = lattices.whole_cells(mid, request.cells, phase)
+        else:
+            reach = float(np.abs(request.offset).max())
+            placements = mappings.reaching(mid, bend, box, request.cells, phase, cell, reach)
+        surface = mappings.MappedSurface(mid, placements, bend, cell)
+        limit = mappings.greatest_offset(surface)
+        worst = max(request.offset, key=abs)
+        if abs(worst) >= limit:
+            raise InvalidRequest(
+                f"offset {worst:g} passes the least curvature radius of the mapped {request.surface}, {limit:.6g}: "
+                f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
+            )
+        lower, upper, deviation = mappings.fit_layers(surface, request.layers, request.tol, done)
+    with stages("assemble"):
+        complex = mappings.assemble(surface, lower, upper, natural=natural)
+    if natural:
+        return complex, deviation
+    with stages("trim"):
+        return trim_box(complex, *box), deviation
+
+
+def _grid(cells: tuple[int, int, int]) -> Array:
+    """The corners of the cells: (n, 3)."""
+    return np.stack(np.meshgrid(*(np.arange(n, dtype=float) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
