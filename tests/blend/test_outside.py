@@ -1,0 +1,63 @@
+"""Outside the blending region the blended field is the input field, bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmscad.blend import Along, CylinderRadius, Line, SphereRadius, Volume, blend
+
+K = 2 * np.pi * 4
+
+
+def schwarz(points):
+    return np.cos(K * points[..., 0]) + np.cos(K * points[..., 1]) + np.cos(K * points[..., 2]) + 0.6
+
+
+def gyroid(points):
+    x, y, z = (K * points[..., axis] for axis in range(3))
+    return np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x) + 0.5
+
+
+def layer(coordinate, low, high):
+    return lambda points: np.maximum(low - coordinate(points), coordinate(points) - high)
+
+
+X, OBLIQUE, ROUND, BALL = (
+    Along(),
+    Along((2.0, 1.0, 0.5)),
+    CylinderRadius((0.1, 0.0, 0.0)),
+    SphereRadius((0.0, 0.0, 0.1)),
+)
+CASES = {
+    "line along x": (X, 0.5, (0.3, 0.7), Line(X)),
+    "line along x, paper's count": (X, 0.5, (0.3, 0.7), Line(X, count=30)),
+    "line across a slanted layer": (OBLIQUE, 0.5, (0.35, 0.65), Line(OBLIQUE)),
+    "cylinder": (ROUND, 0.35, (0.2, 0.5), Line(ROUND, degree=2)),
+    "sphere": (BALL, 0.5, (0.4, 0.7), Line(BALL, count=60)),
+    "volume": (BALL, 0.5, (0.4, 0.7), Volume((14, 13, 12), (3, 2, 3))),
+    "automatic": (X, 0.5, (0.3, 0.7), "auto"),
+}
+DOMAIN = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5))
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_outside_the_blending_region_the_blend_is_its_inputs_bit_for_bit(case):
+    coordinate, middle, (low, high), weight = CASES[case]
+    regions = [layer(coordinate, -9.0, middle), layer(coordinate, middle, 9.0)]
+    blending = layer(coordinate, low, high)
+    result = blend([schwarz, gyroid], regions, [blending], weight=weight, resolution=(36, 18, 22), domain=DOMAIN)
+
+    points = np.random.default_rng(7).uniform(*DOMAIN, (100_000, 3))
+    inside, values, w = blending(points) <= 0, result.field(points), result.weight(points)
+    first, second = ~inside & (regions[0](points) <= 0), ~inside & (regions[0](points) > 0)
+    assert first.sum() > 1000
+    assert second.sum() > 1000
+    assert inside.sum() > 1000
+    assert np.array_equal(values[first], schwarz(points)[first])
+    assert np.array_equal(values[second], gyroid(points)[second])
+    assert np.all(w[first] == 0.0)
+    assert np.all(w[second] == 1.0)
+    assert w.min() >= 0.0
+    assert w.max() <= 1.0
+    assert np.any((w[inside] > 0.1) & (w[inside] < 0.9))

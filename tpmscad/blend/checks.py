@@ -1,0 +1,111 @@
+"""What is wrong with a request, said before anything is computed: regions, blending regions, sampling."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import ndimage
+
+from tpmscad.blend.census import census
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.grid import Array, Box, Field, Grid, Mask, sample
+from tpmscad.blend.scene import Scene
+from tpmscad.errors import InvalidRequest
+
+OVERLAP_SLACK = 1e-9
+"""Depth, in parts of the domain, to which two regions may both hold a point: faces that touch do by round-off."""
+
+ALIASED = 3
+"""Components or cavities that vanish at twice the samples before an input is called under-sampled; one or two may be slivers
+at the border of the domain, which are reported as intrinsic."""
+
+MAX_SAMPLES = 30_000_000
+"""Samples up to which a sufficient resolution is searched for."""
+
+
+def check_counts(structures: int, regions: int, blending: int) -> None:
+    if structures < 2:
+        raise InvalidRequest(f"{structures} structure given: a blend takes two or more")
+    if regions != structures:
+        raise InvalidRequest(f"{regions} regions for {structures} structures: one region per structure is needed")
+    if blending != structures - 1:
+        raise InvalidRequest(
+            f"{blending} blending regions for {structures} structures: {structures - 1} are needed, the one of number k "
+            "joining structure k + 1 to those before it"
+        )
+
+
+def domain_of(regions: tuple[Field, ...], domain: Box | None) -> Box:
+    """The box to sample: as given, or the box of the regions' own `bounds`."""
+    if domain is not None:
+        return domain
+    boxes = [getattr(region, "bounds", None) for region in regions]
+    if any(box is None or not np.all(np.isfinite(np.array(box, float))) for box in boxes):
+        number = next(k for k, b in enumerate(boxes) if b is None or not np.all(np.isfinite(np.array(b, float))))
+        raise InvalidRequest(
+            f"region {number} has no bounds: give domain=((x0, y0, z0), (x1, y1, z1)), the box to blend in"
+        )
+    both = np.array([np.array(box, float) for box in boxes])
+    low, high = both[:, 0].min(axis=0), both[:, 1].max(axis=0)
+    return (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2]))
+
+
+def check_regions(field: BlendedField, grid: Grid) -> None:
+    """Regions hold samples, do not overlap, and each blending region touches what it joins."""
+    values = [sample(region, grid, f"region {k}") for k, region in enumerate(field.regions)]
+    blending = [sample(region, grid, f"blending region {k}") <= 0 for k, region in enumerate(field.blending)]
+    slack = OVERLAP_SLACK * float(np.max(grid.extent))
+    for k, value in enumerate(values):
+        if not np.any(value <= 0):
+            raise InvalidRequest(
+                f"region {k} is empty: it holds no sample of the domain {grid.low} to {grid.high} at {grid.shape}"
+            )
+        for other in range(k):
+            both = (value < -slack) & (values[other] < -slack)
+            if both.any():
+                where = ", ".join(f"{c:g}" for c in grid.points(int(np.flatnonzero(both)[0])).ravel())
+                raise InvalidRequest(
+                    f"regions {other} and {k} overlap in {int(both.sum())} of {both.size} samples, first at ({where}): cut one "
+                    "back to where the other starts; what they are to share is the blending region"
+                )
+    for k, mask in enumerate(blending):
+        if not mask.any():
+            raise InvalidRequest(f"blending region {k} is empty: it holds no sample of the domain at {grid.shape}")
+        wide: Mask = ndimage.binary_dilation(mask)
+        if not any(np.any(wide & (values[j] <= slack)) for j in range(k + 1)):
+            raise InvalidRequest(
+                f"blending region {k} does not touch any of the regions 0 to {k} that it joins to region {k + 1}"
+            )
+        if not np.any(wide & (values[k + 1] <= slack)):
+            raise InvalidRequest(f"blending region {k} does not touch region {k + 1}, which it joins")
+
+
+def check_sampling(field: BlendedField, coarse: Scene, fine: Scene) -> None:
+    """Inputs keep their components and cavities when the samples are doubled; otherwise the resolution that would do."""
+    for index, structure in enumerate(field.structures):
+        here, there = (_own(scene, index) for scene in (coarse, fine))
+        if here - there >= ALIASED:
+            enough = _enough(structure, fine.grid, there)
+            raise InvalidRequest(
+                f"structure {index} is under-sampled at {coarse.grid.shape}: {here} isolated components and holes there, {there} "
+                f"at twice the samples; a resolution of {enough} would do"
+            )
+
+
+def _own(scene: Scene, index: int) -> int:
+    solid, void = scene.own_errors(index)
+    return int(ndimage.label(solid)[1] + ndimage.label(void)[1])
+
+
+def _enough(structure: Field, grid: Grid, count: int) -> str:
+    """The first doubling of the grid whose census agrees with that of the next."""
+    while 8 * grid.size <= MAX_SAMPLES:
+        finer = grid.twice()
+        seen = census(sample(structure, finer))
+        if count - seen.n0 - seen.n2 < ALIASED:
+            return f"{grid.shape}"
+        grid, count = finer, seen.n0 + seen.n2
+    return f"more than {grid.shape}"
+
+
+def scale_of(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

@@ -1,0 +1,127 @@
+"""Structures, regions, blending regions and weights as one field (porous blending, eqs 2, 6 and 8, Algorithm 3).
+
+Stage k joins what there is so far with structure k + 1 in blending region k: there f = (1 - w) f_so_far + w f_next; elsewhere the
+structure of the region the point is in, taken over unchanged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tpmscad.blend.grid import Array, Field, Ints, Mask, lattice
+from tpmscad.blend.weight import Weight
+from tpmscad.errors import InvalidRequest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlendedField:
+    """The blended field f(points (..., 3)) -> (...), solid where f < 0, and its exact gradient (..., 3).
+
+    Outside the blending regions the values are those of the structure of that region, bit for bit: every structure is called
+    with the very points given, and its values are selected, not combined. A point in no region takes the region that is nearest
+    by the regions' own values; of two regions, the first.
+    """
+
+    structures: tuple[Field, ...]
+    regions: tuple[Field, ...]
+    blending: tuple[Field, ...]
+    weights: tuple[Weight, ...]
+
+    def __call__(self, points: ArrayLike) -> Array:
+        points = np.asarray(points, float)
+        values = [np.asarray(structure(points), float) for structure in self.structures]
+        return self._joined(points, values)
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """The gradient; one-sided on the border of a blending region, where the weight has its continuous derivatives."""
+        points = np.asarray(points, float)
+        value = np.asarray(self.structures[0](points), float)
+        slope = gradient_of(self.structures[0], points)
+        owner = self.owner(points)
+        for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
+            structure = self.structures[stage + 1]
+            following = np.asarray(structure(points), float)
+            rise = gradient_of(structure, points)
+            here = inside(blending, points)
+            w, dw = weight(points[here]), weight.gradient(points[here])
+            mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
+            blended = (1 - w) * value[here] + w * following[here]
+            later = owner > stage
+            value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
+            value[here], slope[here] = blended, mixed
+        return slope
+
+    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+        """Values on the grid of all x with all y with all z, through the structures' own on_grid (equal to a few ulp)."""
+        values = [on_axes(structure, (x, y, z)) for structure in self.structures]
+        return self._joined(lattice((x, y, z)), values)
+
+    def owner(self, points: Array) -> Ints:
+        """The number of the region each point is in or nearest to: (...)."""
+        return np.argmin(np.stack([np.asarray(region(points), float) for region in self.regions]), axis=0)
+
+    def shares(self, points: ArrayLike) -> Array:
+        """The part each structure has in f: (..., n), summing to 1."""
+        points = np.asarray(points, float)
+        unit = np.eye(len(self.structures))
+        return np.stack(
+            [self._joined(points, [np.full(points.shape[:-1], c) for c in column]) for column in unit], axis=-1
+        )
+
+    def with_weights(self, weights: Sequence[Weight]) -> BlendedField:
+        return replace(self, weights=tuple(weights))
+
+    def _joined(self, points: Array, values: list[Array]) -> Array:
+        owner = self.owner(points)
+        joined = values[0]
+        for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
+            here = inside(blending, points)
+            w = weight(points[here])
+            blended = (1 - w) * joined[here] + w * values[stage + 1][here]
+            joined = np.where(owner > stage, values[stage + 1], joined)
+            joined[here] = blended
+        return joined
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StageWeight:
+    """The weight of one stage over all space: its spline inside the blending region, exactly 0 or 1 outside."""
+
+    field: BlendedField
+    stage: int
+
+    def __call__(self, points: ArrayLike) -> Array:
+        points = np.asarray(points, float)
+        here = inside(self.field.blending[self.stage], points)
+        value = (self.field.owner(points) > self.stage).astype(float)
+        value[here] = self.field.weights[self.stage](points[here])
+        return value
+
+    def gradient(self, points: ArrayLike) -> Array:
+        points = np.asarray(points, float)
+        here = inside(self.field.blending[self.stage], points)
+        slope = np.zeros(points.shape)
+        slope[here] = self.field.weights[self.stage].gradient(points[here])
+        return slope
+
+
+def inside(region: Field, points: Array) -> Mask:
+    return np.asarray(region(points), float) <= 0
+
+
+def gradient_of(field: Field, points: Array) -> Array:
+    """The gradient (..., 3) a field offers. Raises InvalidRequest if it offers none."""
+    gradient: Callable[[Array], Array] | None = getattr(field, "gradient", None)
+    if gradient is None:
+        raise InvalidRequest("a structure without a gradient: give one, as fields.from_function(f, gradient=...)")
+    return np.asarray(gradient(points), float)
+
+
+def on_axes(field: Field, axes: tuple[Array, Array, Array]) -> Array:
+    """A field on the grid of the axes, by its own on_grid where it has one."""
+    fast = getattr(field, "on_grid", None)
+    return np.asarray(fast(*axes) if fast is not None else field(lattice(axes)), float)

@@ -1,0 +1,94 @@
+"""A composition read once on a grid: the optimiser changes weights only, so structures and regions are sampled once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from tpmscad.blend.census import Phase, solid_phase, void_phase
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.grid import Array, Grid, Ints, Mask, sample
+from tpmscad.blend.sampled import Sampled, Window, block
+from tpmscad.blend.weight import Weight
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Samples of every structure (s, nx, ny, nz), of the blending regions, and the owner of each sample."""
+
+    grid: Grid
+    structures: tuple[Array, ...]
+    blending: tuple[Mask, ...]
+    owner: Ints
+
+    def sampled(self, weights: Sequence[Weight], stage: int) -> Sampled:
+        """The final field as an affine function of one stage's weight, the others held."""
+        value = self.structures[0]
+        slope = np.zeros(1)
+        for k, mask in enumerate(self.blending):
+            following, later = self.structures[k + 1], self.owner > k
+            part = block(mask)
+            here = mask[part]
+            step = (following[part] - value[part])[here]
+            joined = np.where(later, following, value)
+            if k == stage:
+                slope = np.zeros(self.grid.shape)
+                slope[part][here] = step
+                joined[part][here] = value[part][here]
+            else:
+                w = self._weight(weights[k], part)[here]
+                joined[part][here] = value[part][here] + w * step
+                if k > stage:
+                    kept = slope[part][here] * (1 - w)
+                    slope = np.where(later, 0.0, slope)
+                    slope[part][here] = kept
+            value = joined
+        return Sampled(self.grid, value, slope)
+
+    def values(self, weights: Sequence[Weight]) -> Array:
+        """The final field on the grid."""
+        last = len(self.blending) - 1
+        return self.sampled(weights, last).values(weights[last])
+
+    def movable(self) -> Mask:
+        """Samples in any blending region."""
+        return np.logical_or.reduce(self.blending)
+
+    def own_errors(self, index: int) -> tuple[Mask, Mask]:
+        """Samples of the isolated components and of the cavities that a structure has by itself, where it takes part."""
+        part = (self.owner == index) | self.movable()
+        solid = solid_phase((self.structures[index] <= 0) & part)
+        void = void_phase((self.structures[index] > 0) & part)
+        at_border = np.unique(void.labels[part & ~ndimage.binary_erosion(part, border_value=1)])
+        return solid.of(solid.errors), void.of(np.setdiff1d(void.errors, at_border))
+
+    def intrinsic(self, phase: Phase, sign: int) -> Ints:
+        """The error labels of a phase that the inputs bring with them.
+
+        Outside the blending regions these hold samples of the isolated parts of their own structure only, and do hold some.
+        """
+        if len(phase.errors) == 0:
+            return phase.errors
+        outside = ~self.movable()
+        own = np.zeros(self.grid.shape, bool)
+        for index in range(len(self.structures)):
+            errors = self.own_errors(index)[0 if sign > 0 else 1]
+            own |= errors & (self.owner == index)
+        total = np.bincount(phase.labels[outside], minlength=len(phase.sizes))
+        inherited = np.bincount(phase.labels[outside & own], minlength=len(phase.sizes))
+        return phase.errors[(total[phase.errors] > 0) & (total[phase.errors] == inherited[phase.errors])]
+
+    def _weight(self, weight: Weight, part: Window) -> Array:
+        x, y, z = (axis[s] for axis, s in zip(self.grid.axes, part, strict=True))
+        return weight.on_grid(x, y, z)
+
+
+def scene(field: BlendedField, grid: Grid) -> Scene:
+    """Samples of a composition. Raises InvalidRequest for fields that are not finite or not vectorised."""
+    structures = tuple(sample(f, grid, f"structure {k}") for k, f in enumerate(field.structures))
+    blending = tuple(sample(f, grid, f"blending region {k}") <= 0 for k, f in enumerate(field.blending))
+    regions = np.stack([sample(f, grid, f"region {k}") for k, f in enumerate(field.regions)])
+    return Scene(grid, structures, blending, np.argmin(regions, axis=0))
