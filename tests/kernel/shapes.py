@@ -1,0 +1,254 @@
+"""Closed complexes made by hand: boxes of planes, voxel solids of bent patches, a box with a void, a drilled dome.
+
+Every one is known in closed form or by its symmetry, and has unequal sizes and degrees along u and v where it can.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.patches.carriers import Plane
+from tpmscad.patches.complex import Array, Edges, Faces, PatchComplex, Uses
+from tpmscad.patches.weld import weld
+from tpmscad.splines.bspline import Curve, Surface, line
+
+CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
+# Each face counter-clockwise as seen from outside.
+SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+
+
+def joined(*parts: PatchComplex) -> PatchComplex:
+    """Complexes side by side, nothing shared."""
+    offset = np.zeros(8, np.int64)
+    lists: dict[str, list] = {}
+
+    def put(name: str, value: np.ndarray, by: int = 0) -> None:
+        lists.setdefault(name, []).append(value + by if by else value)
+
+    for part in parts:
+        carriers, curves, pcurves, vertices, edges, uses, loops, tags = offset.tolist()
+        e, u, f = part.edges, part.uses, part.faces
+        put("curve", e.curve, curves)
+        put("start", e.start, vertices)
+        put("end", e.end, vertices)
+        put("edge", u.edge, edges)
+        put("pcurve", np.where(u.pcurve >= 0, u.pcurve + pcurves, -1))
+        put("carrier", f.carrier, carriers)
+        put("tag", f.tag, tags)
+        put("loop_start", f.loop_start[:-1], loops)
+        put("use_start", f.use_start[:-1], uses)
+        for name, value in (
+            ("e_rotation", e.rotation), ("e_translation", e.translation), ("span", e.span), ("deviation", e.deviation),
+            ("u_sense", u.sense), ("rotation", f.rotation), ("translation", f.translation), ("f_sense", f.sense),
+            ("vertices", part.vertices),
+        ):  # fmt: skip
+            put(name, value)
+        offset += [len(part.carriers), len(part.curves), len(part.pcurves), len(part.vertices), len(e), len(u),
+                   len(f.use_start) - 1, len(part.tags)]  # fmt: skip
+    a = {name: np.concatenate(values) for name, values in lists.items()}
+    return PatchComplex(
+        carriers=sum((p.carriers for p in parts), ()),
+        curves=sum((p.curves for p in parts), ()),
+        pcurves=sum((p.pcurves for p in parts), ()),
+        vertices=a["vertices"],
+        edges=Edges(a["curve"], a["e_rotation"], a["e_translation"], a["span"], a["start"], a["end"], a["deviation"]),
+        uses=Uses(a["edge"], a["u_sense"], a["pcurve"]),
+        faces=Faces(
+            a["carrier"],
+            a["rotation"],
+            a["translation"],
+            a["f_sense"],
+            a["tag"],
+            np.append(a["loop_start"], offset[6]),
+            np.append(a["use_start"], offset[5]),
+        ),  # fmt: skip
+        tags=sum((p.tags for p in parts), ()),
+    )
+
+
+def plane_box(size=(2.0, 3.0, 5.0), rotation: Array | None = None, translation=(0.0, 0.0, 0.0)) -> PatchComplex:
+    """A box of planar faces on straight edges, its corner at the origin, then moved; a mirror will do."""
+    rotation = np.eye(3) if rotation is None else rotation
+    translation = np.array(translation, float)
+    corners = CORNERS * np.array(size)
+    planes, uses, senses, edges = [], [], [], {}
+    for side in SIDES:
+        a, b, _, d = corners[side]
+        x, y = (b - a) / np.linalg.norm(b - a), (d - a) / np.linalg.norm(d - a)
+        planes.append(Plane(a, x, np.cross(x, y)))
+        for i, j in zip(side, np.roll(side, -1), strict=True):
+            key = (min(i, j), max(i, j))
+            uses.append(edges.setdefault(key, len(edges)))
+            senses.append(1 if (i, j) == key else -1)
+    ends = np.array(list(edges))
+    motion = {n: (np.tile(rotation, (n, 1, 1)), np.tile(translation, (n, 1))) for n in (6, 12)}
+    return PatchComplex(
+        carriers=tuple(planes),
+        curves=tuple(line(corners[i], corners[j]) for i, j in ends),
+        pcurves=(),
+        vertices=corners @ rotation.T + translation,
+        edges=Edges(np.arange(12), *motion[12], np.tile([0.0, 1.0], (12, 1)), ends[:, 0], ends[:, 1], np.zeros(12)),
+        uses=Uses(np.array(uses), np.array(senses), np.full(24, -1)),
+        faces=Faces(
+            np.arange(6),
+            *motion[6],
+            np.full(6, round(np.linalg.det(rotation))),  # a mirror turns the normals inwards
+            np.arange(6) // 2,
+            np.arange(7),
+            4 * np.arange(7),
+        ),  # fmt: skip
+        tags=("x", "y", "z"),
+    )
+
+
+def turned_inside_out(complex: PatchComplex) -> PatchComplex:
+    f = complex.faces
+    faces = Faces(f.carrier, f.rotation, f.translation, -f.sense, f.tag, f.loop_start, f.use_start)
+    return PatchComplex(*[faces if n == "faces" else getattr(complex, n) for n in PatchComplex.__slots__])
+
+
+def hollow_box() -> PatchComplex:
+    """The box 2 x 3 x 5 with a void of 0.5 x 1 x 2 in it."""
+    return joined(plane_box(), turned_inside_out(plane_box((0.5, 1.0, 2.0), translation=(0.5, 1.0, 1.5))))
+
+
+def bend(points: Array) -> Array:
+    """A smooth map that moves coinciding poles alike, so that patches stay joined."""
+    x, y, z = np.moveaxis(points, -1, 0)
+    shift = [np.sin(1.7 * y + 0.3) * np.cos(z), np.sin(1.3 * z + x), np.cos(0.9 * x - 0.5 * y)]
+    return points + 0.12 * np.stack(shift, axis=-1)
+
+
+def voxels(solid: np.ndarray, degree: int = 4, knots: int = 0) -> PatchComplex:
+    """The boundary of a union of unit cubes as bent patches, one of each face. `knots` breaks each patch inside.
+
+    Cubes must not touch along an edge alone.
+    """
+    padded = np.pad(solid.astype(bool), 1)
+    vector = np.concatenate([np.zeros(degree + 1), (np.arange(knots) + 1) / (knots + 1), np.ones(degree + 1)])
+    greville = np.array([vector[i + 1 : i + degree + 1].mean() for i in range(degree + 1 + knots)])
+    surfaces = []
+    for axis in range(3):
+        for outward in (1, -1):
+            empty = np.roll(padded, -outward, axis)
+            for cell in np.argwhere(padded & ~empty) - 1:
+                base = np.zeros((len(greville), len(greville), 3))
+                u, v = (axis + 1) % 3, (axis + 2) % 3
+                if outward < 0:
+                    u, v = v, u
+                base[..., u], base[..., v] = greville[:, None], greville[None, :]
+                base[..., axis] = 1.0 if outward > 0 else 0.0
+                surfaces.append(Surface(bend(base + cell), vector, vector, degree, degree))
+    n = len(surfaces)
+    still = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
+    return weld(surfaces, np.arange(n), *still, np.ones(n, int), np.arange(n) % 2, ["even", "odd"])
+
+
+def frame(n: int) -> np.ndarray:
+    """A jungle gym of n cells: the voxels of a cubic grid with at least two odd... even coordinates are its bars."""
+    index = np.indices((2 * n + 1,) * 3)
+    return (index % 2 == 0).sum(axis=0) >= 2
+
+
+def drilled_dome() -> PatchComplex:
+    """The block [0, 2] x [0, 3] under a quadratic dome, drilled through by a four-arc hole: trimmed faces and caps.
+
+    Top z = 2 + x (2 - x) y (3 - y) / 4, bottom z = 0; the hole's wall is ruled, its rim a closed piecewise cubic.
+    """
+    knots = np.repeat([0.0, 1.0], 3)
+    x = np.array([0.0, 1.0, 2.0])
+    y = np.array([0.0, 1.5, 3.0])
+    poles = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((3, 3), 2.0)], axis=2)
+    poles[1, 1, 2] = 2.0 + 2.25  # x(2-x)y(3-y)/4 at the Bezier centre: 4 u(1-u) 9 v(1-v) / 4 = 9 B1 B1 / 4
+    top = Surface(poles, knots, knots, 2, 2)
+    base = plane_box((2.0, 3.0, 2.0))
+    k = 4 * (np.sqrt(2.0) - 1) / 3
+    arcs = []
+    for quarter in range(4):
+        c, s = np.round(np.cos(quarter * np.pi / 2)), np.round(np.sin(quarter * np.pi / 2))
+        turn = np.array([[c, -s], [s, c]])
+        ring = np.array([[1, 0], [1, k], [k, 1], [0, 1.0]]) @ turn.T
+        arcs.append(Curve(0.5 + ring * [0.3, 0.2], np.repeat([0.0, 1.0], 4), 3))
+    # Faces in the order of plane_box: -x, +x, -y, +y, -z, +z; the last becomes the dome, the hole joins both ends.
+    e, u, f = base.edges, base.uses, base.faces
+    rim_top = [_lifted(top, arc) for arc in arcs]
+    rim_bottom = [Curve(np.column_stack([arc.poles * [2.0, 3.0], np.zeros(4)]), arc.knots, 3) for arc in arcs]
+    walls = []
+    for low, high in zip(rim_bottom, rim_top, strict=True):
+        raised = _raised(low, high.degree)
+        walls.append(
+            Surface(np.stack([raised.poles, high.poles], axis=1), high.knots, np.repeat([0.0, 1.0], 2), high.degree, 1)
+        )
+    corners = np.array([arc.poles[0] for arc in arcs])
+    vertices = np.concatenate([base.vertices, [c(0.0) for c in rim_bottom], [c(0.0) for c in rim_top]])
+    posts = [line(vertices[8 + q], vertices[12 + q]) for q in range(4)]
+    curves = (*base.curves, *rim_bottom, *rim_top, *posts)
+    start = np.concatenate([e.start, 8 + np.arange(4), 12 + np.arange(4), 8 + np.arange(4)])
+    end = np.concatenate([e.end, 8 + (np.arange(4) + 1) % 4, 12 + (np.arange(4) + 1) % 4, 12 + np.arange(4)])
+    n = len(curves)
+    edges = Edges(np.arange(n), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.tile([0.0, 1.0], (n, 1)),
+                  start, end, np.zeros(n))  # fmt: skip
+    pcurves: list[Curve] = []
+
+    def pcurve(curve: Curve) -> int:
+        pcurves.append(curve)
+        return len(pcurves) - 1
+
+    uses: list[tuple[int, int, int]] = []
+    use_start, loop_start = [0], [0]
+    carriers = list(base.carriers)
+    carriers[5] = top
+    for face in range(6):
+        for k in range(4 * face, 4 * face + 4):
+            p = -1
+            if face == 5:
+                ends = vertices[[start[u.edge[k]], end[u.edge[k]]]][:, :2] / [2.0, 3.0]
+                p = pcurve(line(*ends))
+            uses.append((int(u.edge[k]), int(u.sense[k]), p))
+        use_start.append(len(uses))
+        if face == 5:  # the hole clockwise seen from above
+            uses += [(16 + q, -1, pcurve(arcs[q])) for q in (3, 2, 1, 0)]
+            use_start.append(len(uses))
+        if face == 4:  # seen from below, clockwise is the arcs' own way
+            uses += [(12 + q, 1, -1) for q in range(4)]
+            use_start.append(len(uses))
+        loop_start.append(len(use_start) - 1)
+    corner = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    for q in range(4):  # u along the rim, v upwards: S_u x S_v points away from the hole's axis, into the solid
+        sides = [(12 + q, 1, (0, 1)), (20 + (q + 1) % 4, 1, (1, 2)), (16 + q, -1, (3, 2)), (20 + q, -1, (0, 3))]
+        uses += [(edge, sense, pcurve(line(*corner[list(c)]))) for edge, sense, c in sides]
+        use_start.append(len(uses))
+        loop_start.append(len(use_start) - 1)
+    carriers += walls
+    assert len(corners) == 4
+    table = np.array(uses)
+    m = len(carriers)
+    return PatchComplex(
+        tuple(carriers), curves, tuple(pcurves), vertices, edges, Uses(*table.T),
+        Faces(np.arange(m), np.tile(np.eye(3), (m, 1, 1)), np.zeros((m, 3)), np.array([1] * 6 + [-1] * 4),
+              np.array([0, 0, 0, 0, 1, 1, 2, 2, 2, 2]), np.array(loop_start), np.array(use_start)),
+        ("side", "end", "hole"),
+    )  # fmt: skip
+
+
+def _lifted(surface: Surface, pcurve: Curve) -> Curve:
+    """The Bezier curve surface(pcurve(t)), exact: interpolated at as many points as its degree asks for."""
+    degree = pcurve.degree * (surface.degree_u + surface.degree_v)
+    return _through(surface(*pcurve(_nodes(degree)).T), degree)
+
+
+def _raised(curve: Curve, degree: int) -> Curve:
+    return _through(curve(_nodes(degree)), degree)
+
+
+def _nodes(degree: int) -> Array:
+    return 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+
+
+def _through(points: Array, degree: int) -> Curve:
+    from tpmscad.splines.bspline import design
+
+    knots = np.repeat([0.0, 1.0], degree + 1)
+    poles = np.linalg.solve(design(knots, degree, _nodes(degree)), points)
+    poles[0], poles[-1] = points[0], points[-1]
+    return Curve(poles, knots, degree)

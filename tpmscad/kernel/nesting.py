@@ -1,0 +1,74 @@
+"""Which shells bound which solid: outer shells and the voids in them, from the complex's own signed volumes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad.errors import KernelError
+from tpmscad.patches import connectivity, measure
+from tpmscad.patches.complex import Array, Ints, PatchComplex
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nesting:
+    """The shell of each face (F,), each shell's signed volume, and the solids: an outer shell first, then its voids' shells.
+
+    Pieces come largest outer volume first, equal ones by their first face.
+    """
+
+    shell: Ints
+    volume: Array
+    pieces: tuple[tuple[int, ...], ...]
+
+    def faces_of(self, shell: int) -> Ints:
+        return np.flatnonzero(self.shell == shell)
+
+
+def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nesting:
+    """Sort the shells of a closed complex into solids.
+
+    A shell that bounds its inside has positive volume, a void's negative. A void belongs to the smallest outer shell around it:
+    the only one whose box reaches around the void's, or, where boxes leave a choice, the smallest of which
+    `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
+    """
+    count, shell = connectivity.shells(complex)
+    volume = measure.volume(measure.face_moments(complex), shell)
+    outer = np.flatnonzero(volume > 0)
+    outer = outer[np.argsort(-volume[outer], kind="stable")]
+    pieces = {int(s): [int(s)] for s in outer}
+    voids = np.flatnonzero(volume <= 0)
+    if len(voids):
+        low, high, point = _boxes(complex, shell, count)
+        for void in voids:
+            around = [int(s) for s in outer if (low[s] < low[void]).all() and (high[s] > high[void]).all()]
+            if len(around) > 1:
+                around = [s for s in around if inside(s, point[void])]
+            if not around:
+                raise KernelError(
+                    "build",
+                    f"a shell of volume {volume[void]:.6g} near {point[void].round(6)} is in no solid: inside out",
+                )
+            pieces[around[-1]].append(int(void))
+    return Nesting(shell, volume, tuple(tuple(piece) for piece in pieces.values()))
+
+
+def _boxes(complex: PatchComplex, shell: Ints, count: int) -> tuple[Array, Array, Array]:
+    """Boxes of each shell's edges, sampled at ends and middles, and a vertex of it: (count, 3) each."""
+    edges = complex.edges
+    middle = np.empty((len(edges), 3))
+    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
+    for k, (index, low, high) in enumerate(keys):
+        at = np.flatnonzero(key.ravel() == k)
+        middle[at] = edges.rotation[at] @ complex.curves[int(index)](0.5 * (low + high)) + edges.translation[at]
+    edge_shell = shell[complex.face_of_use]
+    used = complex.uses.edge
+    points = np.concatenate([complex.vertices[edges.start[used]], complex.vertices[edges.end[used]], middle[used]])
+    of = np.concatenate([edge_shell] * 3)
+    lowest, highest = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lowest, of, points)
+    np.maximum.at(highest, of, points)
+    _, first = np.unique(of, return_index=True)
+    return lowest, highest, points[first]
