@@ -29,8 +29,11 @@ ROOMS = {
 """What each room may import, beside its own files, the ground and the standard library. The kernel knows the splines as the
 values a patch complex is made of."""
 
-WORKFLOWS = {name: {"request", "model", "workflows", *ROOMS, "numpy"} for name in ("request", "model", "workflows")}
-"""The floor of the public functions: what is asked for, what is given back, and the work between; one room in three files."""
+WORKFLOWS = {
+    name: {"request", "model", "certify", "workflows", *ROOMS, "numpy"}
+    for name in ("request", "model", "certify", "workflows")
+}
+"""The floor of the public functions: what is asked for, what is given back, how it is certified; one room."""
 
 FACES = {
     "cli": {"workflows", "surfaces", "typer", "rich"},  # the catalogue can be listed without the kernel
