@@ -1,0 +1,101 @@
+"""The catalogue: what is known of each surface before anything is computed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from types import MappingProxyType
+
+from tpmscad.errors import InvalidRequest
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceInfo:
+    """A triply periodic minimal surface and its nodal namesake.
+
+    `formula` is the nodal function with x = 2 pi X / cell. `space_group` keeps the two sides of the surface, `full_space_group`
+    may swap them; the two have the same cubic cell except where `full_space_group` says so. `genus` is that of the surface
+    modulo the primitive lattice of `space_group`, `patches_per_cell` counts in the cubic cell.
+    """
+
+    name: str
+    title: str
+    aliases: tuple[str, ...]
+    formula: str
+    space_group: str
+    full_space_group: str
+    genus: int
+    patches_per_cell: int
+    references: tuple[str, ...]
+    source: str
+
+
+_WEIERSTRASS = "Enneper-Weierstrass with R = (tau^8 - 14 tau^4 + 1)^(-1/2), Bonnet angle "
+
+CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
+    {
+        info.name: info
+        for info in (
+            SurfaceInfo(
+                name="gyroid",
+                title="Gyroid",
+                aliases=("G", "schoen gyroid"),
+                formula="sin x cos y + sin y cos z + sin z cos x",
+                space_group="I4_132 (214)",
+                full_space_group="Ia-3d (230)",
+                genus=3,
+                patches_per_cell=24,
+                references=("minimal", "nodal"),
+                source=_WEIERSTRASS + "arccot(K'/K) = 38.0147740 degrees; A. H. Schoen, NASA TN D-5541 (1970)",
+            ),
+            SurfaceInfo(
+                name="diamond",
+                title="Diamond",
+                aliases=("D", "schwarz d", "schwarz diamond"),
+                formula="sin x sin y sin z + sin x cos y cos z + cos x sin y cos z + cos x cos y sin z",
+                space_group="Fd-3m (227)",
+                full_space_group="Pn-3m (224), cell edge 1/2",
+                genus=3,
+                patches_per_cell=48,
+                references=("minimal", "nodal"),
+                source=_WEIERSTRASS + "0; H. A. Schwarz (1865)",
+            ),
+            SurfaceInfo(
+                name="schwarz_p",
+                title="Schwarz P",
+                aliases=("P", "primitive", "schwarz primitive"),
+                formula="cos x + cos y + cos z",
+                space_group="Pm-3m (221)",
+                full_space_group="Im-3m (229)",
+                genus=3,
+                patches_per_cell=12,
+                references=("minimal", "nodal"),
+                source=_WEIERSTRASS + "90 degrees; H. A. Schwarz (1865)",
+            ),
+        )
+    }
+)
+
+
+def _folded(name: str) -> str:
+    return re.sub(r"[\s_-]+", "", name).casefold()
+
+
+_BY_NAME = {
+    _folded(spelling): info for info in CATALOGUE.values() for spelling in (info.name, info.title, *info.aliases)
+}
+
+
+def find(name: str) -> SurfaceInfo:
+    """The entry of that name or alias; case, blanks, hyphens and underscores don't matter.
+
+    InvalidRequest suggests the nearest name.
+    """
+    info = _BY_NAME.get(_folded(name))
+    if info is None:
+        near = get_close_matches(_folded(name), _BY_NAME, n=1)
+        hint = f"did you mean {_BY_NAME[near[0]].name!r}? " if near else ""
+        raise InvalidRequest(f"unknown surface {name!r}: {hint}known are {', '.join(CATALOGUE)}")
+    return info

@@ -1,0 +1,140 @@
+"""Gyroid, Diamond and Schwarz P from the Enneper-Weierstrass integrals, to machine precision up to the flat points.
+
+Units are those of the integrals themselves ("raw"; TPMS2STEP, eq. 1): the curvature is 2 at the patch's centre. With the spinor
+(alpha, beta) of `series`, holomorphic in the disc coordinate t, and the Bonnet rotation e^(i theta), the surface and its normal
+are
+
+    X = Re e^(i theta) int phi dt,    phi = (alpha^2 - beta^2, i (alpha^2 + beta^2), 2 alpha beta),
+    n = (2 Re(conj(alpha) beta), 2 Im(conj(alpha) beta), |beta|^2 - |alpha|^2) / m,    m = |alpha|^2 + |beta|^2.
+
+Associates share their normals. With W = alpha beta' - alpha' beta (zero at the flat points) all derivatives are closed forms:
+
+    n_t = W conj(phi) / m^2,    n_t conj(t) = -2 |W|^2 / m^2 n,    principal curvatures +-2 |W| / m^2.
+
+The parameters (x, y) are the coordinates of Klein's model of the disc, in which the quadrilateral is a square with straight
+sides, |x|, |y| <= HALF_SIDE; the map (x, y) -> X is real-analytic and regular on the closed square, corners included.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+from numpy.typing import NDArray
+
+from tpmscad.surfaces.jet import Array
+from tpmscad.surfaces.series import SPINOR_A, SPINOR_B
+
+HALF_SIDE = 1.0 / np.sqrt(3.0)
+"""Half the side of the square in Klein's model."""
+
+MAX_OFFSET = 0.5
+"""Least radius of curvature, at the patch's centre, raw."""
+
+Complex = NDArray[np.complex128]
+
+Series = tuple[int, Array]
+"""(first, c) for sum c[k] t^(4k + first), first in 0..3."""
+
+
+def _product(p: Series, q: Series) -> Series:
+    return p[0] + q[0], np.convolve(p[1], q[1])[: len(p[1])]
+
+
+def _derivative(p: Series) -> Series:
+    first, c = p
+    slopes = (4.0 * np.arange(len(c)) + first) * c
+    return (first - 1, slopes) if first else (3, slopes[1:])
+
+
+def _integral(p: Series) -> Series:
+    first, c = p
+    return first + 1, c / (4.0 * np.arange(len(c)) + first + 1)
+
+
+_ALPHA: Series = (0, SPINOR_A)
+_BETA: Series = (1, SPINOR_B)
+_ALPHA1, _BETA1 = _derivative(_ALPHA), _derivative(_BETA)
+_ALPHA2, _BETA2 = _derivative(_ALPHA1), _derivative(_BETA1)
+_INT_AA, _INT_BB, _INT_AB = (_integral(_product(p, q)) for p, q in ((_ALPHA, _ALPHA), (_BETA, _BETA), (_ALPHA, _BETA)))
+
+
+def mid_surface(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
+    """The surface and its unit normal with their derivatives by x and y: two (6, ..., 3), raw; x, y of one shape (...).
+
+    The first axis is value, x, y, xx, xy, yy. `bonnet` is e^(i theta): 1 for Diamond, i for Schwarz P.
+    """
+    t, *by_xy = (z[..., None] for z in _disc(x, y))
+    alpha, alpha1, alpha2, beta, beta1, beta2, int_aa, int_bb, int_ab = (
+        _value(series, t) for series in (_ALPHA, _ALPHA1, _ALPHA2, _BETA, _BETA1, _BETA2, _INT_AA, _INT_BB, _INT_AB)
+    )
+    phi = _null(alpha * alpha, beta * beta, 2 * alpha * beta)
+    phi1 = 2 * _null(alpha * alpha1, beta * beta1, alpha * beta1 + alpha1 * beta)
+    position = (bonnet * _null(int_aa, int_bb, 2 * int_ab)).real
+
+    m = np.abs(alpha) ** 2 + np.abs(beta) ** 2
+    m_t = alpha.conj() * alpha1 + beta.conj() * beta1
+    cross = alpha.conj() * beta
+    normal = np.concatenate([2 * cross.real, 2 * cross.imag, np.abs(beta) ** 2 - np.abs(alpha) ** 2], axis=-1) / m
+    w = alpha * beta1 - alpha1 * beta
+    w_t = alpha * beta2 - alpha2 * beta
+    n_t = w / m**2 * phi.conj()
+    n_tt = (w_t - 2 * w * m_t / m) / m**2 * phi.conj()
+    n_mixed = -2 * np.abs(w) ** 2 / m**2 * normal
+    return (
+        _chain(position, 0.5 * bonnet * phi, 0.5 * bonnet * phi1, np.zeros_like(position), *by_xy),
+        _chain(normal, n_t, n_tt, n_mixed, *by_xy),
+    )
+
+
+def _chain(
+    value: Array,
+    d: Complex,
+    dd: Complex,
+    mixed: Array,
+    t_x: Complex,
+    t_y: Complex,
+    t_xx: Complex,
+    t_xy: Complex,
+    t_yy: Complex,
+) -> Array:
+    """Derivatives by x and y of a real function of t from its Wirtinger derivatives by t, tt and t conj(t)."""
+    return np.stack(
+        [
+            value,
+            2 * (d * t_x).real,
+            2 * (d * t_y).real,
+            2 * (dd * t_x**2 + d * t_xx).real + 2 * np.abs(t_x) ** 2 * mixed,
+            2 * (dd * t_x * t_y + d * t_xy).real + 2 * (t_x * t_y.conj()).real * mixed,
+            2 * (dd * t_y**2 + d * t_yy).real + 2 * np.abs(t_y) ** 2 * mixed,
+        ]
+    )
+
+
+def _null(p: Complex, q: Complex, r: Complex) -> Complex:
+    return np.concatenate([p - q, 1j * (p + q), r], axis=-1)
+
+
+def _value(series: Series, t: Complex) -> Complex:
+    first, c = series
+    return t**first * polyval(t**4, c)
+
+
+def _disc(x: Array, y: Array) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
+    """t = e^(i pi / 4) z / (1 + r), z = x + iy, r = (1 - |z|^2)^(1/2), with t_x, t_y, t_xx, t_xy, t_yy.
+
+    Klein's model to Poincare's, turned by an eighth so that the square's sides are the quadrilateral's.
+    """
+    z = x + 1j * y
+    r = np.sqrt(1 - x * x - y * y)
+    g = 1 / (1 + r)  # and its derivatives: g_x = x g^2 / r, with (g^2 / r)_x = x h
+    g1 = g * g / r
+    h = (2 * g / r + 1 / r**2) * g1
+    turn = np.sqrt(0.5) * (1 + 1j)
+    return (
+        turn * z * g,
+        turn * (g + z * x * g1),
+        turn * (1j * g + z * y * g1),
+        turn * (2 * x * g1 + z * (g1 + x * x * h)),
+        turn * ((y + 1j * x) * g1 + z * x * y * h),
+        turn * (2j * y * g1 + z * (g1 + y * y * h)),
+    )
