@@ -35,3 +35,13 @@ def surface(coordinates: Array, axis_u: Axis, axis_v: Axis) -> Surface:
     """The surface with the given coordinates (U, V, D)."""
     poles = np.einsum("pu,uvd,qv->pqd", axis_u.to_poles, coordinates, axis_v.to_poles, optimize=True)
     return Surface(poles, axis_u.knots, axis_v.knots, axis_u.degree, axis_v.degree)
+
+
+def coordinates_of(fitted: Surface, axis_u: Axis, axis_v: Axis) -> Array:
+    """Coordinates (U, V, D) of a surface with the axes' knots."""
+    half = np.linalg.solve(axis_u.to_poles, fitted.poles.reshape(axis_u.size, -1)).reshape(fitted.poles.shape)
+    return (
+        np.linalg.solve(axis_v.to_poles, half.swapaxes(0, 1).reshape(axis_v.size, -1))
+        .reshape(axis_v.size, axis_u.size, -1)
+        .swapaxes(0, 1)
+    )
