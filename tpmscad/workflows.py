@@ -71,9 +71,9 @@ def lattice(
         with stages("fit"):
             fit = fit_sheet(request.surface, request.reference, request.layers, request.cell[0], request.tol)
         deviation = fit.deviation
-        complex = _copied(request, fit.mid, fit.sheet, request.cells, stages)
+        complex = _copied(request, fit.sheet, request.cells, stages)
         instances = Instances(
-            lambda: _copied(request, fit.mid, fit.sheet, (1, 1, 1), Stages(None)),
+            lambda: _copied(request, fit.sheet, (1, 1, 1), Stages(None)),
             request.cell[0] * _grid(request.cells),
         )
     else:
@@ -115,15 +115,16 @@ def _map_of(request: LatticeRequest, map: Map | Callable[[Array], Array] | None)
 
 
 def _copied(
-    request: LatticeRequest, mid: lattices.MidPatch, sheet: lattices.Sheet, cells: tuple[int, int, int], stages: Stages
+    request: LatticeRequest, sheet: lattices.Sheet, cells: tuple[int, int, int], stages: Stages
 ) -> PatchComplex:
     """The complex of copied primitives, in model units."""
     cell, phase = request.cell[0], np.array(request.phase)
+    symmetry = surfaces.symmetry(request.surface)
     if request.boundary == "natural":
         with stages("assemble"):
-            return scaled(lattices.natural(mid, sheet, lattices.whole_cells(mid, cells, phase)), cell)
+            return scaled(lattices.natural(symmetry, sheet, lattices.whole_cells(request.surface, cells, phase)), cell)
     with stages("assemble"):
-        cover = scaled(lattices.covering(mid, sheet, cells, phase), cell)
+        cover = scaled(lattices.covering(symmetry, sheet, cells, phase), cell)
     with stages("trim"):
         return trim_box(cover, np.zeros(3), cell * np.array(cells, float))
 
@@ -131,16 +132,16 @@ def _copied(
 def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Any]:
     """The complex of patches fitted one by one to the mapped surface, and their deviation."""
     cell, phase = request.cell[0], np.array(request.phase)
-    mid = lattices.mid_patch(surfaces.patch(request.surface, request.reference), surfaces.symmetry(request.surface))
+    patch, symmetry = surfaces.patch(request.surface, request.reference), surfaces.symmetry(request.surface)
     natural = request.boundary == "natural"
     box = None if natural else mappings.image_box(bend, cell * np.array(request.cells, float))
     with stages("fit") as done:
         if natural:
-            placements = lattices.whole_cells(mid, request.cells, phase)
+            placements = lattices.whole_cells(request.surface, request.cells, phase)
         else:
             reach = float(np.abs(request.offset).max())
-            placements = mappings.reaching(mid, bend, box, request.cells, phase, cell, reach)
-        surface = mappings.MappedSurface(mid, placements, bend, cell)
+            placements = mappings.reaching(patch, symmetry, bend, box, request.cells, phase, cell, reach)
+        surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
         limit = mappings.greatest_offset(surface)
         worst = max(request.offset, key=abs)
         if abs(worst) >= limit:

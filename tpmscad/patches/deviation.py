@@ -7,7 +7,7 @@ the worst sample a finer grid looks again, so that the maximum is not missed bet
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,9 @@ Reference = Callable[[Array, Array], Array]
 
 SAMPLES = 49
 """Samples along each parameter: three for each lobe of the error of a patch of degree 16."""
+
+ROOM = 0.04
+"""Feet on the reference may lie this fraction of the domain outside it; a foot held back there only enlarges the distance."""
 
 FOOT_ITERATIONS = 8
 """Gauss-Newton steps: each gains the factor of the tangents' relative error, 1e-1 at worst on the coarsest fits."""
@@ -32,6 +35,19 @@ class Deviation:
     rms: float
     to_reference: float
     from_reference: float
+
+    def scaled(self, factor: float) -> Deviation:
+        return Deviation(*(factor * getattr(self, name) for name in self.__slots__))
+
+
+def worst(each: Sequence[Deviation]) -> Deviation:
+    """The largest of several patches' deviations, and the root mean square over all of them."""
+    return Deviation(
+        max=max(d.max for d in each),
+        rms=float(np.sqrt(np.mean([d.rms**2 for d in each]))),
+        to_reference=max(d.to_reference for d in each),
+        from_reference=max(d.from_reference for d in each),
+    )
 
 
 def deviation(fitted: Surface, reference: Reference, samples: int = SAMPLES) -> Deviation:
@@ -59,10 +75,12 @@ def _to_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -> 
     """Distances of fitted points to the reference, whose feet may lie beyond the patch's border: (n,)."""
     points = fitted(u, v)
     tangents = fitted(u, v, 1, 0), fitted(u, v, 0, 1)
+    (u0, u1), (v0, v1) = fitted.domain
+    room_u, room_v = ROOM * (u1 - u0), ROOM * (v1 - v0)
     a, b = u, v
     for _ in range(FOOT_ITERATIONS):
         da, db = _step(points - reference(a, b), *tangents)
-        a, b = a + da, b + db
+        a, b = np.clip(a + da, u0 - room_u, u1 + room_u), np.clip(b + db, v0 - room_v, v1 + room_v)
     return np.linalg.norm(points - reference(a, b), axis=-1)
 
 

@@ -12,11 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad import surfaces
+from tpmscad.patches.border import incidence, unpinched
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.weld import WELD, cluster, weld
 from tpmscad.splines.bspline import Curve, Surface
 from tpmscad.splines.knots import split
-from tpmscad.surfaces import PatchSymmetry, SurfacePatch
+from tpmscad.surfaces import PatchSymmetry
 
 TOUCH = 1e-9
 """Cells: patches that reach into a box by less do not; far above round-off, far below any tolerance."""
@@ -24,26 +26,9 @@ TOUCH = 1e-9
 REACH = 2
 """Cells around the box whose patches are looked at: patches of the cell's translation class lie within 1.5 cells of it."""
 
+CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
 TAGS = ("offset+", "offset-", "gap")
-SIDE_MIDDLES = np.array([[0.5, 0.0], [1.0, 0.5], [0.5, 1.0], [0.0, 0.5]])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MidPatch:
-    """A surface's primitive patch as lattices need it: its symmetry, the middles of its sides (4, 3) in cells, and its
-    handedness, the sign of (X_u x X_v) . n."""
-
-    surface: SurfacePatch
-    symmetry: PatchSymmetry
-    side_middles: Array
-    handedness: int
-
-
-def mid_patch(surface: SurfacePatch, symmetry: PatchSymmetry) -> MidPatch:
-    """The patch with what follows from its own points."""
-    jet = surface.jet(*SIDE_MIDDLES.T)
-    side = float(np.cross(jet.du[0], jet.dv[0]) @ jet.normal[0])
-    return MidPatch(surface, symmetry, jet.position, 1 if side > 0 else -1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,13 +54,19 @@ class Sheet:
     upper: tuple[int, bool] | None
 
 
-def whole_cells(mid: MidPatch, cells: tuple[int, int, int], phase: Array) -> Placements:
-    """The patches of cells[0] x cells[1] x cells[2] cells, edge-connected within each cell, moved by `phase`."""
-    corners = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    return translates(mid, corners + phase)
+def whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Placements:
+    """One patch per class of the block of cells, moved by `phase`; edge-connected, the border touching itself nowhere."""
+    motions = surfaces.symmetry(name)
+    rotation, translation = motions.cell_rotations, motions.cell_translations
+    corners = surfaces.patch(name).jet(*CORNERS.T).position
+    middles, corners = (
+        np.einsum("fij,sj->fsi", rotation, points) + translation[:, None] for points in (motions.side_middles, corners)
+    )
+    chosen = np.array(unpinched(incidence(middles, corners), cells))
+    return Placements(rotation[chosen[:, 0]], translation[chosen[:, 0]] + chosen[:, 1:] + phase)
 
 
-def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> PatchComplex:
+def covering(symmetry: PatchSymmetry, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> PatchComplex:
     """The offset surfaces, every patch with a part inside the box from the origin to `cells`; open, ragged outside.
 
     Where a patch's midline lies in a plane of the box (a mirror plane), patches are quartered along their midlines: then
@@ -84,8 +75,8 @@ def covering(mid: MidPatch, sheet: Sheet, cells: tuple[int, int, int], phase: Ar
     origin = np.stack(np.meshgrid(*[np.arange(-REACH, n + REACH) for n in cells], indexing="ij"), axis=-1).reshape(
         -1, 3
     )
-    placements = translates(mid, origin + (phase - np.floor(phase)))
-    carrier, rotation, translation, sense, tag = _layer_faces(mid, sheet, placements)
+    placements = translates(symmetry, origin + (phase - np.floor(phase)))
+    carrier, rotation, translation, sense, tag = _layer_faces(symmetry, sheet, placements)
     primitives = sheet.primitives
     if _midlines_in_planes(primitives, carrier, rotation, translation, cells):
         primitives = tuple(quarter for primitive in primitives for quarter in quarters(primitive))
@@ -117,22 +108,22 @@ def _midlines_in_planes(
     return bool((np.abs(placed[None] - planes[:, None]).max(axis=3) < TOUCH).any())
 
 
-def natural(mid: MidPatch, sheet: Sheet, placements: Placements) -> PatchComplex:
+def natural(symmetry: PatchSymmetry, sheet: Sheet, placements: Placements) -> PatchComplex:
     """A closed sheet: both offset surfaces, and a ruled gap face over every open side of the mid patches.
 
     TPMS2STEP, section 3.6: gaps are bridged after the copying, so that none lies inside the solid.
     """
     if sheet.lower is None or sheet.upper is None:
         raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
-    gaps = [_gap(mid, sheet, side) for side in range(4)]
-    patch, side = open_sides(mid, placements)
-    carrier, rotation, translation, sense, tag = _layer_faces(mid, sheet, placements)
+    gaps = [_gap(symmetry, sheet, side) for side in range(4)]
+    patch, side = open_sides(symmetry, placements)
+    carrier, rotation, translation, sense, tag = _layer_faces(symmetry, sheet, placements)
     return weld(
         (*sheet.primitives, *gaps),
         np.concatenate([carrier, len(sheet.primitives) + side]),
         np.concatenate([rotation, placements.rotation[patch]]),
         np.concatenate([translation, placements.translation[patch]]),
-        np.concatenate([sense, np.full(len(side), mid.handedness)]),
+        np.concatenate([sense, np.full(len(side), symmetry.handedness)]),
         np.concatenate([tag, np.full(len(side), TAGS.index("gap"))]),
         TAGS,
     )
@@ -146,34 +137,36 @@ def ruled(below: Curve, above: Curve) -> Surface:
     return Surface(poles, above.knots, np.repeat([0.0, 1.0], 2), above.degree, 1)
 
 
-def open_sides(mid: MidPatch, placements: Placements) -> tuple[Ints, Ints]:
+def open_sides(symmetry: PatchSymmetry, placements: Placements) -> tuple[Ints, Ints]:
     """(patch, side) of the mid patches' sides that no other placed patch shares."""
-    middle = np.einsum("fij,sj->fsi", placements.rotation, mid.side_middles) + placements.translation[:, None]
-    size = np.linalg.norm(mid.side_middles[0] - mid.side_middles[2])
+    middle = np.einsum("fij,sj->fsi", placements.rotation, symmetry.side_middles) + placements.translation[:, None]
+    size = np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2])
     label, _ = cluster(middle.reshape(-1, 3), WELD * size)
     alone = np.flatnonzero(np.bincount(label)[label] == 1)
     return alone // 4, alone % 4
 
 
-def translates(mid: MidPatch, by: Array) -> Placements:
+def translates(symmetry: PatchSymmetry, by: Array) -> Placements:
     """The cell's patches at each of the translations (n, 3)."""
-    n = len(mid.symmetry.cell_rotations)
+    n = len(symmetry.cell_rotations)
     return Placements(
-        np.tile(mid.symmetry.cell_rotations, (len(by), 1, 1)),
-        (by[:, None, :] + mid.symmetry.cell_translations).reshape(-1, 3) if n else np.zeros((0, 3)),
+        np.tile(symmetry.cell_rotations, (len(by), 1, 1)),
+        (by[:, None, :] + symmetry.cell_translations).reshape(-1, 3) if n else np.zeros((0, 3)),
     )
 
 
-def _layer_motion(mid: MidPatch, placements: Placements, turned: bool) -> tuple[Array, Array]:
+def _layer_motion(symmetry: PatchSymmetry, placements: Placements, turned: bool) -> tuple[Array, Array]:
     if not turned:
         return placements.rotation, placements.translation
     return (
-        placements.rotation @ mid.symmetry.swap_rotation,
-        placements.rotation @ mid.symmetry.swap_translation + placements.translation,
+        placements.rotation @ symmetry.swap_rotation,
+        placements.rotation @ symmetry.swap_translation + placements.translation,
     )
 
 
-def _layer_faces(mid: MidPatch, sheet: Sheet, placements: Placements) -> tuple[Ints, Array, Array, Ints, Ints]:
+def _layer_faces(
+    symmetry: PatchSymmetry, sheet: Sheet, placements: Placements
+) -> tuple[Ints, Array, Array, Ints, Ints]:
     """Carrier, rotation, translation, sense and tag of every offset face.
 
     The primitive's S_u x S_v lies along +n times the patch's handedness; turning over swaps both n and the mirror's sign, so
@@ -184,25 +177,26 @@ def _layer_faces(mid: MidPatch, sheet: Sheet, placements: Placements) -> tuple[I
         if layer is not None:
             index, turned = layer
             n = len(placements)
-            sense = np.full(n, outward * mid.handedness)
-            motion = _layer_motion(mid, placements, turned)
+            sense = np.full(n, outward * symmetry.handedness)
+            motion = _layer_motion(symmetry, placements, turned)
             parts.append((np.full(n, index), *motion, sense, np.full(n, TAGS.index(tag))))
     carrier, rotation, translation, sense, tags = (np.concatenate(p) for p in zip(*parts, strict=True))
     return carrier, rotation, translation, sense, tags
 
 
-def _gap(mid: MidPatch, sheet: Sheet, side: int) -> Surface:
+def _gap(symmetry: PatchSymmetry, sheet: Sheet, side: int) -> Surface:
     """The ruled surface over one side of the mid patch, u along the side, v from the lower to the upper surface."""
     assert sheet.lower is not None
     assert sheet.upper is not None
-    return ruled(*(_border(mid, sheet.primitives[i], turned, side) for i, turned in (sheet.lower, sheet.upper)))
+    return ruled(*(_border(symmetry, sheet.primitives[i], turned, side) for i, turned in (sheet.lower, sheet.upper)))
 
 
-def _border(mid: MidPatch, primitive: Surface, turned: bool, side: int) -> Curve:
+def _border(symmetry: PatchSymmetry, primitive: Surface, turned: bool, side: int) -> Curve:
     """The placed primitive's border over that side of the mid patch, run counter-clockwise in the mid patch's (u, v)."""
     if not turned:
         return primitive.side(side)
-    rotation, translation = mid.symmetry.swap_rotation, mid.symmetry.swap_translation
-    moved = mid.side_middles @ rotation.T + translation
-    own = int(np.argmin(np.linalg.norm(moved - mid.side_middles[side], axis=1)))
-    return primitive.side(own).moved(rotation, translation).reversed()
+    rotation, translation = symmetry.swap_rotation, symmetry.swap_translation
+    moved = symmetry.side_middles @ rotation.T + translation
+    own = int(np.argmin(np.linalg.norm(moved - symmetry.side_middles[side], axis=1)))
+    # Turning over is a quarter-turn in (u, v), so sides keep running counter-clockwise.
+    return primitive.side(own).moved(rotation, translation)

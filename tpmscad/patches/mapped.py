@@ -10,12 +10,13 @@ import numpy as np
 from tpmscad.errors import InvalidRequest
 from tpmscad.patches import smooth_fit
 from tpmscad.patches.complex import Array, PatchComplex
-from tpmscad.patches.deviation import Deviation, deviation
+from tpmscad.patches.deviation import Deviation, deviation, worst
 from tpmscad.patches.joints import curvature
-from tpmscad.patches.lattice import TAGS, MidPatch, Placements, open_sides, ruled, translates
+from tpmscad.patches.lattice import TAGS, Placements, open_sides, ruled, translates
 from tpmscad.patches.maps import Map
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface
+from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 DEGREES = (9, 10, 11, 12, 14, 16)
 """Bezier degrees tried in turn; every patch of a lattice takes the same, so that borders share their spline space."""
@@ -36,14 +37,15 @@ Layer = list[Surface] | None
 class MappedSurface:
     """The mapped mid surface over given placements: lattice coordinates are cell edges times cells."""
 
-    mid: MidPatch
+    patch: SurfacePatch
+    symmetry: PatchSymmetry
     placements: Placements
     map: Map
     cell: float
 
     def offset(self, u: Array, v: Array, distance: float, index: int | slice = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, on every placement (P, ..., 3) or on one (..., 3)."""
-        jet = self.mid.surface.jet(u, v)
+        jet = self.patch.jet(u, v)
         rotation, translation = self.placements.rotation[index], self.placements.translation[index]
         shape = (*rotation.shape[:-2], *(1,) * np.ndim(u), 3)
         turn = rotation.reshape(*shape[:-1], 3, 3)
@@ -60,7 +62,7 @@ class MappedSurface:
         """Sign of the map's Jacobian determinant, the same everywhere; InvalidRequest where it vanishes or changes sign."""
         u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
         points = self.cell * (
-            np.einsum("fij,nj->fni", self.placements.rotation, self.mid.surface.jet(u, v).position)
+            np.einsum("fij,nj->fni", self.placements.rotation, self.patch.jet(u, v).position)
             + self.placements.translation[:, None]
         )
         determinant = np.linalg.det(self.map.jacobian(points, self.cell))
@@ -95,7 +97,8 @@ def image_box(map: Map, size: Array) -> tuple[Array, Array]:
 
 
 def reaching(
-    mid: MidPatch,
+    patch: SurfacePatch,
+    symmetry: PatchSymmetry,
     map: Map,
     box: tuple[Array, Array],
     cells: tuple[int, int, int],
@@ -105,10 +108,10 @@ def reaching(
 ) -> Placements:
     """The placements whose mapped mid patch comes within `reach` of the box; the map must hold a cell beyond the lattice."""
     origin = np.stack(np.meshgrid(*[np.arange(-2, n + 2) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
-    placements = translates(mid, origin + (phase - np.floor(phase)))
+    placements = translates(symmetry, origin + (phase - np.floor(phase)))
     t = np.linspace(0.0, 1.0, 7)
     u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = np.einsum("fij,nj->fni", placements.rotation, mid.surface.jet(u, v).position)
+    points = np.einsum("fij,nj->fni", placements.rotation, patch.jet(u, v).position)
     points += placements.translation[:, None]
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
@@ -147,7 +150,7 @@ def fit_layers(
                 progress(len(each) / (len(present) * len(mapped.placements)))
         if last or max(d.max for d in each) <= tol:
             break
-    return layers[0], layers[1], _worst(each)
+    return layers[0], layers[1], worst(each)
 
 
 def _reference(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
@@ -165,7 +168,7 @@ def greatest_offset(mapped: MappedSurface) -> float:
 
 def assemble(mapped: MappedSurface, lower: Layer, upper: Layer, *, natural: bool) -> PatchComplex:
     """The layers as one complex: closed by ruled gap faces along the border when `natural`, open otherwise."""
-    facing = mapped.mid.handedness * mapped.orientation()
+    facing = mapped.symmetry.handedness * mapped.orientation()
     carriers: list[Surface] = []
     sense: list[int] = []
     tag: list[str] = []
@@ -177,7 +180,7 @@ def assemble(mapped: MappedSurface, lower: Layer, upper: Layer, *, natural: bool
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
-        open_at = list(zip(*open_sides(mapped.mid, mapped.placements), strict=True))
+        open_at = list(zip(*open_sides(mapped.symmetry, mapped.placements), strict=True))
         carriers += [ruled(lower[p].side(s), upper[p].side(s)) for p, s in open_at]
         sense += [facing] * len(open_at)
         tag += ["gap"] * len(open_at)
@@ -199,12 +202,3 @@ def _least_error(poles: Array, samples: Array) -> float:
     inside = (t >= 0) & (t <= 1)
     fitted = np.stack([smooth_fit.surface(p).grid(t[inside], t[inside]) for p in poles])
     return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / PARAMETRIC_EXCESS)
-
-
-def _worst(each: list[Deviation]) -> Deviation:
-    return Deviation(
-        max=max(d.max for d in each),
-        rms=float(np.sqrt(np.mean([d.rms**2 for d in each]))),
-        to_reference=max(d.to_reference for d in each),
-        from_reference=max(d.from_reference for d in each),
-    )

@@ -31,7 +31,7 @@ LOWEST_DEGREE = 9
 NODES = 24
 """Chebyshev nodes along each parameter that carry the exact surface: offsets of gyroids are resolved to 1e-12."""
 
-MARGIN = 0.08
+MARGIN = 0.04
 """The nodes reach this far past the patch, where the surface goes on: derivatives on the border are then interior ones."""
 
 END_ORDERS = (4, 3, 2)
