@@ -26,6 +26,7 @@ try:
     from OCP.collections import Array1_int as IntArray
     from OCP.collections import Array2_gp_Pnt as PointGrid
     from OCP.collections import List_TopoDS_Shape as ShapeList
+    from OCP.collections import Sequence_TCollection_AsciiString as StringSequence
 
     as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
     as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
@@ -35,6 +36,7 @@ except ImportError:
     from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
+    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
     as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s

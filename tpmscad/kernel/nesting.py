@@ -21,6 +21,7 @@ class Nesting:
 
     shell: Ints
     volume: Array
+    moments: measure.Moments
     pieces: tuple[tuple[int, ...], ...]
 
     def faces_of(self, shell: int) -> Ints:
@@ -35,7 +36,8 @@ def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nest
     `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
     """
     count, shell = connectivity.shells(complex)
-    volume = measure.volume(measure.face_moments(complex), shell)
+    moments = measure.face_moments(complex)
+    volume = measure.volume(moments, shell)
     outer = np.flatnonzero(volume > 0)
     outer = outer[np.argsort(-volume[outer], kind="stable")]
     pieces = {int(s): [int(s)] for s in outer}
@@ -52,7 +54,7 @@ def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nest
                     f"a shell of volume {volume[void]:.6g} near {point[void].round(6)} is in no solid: inside out",
                 )
             pieces[around[-1]].append(int(void))
-    return Nesting(shell, volume, tuple(tuple(piece) for piece in pieces.values()))
+    return Nesting(shell, volume, moments, tuple(tuple(piece) for piece in pieces.values()))
 
 
 def _boxes(complex: PatchComplex, shell: Ints, count: int) -> tuple[Array, Array, Array]:

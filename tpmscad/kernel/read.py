@@ -1,0 +1,90 @@
+"""Read STEP files with the kernel: every solid, placed copies included."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from OCP.IFSelect import IFSelect_RetDone
+from OCP.Message import Message
+from OCP.STEPControl import STEPControl_Reader
+from OCP.TopAbs import TopAbs_SOLID
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel import convert
+
+MAGIC = b"ISO-10303-21;"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepContent:
+    """What a file holds: all roots as one shape, its solids in the file's order, the names of the length units."""
+
+    shape: TopoDS_Shape
+    solids: tuple[TopoDS_Solid, ...]
+    units: tuple[str, ...]
+    products: tuple[str, ...]
+
+
+def read_step(path: str | os.PathLike[str]) -> StepContent:
+    """Read a STEP file, in mm whatever its unit.
+
+    InvalidRequest if there is no such file, or it is no STEP file; KernelError if the kernel can't read it or finds no solid.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidRequest(f"there is no file {path}")
+    with path.open("rb") as file:
+        if MAGIC not in file.read(1024):
+            raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {MAGIC.decode()}")
+    reader = STEPControl_Reader()
+    with quiet():
+        status = reader.ReadFile(str(path))
+        if status != IFSelect_RetDone:
+            raise KernelError("read STEP", f"{path} can't be parsed ({status})")
+        if reader.TransferRoots() == 0:
+            raise KernelError("read STEP", f"{path} holds no shape")
+        shape = reader.OneShape()
+    solids = tuple(solids_of(shape))
+    if not solids:
+        raise KernelError("read STEP", f"{path} holds no solid", shape)
+    return StepContent(shape, solids, _units(reader), _products(reader))
+
+
+def solids_of(shape: TopoDS_Shape) -> Iterator[TopoDS_Solid]:
+    """The solids in a shape, with their places."""
+    explorer = TopExp_Explorer(shape, TopAbs_SOLID)
+    while explorer.More():
+        yield convert.as_solid(explorer.Current())
+        explorer.Next()
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """OCC's translators print to standard output; not in here."""
+    messenger = Message.DefaultMessenger_s()
+    printers = list(messenger.Printers())
+    for printer in printers:
+        messenger.RemovePrinter(printer)
+    try:
+        yield
+    finally:
+        for printer in printers:
+            messenger.AddPrinter(printer)
+
+
+def _units(reader: STEPControl_Reader) -> tuple[str, ...]:
+    length, angle, solid_angle = (convert.StringSequence() for _ in range(3))
+    reader.FileUnits(length, angle, solid_angle)
+    return tuple(length.Value(i).ToCString() for i in range(1, length.Length() + 1))
+
+
+def _products(reader: STEPControl_Reader) -> tuple[str, ...]:
+    model = reader.StepModel()
+    kinds = (model.Value(i) for i in range(1, model.NbEntities() + 1))
+    return tuple(e.Name().ToCString() for e in kinds if e.DynamicType().Name() == "StepBasic_Product")

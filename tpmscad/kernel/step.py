@@ -1,0 +1,90 @@
+"""STEP files of patch complexes, straight from the arrays: AP242 or AP214, millimetres, one product, or an assembly of cells."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.build import TOLERANCE
+from tpmscad.kernel.files import step_path, written_aside
+from tpmscad.kernel.nesting import Nesting
+from tpmscad.kernel.step_brep import write_solids
+from tpmscad.kernel.step_product import Mass, write_instances, write_product, write_setting, write_validation
+from tpmscad.kernel.step_text import SCHEMAS, Entities, part21
+from tpmscad.patches import measure
+from tpmscad.patches.complex import Array, PatchComplex
+
+SOFTWARE = "tpmscad"
+
+ROTATION = 1e-9
+"""How far a placement may be from a proper rotation: a STEP placement can hold nothing else."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instances:
+    """Where copies of a cell go in an assembly: proper rotations (N, 3, 3) and translations (N, 3) in mm."""
+
+    rotation: Array
+    translation: Array
+
+    def __post_init__(self) -> None:
+        off = np.abs(self.rotation @ np.swapaxes(self.rotation, 1, 2) - np.eye(3)).max(initial=0.0)
+        if off > ROTATION or (np.linalg.det(self.rotation) < 0).any():
+            raise InvalidRequest("instances of a cell are placed by proper rotations: mirror the complex instead")
+
+    @classmethod
+    def shifted(cls, translation: Array) -> Instances:
+        return cls(np.tile(np.eye(3), (len(translation), 1, 1)), translation)
+
+
+def write_step(
+    complex: PatchComplex,
+    nesting: Nesting,
+    path: str | os.PathLike[str],
+    *,
+    schema: str = "ap242",
+    name: str | None = None,
+    instances: Instances | None = None,
+    time_stamp: str | None = None,
+) -> None:
+    """Write the solids of a closed complex (in mm; `nesting` as `build` found it) to a STEP file.
+
+    Faces carry their tags as names. `name` is the product's, by default the file's. With `instances` the solids are stored once
+    and placed by an assembly. Equal requests write equal bytes, `time_stamp` (by default: now) apart, which has a line of its
+    own. InvalidRequest for a schema other than ap242 and ap214, a missing folder or another extension than .step or .stp.
+    """
+    target = step_path(path)
+    if schema not in SCHEMAS:
+        raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(SCHEMAS)}")
+    stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+    title = name or target.stem
+    entities = Entities()
+    setting = write_setting(entities, schema, TOLERANCE)
+    written = write_solids(entities, complex, nesting)
+    part_name = title if instances is None else f"{title} cell"
+    part = write_product(entities, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
+    mass = mass_of(nesting)
+    write_validation(entities, setting, part, mass)
+    if instances is not None:
+        assembly = write_instances(entities, setting, title, part, instances.rotation, instances.translation)
+        write_validation(entities, setting, assembly, _repeated(mass, instances))
+    text = part21(entities, schema=schema, name=target.name, time_stamp=stamp, author="", software=SOFTWARE)
+    with written_aside(target) as aside:
+        aside.write_text(text, encoding="ascii", newline="\n")
+
+
+def mass_of(nesting: Nesting) -> Mass:
+    """Volume, area and centroid of all solids together, by the complex's own quadrature."""
+    x, y, z = measure.centroid(nesting.moments)
+    volume = float(measure.volume(nesting.moments)[0])
+    return Mass(volume, float(nesting.moments.area.sum()), (float(x), float(y), float(z)))
+
+
+def _repeated(mass: Mass, instances: Instances) -> Mass:
+    n = len(instances.translation)
+    x, y, z = (instances.rotation @ np.array(mass.centroid) + instances.translation).mean(axis=0)
+    return Mass(n * mass.volume, n * mass.area, (float(x), float(y), float(z)))
