@@ -2,7 +2,7 @@
 
 from tpmscad.surfaces.catalogue import CATALOGUE, SurfaceInfo, find
 from tpmscad.surfaces.jet import Jet
-from tpmscad.surfaces.patch import SurfacePatch, patch
+from tpmscad.surfaces.patch import MARGIN, SurfacePatch, patch
 from tpmscad.surfaces.symmetry import PatchSymmetry, symmetry
 from tpmscad.surfaces.volume import (
     area,
@@ -15,6 +15,7 @@ from tpmscad.surfaces.volume import (
 
 __all__ = [
     "CATALOGUE",
+    "MARGIN",
     "Jet",
     "PatchSymmetry",
     "SurfaceInfo",

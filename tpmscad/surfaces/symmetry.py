@@ -41,7 +41,7 @@ class PatchSymmetry:
     - `cell_rotations` (n, 3, 3), `cell_translations` (n, 3): one motion for each patch of the cubic cell, whose translations
       are the integer vectors; the n patches hang together by their sides and lie about the cell's middle.
     - `centring` (c, 3): the translations, modulo the integers, that keep the surface's sides.
-    - `side_middles` (4, 3): the mid-points of the sides.
+    - `side_middles` (4, 3): the mid-points of the minimal patch's sides; the nodal patch's lie on the same axes.
     - `handedness`: +1 where du x dv is along the normal, else -1.
     """
 

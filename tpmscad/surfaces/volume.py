@@ -39,10 +39,15 @@ def area(name: str, reference: str = "minimal") -> float:
 
 
 def volume_fraction(name: str, reference: str, lower: float, upper: float) -> float:
-    """Volume between the offsets lower < upper, per volume of the cell; exact, and for mapped lattices approximate."""
+    """Volume between the offsets lower < upper, per volume of the cell.
+
+    InvalidRequest where they are out of order or past the greatest offset.
+    """
     surface = patch(name, reference)
     for offset in (lower, upper):
         _check(surface, offset)
+    if not lower < upper:
+        raise InvalidRequest(f"lower offset {lower:g} is not below the upper {upper:g}; swap them or thicken the wall")
     return _swept(surface, upper) - _swept(surface, lower)
 
 

@@ -1,8 +1,8 @@
 """Gyroid, Diamond and Schwarz P from the Enneper-Weierstrass integrals, to machine precision up to the flat points.
 
-Units are those of the integrals themselves ("raw"; TPMS2STEP, eq. 1): the curvature is 2 at the patch's centre. With the spinor
-(alpha, beta) of `series`, holomorphic in the disc coordinate t, and the Bonnet rotation e^(i theta), the surface and its normal
-are
+Units are those of the integrals themselves ("raw"): the curvature is 2 at the centre of the patch. With the spinor
+(alpha, beta) of `series`, holomorphic in the disc coordinate t, and the Bonnet rotation e^(i theta), the surface (TPMS2STEP,
+eq. 1, with its e^(i theta) moved inside Re, where it belongs) and its normal are
 
     X = Re e^(i theta) int phi dt,    phi = (alpha^2 - beta^2, i (alpha^2 + beta^2), 2 alpha beta),
     n = (2 Re(conj(alpha) beta), 2 Im(conj(alpha) beta), |beta|^2 - |alpha|^2) / m,    m = |alpha|^2 + |beta|^2.

@@ -1,0 +1,131 @@
+"""The motions of the patch, and that its copies make the whole surface."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from skimage.measure import marching_cubes, mesh_surface_area
+
+from tpmscad import surfaces
+
+NAMES = list(surfaces.CATALOGUE)
+BOTH = list(itertools.product(NAMES, ("minimal", "nodal")))
+SIDE = np.linspace(0, 1, 17)
+SIDES = np.array([(SIDE, 0 * SIDE), (0 * SIDE + 1, SIDE), (SIDE[::-1], 0 * SIDE + 1), (0 * SIDE, SIDE[::-1])])
+EULER = {"gyroid": -8, "diamond": -16, "schwarz_p": -4}
+LATTICE = {
+    "gyroid": [(0, 0, 0), (0.5, 0.5, 0.5)],
+    "diamond": [(0, 0, 0), (0, 0.5, 0.5), (0.5, 0, 0.5), (0.5, 0.5, 0)],
+    "schwarz_p": [(0, 0, 0)],
+}
+OPEN_SIDES = {"gyroid": 40, "diamond": 48, "schwarz_p": 22}
+
+
+def placed(name: str, points: np.ndarray) -> np.ndarray:
+    """(..., 3) on every patch of the cell: (n, ..., 3)."""
+    symmetry = surfaces.symmetry(name)
+    moved = np.einsum("fij,pj->fpi", symmetry.cell_rotations, points.reshape(-1, 3))
+    return (moved + symmetry.cell_translations[:, None]).reshape(-1, *points.shape)
+
+
+def labels(points: np.ndarray, periodic: bool) -> np.ndarray:
+    """The same label for the same point, to 1e-9, modulo the cell if `periodic`: (...)."""
+    grains = np.rint(points / 1e-9).astype(np.int64)
+    if periodic:
+        grains %= 10**9
+    return np.unique(grains.reshape(-1, 3), axis=0, return_inverse=True)[1].reshape(points.shape[:-1])
+
+
+@pytest.mark.parametrize(("name", "reference"), BOTH)
+@pytest.mark.parametrize("offset", [0.0, 0.1, -0.1])
+def test_the_neighbour_over_a_side_meets_it_reversed(name: str, reference: str, offset: float) -> None:
+    symmetry = surfaces.symmetry(name)
+    for side, (u, v) in enumerate(SIDES):
+        jet = surfaces.patch(name, reference).jet(u, v, offset)
+        turn, shift = symmetry.edge_rotation[side], symmetry.edge_translation[side]
+        np.testing.assert_allclose(jet.position @ turn.T + shift, jet.position[::-1], atol=1e-15)
+        np.testing.assert_allclose(jet.normal @ turn.T, jet.normal[::-1], atol=1e-15)  # the +normal side is kept
+        np.testing.assert_array_equal(turn @ turn, np.eye(3))
+        np.testing.assert_array_equal(turn @ shift + shift, 0)
+        middle = symmetry.side_middles[side]
+        np.testing.assert_allclose(turn @ middle + shift, middle, atol=1e-15)
+
+
+@pytest.mark.parametrize(("name", "reference"), BOTH)
+def test_the_rotoinversion_turns_the_patch_and_swaps_its_offsets(name: str, reference: str) -> None:
+    symmetry, surface = surfaces.symmetry(name), surfaces.patch(name, reference)
+    u, v = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 7))
+    for offset in (0.0, 0.13):
+        here, there = surface.jet(u, v, offset), surface.jet(1 - v, u, -offset)
+        turned = here.position @ symmetry.swap_rotation.T + symmetry.swap_translation
+        np.testing.assert_allclose(turned, there.position, atol=1e-15)
+        np.testing.assert_allclose(here.normal @ symmetry.swap_rotation.T, -there.normal, atol=1e-15)
+    power = np.linalg.matrix_power(symmetry.swap_rotation, 4)
+    np.testing.assert_array_equal(power, np.eye(3))
+    assert np.linalg.det(symmetry.swap_rotation) == -1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_motions_are_exact_elements_of_a_cubic_space_group(name: str) -> None:
+    symmetry = surfaces.symmetry(name)
+    for rotation in (*symmetry.edge_rotation, *symmetry.cell_rotations):
+        np.testing.assert_array_equal(np.sort(np.abs(rotation), axis=0), [[0, 0, 0], [0, 0, 0], [1, 1, 1]])
+        assert np.linalg.det(rotation) == pytest.approx(1)
+    for translation in (symmetry.edge_translation, symmetry.cell_translations, symmetry.swap_translation):
+        np.testing.assert_array_equal(8 * translation, np.rint(8 * translation))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_translations_that_keep_the_sides_are_those_of_the_space_group(name: str) -> None:
+    np.testing.assert_array_equal(surfaces.symmetry(name).centring, LATTICE[name])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_cell_closes_up_modulo_its_translations(name: str) -> None:
+    """Every edge is shared by two patches, every vertex by six, and Euler's characteristic is that of the genus."""
+    info = surfaces.CATALOGUE[name]
+    count = len(surfaces.symmetry(name).cell_rotations)
+    assert count == info.patches_per_cell
+    surface = surfaces.patch(name)
+    middle = labels(placed(name, surface.jet(*SIDES[:, :, 8].T).position), periodic=True)
+    corner = labels(placed(name, surface.jet(*SIDES[:, :, 0].T).position), periodic=True)
+    assert (np.bincount(middle.ravel()) == 2).all()
+    assert (np.bincount(corner.ravel()) == 6).all()
+    euler = corner.max() + 1 - (middle.max() + 1) + count
+    assert euler == EULER[name]
+    assert euler == (2 - 2 * info.genus) * len(LATTICE[name])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_patches_of_a_cell_hang_together_by_their_sides(name: str) -> None:
+    middle = labels(placed(name, surfaces.symmetry(name).side_middles), periodic=False)
+    patch = np.broadcast_to(np.arange(len(middle))[:, None], middle.shape)
+    graph = coo_array((np.ones(middle.size), (patch.ravel(), middle.ravel())), shape=(len(middle), middle.max() + 1))
+    assert connected_components((graph @ graph.T).tocsr())[0] == 1
+    assert (np.bincount(middle.ravel()) == 1).sum() == OPEN_SIDES[name]
+    centre = placed(name, surfaces.patch(name).jet(0.5, 0.5).position).mean(axis=0)
+    assert ((centre >= 0) & (centre < 1)).all()
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_copies_are_the_whole_level_set_once(name: str) -> None:
+    """Area of the copies against a triangulation of the formula, which knows of no patches."""
+    n = 64
+    x, y, z = np.meshgrid(*[2 * np.pi * np.arange(n + 1) / n] * 3, indexing="ij")
+    s, c = np.sin, np.cos
+    values = {
+        "gyroid": s(x) * c(y) + s(y) * c(z) + s(z) * c(x),
+        "diamond": s(x) * s(y) * s(z) + s(x) * c(y) * c(z) + c(x) * s(y) * c(z) + c(x) * c(y) * s(z),
+        "schwarz_p": c(x) + c(y) + c(z),
+    }[name]
+    vertices, triangles, *_ = marching_cubes(values, 0.0, spacing=(1 / n,) * 3)
+    assert surfaces.area(name, "nodal") == pytest.approx(mesh_surface_area(vertices, triangles), rel=2e-3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_the_symmetry_is_computed_once(name: str) -> None:
+    assert surfaces.symmetry(name) is surfaces.symmetry(name)
