@@ -18,7 +18,7 @@ from tpmscad.splines.continuity import Conditions
 from tpmscad.splines.fitting import fit, free_coordinates
 from tpmscad.splines.subspace import solve_conditions
 
-Grid = Callable[[Array, Array], Array]
+GridPoints = Callable[[Array, Array], Array]
 """Points (m, n, D) of a surface on the grid of all u (m,) with all v (n,)."""
 
 
@@ -73,7 +73,7 @@ class Fit:
 
 
 def adapt(
-    evaluate: Grid,
+    evaluate: GridPoints,
     measure: Callable[[Surface], float],
     tol: float,
     *,
@@ -122,7 +122,7 @@ def _lowest(found: int, meets: Callable[[int], bool]) -> int:
     return found
 
 
-def first_guess(evaluate: Grid, tol: float, spaces: Sequence[Space]) -> int:
+def first_guess(evaluate: GridPoints, tol: float, spaces: Sequence[Space]) -> int:
     """Index of the first one-span space that loses no more than LOW tol by its degree alone; of the last space if none does."""
     top = max((space.degree for space in spaces if space.spans == 1), default=0)
     if top == 0:

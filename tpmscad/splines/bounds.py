@@ -59,6 +59,9 @@ def second_derivative_bounds(surface: Surface, pieces: int = 1) -> tuple[float, 
 
 def derivative_bounds(surface: Surface, du: int, dv: int, pieces: int = 1) -> Array:
     """Upper bounds of the norm of the derivative of orders (du, dv), one for every piece of every span: (U', V')."""
+    if du > surface.degree_u or dv > surface.degree_v:
+        spans = [len(np.unique(knots)) - 1 for knots in (surface.knots_u, surface.knots_v)]
+        return np.zeros((spans[0] * pieces, spans[1] * pieces))
     poles, active = surface.poles, []
     for knots, degree, order in ((surface.knots_u, surface.degree_u, du), (surface.knots_v, surface.degree_v, dv)):
         poles, fine = _refined(poles, knots, degree, pieces)

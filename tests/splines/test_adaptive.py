@@ -1,0 +1,90 @@
+"""The search for the fewest poles, on the minimal surfaces and where there is no answer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmscad import surfaces
+from tpmscad.splines.adaptive import BEZIER, MISSES, Space, adapt
+from tpmscad.splines.axis import Axis
+from tpmscad.splines.bspline import Surface
+from tpmscad.splines.continuity import Conditions, Joint, joint_conditions
+
+T = np.linspace(0, 1, 61)
+MOST_POLES = {1e-2: 64, 1e-3: 64, 1e-4: 121, 1e-5: 225, 1e-6: 289}
+
+
+@pytest.mark.parametrize(
+    ("name", "share", "tol"),
+    [
+        ("diamond", 0.0, 1e-4),
+        ("schwarz_p", 0.8, 1e-4),
+        *(("gyroid", 0.8, tol) for tol in MOST_POLES),
+        *(
+            pytest.param(name, share, tol, marks=pytest.mark.slow)
+            for name in surfaces.CATALOGUE
+            for share in (0.0, 0.4, 0.8)
+            for tol in MOST_POLES
+        ),
+    ],
+)
+def test_minimal_surfaces_take_few_poles(name: str, share: float, tol: float) -> None:
+    patch, symmetry = surfaces.patch(name), surfaces.symmetry(name)
+    joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+
+    def exact(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        return patch.jet(*np.meshgrid(u, v, indexing="ij"), share * patch.max_offset).position
+
+    jet = patch.jet(*np.meshgrid(T, T, indexing="ij"), share * patch.max_offset)
+
+    def distance(surface: Surface) -> float:
+        """Along the exact normals to first order: the tangential part of the difference is no deviation."""
+        return float(np.abs(np.sum((surface.grid(T, T) - jet.position) * jet.normal, axis=-1)).max())
+
+    def conditions(u: Axis, v: Axis) -> Conditions:
+        return joint_conditions(joints, u, v, valence=6)
+
+    fit = adapt(exact, distance, tol, conditions=conditions)
+    assert fit.converged
+    assert fit.deviation == distance(fit.surface) <= tol
+    assert fit.poles == fit.surface.poles.shape[0] * fit.surface.poles.shape[1] <= MOST_POLES[tol]
+    tried = {trial.space: trial.deviation for trial in fit.trials}
+    below = BEZIER[max(BEZIER.index(fit.space) - MISSES, 0) : BEZIER.index(fit.space)]
+    assert all(tried[space] > tol for space in below)
+
+
+def paraboloid(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    x, y = np.meshgrid(u, v, indexing="ij")
+    return np.stack([x, y, x * x - y**2], axis=-1)
+
+
+def test_the_search_goes_down_as_well_as_up() -> None:
+    deviations = {Space(d): value for d, value in zip(range(2, 9), (9.0, 9.0, 1.0, 2.0, 1.0, 1.0, 0.5), strict=True)}
+    fit = adapt(paraboloid, lambda s: deviations[Space(s.degree_u)], 1.5, ladder=list(deviations))
+    assert fit.space == Space(4)
+    # Seen from the top down, where the first guess of a surface of low degree does not start.
+    wild = adapt(
+        lambda u, v: 1e9 * paraboloid(u, v) ** 8, lambda s: deviations[Space(s.degree_u)], 1.5, ladder=list(deviations)
+    )
+    assert wild.trials[0].space == Space(8)
+    assert wild.space == Space(4)
+
+
+def test_missing_the_tolerance_gives_the_best_there_was() -> None:
+    fit = adapt(paraboloid, lambda s: 1.0 / s.degree_u, 1e-3, ladder=[Space(4), Space(3)])
+    assert not fit.converged
+    assert fit.space == Space(4)
+
+
+def test_spans_are_candidates_too() -> None:
+    ladder = [Space(3, spans, 2) for spans in range(1, 6)]
+
+    def wavy(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        x, y = np.meshgrid(u, v, indexing="ij")
+        return np.stack([x, y, np.sin(6 * x * y)], axis=-1)
+
+    fit = adapt(wavy, lambda s: float(np.abs(s.grid(T, T) - wavy(T, T)).max()), 1e-2, ladder=ladder)
+    assert fit.converged
+    assert fit.space.spans > 1
+    assert fit.poles == fit.surface.poles[..., 0].size

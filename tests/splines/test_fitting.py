@@ -1,0 +1,79 @@
+"""Direct fits: reproduction, optimality under conditions, accuracy on the minimal surfaces."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import null_space
+
+from tpmscad.splines.axis import bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
+from tpmscad.splines.bspline import Surface
+from tpmscad.splines.continuity import Joint, joint_conditions
+from tpmscad.splines.fitting import coordinates_of, fit
+from tpmscad.splines.subspace import free, solve_conditions
+
+TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]
+U, V = np.linspace(0, 1, 15), np.linspace(0, 1, 18) ** 1.5
+
+
+def wavy(u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    x, y = np.meshgrid(u, v, indexing="ij")
+    return np.stack([x, y, np.sin(5 * x + 2 * y) + x * y], axis=-1)
+
+
+def test_a_surface_of_the_space_is_reproduced() -> None:
+    ku, kv = uniform_knots(3, 4, 2), bezier_knots(6)
+    rng = np.random.default_rng(0)
+    surface = Surface(rng.normal(size=(len(ku) - 5, 7, 3)), ku, kv, 4, 6)
+    axes = sampled_axis(ku, 4, U), sampled_axis(kv, 6, V, np.linspace(1, 3, len(V)))
+    np.testing.assert_allclose(fit(surface.grid(U, V), *axes).poles, surface.poles, atol=1e-11)
+
+
+def test_coordinates_of_a_surface_give_it_back() -> None:
+    axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
+    surface = fit(wavy(axes[0].points, axes[1].points), *axes)
+    back = np.einsum("pu,uvd,qv->pqd", axes[0].to_poles, coordinates_of(surface, *axes), axes[1].to_poles)
+    np.testing.assert_allclose(back, surface.poles, atol=1e-12)
+
+
+@pytest.mark.parametrize("weights", [None, np.linspace(1, 4, len(V))])
+def test_the_constrained_fit_is_the_solution_of_the_normal_equations_in_the_null_space(weights) -> None:
+    """The oracle works on the poles: null space by SciPy, then one dense least-squares problem."""
+    ku, kv = uniform_knots(3, 4, 2), bezier_knots(6)
+    axes = sampled_axis(ku, 4, U), sampled_axis(kv, 6, V, weights)
+    got = fit(wavy(U, V), *axes, solve_conditions(joint_conditions(TRANSLATES, *axes, order=1)))
+    poles = pole_axis(ku, 4), pole_axis(kv, 6)
+    rows = joint_conditions(TRANSLATES, *poles, order=1)
+    basis = null_space(rows.matrix, rcond=1e-10)
+    particular = np.linalg.lstsq(rows.matrix, rows.target, rcond=1e-10)[0]
+    root = np.sqrt(axes[1].weights)
+    collocation = np.kron(np.kron(poles[0].design(U), root[:, None] * poles[1].design(V)), np.eye(3))
+    target = (root[:, None] * wavy(U, V)).ravel()
+    free_part = np.linalg.lstsq(collocation @ basis, target - collocation @ particular, rcond=None)[0]
+    np.testing.assert_allclose(got.poles.ravel(), particular + basis @ free_part, atol=1e-10)
+
+
+def test_a_subspace_of_no_conditions_changes_nothing() -> None:
+    axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
+    samples = wavy(axes[0].points, axes[1].points)
+    whole = free(3 * axes[0].size * axes[1].size)
+    assert whole.dimension == whole.basis().shape[1] == 3 * axes[0].size * axes[1].size
+    np.testing.assert_array_equal(fit(samples, *axes, whole).poles, fit(samples, *axes).poles)
+
+
+def test_subspace_directions_and_basis_agree() -> None:
+    axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
+    conditions = joint_conditions(TRANSLATES, *axes)
+    subspace = solve_conditions(conditions)
+    basis = subspace.basis()
+    x = np.random.default_rng(0).normal(size=len(basis))
+    assert basis.shape[1] == subspace.dimension
+    np.testing.assert_allclose(basis.T @ basis, np.eye(subspace.dimension), atol=1e-13)
+    np.testing.assert_allclose(basis @ (basis.T @ x), subspace.direction(x), atol=1e-13)
+    np.testing.assert_allclose(conditions.matrix @ subspace.project(x), conditions.target, atol=1e-13)
+
+
+def test_samples_off_the_grid_are_refused() -> None:
+    axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
+    with pytest.raises(ValueError, match="grid"):
+        fit(wavy(axes[1].points, axes[0].points), *axes)
