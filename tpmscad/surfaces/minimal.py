@@ -44,8 +44,9 @@ def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
     """The surface and its unit normal, each with its derivatives by (u, v): (6, ..., 3), value, u, v, uu, uv, vv."""
     placed = PLACED[name]
     mid, normal = mid_surface(HALF_SIDE * (2 * u - 1), HALF_SIDE * (2 * v - 1), placed.bonnet)
-    by_uv = ((2 * HALF_SIDE) ** np.array([0, 1, 1, 2, 2, 2])).reshape(6, *[1] * (mid.ndim - 1))
-    mid, normal = (by_uv * (jet @ _AXES.T) for jet in (mid / placed.cell, normal))
+    to_cells = np.einsum("k,ij->kij", (2 * HALF_SIDE) ** np.array([0, 1, 1, 2, 2, 2]), _AXES)
+    mid = np.einsum("kij,kj...->k...i", to_cells / placed.cell, mid)
+    normal = np.einsum("kij,kj...->k...i", to_cells, normal)
     mid[0] += placed.centre
     return mid, normal
 

@@ -54,32 +54,39 @@ def _integral(p: Series) -> Series:
 _ALPHA: Series = (0, SPINOR_A)
 _BETA: Series = (1, SPINOR_B)
 _ALPHA1, _BETA1 = _derivative(_ALPHA), _derivative(_BETA)
-_ALPHA2, _BETA2 = _derivative(_ALPHA1), _derivative(_BETA1)
-_INT_AA, _INT_BB, _INT_AB = (_integral(_product(p, q)) for p, q in ((_ALPHA, _ALPHA), (_BETA, _BETA), (_ALPHA, _BETA)))
+_TABLES = (
+    *(_ALPHA, _ALPHA1, _derivative(_ALPHA1)),
+    *(_BETA, _BETA1, _derivative(_BETA1)),
+    *(_integral(_product(p, q)) for p, q in ((_ALPHA, _ALPHA), (_BETA, _BETA), (_ALPHA, _BETA))),
+)
 
 
 def mid_surface(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
-    """The surface and its unit normal with their derivatives by x and y: two (6, ..., 3), raw; x, y of one shape (...).
+    """The surface and its unit normal with their derivatives by x and y: two (6, 3, ...), raw; x, y of one shape (...).
 
-    The first axis is value, x, y, xx, xy, yy. `bonnet` is e^(i theta): 1 for Diamond, i for Schwarz P.
+    The first axis is value, x, y, xx, xy, yy, the second the coordinate. `bonnet` is e^(i theta): 1 for Diamond, i for
+    Schwarz P.
     """
-    t, *by_xy = (z[..., None] for z in _disc(x, y))
+    t, *by_xy = _disc(x, y)
+    powers = (np.ones_like(t), t, t * t, t * t * t)
+    s = powers[2] ** 2
     alpha, alpha1, alpha2, beta, beta1, beta2, int_aa, int_bb, int_ab = (
-        _value(series, t) for series in (_ALPHA, _ALPHA1, _ALPHA2, _BETA, _BETA1, _BETA2, _INT_AA, _INT_BB, _INT_AB)
+        powers[first] * polyval(s, coefficients) for first, coefficients in _TABLES
     )
     phi = _null(alpha * alpha, beta * beta, 2 * alpha * beta)
     phi1 = 2 * _null(alpha * alpha1, beta * beta1, alpha * beta1 + alpha1 * beta)
     position = (bonnet * _null(int_aa, int_bb, 2 * int_ab)).real
 
-    m = np.abs(alpha) ** 2 + np.abs(beta) ** 2
+    alpha_sq, beta_sq = _square(alpha), _square(beta)
+    m = alpha_sq + beta_sq
     m_t = alpha.conj() * alpha1 + beta.conj() * beta1
     cross = alpha.conj() * beta
-    normal = np.concatenate([2 * cross.real, 2 * cross.imag, np.abs(beta) ** 2 - np.abs(alpha) ** 2], axis=-1) / m
+    normal = np.stack([2 * cross.real, 2 * cross.imag, beta_sq - alpha_sq]) / m
     w = alpha * beta1 - alpha1 * beta
     w_t = alpha * beta2 - alpha2 * beta
-    n_t = w / m**2 * phi.conj()
-    n_tt = (w_t - 2 * w * m_t / m) / m**2 * phi.conj()
-    n_mixed = -2 * np.abs(w) ** 2 / m**2 * normal
+    n_t = (w / m**2) * phi.conj()
+    n_tt = ((w_t - 2 * w * m_t / m) / m**2) * phi.conj()
+    n_mixed = (-2 * _square(w) / m**2) * normal
     return (
         _chain(position, 0.5 * bonnet * phi, 0.5 * bonnet * phi1, np.zeros_like(position), *by_xy),
         _chain(normal, n_t, n_tt, n_mixed, *by_xy),
@@ -103,20 +110,20 @@ def _chain(
             value,
             2 * (d * t_x).real,
             2 * (d * t_y).real,
-            2 * (dd * t_x**2 + d * t_xx).real + 2 * np.abs(t_x) ** 2 * mixed,
+            2 * (dd * t_x**2 + d * t_xx).real + 2 * _square(t_x) * mixed,
             2 * (dd * t_x * t_y + d * t_xy).real + 2 * (t_x * t_y.conj()).real * mixed,
-            2 * (dd * t_y**2 + d * t_yy).real + 2 * np.abs(t_y) ** 2 * mixed,
+            2 * (dd * t_y**2 + d * t_yy).real + 2 * _square(t_y) * mixed,
         ]
     )
 
 
+def _square(z: Complex) -> Array:
+    """|z|^2."""
+    return z.real**2 + z.imag**2
+
+
 def _null(p: Complex, q: Complex, r: Complex) -> Complex:
-    return np.concatenate([p - q, 1j * (p + q), r], axis=-1)
-
-
-def _value(series: Series, t: Complex) -> Complex:
-    first, c = series
-    return t**first * polyval(t**4, c)
+    return np.stack([p - q, 1j * (p + q), r])
 
 
 def _disc(x: Array, y: Array) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
