@@ -1,0 +1,22 @@
+"""Arrays in, OCC shapes and STEP files out: the only room that imports OCP."""
+
+from tpmscad.kernel.build import Built, build, build_solid
+from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_step
+from tpmscad.kernel.read import StepContent, read_step
+from tpmscad.kernel.step import Instances, write_step
+from tpmscad.kernel.step_shape import write_shape
+
+__all__ = [
+    "Built",
+    "Instances",
+    "ShapeReport",
+    "StepContent",
+    "StepReport",
+    "build",
+    "build_solid",
+    "check_shape",
+    "check_step",
+    "read_step",
+    "write_shape",
+    "write_step",
+]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface, Geom_Curve, Geom_Line, Geom_Plane, Geom_Surface
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve
 from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS
 
 from tpmscad.splines.bspline import Curve, Surface
@@ -25,6 +26,7 @@ try:
     from OCP.collections import Array1_gp_Pnt2d as PointArray2d
     from OCP.collections import Array1_int as IntArray
     from OCP.collections import Array2_gp_Pnt as PointGrid
+    from OCP.collections import IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
     from OCP.collections import List_TopoDS_Shape as ShapeList
     from OCP.collections import Sequence_TCollection_AsciiString as StringSequence
 
@@ -36,7 +38,8 @@ except ImportError:
     from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
-    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
+    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence  # noqa: F401  used by read
+    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
     as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
@@ -148,3 +151,10 @@ def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> Curve:
     points = geometry.Poles()
     poles = np.array([points.Value(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
     return Curve(poles, _repeated(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
+
+
+def ancestors(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:
+    """Every distinct sub-shape of a kind, and how often it occurs in sub-shapes of the owning kind."""
+    found = ShapeMap()
+    TopExp.MapShapesAndAncestors_s(shape, kind, owner, found)
+    return [(found.FindKey(i), found.FindFromIndex(i).Size()) for i in range(1, found.Extent() + 1)]

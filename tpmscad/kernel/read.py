@@ -30,6 +30,11 @@ class StepContent:
     units: tuple[str, ...]
     products: tuple[str, ...]
 
+    @property
+    def wrapped(self) -> TopoDS_Shape:
+        """The shape, by the name that build123d and CadQuery give it."""
+        return self.shape
+
 
 def read_step(path: str | os.PathLike[str]) -> StepContent:
     """Read a STEP file, in mm whatever its unit.

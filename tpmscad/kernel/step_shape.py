@@ -1,0 +1,81 @@
+"""STEP files of any kernel shape, by OCC's own writer. Patch complexes have a better one, see `step`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
+from OCP.IFSelect import IFSelect_RetDone
+from OCP.Interface import Interface_Static
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+from OCP.TCollection import TCollection_HAsciiString
+
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.files import step_path, written_aside
+from tpmscad.kernel.read import quiet
+
+OCC_SCHEMAS = {"ap242": "AP242DIS", "ap214": "AP214IS"}
+SOFTWARE = "tpmscad"
+
+
+def write_shape(
+    shape: Any,
+    path: str | os.PathLike[str],
+    *,
+    schema: str = "ap242",
+    name: str | None = None,
+    time_stamp: str | None = None,
+) -> None:
+    """Write a TopoDS shape, or anything that wraps one, as one STEP product in mm; arguments and errors as `write_step`.
+
+    KernelError if OCC refuses the shape.
+    """
+    target = step_path(path)
+    if schema not in OCC_SCHEMAS:
+        raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(OCC_SCHEMAS)}")
+    topods = getattr(shape, "wrapped", shape)
+    title = name or target.stem
+    writer = STEPControl_Writer()  # reads the settings below into being
+    with quiet(), _settings({"write.step.schema": OCC_SCHEMAS[schema], "write.step.unit": "MM"}):
+        writer = STEPControl_Writer()
+        if writer.Transfer(topods, STEPControl_AsIs) != IFSelect_RetDone:
+            raise KernelError("write STEP", "OCC can't translate the shape", topods)
+        _rename(writer, title, target.name, time_stamp)
+        with written_aside(target) as aside:
+            if writer.Write(str(aside)) != IFSelect_RetDone:
+                raise KernelError("write STEP", f"OCC can't write {target}", topods)
+
+
+@contextmanager
+def _settings(wanted: Mapping[str, str]) -> Iterator[None]:
+    """OCC's settings are global; they are put back."""
+    before = {key: Interface_Static.CVal_s(key) for key in wanted}
+    try:
+        for key, value in wanted.items():
+            Interface_Static.SetCVal_s(key, value)
+        yield
+    finally:
+        for key, value in before.items():
+            Interface_Static.SetCVal_s(key, value)
+
+
+def _rename(writer: STEPControl_Writer, title: str, file: str, time_stamp: str | None) -> None:
+    """OCC numbers its products through the life of the process, so that equal requests would write unequal files."""
+    model = writer.Model()
+    text = TCollection_HAsciiString
+    products = [
+        e for i in range(1, model.NbEntities() + 1) if (e := model.Value(i)).DynamicType().Name() == "StepBasic_Product"
+    ]
+    for i, product in enumerate(products, 1):
+        label = title if len(products) == 1 else f"{title} {i}"
+        product.SetId(text(label))
+        product.SetName(text(label))
+    header = APIHeaderSection_MakeHeader(model)
+    header.SetName(text(file))
+    header.SetOriginatingSystem(text(SOFTWARE))
+    header.SetPreprocessorVersion(text(SOFTWARE))
+    if time_stamp is not None:
+        header.SetTimeStamp(text(time_stamp))
