@@ -1,0 +1,174 @@
+"""Fields from functions that come from elsewhere: a user's, or another room's.
+
+They are called with flat arrays, points (n, 3) or three arrays (n,), whatever the shape asked for, and what they return is
+checked. Without a gradient of their own it is taken by central differences of fourth order.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Array, Field, Jet, is_grid, positive, stacked
+
+STEP = 1e-3
+"""Step of the difference quotients, in model units. For a wave of amplitude 1 and length L the error of a derivative is about
+330 step^4 / L^5 + 2e-16 / step: 4e-13 for L = 10, 3e-10 for L = 1; give a smaller step for finer structures."""
+
+PROBES = np.array([[0.1, 0.2, 0.3], [1.7, -0.6, 0.9], [-2.3, 4.1, 5.2], [8.4, 6.5, -7.6], [0.4, 9.3, 3.7]])
+"""Points that tell a function of points from one of x, y, z, and a vectorised one from another; not three, which is ambiguous."""
+
+COMPANY_TOLERANCE = 1e-9
+"""Relative change of a probe's value when the other probes are left out: round-off of a reordered sum stays far below."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Function(Field):
+    """A foreign function of points (n, 3), or of x, y, z (n,) if `split`, and its gradient called likewise, or None.
+
+    A foreign object's own `on_grid` is used where it has one. Values that are not finite raise InvalidRequest.
+    """
+
+    function: Callable[..., Any]
+    slope: Callable[..., Any] | None
+    split: bool
+    step: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        fast = getattr(self.function, "on_grid", None)
+        if fast is not None and is_grid(x, y, z):
+            values = np.asarray(fast(x.ravel(), y.ravel(), z.ravel()), float)
+            return self._finite(values, *stacked(x, y, z))
+        points, shape = stacked(x, y, z)
+        return self._finite(self._values(points), points, shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+        points, shape = stacked(x, y, z)
+        value = self._finite(self._values(points), points, shape)
+        slopes = self._differences(points) if self.slope is None else self._own_slopes(points)
+        gx, gy, gz = (self._finite(slopes[:, axis], points, shape) for axis in range(3))
+        return value, gx, gy, gz
+
+    def _values(self, points: Array) -> Array:
+        values = np.asarray(call(self.function, points, self.split), float)
+        if values.shape != points.shape[:1]:
+            raise InvalidRequest(
+                f"{_name(self.function)} gave shape {values.shape} for {len(points)} points: {_REMEDY}"
+            )
+        return values
+
+    def _own_slopes(self, points: Array) -> Array:
+        assert self.slope is not None
+        slopes = np.asarray(call(self.slope, points, self.split), float)
+        if slopes.shape == (3, len(points)) and len(points) != 3:
+            slopes = slopes.T
+        if slopes.shape != points.shape:
+            raise InvalidRequest(
+                f"the gradient of {_name(self.function)} gave shape {slopes.shape} for {len(points)} points: "
+                "it must return (n, 3), a row for each point"
+            )
+        return slopes
+
+    def _differences(self, points: Array) -> Array:
+        slopes = np.empty(points.shape)
+        for axis in range(3):
+            move = self.step * np.eye(3)[axis]
+            near = self._values(points + move) - self._values(points - move)
+            far = self._values(points + 2 * move) - self._values(points - 2 * move)
+            slopes[:, axis] = (8 * near - far) / (12 * self.step)
+        return slopes
+
+    def _finite(self, values: Array, points: Array, shape: tuple[int, ...]) -> Array:
+        if not np.isfinite(values).all():
+            bad = ~np.isfinite(values.ravel())
+            where = ", ".join(f"{c:g}" for c in points[np.flatnonzero(bad)[0]])
+            raise InvalidRequest(
+                f"{_name(self.function)} is not finite at {bad.sum()} of {bad.size} points, first at ({where}): "
+                "mend the function there, or keep these points out of the domain"
+            )
+        return values.reshape(shape)
+
+
+def from_function(f: Callable[..., Any], gradient: Callable[..., Any] | None = None, *, step: float = STEP) -> Field:
+    """The field of f(points (n, 3)) -> (n,) or f(x, y, z) -> (n,); which of the two is found out by its signature or a trial.
+
+    gradient: called like f, returns (n, 3) (or a tuple of three). By default f's own attribute `gradient`, or else central
+    differences of fourth order with `step` in model units (12 calls of f; accuracy: see `STEP`).
+    Raises InvalidRequest for functions that take single points only or mix the points of a call, and, when evaluated, for
+    values that are not finite.
+    """
+    if isinstance(f, Field) and gradient is None:
+        return f
+    if not callable(f):
+        raise InvalidRequest(f"{f!r} can't be called: a function of points (n, 3) or of x, y, z is needed")
+    split = _takes_coordinates(f)
+    _check_vectorised(f, split)
+    own = gradient if gradient is not None else getattr(f, "gradient", None)
+    return Function(f, own, split, positive(step, "step"))
+
+
+def call(f: Callable[..., Any], points: Array, split: bool) -> Any:
+    """f of points, or of their coordinates; a tuple or list of three becomes an array's columns."""
+    result = f(*(points[:, axis].copy() for axis in range(3))) if split else f(points)
+    if isinstance(result, tuple | list) and len(result) == 3:
+        return np.stack([np.broadcast_to(part, len(points)) for part in result], axis=-1)
+    return result
+
+
+_REMEDY = (
+    "it must take arrays and return one value for each point; use NumPy's functions in it (np.sin, np.where, not math.sin or if) "
+    "and sums over the last axis, or wrap it with numpy.vectorize"
+)
+
+
+def _takes_coordinates(f: Callable[..., Any]) -> bool:
+    """Whether f wants x, y, z: by the number of its required arguments, else by trial."""
+    try:
+        parameters = inspect.signature(f).parameters.values()
+    except (TypeError, ValueError):
+        parameters = []  # type: ignore[assignment]
+    positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    required = sum(p.default is p.empty for p in positional)
+    open_ended = not parameters or any(p.kind is p.VAR_POSITIONAL for p in parameters)
+    if not open_ended and required in (1, 3):
+        return required == 3
+    if not open_ended and not required <= 3 <= len(positional) and not required <= 1 <= len(positional):
+        raise InvalidRequest(
+            f"{_name(f)} takes {len(positional)} arguments: one (points) or three (x, y, z) are needed"
+        )
+    for split in (False, True):
+        try:
+            values = np.asarray(call(f, PROBES, split), float)
+        except Exception:  # a trial: what goes wrong is reported by the check that follows
+            continue
+        if values.shape == (len(PROBES),):
+            return split
+    return len(positional) >= 3
+
+
+def _check_vectorised(f: Callable[..., Any], split: bool) -> None:
+    try:
+        with np.errstate(all="ignore"):
+            together = np.asarray(call(f, PROBES, split), float)
+            alone = [np.asarray(call(f, PROBES[i : i + 1], split), float) for i in range(len(PROBES))]
+    except InvalidRequest:
+        raise
+    except Exception as error:
+        raise InvalidRequest(
+            f"{_name(f)} can't be called with arrays ({type(error).__name__}: {error}): {_REMEDY}"
+        ) from error
+    if together.shape != (len(PROBES),):
+        raise InvalidRequest(f"{_name(f)} gave shape {together.shape} for {len(PROBES)} points: {_REMEDY}")
+    single = np.array([values.ravel()[0] if values.size == 1 else np.nan for values in alone])
+    scale = COMPANY_TOLERANCE * np.maximum(1.0, np.abs(together))
+    if (np.abs(together - single) > scale).any() or (np.isfinite(together) & ~np.isfinite(single)).any():
+        raise InvalidRequest(f"{_name(f)} gives a point another value in the company of others: {_REMEDY}")
+
+
+def _name(f: Any) -> str:
+    return f"the function {getattr(f, '__name__', type(f).__name__)}"
