@@ -1,0 +1,142 @@
+"""The merge tree of a sampled function: which minima there are, and at which saddle each joins an older one.
+
+Every voxel runs down to the lowest of its neighbours, and so to a minimum: the voxels of a minimum are its basin. Only voxels where
+two basins meet can be saddles; they alone are sorted and swept with a union-find structure in which the lower minimum survives
+(the elder rule). Voxels of equal value are ordered by their index. Basins may be given beforehand for all voxels up to some value,
+which then are not looked at.
+
+Keys are padded by one voxel all around, with +inf for nothing or -inf for an exterior, which is the voxel of index 0.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.topology.grid import Array, Ints, Labels, compiled, neighbours
+
+OPEN = np.int32(-1)
+"""A voxel whose basin is not known yet."""
+
+
+def padded(values: Array, sign: int, around: float) -> Array:
+    """sign * values with one voxel of `around` on every side."""
+    keys = np.full(tuple(n + 2 for n in values.shape), around)
+    np.multiply(values, float(sign), out=keys[1:-1, 1:-1, 1:-1])
+    return keys
+
+
+def merges(keys: Array, basins: Labels, count: int, floor: float, roots: int) -> tuple[Ints, Ints]:
+    """Minima and the saddles where they end, as flat indices into the padded arrays; equal keys are left out.
+
+    basins: OPEN, or the minimum of the voxel's basin (0: the exterior); overwritten. Of minima born above `floor` nothing is
+    recorded. roots: how many minima up to `floor` there are, or 0 if they are still to be counted.
+    """
+    near = neighbours(keys.shape, count)
+    nx, ny, nz = keys.shape
+    flat, basin = keys.reshape(-1), basins.reshape(-1)
+    minima = _descend(flat, basin, near, nx, ny, nz)
+    _resolve(basin, nx, ny, nz)
+    candidates = np.empty(flat.size, np.int32)
+    known = floor if roots else -np.inf
+    candidates = candidates[: _meeting(flat, basin, near, nx, ny, nz, known, candidates)].copy()
+    order = candidates[np.argsort(flat[candidates], kind="stable")]
+    most = roots if roots else minima + 1
+    births, deaths = np.empty(most, np.int64), np.empty(most, np.int64)
+    found = _sweep(flat, basin, near, order, floor, most - 1 if roots else minima, births, deaths)
+    return births[:found], deaths[:found]
+
+
+@compiled
+def _descend(key: Array, basin: Labels, near: Ints, nx: int, ny: int, nz: int) -> int:
+    """Point every open voxel at its lowest neighbour, minima at themselves; the number of minima."""
+    minima = 0
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            row = (i * ny + j) * nz
+            for v in range(row + 1, row + nz - 1):
+                if basin[v] >= 0:
+                    continue
+                best, low = v, key[v]
+                for step in near:
+                    u = v + step
+                    k = key[u]
+                    if k < low or (k == low and u < best):
+                        best, low = u, k
+                basin[v] = best
+                if best == v:
+                    minima += 1
+    return minima
+
+
+@compiled
+def _resolve(basin: Labels, nx: int, ny: int, nz: int) -> None:
+    """Point every voxel at the minimum it runs down to."""
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            row = (i * ny + j) * nz
+            for v in range(row + 1, row + nz - 1):
+                root = basin[v]
+                while basin[root] != root:
+                    root = basin[root]
+                w = v
+                while basin[w] != root:
+                    following = basin[w]
+                    basin[w] = root
+                    w = following
+
+
+@compiled
+def _meeting(key: Array, basin: Labels, near: Ints, nx: int, ny: int, nz: int, known: float, out: Labels) -> int:
+    """Voxels above what is known with a lower neighbour in another basin than their own, ascending; how many."""
+    found = 0
+    for i in range(1, nx - 1):
+        for j in range(1, ny - 1):
+            row = (i * ny + j) * nz
+            for v in range(row + 1, row + nz - 1):
+                k = key[v]
+                if k <= known:
+                    continue
+                own = basin[v]
+                for step in near:
+                    u = v + step
+                    if basin[u] != own and (key[u] < k or (key[u] == k and u < v)):
+                        out[found] = v
+                        found += 1
+                        break
+    return found
+
+
+@compiled
+def _find(basin: Labels, v: int) -> int:
+    while basin[v] != v:
+        basin[v] = basin[basin[v]]
+        v = basin[v]
+    return v
+
+
+@compiled
+def _sweep(
+    key: Array, basin: Labels, near: Ints, order: Labels, floor: float, left: int, births: Ints, deaths: Ints
+) -> int:
+    """Join the basins below each saddle in turn, the older surviving, until `left` joins of minima up to the floor are made."""
+    found = 0
+    for v in order:
+        k = key[v]
+        elder = _find(basin, v)
+        for step in near:
+            u = v + step
+            if key[u] < k or (key[u] == k and u < v):
+                younger = _find(basin, u)
+                if younger == elder:
+                    continue
+                if key[younger] < key[elder] or (key[younger] == key[elder] and younger < elder):
+                    younger, elder = elder, younger
+                basin[younger] = elder
+                if key[younger] <= floor:
+                    if key[younger] < k:
+                        births[found], deaths[found] = younger, v
+                        found += 1
+                    left -= 1
+                    if left == 0:
+                        return found
+    return found
