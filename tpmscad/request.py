@@ -91,7 +91,7 @@ def lattice_request(
             f"tol {bound:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
             "ask for more, or scale the model up"
         )
-    walls = _walls(name, reference, kind, thickness, offset, volume_fraction, edges[0], stretched)
+    walls = _walls(name, reference, kind, side, thickness, offset, volume_fraction, edges[0], stretched)
     if not stretched:
         _within_reach(name, reference, walls, edges[0])
     return LatticeRequest(name, edges, counts, walls, kind, side, reference, boundary, shift, bound)
@@ -101,6 +101,7 @@ def _walls(
     name: str,
     reference: str,
     kind: str,
+    side: str,
     thickness: float | None,
     offset: float | Sequence[float] | None,
     volume_fraction: float | None,
@@ -125,7 +126,7 @@ def _walls(
             raise InvalidRequest(
                 "volume_fraction is solved for cubic cells without a map; give thickness or offset instead"
             )
-        return surfaces.offsets_for(name, reference, fraction, kind, cell)
+        return surfaces.offsets_for(name, reference, fraction, kind, cell, side)
     if thickness is not None:
         half = _positive("thickness", thickness) / 2
         return -half, half

@@ -20,6 +20,9 @@ Reference = Callable[[Array, Array], Array]
 SAMPLES = 49
 """Samples along each parameter: three for each lobe of the error of a patch of degree 16."""
 
+FOOT = 1e-10
+"""Feet that move less than this in a step are found: what is left of the tangential part is far below any deviation."""
+
 ROOM = 0.04
 """Feet on the reference may lie this fraction of the domain outside it; a foot held back there only enlarges the distance."""
 
@@ -81,6 +84,8 @@ def _to_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -> 
     for _ in range(FOOT_ITERATIONS):
         da, db = _step(points - reference(a, b), *tangents)
         a, b = np.clip(a + da, u0 - room_u, u1 + room_u), np.clip(b + db, v0 - room_v, v1 + room_v)
+        if max(np.abs(da).max(), np.abs(db).max()) < FOOT:
+            break
     return np.linalg.norm(points - reference(a, b), axis=-1)
 
 
@@ -96,6 +101,8 @@ def _from_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -
         db = np.where(leaves_u, _ratio(along_v, residual), db)  # on a border the foot slides along it alone
         da = np.where(leaves_v, _ratio(along_u, residual), da)
         a, b = np.clip(a + da, u0, u1), np.clip(b + db, v0, v1)
+        if max(np.abs(da).max(), np.abs(db).max()) < FOOT:
+            break
     return np.linalg.norm(points - fitted(a, b), axis=-1)
 
 

@@ -19,7 +19,7 @@ from tpmscad.patches.lattice import Sheet
 from tpmscad.splines import bounds
 from tpmscad.splines.adaptive import Fit, Space, adapt
 from tpmscad.splines.axis import Axis
-from tpmscad.splines.bspline import Array, Surface
+from tpmscad.splines.bspline import Surface
 from tpmscad.splines.continuity import Conditions, Joint, joint_conditions
 
 VALENCE = 6
