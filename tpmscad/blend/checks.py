@@ -82,7 +82,8 @@ def check_regions(field: BlendedField, grid: Grid) -> None:
 def check_sampling(field: BlendedField, coarse: Scene, fine: Scene) -> None:
     """Inputs keep their components and cavities when the samples are doubled; otherwise the resolution that would do."""
     for index, structure in enumerate(field.structures):
-        here, there = (_own(scene, index) for scene in (coarse, fine))
+        here = _own(coarse, index)
+        there = here if here < ALIASED else _own(fine, index)
         if here - there >= ALIASED:
             enough = _enough(structure, fine.grid, there)
             raise InvalidRequest(
@@ -92,8 +93,12 @@ def check_sampling(field: BlendedField, coarse: Scene, fine: Scene) -> None:
 
 
 def _own(scene: Scene, index: int) -> int:
+    """Errors of a structure over the whole domain or where it takes part, whichever is less: cuts make slivers of their own."""
+    whole = census(scene.structures[index])
+    if whole.n0 + whole.n2 < ALIASED:
+        return whole.n0 + whole.n2
     solid, void = scene.own_errors(index)
-    return int(ndimage.label(solid)[1] + ndimage.label(void)[1])
+    return min(whole.n0 + whole.n2, int(ndimage.label(solid)[1] + ndimage.label(void)[1]))
 
 
 def _enough(structure: Field, grid: Grid, count: int) -> str:

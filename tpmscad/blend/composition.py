@@ -1,20 +1,31 @@
 """Structures, regions, blending regions and weights as one field (porous blending, eqs 2, 6 and 8, Algorithm 3).
 
 Stage k joins what there is so far with structure k + 1 in blending region k: there f = (1 - w) f_so_far + w f_next; elsewhere the
-structure of the region the point is in, taken over unchanged.
+structure of the region the point is in, taken over unchanged. Where a later region is, stage k mixes too, by its weight continued:
+that is what the later stage starts from in its own blending region, and nothing of it is left outside.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad.blend.grid import Array, Field, Ints, Mask, lattice
-from tpmscad.blend.weight import Weight
 from tpmscad.errors import InvalidRequest
+
+
+class Weighting(Protocol):
+    """A weight as the field needs it: w(points (..., 3)) in [0, 1] and its gradient (..., 3)."""
+
+    def __call__(self, points: ArrayLike) -> Array: ...
+
+    def gradient(self, points: ArrayLike) -> Array: ...
+
+    def on_grid(self, x: Array, y: Array, z: Array) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +40,7 @@ class BlendedField:
     structures: tuple[Field, ...]
     regions: tuple[Field, ...]
     blending: tuple[Field, ...]
-    weights: tuple[Weight, ...]
+    weights: tuple[Weighting, ...]
 
     def __call__(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
@@ -46,7 +57,7 @@ class BlendedField:
             structure = self.structures[stage + 1]
             following = np.asarray(structure(points), float)
             rise = gradient_of(structure, points)
-            here = inside(blending, points)
+            here = inside(blending, points) | (owner > stage + 1)
             w, dw = weight(points[here]), weight.gradient(points[here])
             mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
             blended = (1 - w) * value[here] + w * following[here]
@@ -72,14 +83,14 @@ class BlendedField:
             [self._joined(points, [np.full(points.shape[:-1], c) for c in column]) for column in unit], axis=-1
         )
 
-    def with_weights(self, weights: Sequence[Weight]) -> BlendedField:
+    def with_weights(self, weights: Sequence[Weighting]) -> BlendedField:
         return replace(self, weights=tuple(weights))
 
     def _joined(self, points: Array, values: list[Array]) -> Array:
         owner = self.owner(points)
         joined = values[0]
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
-            here = inside(blending, points)
+            here = inside(blending, points) | (owner > stage + 1)
             w = weight(points[here])
             blended = (1 - w) * joined[here] + w * values[stage + 1][here]
             joined = np.where(owner > stage, values[stage + 1], joined)
@@ -96,14 +107,15 @@ class StageWeight:
 
     def __call__(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
-        here = inside(self.field.blending[self.stage], points)
-        value = (self.field.owner(points) > self.stage).astype(float)
+        owner = self.field.owner(points)
+        here = inside(self.field.blending[self.stage], points) | (owner > self.stage + 1)
+        value = (owner > self.stage).astype(float)
         value[here] = self.field.weights[self.stage](points[here])
         return value
 
     def gradient(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
-        here = inside(self.field.blending[self.stage], points)
+        here = inside(self.field.blending[self.stage], points) | (self.field.owner(points) > self.stage + 1)
         slope = np.zeros(points.shape)
         slope[here] = self.field.weights[self.stage].gradient(points[here])
         return slope

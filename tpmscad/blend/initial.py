@@ -11,10 +11,9 @@ from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.coordinates import Along, Coordinate
 from tpmscad.blend.grid import Array, Field, Mask
 from tpmscad.blend.scene import Scene
-from tpmscad.blend.weight import Weight
 from tpmscad.blend.weights_fit import volume_weight
 from tpmscad.blend.weights_line import LineWeight, line_weight
-from tpmscad.blend.weights_volume import Triple
+from tpmscad.blend.weights_volume import Triple, VolumeWeight
 from tpmscad.errors import InvalidRequest
 
 SAMPLES_PER_COEFFICIENT = 2.0
@@ -47,7 +46,9 @@ Spec = Line | Volume | str
 NAMES = ("auto", "x", "y", "z", "volume")
 
 
-def initial_weight(spec: Spec, field: BlendedField, scene: Scene, stage: int, *, refine: bool = True) -> Weight:
+def initial_weight(
+    spec: Spec, field: BlendedField, scene: Scene, stage: int, *, refine: bool = True
+) -> LineWeight | VolumeWeight:
     """The weight a stage starts from: 0 in what there was before, 1 in structure stage + 1.
 
     "auto" takes a line along x, y or z if the blending region is a layer across it, else a volume. Raises InvalidRequest for an
@@ -67,13 +68,13 @@ def initial_weight(spec: Spec, field: BlendedField, scene: Scene, stage: int, *,
         if isinstance(line, str):
             raise InvalidRequest(f"blending region {stage}: {line}; use weight='volume'")
         return line
-    first, second = sides(field, stage)
     count = spec.count or _count(scene, stage)
-    return volume_weight(scene.grid, first, second, field.blending[stage], count, spec.degree, refine=refine)
+    return volume_weight(scene.grid, *sides(field, stage), count, spec.degree, refine=refine)
 
 
-def sides(field: BlendedField, stage: int) -> tuple[Field, Field]:
-    """The two regions of a stage as fields: where the structures so far are, and where structure stage + 1 is."""
+def sides(field: BlendedField, stage: int) -> tuple[Field, Field, Field]:
+    """The two regions of a stage as fields, where the structures so far are and where structure stage + 1 is, and where it mixes:
+    its blending region and, continued, the later regions."""
 
     def first(points: Array) -> Array:
         return np.where(field.owner(points) <= stage, -1.0, 1.0)
@@ -81,7 +82,10 @@ def sides(field: BlendedField, stage: int) -> tuple[Field, Field]:
     def second(points: Array) -> Array:
         return np.where(field.owner(points) == stage + 1, -1.0, 1.0)
 
-    return first, second
+    def mixing(points: Array) -> Array:
+        return np.where(field.owner(points) > stage + 1, -1.0, np.asarray(field.blending[stage](points)))
+
+    return first, second, mixing
 
 
 def _axis(axis: int) -> Along:

@@ -1,8 +1,8 @@
 """The robust optimiser: mends what the census counts, on the working grid and on the grid of twice its samples.
 
 Each round takes the coarsest grid that has errors, asks for the cheapest repairs, and moves every weight to the coefficients
-nearest to its initial ones that meet all demands so far. When that stalls, the next tool is tried: a gradient method on the
-persistence of the errors, then weights with three dimensions.
+nearest to its initial ones that meet all demands so far. Where that stalls the next tool is tried from the best state: a gradient
+method on the persistence of the errors, weights with more freedom, demands forgotten and smaller margins.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad.blend.composition import Weighting
 from tpmscad.blend.census import Census, census
 from tpmscad.blend.demands import NONE, Demands, agreed
 from tpmscad.blend.grid import Array, Ints
@@ -26,22 +27,13 @@ MARGIN = 0.15
 PATIENCE = 3
 """Rounds without fewer errors before the next tool is tried."""
 
-Promote = Callable[[int, Weight], Weight]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """Weights, what is left on each grid (coarse first), the rounds taken and a line on each tool used."""
-
-    weights: tuple[Weight, ...]
-    left: tuple[tuple[int, int], ...]
-    rounds: int
-    log: tuple[str, ...]
+Free = Callable[[int, Weight], Weight | None]
+"""A weight of the same values with more freedom for a stage's weight; None if there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A census of one grid with the errors that are the blend's to mend."""
+    """A census of one grid, with the errors that are the blend's to mend (labels)."""
 
     level: int
     values: Array
@@ -54,7 +46,34 @@ class View:
         return len(self.solid) + len(self.void)
 
 
-def view(scene: Scene, level: int, weights: Sequence[Weight]) -> View:
+@dataclass(frozen=True, slots=True, eq=False)
+class State:
+    """Weights and what is counted with them: the views of the grids up to the first with errors, coarse first."""
+
+    weights: tuple[Weight, ...]
+    views: tuple[View, ...]
+    score: tuple[int, int]
+    """Grids not yet clean, and the errors on the first of them: the less the better."""
+
+    @property
+    def clean(self) -> bool:
+        return self.score[0] == 0
+
+    @property
+    def last(self) -> View:
+        return self.views[-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """The best state reached, the rounds taken and a line on each tool that was needed."""
+
+    state: State
+    rounds: int
+    log: tuple[str, ...]
+
+
+def view(scene: Scene, level: int, weights: Sequence[Weighting]) -> View:
     values = scene.values(weights)
     counted = census(values)
     solid = np.setdiff1d(counted.solid.errors, scene.intrinsic(counted.solid, 1))
@@ -62,73 +81,87 @@ def view(scene: Scene, level: int, weights: Sequence[Weight]) -> View:
     return View(level, values, counted, solid, void)
 
 
-def score(scenes: Sequence[Scene], weights: Sequence[Weight]) -> tuple[tuple[int, int, int], View | None]:
-    """(level of the coarsest grid with errors, negative if none; errors there), and its view."""
+def look(scenes: Sequence[Scene], weights: Sequence[Weight]) -> State:
+    views = []
     for level, scene in enumerate(scenes):
-        seen = view(scene, level, weights)
-        if seen.count:
-            return (len(scenes) - level, seen.count, 0), seen
-    return (0, 0, 0), None
+        views.append(view(scene, level, weights))
+        if views[-1].count:
+            return State(tuple(weights), tuple(views), (len(scenes) - level, views[-1].count))
+    return State(tuple(weights), tuple(views), (0, 0))
 
 
-def optimise(scenes: Sequence[Scene], weights: Sequence[Weight], promote: Promote, max_rounds: int) -> Outcome:
+def all_views(scenes: Sequence[Scene], state: State) -> tuple[View, ...]:
+    """The views of all grids, those behind the first with errors made now."""
+    rest = [view(scene, level, state.weights) for level, scene in enumerate(scenes) if level >= len(state.views)]
+    return (*state.views, *rest)
+
+
+def optimise(scenes: Sequence[Scene], start: State, free: Free, max_rounds: int) -> Outcome:
     """Weights whose blend has no errors of its own on any of the grids, or the best that was reached."""
-    state = list(weights)
+    best, rounds = start, 0
     log: list[str] = []
-    rounds = 0
-    best_score, seen = score(scenes, state)
-    best = list(state)
-    for tool in ("path", "volume", "path"):
-        if seen is None or rounds >= max_rounds:
+    margin = MARGIN
+    for tool in ("repair", "freer", "forget", "freer", "forget", "forget"):
+        if best.clean or rounds >= max_rounds:
             break
-        if tool == "volume":
-            state = [promote(k, weight) for k, weight in enumerate(best)]
-            log.append(f"weights given three dimensions after {rounds} rounds")
-        found, used = _paths(scenes, state, max_rounds - rounds)
+        begin = best
+        if tool == "freer":
+            more = [free(k, weight) for k, weight in enumerate(best.weights)]
+            if all(weight is None for weight in more):
+                continue
+            begin = look(scenes, [new or old for new, old in zip(more, best.weights, strict=True)])
+            log.append(
+                f"weights given more freedom after {rounds} rounds: {'; '.join(_shape(w) for w in begin.weights)}"
+            )
+        elif tool == "forget":
+            margin /= 2
+        found, used = _repaired(scenes, begin, margin, max_rounds - rounds)
         rounds += used
-        result, left = score(scenes, found)
-        if result < best_score:
-            best, best_score, seen = found, result, left
-        state = list(best)
-    left_over = tuple((len(v.solid), len(v.void)) for v in (view(s, k, best) for k, s in enumerate(scenes)))
-    return Outcome(tuple(best), left_over, rounds, tuple(log))
+        if found.score < best.score or tool == "freer":
+            best = found
+    return Outcome(best, rounds, tuple(log))
 
 
-def _paths(scenes: Sequence[Scene], weights: Sequence[Weight], max_rounds: int) -> tuple[list[Weight], int]:
+def _shape(weight: Weight) -> str:
+    return " x ".join(map(str, weight.coefficients.shape))
+
+
+def _repaired(scenes: Sequence[Scene], start: State, margin: float, max_rounds: int) -> tuple[State, int]:
     """Rounds of repairs with all their demands kept, until nothing is left or nothing gets better."""
-    state, origin = list(weights), [weight.coefficients for weight in weights]
-    memory: list[Demands] = [NONE] * len(state)
-    best, best_score, idle = list(state), None, 0
-    for used in range(max_rounds + 1):
-        result, seen = score(scenes, state)
-        if best_score is None or result < best_score:
-            best, best_score, idle = list(state), result, 0
-        else:
-            idle += 1
-        if seen is None or idle > PATIENCE or used == max_rounds:
+    state = best = start
+    origin = [weight.coefficients for weight in start.weights]
+    memory: list[Demands] = [NONE] * len(origin)
+    idle = used = 0
+    while not best.clean and idle < PATIENCE and used < max_rounds:
+        weights, memory, changed = _mended(scenes[state.last.level], state, origin, memory, margin)
+        used += 1
+        if not changed:
             break
-        if not _mend(scenes[seen.level], seen, state, origin, memory):
-            break
+        state = look(scenes, weights)
+        idle = 0 if state.score < best.score else idle + 1
+        best = min(best, state, key=lambda s: s.score)
     return best, used
 
 
-def _mend(scene: Scene, seen: View, state: list[Weight], origin: list[Array], memory: list[Demands]) -> bool:
-    """One round, changing state and memory in place; False if no repair could be had."""
+def _mended(
+    scene: Scene, state: State, origin: list[Array], memory: list[Demands], margin: float
+) -> tuple[list[Weight], list[Demands], bool]:
+    """One round: the weights moved, the demands so far, and whether any repair could be had."""
+    seen, weights, kept = state.last, list(state.weights), list(memory)
     changed = False
-    for stage in range(len(state)):
-        sampled = scene.sampled(state, stage)
-        if not np.any(sampled.slope):
+    for stage, weight in enumerate(state.weights):
+        sampled = scene.sampled(weights, stage)
+        acts = sampled.slope != 0
+        if not acts.any():
             continue
-        scale = MARGIN * float(np.sqrt(np.mean(seen.values[sampled.slope != 0] ** 2)))
-        weight = state[stage]
-        reach = tightened(sampled.reach(weight), sampled, weight, memory[stage])
+        past = margin * float(np.sqrt(np.mean(seen.values[acts] ** 2)))
+        reach = tightened(sampled.reach(weight), sampled, weight, kept[stage])
         groups = []
         for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
             if len(errors):
-                groups += repair(sampled, weight, seen.values, phase, errors, sign, scale, reach).groups
-        if not groups:
-            continue
-        memory[stage], found, left_out = agreed(weight, origin[stage], memory[stage], groups)
-        changed |= len(left_out) < len(groups)
-        state[stage] = weight.moved(found)
-    return changed
+                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, reach).groups
+        if groups:
+            kept[stage], found, left_out = agreed(weight, origin[stage], kept[stage], groups)
+            changed |= len(left_out) < len(groups)
+            weights[stage] = weight.moved(found)
+    return weights, kept, changed

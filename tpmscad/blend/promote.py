@@ -1,18 +1,50 @@
-"""A line weight turned into a volume weight of the same values, when one dimension has too little freedom for a repair."""
+"""Weights with more freedom and the same values: a line weight made a volume weight, a volume weight's knots halved."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from tpmscad.blend.grid import Field, Grid
-from tpmscad.blend.weights_fit import layout, local_lspia
+from tpmscad.blend.weight import Weight
+from tpmscad.blend.weights_fit import layout, local_lspia, meets
 from tpmscad.blend.weights_line import LineWeight
-from tpmscad.blend.weights_volume import Knots, Triple, VolumeWeight, uniform_knots
+from tpmscad.blend.weights_volume import Knots, Triple, VolumeWeight, contract, uniform_knots
+from tpmscad.splines.knots import insert
 
 SAMPLES_PER_COEFFICIENT = 2.0
 """Samples per knot span of a promoted weight: at one, weights were seen to build bridges one sample wide."""
 
 FIT_STEPS = 60
+
+
+def freer(weight: Weight, grid: Grid, first: Field, second: Field, blending: Field) -> Weight | None:
+    """A weight of the same values with more free coefficients, or None where there are as many as samples."""
+    if isinstance(weight, LineWeight):
+        return promoted(weight, grid, first, second, blending)
+    if not isinstance(weight, VolumeWeight):
+        return None
+    return halved(weight, grid, first, second, blending)
+
+
+def halved(weight: VolumeWeight, grid: Grid, first: Field, second: Field, blending: Field) -> VolumeWeight | None:
+    """The same weight on knots twice as fine along every axis where a span is wider than a sample; None if none is."""
+    knots, maps = [], []
+    for axis, (t, degree) in enumerate(zip(weight.knots, weight.degree, strict=True)):
+        matrix, refined = np.eye(len(t) - degree - 1), t
+        inner = t[degree:-degree]
+        if float(np.median(np.diff(np.unique(inner)))) > 1.2 * grid.spacing[axis]:
+            for middle in (inner[:-1] + inner[1:]) / 2:
+                if middle not in inner:
+                    matrix, refined = insert(matrix, refined, degree, float(middle))
+        knots.append(refined)
+        maps.append(csr_array(matrix))
+    if all(len(a) == len(b) for a, b in zip(knots, weight.knots, strict=True)):
+        return None
+    fine: Knots = (knots[0], knots[1], knots[2])
+    met = [meets(grid, region, blending, fine, weight.degree) for region in (first, second)]
+    low, high = (contract(np.broadcast_to(b, weight.free.shape), maps) for b in (weight.low, weight.high))
+    return VolumeWeight(contract(weight.coefficients, maps), fine, weight.degree, ~(met[0] | met[1]), low, high)
 
 
 def promoted(weight: LineWeight, grid: Grid, first: Field, second: Field, blending: Field) -> VolumeWeight:
@@ -37,6 +69,10 @@ def promoted(weight: LineWeight, grid: Grid, first: Field, second: Field, blendi
     shape3[weight.axis] = -1
     coefficients = np.broadcast_to(weight.coefficients.reshape(shape3), lengths).copy()
     free = np.broadcast_to(weight.free.reshape(shape3), lengths).copy()
+    low, high = (
+        np.broadcast_to(np.broadcast_to(b, weight.free.shape).reshape(shape3), lengths)
+        for b in (weight.low, weight.high)
+    )
     all_knots: Knots = (knots[0], knots[1], knots[2])
     all_degrees: Triple = (degree[0], degree[1], degree[2])
-    return VolumeWeight(coefficients, all_knots, all_degrees, free)
+    return VolumeWeight(coefficients, all_knots, all_degrees, free, low, high)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.composition import BlendedField, StageWeight, Weighting
 from tpmscad.blend.grid import Array
-from tpmscad.blend.weight import Weight
+from tpmscad.blend.optimise import View
+from tpmscad.blend.scene import Scene
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ class BlendResult:
 
     field: BlendedField
     weight: Callable[[Array], Array]
-    weights: tuple[Weight, ...]
+    weights: tuple[Weighting, ...]
     errors: Errors
     converged: bool
     iterations: int
@@ -64,3 +65,54 @@ class BlendResult:
     method: str
     resolution: tuple[int, int, int]
     seconds: Mapping[str, float]
+
+
+def result_of(
+    field: BlendedField,
+    method: str,
+    scenes: Sequence[Scene],
+    before: Sequence[View],
+    after: Sequence[View],
+    iterations: int,
+    log: tuple[str, ...],
+    seconds: Mapping[str, float],
+) -> BlendResult:
+    """The result from the views of all grids, before and after."""
+
+    def tally(solid: bool) -> Tally:
+        total = [[v.census.n0 if solid else v.census.n2 for v in views] for views in (before, after)]
+        blamed = [len(v.solid if solid else v.void) for v in after]
+        own = [a - b for a, b in zip(total[1], blamed, strict=True)]
+        return Tally(tuple(total[0]), tuple(total[1]), tuple(own))
+
+    errors = Errors(tuple(s.grid.shape for s in scenes), tally(True), tally(False))
+    return BlendResult(
+        field=field,
+        weight=StageWeight(field, 0) if len(field.weights) == 1 else field.shares,
+        weights=field.weights,
+        errors=errors,
+        converged=errors.left == 0,
+        iterations=iterations,
+        message=_message(errors, log),
+        method=method,
+        resolution=scenes[0].grid.shape,
+        seconds=dict(seconds),
+    )
+
+
+def _message(errors: Errors, log: tuple[str, ...]) -> str:
+    checked = " and ".join("x".join(map(str, r)) for r in errors.resolutions)
+    parts = []
+    if errors.left == 0:
+        parts.append(f"no topological error of the blend at {checked}")
+    else:
+        left = "; ".join(
+            f"{'x'.join(map(str, r))}: {a} isolated components and {b} isolated holes"
+            for r, a, b in zip(errors.resolutions, errors.n0.left, errors.n2.left, strict=True)
+        )
+        parts.append(f"errors left: {left}")
+    if any(errors.n0.intrinsic) or any(errors.n2.intrinsic):
+        parts.append(
+            f"intrinsic to the inputs: {max(errors.n0.intrinsic)} components, {max(errors.n2.intrinsic)} holes"
+        )
+    return ". ".join([*parts, *log])

@@ -50,9 +50,9 @@ class Sampled:
         return np.where(weight.free, full, 0.0)
 
     def reach(self, weight: Weight) -> tuple[Array, Array]:
-        """The least and the greatest weight that free coefficients in [0, 1] can give each sample of the window."""
-        least = weight.moved(np.where(weight.free, 0.0, weight.coefficients)).on_grid(*self.axes)
-        most = weight.moved(np.where(weight.free, 1.0, weight.coefficients)).on_grid(*self.axes)
+        """The least and the greatest weight that free coefficients within their bounds can give each sample of the window."""
+        least = weight.moved(np.where(weight.free, weight.low, weight.coefficients)).on_grid(*self.axes)
+        most = weight.moved(np.where(weight.free, weight.high, weight.coefficients)).on_grid(*self.axes)
         return least, most
 
 

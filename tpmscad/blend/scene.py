@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
 
 from tpmscad.blend.census import Phase, solid_phase, void_phase
-from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.composition import BlendedField, Weighting
 from tpmscad.blend.grid import Array, Grid, Ints, Mask, sample
 from tpmscad.blend.sampled import Sampled, Window, block
-from tpmscad.blend.weight import Weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +24,23 @@ class Scene:
     blending: tuple[Mask, ...]
     owner: Ints
 
-    def sampled(self, weights: Sequence[Weight], stage: int) -> Sampled:
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        """The block of samples of each blending region."""
+        return tuple(block(mask) for mask in self.mixing)
+
+    @cached_property
+    def mixing(self) -> tuple[Mask, ...]:
+        """The samples where the weight of each stage counts: its blending region and the later regions."""
+        return tuple(mask | (self.owner > k + 1) for k, mask in enumerate(self.blending))
+
+    def sampled(self, weights: Sequence[Weighting], stage: int) -> Sampled:
         """The final field as an affine function of one stage's weight, the others held."""
         value = self.structures[0]
         slope = np.zeros(1)
-        for k, mask in enumerate(self.blending):
+        for k, mask in enumerate(self.mixing):
             following, later = self.structures[k + 1], self.owner > k
-            part = block(mask)
+            part = self.windows[k]
             here = mask[part]
             step = (following[part] - value[part])[here]
             joined = np.where(later, following, value)
@@ -48,10 +58,16 @@ class Scene:
             value = joined
         return Sampled(self.grid, value, slope)
 
-    def values(self, weights: Sequence[Weight]) -> Array:
+    def values(self, weights: Sequence[Weighting]) -> Array:
         """The final field on the grid."""
-        last = len(self.blending) - 1
-        return self.sampled(weights, last).values(weights[last])
+        value = self.structures[0]
+        for k, mask in enumerate(self.mixing):
+            following, part = self.structures[k + 1], self.windows[k]
+            here = mask[part]
+            before = value[part][here]
+            value = np.where(self.owner > k, following, value)
+            value[part][here] = before + self._weight(weights[k], part)[here] * (following[part][here] - before)
+        return value
 
     def movable(self) -> Mask:
         """Samples in any blending region."""
@@ -73,15 +89,17 @@ class Scene:
         if len(phase.errors) == 0:
             return phase.errors
         outside = ~self.movable()
+        total = np.bincount(phase.labels[outside], minlength=len(phase.sizes))
+        if not np.any(total[phase.errors]):
+            return phase.errors[:0]
         own = np.zeros(self.grid.shape, bool)
         for index in range(len(self.structures)):
             errors = self.own_errors(index)[0 if sign > 0 else 1]
             own |= errors & (self.owner == index)
-        total = np.bincount(phase.labels[outside], minlength=len(phase.sizes))
         inherited = np.bincount(phase.labels[outside & own], minlength=len(phase.sizes))
         return phase.errors[(total[phase.errors] > 0) & (total[phase.errors] == inherited[phase.errors])]
 
-    def _weight(self, weight: Weight, part: Window) -> Array:
+    def _weight(self, weight: Weighting, part: Window) -> Array:
         x, y, z = (axis[s] for axis, s in zip(self.grid.axes, part, strict=True))
         return weight.on_grid(x, y, z)
 

@@ -55,7 +55,7 @@ def layout(
         uniform_knots(a, b, n, p) for a, b, n, p in zip(grid.low, grid.high, count, degree, strict=True)
     )
     while True:
-        zero, one = (_meets(grid, region, blending, knots, degree) for region in (first, second))
+        zero, one = (meets(grid, region, blending, knots, degree) for region in (first, second))
         both, free = zero & one, ~(zero | one)
         if not both.any() and free.sum() >= MIN_FREE:
             return VolumeWeight(np.where(free, 0.5, one.astype(float)), knots, degree, free)
@@ -69,7 +69,8 @@ def layout(
         knots = _refined(knots, degree, both if both.any() else np.ones(both.shape, bool))
 
 
-def _meets(grid: Grid, region: Field, blending: Field, knots: Knots, degree: Triple) -> Mask:
+def meets(grid: Grid, region: Field, blending: Field, knots: Knots, degree: Triple) -> Mask:
+    """Which supports reach into the region outside the blending region, by samples finer than the knots."""
     axes = tuple(
         np.linspace(a, b, max(SAMPLES_PER_SPAN * (len(t) - 2 * p - 1) + 1, n))
         for a, b, t, p, n in zip(grid.low, grid.high, knots, degree, grid.shape, strict=True)

@@ -38,6 +38,9 @@ class LineWeight:
     start: float
     end: float
     free: Mask
+    low: float | Array = 0.0
+    high: float | Array = 1.0
+    """Bounds of the free coefficients, within [0, 1]."""
 
     def __call__(self, points: ArrayLike) -> Array:
         return self.of(self.coordinate(np.asarray(points, float)))

@@ -31,6 +31,9 @@ class VolumeWeight:
     knots: Knots
     degree: Triple
     free: Mask
+    low: float | Array = 0.0
+    high: float | Array = 1.0
+    """Bounds of the free coefficients, within [0, 1]."""
 
     def __call__(self, points: ArrayLike) -> Array:
         return np.clip(self._derivative(np.asarray(points, float), (0, 0, 0)), 0.0, 1.0)
