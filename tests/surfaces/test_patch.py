@@ -195,6 +195,17 @@ def test_the_greatest_offset_is_half_a_weierstrass_unit(name: str, limit: float)
     assert surfaces.patch(name).max_offset == pytest.approx(limit, rel=1e-15)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_the_greatest_offset_of_the_nodal_surface_is_its_least_radius_of_curvature(name: str) -> None:
+    """At the centre of the gyroid's and Schwarz P's patch, which has closed forms; on a diagonal of Diamond's."""
+    limit = surfaces.patch(name, "nodal").max_offset
+    u = np.linspace(0, 1, 4001)
+    mean, gauss = curvatures(surfaces.patch(name, "nodal").jet(u, u))
+    assert limit == pytest.approx(1 / (np.abs(mean) + np.sqrt(mean**2 - np.minimum(gauss, 0))).max(), rel=1e-7)
+    closed = {"gyroid": 1 / (np.pi * np.sqrt(3)), "schwarz_p": 1 / (2 * np.pi)}
+    assert limit == pytest.approx(closed.get(name, limit), rel=1e-14)
+
+
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_no_other_sheet_comes_nearer_than_the_greatest_offset(name: str, reference: str) -> None:
     """Reach by Federer's formula: the least |q - p|^2 / 2 |(q - p) . n(p)| over pairs of points, remote ones included."""
