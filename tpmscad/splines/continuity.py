@@ -32,8 +32,9 @@ and s_e = 1, s_ee = -2k, y_e = -k h, y_ee = 2 k^2 h at e = 0 give
     D_1 = X_s - k y X_y
     D_2 = X_ss - 2 k y X_sy + k^2 y^2 X_yy - 2 k X_s + 2 k^2 y X_y.
 
-Derivatives along the side follow, since the conditions hold for all y. Each D_m is a polynomial in y of the degree along the
-side in every span, so degree + 1 points per span make the identity exact, not approximate.
+Derivatives along the side follow, since the conditions hold for all y; so do, from D_0, the two terms of D_2 without X_s. Each
+D_m is a polynomial in y of the degree along the side in every span, so degree + 1 points per span make the identity exact, not
+approximate.
 """
 
 from __future__ import annotations

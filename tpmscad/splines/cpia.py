@@ -16,10 +16,11 @@ the extreme ones a, b of M. With mu = 2 / (a + b) therefore
 
 Also Pi B^T W (Q - B x) = -Pi M Pi e gives |x - x*| <= |Pi B^T W (Q - B x)| / a: the stopping rule needs no knowledge of x*.
 
-**Rate.** It depends on the coordinates that x are. With the poles themselves q is that of LSPIA, close to 1 (a Bernstein basis
-of degree 9 in two directions has b / a = 8e9). With coordinates that are orthonormal in L2 (`gauss_axis`; for the poles the
-step is preconditioned by the inverse of the two Gram matrices) M is a quadrature of the identity on the data's own grid
-and q is 0.1 to 0.5. Chebyshev's semi-iteration over [a, b] makes 2 r^k / (1 + r^2k), r = q / (1 + sqrt(1 - q^2)), of q^k.
+**Rate.** It depends on the coordinates that x are. With the poles themselves it is LSPIA's, close to 1 (a Bernstein basis of
+degree 10 in two directions: 1 - 3e-11). With coordinates that are orthonormal in L2 (`gauss_axis`; for the poles the step is
+preconditioned by the inverse of the two Gram matrices) M is a quadrature of the identity on the data's own grid: degree 10 and
+33 x 33 data give q = 0.74 for equal steps and 0.10 for cosine ones. Chebyshev's semi-iteration over [a, b] makes
+2 r^k / (1 + r^2k), r = q / (1 + sqrt(1 - q^2)), of q^k: r = 0.44 and 0.05.
 """
 
 from __future__ import annotations
