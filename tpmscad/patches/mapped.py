@@ -160,7 +160,7 @@ def _reference(mapped: MappedSurface, distance: float, index: int) -> Callable[[
 def greatest_offset(mapped: MappedSurface) -> float:
     """The least curvature radius of the mapped mid surface, sampled: offsets must stay below it."""
     t = smooth_fit.sample_parameters()
-    poles = smooth_fit.fit(mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0), 12)
+    poles = smooth_fit.fit(mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0), 16)
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
     largest = max(np.linalg.norm(curvature(smooth_fit.surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles)
     return float(1.0 / largest)

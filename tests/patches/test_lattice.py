@@ -1,0 +1,117 @@
+"""Lattices of whole patches: closed, of the volume that theory gives, smooth over every joint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmscad import surfaces
+from tpmscad.patches import connectivity, lattice
+from tpmscad.patches.border import incidence, unpinched
+from tpmscad.patches.complex import scaled
+from tpmscad.patches.joints import joints
+from tpmscad.patches.primitive import fit_sheet
+from tpmscad.patches.summary import summary
+
+SURFACES = ("gyroid", "diamond", "schwarz_p")
+OFFSETS = {"gyroid": (-0.05, 0.08), "diamond": (-0.07, 0.07), "schwarz_p": (0.02, 0.11)}
+STILL = np.zeros(3)
+
+
+def block(name: str, cells: tuple[int, int, int], tol: float = 1e-3) -> lattice.PatchComplex:
+    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, tol)
+    return lattice.natural(surfaces.symmetry(name), fit.sheet, lattice.whole_cells(name, cells, STILL))
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("cells", [(1, 1, 1), (1, 2, 1), (3, 2, 1), (3, 3, 3)])
+def test_every_block_of_cells_is_one_closed_shell(name: str, cells: tuple[int, int, int]) -> None:
+    complex = block(name, cells)
+    assert connectivity.is_closed(complex)
+    assert connectivity.shells(complex)[0] == 1
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("cells", [(1, 1, 1), (2, 1, 3)])
+def test_the_volume_per_cell_is_the_swept_one_whatever_the_block(name: str, cells: tuple[int, int, int]) -> None:
+    expected = surfaces.volume_fraction(name, "minimal", *OFFSETS[name]) * np.prod(cells)
+    # The gap faces are ruled between borders that lie on normals, so nothing but the fit's error is left.
+    assert summary(block(name, cells, 1e-5)).volume == pytest.approx(expected, rel=2e-5)
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_offset_faces_join_with_continuous_curvature_at_every_edge_and_vertex(name: str) -> None:
+    found = joints(block(name, (2, 2, 1)), ("offset+", "offset-"))
+    assert found.gap < 1e-12
+    assert found.tangent_jump_deg < 1e-8
+    assert found.curvature_jump < 1e-8
+    assert found.classes >= 4
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str) -> None:
+    assert len(fit_sheet(name, "minimal", (-0.05, 0.05), 1.0, 1e-3).sheet.primitives) == 1
+    assert len(fit_sheet(name, "minimal", (-0.05, 0.06), 1.0, 1e-3).sheet.primitives) == 2
+
+
+@pytest.mark.parametrize("name", SURFACES)
+@pytest.mark.parametrize("reference", ["minimal", "nodal"])
+def test_a_fit_meets_its_tolerance_and_one_pole_row_less_does_not(name: str, reference: str) -> None:
+    from tpmscad.patches.primitive import fit_primitive
+
+    fit = fit_primitive(name, reference, 0.06, 1e-4)
+    assert fit.converged
+    assert fit.deviation <= 1e-4
+    smaller = [trial for trial in fit.trials if trial.space.size < fit.space.size]
+    assert smaller
+    assert min(trial.deviation for trial in smaller) > 1e-4
+
+
+def test_a_phase_moves_the_block_and_scaling_scales_it() -> None:
+    name, phase = "gyroid", np.array([0.2, -0.7, 0.1])
+    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, 1e-3)
+    motions = surfaces.symmetry(name)
+    still = summary(lattice.natural(motions, fit.sheet, lattice.whole_cells(name, (1, 1, 1), STILL)))
+    moved = lattice.natural(motions, fit.sheet, lattice.whole_cells(name, (1, 1, 1), phase))
+    large = summary(scaled(moved, 7.0))
+    assert large.volume == pytest.approx(343 * still.volume, rel=1e-12)
+    assert large.area == pytest.approx(49 * still.area, rel=1e-12)
+    np.testing.assert_allclose(large.centroid, 7 * (np.array(still.centroid) + phase), atol=1e-10)
+    assert large.betti == still.betti
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_patches_that_cover_a_box_close_over_its_inside(name: str) -> None:
+    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, 1e-3)
+    cells, phase = (2, 1, 1), np.array([0.13, 0.21, -0.34])
+    complex = lattice.covering(surfaces.symmetry(name), fit.sheet, cells, phase)
+    middles = (complex.vertices[complex.edges.start] + complex.vertices[complex.edges.end]) / 2
+    open_edges = connectivity.edge_uses(complex) == 1
+    # Chords of open edges stay near their curves; none may come well inside the box.
+    inside = ((middles > 0.15) & (middles < np.array(cells) - 0.15)).all(axis=1)
+    assert open_edges.any()
+    assert not (open_edges & inside).any()
+
+
+def test_schwarz_p_is_quartered_where_its_mirrors_are_the_box_and_only_there() -> None:
+    fit = fit_sheet("schwarz_p", "minimal", OFFSETS["schwarz_p"], 1.0, 1e-3)
+    motions = surfaces.symmetry("schwarz_p")
+    on = lattice.covering(motions, fit.sheet, (1, 1, 1), np.array([0.5, 0.0, 1.0]))
+    off = lattice.covering(motions, fit.sheet, (1, 1, 1), np.array([0.1, 0.2, 0.3]))
+    assert len(on.carriers) == 4 * len(off.carriers)
+    assert len(on.faces) == 2 * 48
+    box = np.array([on.vertices.min(axis=0), on.vertices.max(axis=0)])
+    np.testing.assert_allclose(box, [[0, 0, 0], [1, 1, 1]], atol=1e-12)
+
+
+@pytest.mark.parametrize("cells", [(1, 1, 1), (4, 3, 2), (5, 5, 5)])
+def test_a_block_takes_each_patch_class_once(cells: tuple[int, int, int]) -> None:
+    motions = surfaces.symmetry("gyroid")
+    corners = surfaces.patch("gyroid").jet(*lattice.CORNERS.T).position
+    placed = [
+        np.einsum("fij,sj->fsi", motions.cell_rotations, p) + motions.cell_translations[:, None]
+        for p in (motions.side_middles, corners)
+    ]
+    chosen = np.array(unpinched(incidence(*placed), cells))
+    classes = np.column_stack([chosen[:, 0], np.mod(chosen[:, 1:], cells)])
+    assert len(np.unique(classes, axis=0)) == len(chosen) == 24 * np.prod(cells)
