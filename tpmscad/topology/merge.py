@@ -17,6 +17,9 @@ from tpmscad.topology.grid import Array, Ints, Labels, compiled, neighbours
 OPEN = np.int32(-1)
 """A voxel whose basin is not known yet."""
 
+NONE, SEVERAL = np.int32(-1), np.int32(-2)
+"""In place of the second basin that a voxel's lower neighbours are in."""
+
 
 def padded(values: Array, sign: int, around: float) -> Array:
     """sign * values with one voxel of `around` on every side."""
@@ -36,9 +39,10 @@ def merges(keys: Array, basins: Labels, count: int, floor: float, roots: int) ->
     flat, basin = keys.reshape(-1), basins.reshape(-1)
     minima = _descend(flat, basin, near, nx, ny, nz)
     _resolve(basin, nx, ny, nz)
+    other = np.full(flat.size, NONE)
+    _meeting(flat, basin, near, nx, ny, nz, floor if roots else -np.inf, other)
     candidates = np.empty(flat.size, np.int32)
-    known = floor if roots else -np.inf
-    candidates = candidates[: _meeting(flat, basin, near, nx, ny, nz, known, candidates)].copy()
+    candidates = candidates[: _saddles(flat, basin, other, near, candidates)].copy()
     order = candidates[np.argsort(flat[candidates], kind="stable")]
     most = roots if roots else minima + 1
     births, deaths = np.empty(most, np.int64), np.empty(most, np.int64)
@@ -86,9 +90,8 @@ def _resolve(basin: Labels, nx: int, ny: int, nz: int) -> None:
 
 
 @compiled
-def _meeting(key: Array, basin: Labels, near: Ints, nx: int, ny: int, nz: int, known: float, out: Labels) -> int:
-    """Voxels above what is known with a lower neighbour in another basin than their own, ascending; how many."""
-    found = 0
+def _meeting(key: Array, basin: Labels, near: Ints, nx: int, ny: int, nz: int, known: float, other: Labels) -> None:
+    """The other basin below each voxel above what is known: NONE, or SEVERAL."""
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
             row = (i * ny + j) * nz
@@ -96,13 +99,41 @@ def _meeting(key: Array, basin: Labels, near: Ints, nx: int, ny: int, nz: int, k
                 k = key[v]
                 if k <= known:
                     continue
-                own = basin[v]
+                own, second = basin[v], NONE
                 for step in near:
                     u = v + step
-                    if basin[u] != own and (key[u] < k or (key[u] == k and u < v)):
-                        out[found] = v
-                        found += 1
-                        break
+                    b = basin[u]
+                    if b != own and b != second and (key[u] < k or (key[u] == k and u < v)):
+                        if second == NONE:
+                            second = b
+                        else:
+                            second = SEVERAL
+                            break
+                other[v] = second
+
+
+@compiled
+def _saddles(key: Array, basin: Labels, other: Labels, near: Ints, out: Labels) -> int:
+    """Voxels where basins meet, without those that have the same two basins as a lower neighbour; ascending; how many."""
+    found = 0
+    for v in range(len(key)):
+        second = other[v]
+        if second == NONE:
+            continue
+        new = True
+        if second != SEVERAL:
+            k, own = key[v], basin[v]
+            for step in near:
+                u = v + step
+                a, b = basin[u], other[u]
+                if ((a == own and b == second) or (a == second and b == own)) and (
+                    key[u] < k or (key[u] == k and u < v)
+                ):
+                    new = False
+                    break
+        if new:
+            out[found] = v
+            found += 1
     return found
 
 
