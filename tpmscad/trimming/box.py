@@ -25,6 +25,9 @@ from tpmscad.trimming.sides import read_sides
 from tpmscad.trimming.strands import Crossings, Strands, cross, points_on
 from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
 
+TOLERANCE = 1e-7
+"""Kernels give every edge at least this tolerance, in model units: a better curve gains nothing there."""
+
 SNAP = 2.0
 """A vertex nearer to a plane than this many tolerances lies on it: no edge comes out shorter."""
 
@@ -36,8 +39,11 @@ SHIFT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """How a trim went: classes of (patch, plane) and of (edge, plane), distinct curves and the most poles among them, the greatest
-    distance of a curve from its patch, and how far planes had to be moved outwards (model units), with the reason."""
+    """How a trim went.
+
+    Classes of (patch, plane) and of (edge, plane), distinct curves and the most poles among them, the greatest distance of a
+    curve from its patch, how far the planes had to be moved outwards (model units; mostly 0), and why.
+    """
 
     patch_classes: int
     edge_classes: int
@@ -60,23 +66,24 @@ def trim_box(
     lattice: PatchComplex,
     lo: ArrayLike,
     hi: ArrayLike,
-    tol: float,
+    tol: float | None = None,
     inside: Callable[[Array], Array] | None = None,
-) -> Trimmed:
-    """The part of the lattice's solid in a box: `trim` with the box from lo to hi."""
-    return trim(lattice, tools.box(lo, hi), tol, inside)
+) -> PatchComplex:
+    """The part of the lattice's solid in the box from lo to hi: the complex of `trim`."""
+    return trim(lattice, tools.box(lo, hi), tol, inside).complex
 
 
 def trim(lattice: PatchComplex, tool: Tool, tol: float, inside: Callable[[Array], Array] | None = None) -> Trimmed:
     """The solid that the lattice bounds, cut by the tool's planes: a closed complex, cap faces tagged "cap".
 
     lattice: whole patches that cover the tool and may be ragged outside; outward senses. tol: greatest distance between a
-    cut curve and its patch, model units. inside(points (n, 3)) -> (n,) bool tells solid from void; it is asked only if no
+    cut curve and its patch, model units, by default `TOLERANCE`. inside(points (n, 3)) -> (n,) bool tells solid from void; it is asked only if no
     edge of the lattice meets the tool.
 
     InvalidRequest if the lattice is not of whole patches; TrimmingError if it does not cover the tool, or if a cut is not
     resolved even with the planes moved by a few tolerances (such moves are reported).
     """
+    tol = TOLERANCE if tol is None else tol
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
     reason = ""

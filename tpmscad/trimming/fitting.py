@@ -47,7 +47,7 @@ def fit(surface: Surface, normals: Array, constants: Array, paths: Sequence[Arra
     if not paths:
         return ()
     waiting = np.arange(len(paths))
-    start = np.stack([_spread(path, 8 * SPANS[0] + 1) for path in paths])
+    start = _refined(paths, 8 * SPANS[0] + 1)
     knots = None
     for spans in SPANS:
         problem = _Problem(surface, normals[waiting], constants[waiting])
@@ -133,17 +133,16 @@ def _settled(problem: _Problem, start: Array, spans: int, knots: Array | None) -
     ends = start[:, [0, -1]]
     for _ in range(ROUNDS):
         if knots is None:
-            along = np.linspace(0.0, 1.0, start.shape[1])
             uv = start
         else:
-            along = nodes
             uv = design(knots, DEGREE, nodes) @ start
             uv[:, [0, -1]] = ends
-        parameter = problem.even_parameter(problem.onto(uv))
+        uv = problem.onto(uv)
+        parameter = problem.even_parameter(uv)
         if knots is None:
             guess = np.stack([_interpolate(sites, x, p) for x, p in zip(parameter, uv, strict=True)])
         else:
-            t = np.stack([np.interp(sites, x, along) for x in parameter])
+            t = np.stack([np.interp(sites, x, nodes) for x in parameter])
             rows = design(knots, DEGREE, t.ravel()).reshape(*t.shape, -1)
             guess = np.einsum("nsk,nkd->nsd", rows, start)
         guess[:, [0, -1]] = ends
@@ -157,10 +156,17 @@ def _interpolate(sites: Array, x: Array, p: Array) -> Array:
     return np.column_stack([np.interp(sites, x, p[:, 0]), np.interp(sites, x, p[:, 1])])
 
 
-def _spread(path: Array, count: int) -> Array:
-    """`count` points evenly along a polyline."""
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    return _interpolate(np.linspace(0.0, length[-1], count), length, path)
+def _refined(paths: Sequence[Array], least: int) -> Array:
+    """Polylines brought to one number of points, at least `least`, by halving longest segments: (n, m, 2)."""
+    count = max(least, max(len(path) for path in paths))
+    result = []
+    for path in paths:
+        while len(path) < count:
+            length = np.linalg.norm(np.diff(path, axis=0), axis=1)
+            at = np.sort(np.argsort(-length, kind="stable")[: count - len(path)])
+            path = np.insert(path, at + 1, 0.5 * (path[at] + path[at + 1]), axis=0)
+        result.append(path)
+    return np.stack(result)
 
 
 def _deviation(problem: _Problem, pcurve: Array, curve: Array, spans: int) -> Array:

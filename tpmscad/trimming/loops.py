@@ -8,7 +8,6 @@ import numpy as np
 
 from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
-
 Direction = Callable[[int, bool], Array]
 """The direction (2,) in which edge i runs at its start, or (True) at its end."""
 

@@ -128,7 +128,11 @@ def _critical_lines(level: Surface, us: Array, vs: Array, flat: float) -> tuple[
         if abs(value) > small or (room <= 0).any():
             continue
         if abs(value) > flat:
-            us, vs = np.union1d(us, p[:1]), np.union1d(vs, p[1:])
+            turn = np.sqrt(abs(value)) / abs(determinant) ** 0.25  # the scale of the hyperbola, in parameters
+            ladder = turn * 2.0 ** np.arange(np.log2(h.max() / turn) + 1.0)
+            steps = np.concatenate([[0.0], ladder, -ladder])
+            us = np.union1d(us, (p[0] + steps)[(p[0] + steps > u0) & (p[0] + steps < u1)])
+            vs = np.union1d(vs, (p[1] + steps)[(p[1] + steps > v0) & (p[1] + steps < v1)])
         elif determinant < 0:
             half = np.minimum(SADDLE_CELL * h, 0.5 * room)
             if (half < 1e-3 * h).any():
