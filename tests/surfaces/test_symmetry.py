@@ -127,5 +127,8 @@ def test_the_copies_are_the_whole_level_set_once(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_the_symmetry_is_computed_once(name: str) -> None:
-    assert surfaces.symmetry(name) is surfaces.symmetry(name)
+def test_the_symmetry_is_computed_once_and_cannot_be_changed(name: str) -> None:
+    symmetry = surfaces.symmetry(name)
+    assert surfaces.symmetry(name) is symmetry
+    with pytest.raises(ValueError, match="read-only"):
+        symmetry.cell_translations[0] += 1.0

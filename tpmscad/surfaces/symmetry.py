@@ -68,14 +68,10 @@ def symmetry(name: str) -> PatchSymmetry:
     n = centre.normal
     swap = _exact(*_about(np.cross(n, np.eye(3)).T - _dyads(n), centre.position))
     cell = _patches_of_cell(*edges, np.rint(GRAIN * centre.position), info.patches_per_cell)
-    return PatchSymmetry(
-        *edges,
-        *swap,
-        *cell,
-        centring=_centring(*edges),
-        side_middles=middle.position,
-        handedness=int(np.sign(np.cross(centre.du, centre.dv) @ n)),
-    )
+    for shared in (*edges, *swap, *cell, middle.position, centring := _centring(*edges)):
+        shared.setflags(write=False)  # every caller gets the same arrays
+    handedness = int(np.sign(np.cross(centre.du, centre.dv) @ n))
+    return PatchSymmetry(*edges, *swap, *cell, centring, middle.position, handedness)
 
 
 def _dyads(n: Array) -> Array:
