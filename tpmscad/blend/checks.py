@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from tpmscad.blend.census import census
 from tpmscad.blend.composition import BlendedField
-from tpmscad.blend.grid import Array, Box, Field, Grid, Mask, sample
+from tpmscad.blend.grid import Field, Grid, Mask, sample
 from tpmscad.blend.scene import Scene
 from tpmscad.errors import InvalidRequest
 
@@ -32,21 +32,6 @@ def check_counts(structures: int, regions: int, blending: int) -> None:
             f"{blending} blending regions for {structures} structures: {structures - 1} are needed, the one of number k "
             "joining structure k + 1 to those before it"
         )
-
-
-def domain_of(regions: tuple[Field, ...], domain: Box | None) -> Box:
-    """The box to sample: as given, or the box of the regions' own `bounds`."""
-    if domain is not None:
-        return domain
-    boxes = [getattr(region, "bounds", None) for region in regions]
-    if any(box is None or not np.all(np.isfinite(np.array(box, float))) for box in boxes):
-        number = next(k for k, b in enumerate(boxes) if b is None or not np.all(np.isfinite(np.array(b, float))))
-        raise InvalidRequest(
-            f"region {number} has no bounds: give domain=((x0, y0, z0), (x1, y1, z1)), the box to blend in"
-        )
-    both = np.array([np.array(box, float) for box in boxes])
-    low, high = both[:, 0].min(axis=0), both[:, 1].max(axis=0)
-    return (float(low[0]), float(low[1]), float(low[2])), (float(high[0]), float(high[1]), float(high[2]))
 
 
 def check_regions(field: BlendedField, grid: Grid) -> None:
@@ -110,7 +95,3 @@ def _enough(structure: Field, grid: Grid, count: int) -> str:
             return f"{grid.shape}"
         grid, count = finer, seen.n0 + seen.n2
     return f"more than {grid.shape}"
-
-
-def scale_of(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2)))

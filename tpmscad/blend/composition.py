@@ -1,21 +1,22 @@
 """Structures, regions, blending regions and weights as one field (porous blending, eqs 2, 6 and 8, Algorithm 3).
 
 Stage k joins what there is so far with structure k + 1 in blending region k: there f = (1 - w) f_so_far + w f_next; elsewhere the
-structure of the region the point is in, taken over unchanged. Where a later region is, stage k mixes too, by its weight continued:
+structure of the region the point is in, taken over unchanged. Where a later region is, stage k mixes too, its weight continued:
 that is what the later stage starts from in its own blending region, and nothing of it is left outside.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad.blend.grid import Array, Field, Ints, Mask, lattice
-from tpmscad.errors import InvalidRequest
+from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.fields import Field
+from tpmscad.fields.function import Function
 
 
 class Weighting(Protocol):
@@ -29,7 +30,7 @@ class Weighting(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedField:
+class BlendedField(Field):
     """The blended field f(points (..., 3)) -> (...), solid where f < 0, and its exact gradient (..., 3).
 
     Outside the blending regions the values are those of the structure of that region, bit for bit: every structure is called
@@ -44,19 +45,20 @@ class BlendedField:
 
     def __call__(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
-        values = [np.asarray(structure(points), float) for structure in self.structures]
-        return self._joined(points, values)
+        return self._joined(points, [_as_called(structure, points) for structure in self.structures])
 
-    def gradient(self, points: ArrayLike) -> Array:
-        """The gradient; one-sided on the border of a blending region, where the weight has its continuous derivatives."""
-        points = np.asarray(points, float)
-        value = np.asarray(self.structures[0](points), float)
-        slope = gradient_of(self.structures[0], points)
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        values = [
+            np.broadcast_to(s.at(x, y, z), np.broadcast_shapes(x.shape, y.shape, z.shape)) for s in self.structures
+        ]
+        return self._joined(np.stack(np.broadcast_arrays(x, y, z), axis=-1), values)
+
+    def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+        points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
         owner = self.owner(points)
+        value, slope = self.structures[0].value_and_gradient(points)
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
-            structure = self.structures[stage + 1]
-            following = np.asarray(structure(points), float)
-            rise = gradient_of(structure, points)
+            following, rise = self.structures[stage + 1].value_and_gradient(points)
             here = inside(blending, points) | (owner > stage + 1)
             w, dw = weight(points[here]), weight.gradient(points[here])
             mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
@@ -64,12 +66,7 @@ class BlendedField:
             later = owner > stage
             value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
             value[here], slope[here] = blended, mixed
-        return slope
-
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        """Values on the grid of all x with all y with all z, through the structures' own on_grid (equal to a few ulp)."""
-        values = [on_axes(structure, (x, y, z)) for structure in self.structures]
-        return self._joined(lattice((x, y, z)), values)
+        return value, slope[..., 0], slope[..., 1], slope[..., 2]
 
     def owner(self, points: Array) -> Ints:
         """The number of the region each point is in or nearest to: (...)."""
@@ -125,15 +122,10 @@ def inside(region: Field, points: Array) -> Mask:
     return np.asarray(region(points), float) <= 0
 
 
-def gradient_of(field: Field, points: Array) -> Array:
-    """The gradient (..., 3) a field offers. Raises InvalidRequest if it offers none."""
-    gradient: Callable[[Array], Array] | None = getattr(field, "gradient", None)
-    if gradient is None:
-        raise InvalidRequest("a structure without a gradient: give one, as fields.from_function(f, gradient=...)")
-    return np.asarray(gradient(points), float)
-
-
-def on_axes(field: Field, axes: tuple[Array, Array, Array]) -> Array:
-    """A field on the grid of the axes, by its own on_grid where it has one."""
-    fast = getattr(field, "on_grid", None)
-    return np.asarray(fast(*axes) if fast is not None else field(lattice(axes)), float)
+def _as_called(structure: Field, points: Array) -> Array:
+    """Values as the caller would get them: a foreign function is called with all the points at once, not in slabs."""
+    if isinstance(structure, Function) and not structure.split:
+        values = np.asarray(structure.function(points), float)
+        if values.shape == points.shape[:-1]:
+            return values
+    return structure(points)

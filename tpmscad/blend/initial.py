@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, is_dataclass
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad.blend.composition import BlendedField
-from tpmscad.blend.coordinates import Along, Coordinate
+from tpmscad.blend.coordinates import Along, Coordinate, CylinderRadius, SphereRadius
 from tpmscad.blend.grid import Array, Field, Mask
 from tpmscad.blend.scene import Scene
 from tpmscad.blend.weights_fit import volume_weight
 from tpmscad.blend.weights_line import LineWeight, line_weight
 from tpmscad.blend.weights_volume import Triple, VolumeWeight
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields import Field as AnyField
+from tpmscad.fields.regions import Cylinder, HalfSpace, Sphere
 
 SAMPLES_PER_COEFFICIENT = 2.0
 """Samples per knot span of a volume weight: at one, weights were seen to build bridges a single sample wide."""
@@ -51,15 +53,16 @@ def initial_weight(
 ) -> LineWeight | VolumeWeight:
     """The weight a stage starts from: 0 in what there was before, 1 in structure stage + 1.
 
-    "auto" takes a line along x, y or z if the blending region is a layer across it, else a volume. Raises InvalidRequest for an
+    "auto" takes a line along x, y or z, or along a coordinate that the regions are made with (the normal of a half-space, the
+    radius of a cylinder or a sphere), if the blending region is a layer of it, else a volume. Raises InvalidRequest for an
     unknown name, a region that is no layer of the coordinate asked for, or coefficients too few to leave any free.
     """
     if isinstance(spec, str):
         if spec not in NAMES:
             raise InvalidRequest(f"weight {spec!r}: must be one of {', '.join(NAMES)}, or a Line or Volume")
         if spec == "auto":
-            for axis in range(3):
-                made = _line(Line(_axis(axis)), field, scene, stage, refine)
+            for coordinate in _candidates(field, stage):
+                made = _line(Line(coordinate), field, scene, stage, refine)
                 if not isinstance(made, str):
                     return made
         spec = Volume() if spec in ("auto", "volume") else Line(_axis("xyz".index(spec)))
@@ -86,6 +89,23 @@ def sides(field: BlendedField, stage: int) -> tuple[Field, Field, Field]:
         return np.where(field.owner(points) > stage + 1, -1.0, np.asarray(field.blending[stage](points)))
 
     return first, second, mixing
+
+
+def _candidates(field: BlendedField, stage: int) -> list[Coordinate]:
+    """x, y, z and the coordinates of the half-spaces, cylinders and spheres that the regions are made of."""
+    found: list[Coordinate] = [_axis(axis) for axis in range(3)]
+    pending: list[object] = [field.blending[stage], *field.regions[: stage + 2]]
+    while pending:
+        part = pending.pop()
+        if isinstance(part, HalfSpace):
+            found.append(Along(part.normal))
+        elif isinstance(part, Cylinder):
+            found.append(CylinderRadius(part.center, part.axis))
+        elif isinstance(part, Sphere):
+            found.append(SphereRadius(part.center))
+        elif isinstance(part, AnyField) and is_dataclass(part):
+            pending += [getattr(part, entry.name) for entry in fields(part)]
+    return list(dict.fromkeys(found))
 
 
 def _axis(axis: int) -> Along:

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.blend.composition import Weighting
 from tpmscad.blend.census import Census, census
+from tpmscad.blend.composition import Weighting
 from tpmscad.blend.demands import NONE, Demands, agreed
+from tpmscad.blend.descent import descend
 from tpmscad.blend.grid import Array, Ints
 from tpmscad.blend.repair import repair
 from tpmscad.blend.sampled import tightened
@@ -24,11 +25,41 @@ from tpmscad.blend.weight import Weight
 MARGIN = 0.15
 """How far past zero a repair moves f, in units of the field's own rms in the blending region."""
 
+PREFER_JOINS, PREFER_REMOVALS = 1e3, 1e-3
+"""What removals are taken to cost beside joins where mixing the two contradicts itself."""
+
+DESCENT_STEPS = 15
+"""Steps of a descent: those that got anywhere did within 10."""
+
 PATIENCE = 3
 """Rounds without fewer errors before the next tool is tried."""
 
 Free = Callable[[int, Weight], Weight | None]
 """A weight of the same values with more freedom for a stage's weight; None if there is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """One way of repairing: with freer weights than before or the same, by descent on the
+    persistence of the errors or by repairs, how far past zero, joins or removals preferred."""
+
+    freer: bool = False
+    descent: bool = False
+    margin: float = MARGIN
+    bias: float = 1.0
+
+
+TOOLS = (
+    Tool(),
+    Tool(freer=True),
+    Tool(descent=True),
+    Tool(bias=PREFER_JOINS),
+    Tool(bias=PREFER_REMOVALS),
+    Tool(freer=True, margin=MARGIN / 2),
+    Tool(margin=MARGIN / 4, bias=PREFER_JOINS),
+    Tool(margin=MARGIN / 4, bias=PREFER_REMOVALS),
+)
+"""Tried in turn, each from the best state so far and with the demands of those before it forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,12 +131,11 @@ def optimise(scenes: Sequence[Scene], start: State, free: Free, max_rounds: int)
     """Weights whose blend has no errors of its own on any of the grids, or the best that was reached."""
     best, rounds = start, 0
     log: list[str] = []
-    margin = MARGIN
-    for tool in ("repair", "freer", "forget", "freer", "forget", "forget"):
+    for tool in TOOLS:
         if best.clean or rounds >= max_rounds:
             break
         begin = best
-        if tool == "freer":
+        if tool.freer:
             more = [free(k, weight) for k, weight in enumerate(best.weights)]
             if all(weight is None for weight in more):
                 continue
@@ -113,11 +143,10 @@ def optimise(scenes: Sequence[Scene], start: State, free: Free, max_rounds: int)
             log.append(
                 f"weights given more freedom after {rounds} rounds: {'; '.join(_shape(w) for w in begin.weights)}"
             )
-        elif tool == "forget":
-            margin /= 2
-        found, used = _repaired(scenes, begin, margin, max_rounds - rounds)
+        search = _descended if tool.descent else _repaired
+        found, used = search(scenes, begin, tool, max_rounds - rounds)
         rounds += used
-        if found.score < best.score or tool == "freer":
+        if found.score < best.score or tool.freer:
             best = found
     return Outcome(best, rounds, tuple(log))
 
@@ -126,14 +155,21 @@ def _shape(weight: Weight) -> str:
     return " x ".join(map(str, weight.coefficients.shape))
 
 
-def _repaired(scenes: Sequence[Scene], start: State, margin: float, max_rounds: int) -> tuple[State, int]:
+def _descended(scenes: Sequence[Scene], start: State, tool: Tool, max_rounds: int) -> tuple[State, int]:
+    """Steps down the gradient on the grid that has errors: of a pair, whichever end can be moved is."""
+    steps = min(DESCENT_STEPS, max_rounds)
+    moved = descend(scenes[start.last.level], start.weights, steps, strict=False, convention="strict")
+    return look(scenes, moved.weights), moved.steps
+
+
+def _repaired(scenes: Sequence[Scene], start: State, tool: Tool, max_rounds: int) -> tuple[State, int]:
     """Rounds of repairs with all their demands kept, until nothing is left or nothing gets better."""
     state = best = start
     origin = [weight.coefficients for weight in start.weights]
     memory: list[Demands] = [NONE] * len(origin)
     idle = used = 0
     while not best.clean and idle < PATIENCE and used < max_rounds:
-        weights, memory, changed = _mended(scenes[state.last.level], state, origin, memory, margin)
+        weights, memory, changed = _mended(scenes[state.last.level], state, origin, memory, tool)
         used += 1
         if not changed:
             break
@@ -144,7 +180,7 @@ def _repaired(scenes: Sequence[Scene], start: State, margin: float, max_rounds: 
 
 
 def _mended(
-    scene: Scene, state: State, origin: list[Array], memory: list[Demands], margin: float
+    scene: Scene, state: State, origin: list[Array], memory: list[Demands], tool: Tool
 ) -> tuple[list[Weight], list[Demands], bool]:
     """One round: the weights moved, the demands so far, and whether any repair could be had."""
     seen, weights, kept = state.last, list(state.weights), list(memory)
@@ -154,12 +190,12 @@ def _mended(
         acts = sampled.slope != 0
         if not acts.any():
             continue
-        past = margin * float(np.sqrt(np.mean(seen.values[acts] ** 2)))
+        past = tool.margin * float(np.sqrt(np.mean(seen.values[acts] ** 2)))
         reach = tightened(sampled.reach(weight), sampled, weight, kept[stage])
         groups = []
         for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
             if len(errors):
-                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, reach).groups
+                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, reach, tool.bias).groups
         if groups:
             kept[stage], found, left_out = agreed(weight, origin[stage], kept[stage], groups)
             changed |= len(left_out) < len(groups)

@@ -58,10 +58,12 @@ def repair(
     sign: int,
     margin: float,
     reach: tuple[Array, Array],
+    bias: float = 1.0,
 ) -> Repair:
     """Repairs of the error labels of one phase: sign +1 for solid, -1 for void.
 
-    margin: how far past zero f is moved. reach: the least and greatest weight that samples of the window can be given.
+    margin: how far past zero f is moved. reach: the least and greatest weight that samples of the window can be given. bias:
+    what removals are taken to cost beside joins, so that either can be preferred.
     """
     window = sampled.window
     least, most = reach
@@ -74,7 +76,7 @@ def repair(
         phase.labels[window],
     )
     present = np.intersect1d(errors, np.unique(room.labels))
-    removable = _removals(room, present, len(phase.sizes), margin)
+    removable = bias * _removals(room, present, len(phase.sizes), margin)
     joins = _joins(room, present, phase.main, len(phase.sizes), margin)
     return _choose(sampled, room, removable, joins, errors, margin)
 

@@ -8,20 +8,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from tpmscad.blend.checks import check_counts, check_regions, check_sampling, domain_of
+from tpmscad.blend.checks import check_counts, check_regions, check_sampling
 from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.descent import descend
+from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
 from tpmscad.blend.grid import Box, Field, Grid
 from tpmscad.blend.initial import Spec, initial_weight, sides
 from tpmscad.blend.optimise import Outcome, State, all_views, look, optimise, view
 from tpmscad.blend.promote import freer
+from tpmscad.blend.resolution import automatic_resolution
 from tpmscad.blend.result import BlendResult, result_of
 from tpmscad.blend.scene import Scene, scene
 from tpmscad.blend.weight import Weight
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields import as_field
 
-METHODS = ("topological", "initial", *EARLIER)
-"""By name: the robust optimiser; its initial weights as they are; the earlier methods."""
+METHODS = ("topological", "paper", "initial", *EARLIER)
+"""By name: the robust optimiser; the blending paper's as printed; initial weights as they are; the earlier methods."""
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and the part of the whole that is done, 0 to 1."""
@@ -44,10 +48,10 @@ def blend(
 
     structures: fields (f < 0 solid); regions: one each, as fields (<= 0 inside), not overlapping; blending_regions: number k
     joins structure k + 1 to those before it (Algorithm 3). method: one of METHODS. weight: "auto", "x", "y", "z", "volume", a
-    Line or a Volume, one for all or one for each blending region. resolution: samples along x, y, z of the domain (by default
-    the box of the regions' bounds); errors are counted there and at twice as many. max_change: how far any weight may move from
-    its initial value, of 1. Raises InvalidRequest for input that can't be blended; what could not be mended is told by the
-    result, whose `converged` is then False.
+    Line or a Volume, one for all or one for each blending region. resolution: samples along x, y, z of the domain, chosen from
+    the structures if None; errors are counted there and at twice as many. domain: the box of the regions if None. max_change:
+    how far any weight may move from its initial value, of 1. Raises InvalidRequest for input that can't be blended; what could
+    not be mended is told by the result, whose `converged` is then False.
     """
     clock = _Clock(progress)
     check_counts(len(structures), len(regions), len(blending_regions))
@@ -56,11 +60,10 @@ def blend(
     if not 0 < max_change <= 1:
         raise InvalidRequest(f"max_change {max_change:g}: must be above 0 and at most 1, the whole range of a weight")
     specs = _specs(weight, len(blending_regions))
-    low, high = domain_of(tuple(regions), domain)
-    if resolution is None:
-        raise InvalidRequest("resolution is needed")
-    field = BlendedField(tuple(structures), tuple(regions), tuple(blending_regions), ())
-    grid = Grid(low, high, resolution)
+    parts = [tuple(map(as_field, given)) for given in (structures, regions, blending_regions)]
+    field = BlendedField(parts[0], parts[1], parts[2], ())
+    low, high = domain_of(field.regions, domain)
+    grid = Grid(low, high, resolution or automatic_resolution(field.structures, (low, high)))
     check_regions(field, grid)
     scenes = (scene(field, grid), scene(field, grid.twice()))
     check_sampling(field, *scenes)
@@ -106,6 +109,13 @@ def _optimised(
 
     if method == "initial":
         return Outcome(start, 0, ())
+    if method == "paper":
+        found = descend(scenes[0], start.weights, max_iterations, strict=True)
+        last = found.last
+        log = (
+            f"objective {last.value:.3g} after {found.steps} steps, {last.active} pairs active, {last.ignored} ignored"
+        )
+        return Outcome(look(scenes, found.weights), found.steps, (log,))
     return optimise(scenes, start, free, max_iterations)
 
 
