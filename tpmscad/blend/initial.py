@@ -15,7 +15,6 @@ from tpmscad.blend.weights_fit import volume_weight
 from tpmscad.blend.weights_line import LineWeight, line_weight
 from tpmscad.blend.weights_volume import Triple, VolumeWeight
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields import Field as AnyField
 from tpmscad.fields.regions import Cylinder, HalfSpace, Sphere
 
 SAMPLES_PER_COEFFICIENT = 2.0
@@ -103,7 +102,7 @@ def _candidates(field: BlendedField, stage: int) -> list[Coordinate]:
             found.append(CylinderRadius(part.center, part.axis))
         elif isinstance(part, Sphere):
             found.append(SphereRadius(part.center))
-        elif isinstance(part, AnyField) and is_dataclass(part):
+        elif is_dataclass(part) and not isinstance(part, type):
             pending += [getattr(part, entry.name) for entry in fields(part)]
     return list(dict.fromkeys(found))
 
