@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import null_space
 
+from tpmscad import surfaces
 from tpmscad.splines.axis import bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
 from tpmscad.splines.bspline import Surface
 from tpmscad.splines.continuity import Joint, joint_conditions
 from tpmscad.splines.fitting import coordinates_of, fit
-from tpmscad.splines.subspace import free, solve_conditions
+from tpmscad.splines.subspace import free, pole_metric, solve_conditions
 
 TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]
 U, V = np.linspace(0, 1, 15), np.linspace(0, 1, 18) ** 1.5
@@ -61,16 +62,39 @@ def test_a_subspace_of_no_conditions_changes_nothing() -> None:
     np.testing.assert_array_equal(fit(samples, *axes, whole).poles, fit(samples, *axes).poles)
 
 
-def test_subspace_directions_and_basis_agree() -> None:
+@pytest.mark.parametrize("weighted", [False, True])
+def test_subspace_directions_and_basis_agree(weighted: bool) -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
     conditions = joint_conditions(TRANSLATES, *axes)
-    subspace = solve_conditions(conditions)
-    basis = subspace.basis()
+    metric = np.random.default_rng(1).uniform(0.1, 10, conditions.matrix.shape[1]) if weighted else None
+    subspace = solve_conditions(conditions, metric)
+    basis, squares = subspace.basis(), np.ones(conditions.matrix.shape[1]) if metric is None else metric**2
     x = np.random.default_rng(0).normal(size=len(basis))
     assert basis.shape[1] == subspace.dimension
-    np.testing.assert_allclose(basis.T @ basis, np.eye(subspace.dimension), atol=1e-13)
-    np.testing.assert_allclose(basis @ (basis.T @ x), subspace.direction(x), atol=1e-13)
-    np.testing.assert_allclose(conditions.matrix @ subspace.project(x), conditions.target, atol=1e-13)
+    np.testing.assert_allclose(basis.T @ (squares[:, None] * basis), np.eye(subspace.dimension), atol=1e-12)
+    np.testing.assert_allclose(basis @ (basis.T @ (squares * x)), subspace.direction(x), atol=1e-12)
+    np.testing.assert_allclose(conditions.matrix @ subspace.project(x), conditions.target, atol=1e-12)
+    np.testing.assert_allclose(basis.T @ (squares * (x - subspace.project(x))), 0.0, atol=1e-10)
+
+
+@pytest.mark.parametrize("reference", ["minimal", "nodal"])
+def test_the_pole_metric_keeps_poles_near_the_surface(reference: str) -> None:
+    patch, symmetry = surfaces.patch("schwarz_p", reference), surfaces.symmetry("schwarz_p")
+    joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    axis = gauss_axis(bezier_knots(14), 14)
+    samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), 0.8 * patch.max_offset).position
+    conditions = joint_conditions(joints, axis, axis, valence=6)
+    sizes = []
+    for metric in (None, pole_metric(axis, axis)):
+        fitted = fit(samples, axis, axis, solve_conditions(conditions, metric))
+        sizes.append(np.ptp(fitted.poles.reshape(-1, 3), axis=0).max() / np.ptp(samples.reshape(-1, 3), axis=0).max())
+    assert sizes[0] > 2
+    assert sizes[1] < 1.3
+
+
+def test_the_pole_metric_is_flat_at_low_degrees() -> None:
+    axis = gauss_axis(bezier_knots(7), 7)
+    np.testing.assert_allclose(pole_metric(axis, axis), 1.0, atol=0.06)
 
 
 def test_samples_off_the_grid_are_refused() -> None:

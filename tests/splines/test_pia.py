@@ -136,3 +136,10 @@ def test_too_few_iterations_are_reported_and_a_good_start_saves_them() -> None:
     again = cpia(wavy(U, V), grid, *axes, everything, tol=1e-11, start=full.surface)
     assert full.converged
     assert again.iterations == 0
+
+
+def test_cpia_refuses_a_subspace_with_a_metric_of_its_own() -> None:
+    axes = AXES["orthonormal"]
+    subspace = solve_conditions(joint_conditions(TRANSLATES, *axes), np.full(3 * axes[0].size * axes[1].size, 2.0))
+    with pytest.raises(ValueError, match="metric"):
+        cpia(wavy(U, V), plain_grid(U, V), *axes, subspace, tol=1e-9)

@@ -19,7 +19,7 @@ from tpmscad.splines.cpia import Grid, Iteration, cpia, cpia_rate, plain_grid
 from tpmscad.splines.fitting import fit
 from tpmscad.splines.knots import elevate, insert, restrict, split
 from tpmscad.splines.pia import lspia, pia, pia_rate
-from tpmscad.splines.subspace import Subspace, free, solve_conditions
+from tpmscad.splines.subspace import Subspace, free, pole_metric, solve_conditions
 
 __all__ = [
     "BEZIER",
@@ -56,6 +56,7 @@ __all__ = [
     "pia_rate",
     "plain_grid",
     "pole_axis",
+    "pole_metric",
     "restrict",
     "sampled_axis",
     "second_derivative_bounds",

@@ -16,7 +16,7 @@ from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis, uniform_knots
 from tpmscad.splines.bspline import Array, Surface
 from tpmscad.splines.continuity import Conditions
 from tpmscad.splines.fitting import fit, free_coordinates
-from tpmscad.splines.subspace import solve_conditions
+from tpmscad.splines.subspace import pole_metric, solve_conditions
 
 GridPoints = Callable[[Array, Array], Array]
 """Points (m, n, D) of a surface on the grid of all u (m,) with all v (n,)."""
@@ -82,8 +82,8 @@ def adapt(
 ) -> Fit:
     """Fit a surface on [0, 1]^2 with the fewest poles of the ladder for which measure(fit) <= tol.
 
-    `conditions(axis_u, axis_v)` are what every candidate must satisfy. Fewest means: the MISSES next smaller candidates were
-    fitted and missed. If none meets tol, the best of those tried comes back.
+    `conditions(axis_u, axis_v)` are what every candidate must satisfy, nearest in the `pole_metric`. Fewest means: the MISSES
+    next smaller candidates were fitted and missed. If none meets tol, the best of those tried comes back.
     """
     spaces = sorted(set(ladder), key=lambda space: (space.size, space.degree))
     made: dict[Space, tuple[Surface, float]] = {}
@@ -91,8 +91,11 @@ def adapt(
     def meets(space: Space) -> bool:
         if space not in made:
             axis = space.axis()
-            subspace = None if conditions is None else solve_conditions(conditions(axis, axis))
-            surface = fit(evaluate(axis.points, axis.points), axis, axis, subspace)
+            samples = evaluate(axis.points, axis.points)
+            subspace = None
+            if conditions is not None:
+                subspace = solve_conditions(conditions(axis, axis), pole_metric(axis, axis, samples.shape[-1]))
+            surface = fit(samples, axis, axis, subspace)
             made[space] = surface, measure(surface)
         return made[space][1] <= tol
 

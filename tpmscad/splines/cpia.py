@@ -120,6 +120,8 @@ def iterates(
     start: Surface | None = None,
 ) -> Iterator[tuple[Array, float]]:
     """Endless iterates as coordinates (U, V, D), each with the proven bound on its distance from the limit."""
+    if subspace.metric is not None:
+        raise ValueError("CPIA goes to the least-squares fit: the subspace must not have a metric of its own")
     basis_u, basis_v = _bases(grid, axis_u, axis_v)
     root = np.sqrt(np.multiply.outer(grid.weights_u, grid.weights_v))[..., None]
     data = root * samples

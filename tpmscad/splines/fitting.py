@@ -14,7 +14,10 @@ from tpmscad.splines.subspace import Subspace
 
 
 def fit(samples: Array, axis_u: Axis, axis_v: Axis, subspace: Subspace | None = None) -> Surface:
-    """The surface nearest to the samples (m, n, D) at the axes' points, in the sum of weighted squares, in the subspace."""
+    """The surface in the subspace that is nearest to the samples (m, n, D) at the axes' points, in the sum of weighted squares.
+
+    If the subspace has a metric of its own: the one that is nearest in it to the least-squares fit of the whole space.
+    """
     coordinates = free_coordinates(samples, axis_u, axis_v)
     if subspace is not None:
         coordinates = subspace.project(coordinates.ravel()).reshape(coordinates.shape)
