@@ -6,7 +6,7 @@ patch in distance) are a class; planes seen from either side are one class, turn
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -145,7 +145,7 @@ def _trace(
     if not on_corner.any():
         values = surface.poles @ normal + constant  # they bound the patch
         if (values > 0).all() or (values < 0).all():
-            return marching.Trace((), 1 if values.flat[0] > 0 else -1, np.zeros((0, 2)), np.zeros(4, np.int64))
+            return replace(marching.NONE, sign=1 if values.flat[0] > 0 else -1)
     return marching.march(surface, normal, constant, borders, on_corner, flat)
 
 
@@ -155,12 +155,15 @@ def _fitted(
     """Curves of all arcs of all classes, in order, and where each class's begin."""
     owner = np.repeat(np.arange(len(traces)), [len(trace.arcs) for trace in traces])
     paths = [arc.path for trace in traces for arc in trace.arcs]
+    foci = [trace.foci for trace in traces for _ in trace.arcs]
     cuts: list[fitting.Cut | None] = [None] * len(paths)
     for c in np.unique(carrier[owner]):
         surface = complex.carriers[c]
         assert isinstance(surface, Surface)
         at = np.flatnonzero(carrier[owner] == c)
-        fitted = fitting.fit(surface, normal[owner[at]], constant[owner[at]], [paths[i] for i in at], tol)
+        fitted = fitting.fit(
+            surface, normal[owner[at]], constant[owner[at]], [paths[i] for i in at], [foci[i] for i in at], tol
+        )
         for i, cut in zip(at, fitted, strict=True):
             cuts[i] = cut
     return tuple(c for c in cuts if c is not None), np.searchsorted(owner, np.arange(len(traces)))

@@ -1,24 +1,21 @@
 """The zero set of one plane's distance on one patch: marched on a grid whose lines are set so that no branch hides in a cell.
 
-Topology of a level set changes at critical points only. Where the distance is nearly zero at one, grid lines are laid through
-it, so that a loop or a neck of any size shows; a saddle *in* the plane becomes the common end of four arms. On the border
-nothing is decided here: signs there follow from the roots of the shared edges, so that neighbours agree.
+A saddle in the plane becomes the common end of four arms. On the border nothing is decided here: signs there follow from the
+roots of the shared edges, so that neighbours agree.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad.splines.bspline import Surface, design
+from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.critical import critical_points, refine
 from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
 CELLS_U, CELLS_V = 33, 37
 """Cells of the grid. Odd and without a common factor, so that no line or diagonal of symmetry holds a grid point."""
-
-SADDLE_CELL = 0.4
-"""Half width of the cell about a saddle in the plane, in grid spacings."""
 
 End = tuple[str, int, int]
 """Where an arc ends: ("root", side, number along the side), ("corner", corner, 0) or ("point", index, 0)."""
@@ -47,12 +44,17 @@ class Trace:
     """The arcs of one plane on one patch; without any, `sign` tells on which side the patch lies.
 
     `points` (n, 2): inner points in which arcs end. `on_side` (4,): the sign next to sides that lie in the plane, else 0.
+    `foci` (n, 3): (u, v) and radius there of points about which arcs turn sharply.
     """
 
     arcs: tuple[Arc, ...]
     sign: int
     points: Array
     on_side: Ints
+    foci: Array
+
+
+NONE = Trace((), 0, np.zeros((0, 2)), np.zeros(4, np.int64), np.zeros((0, 3)))
 
 
 def march(
@@ -61,7 +63,8 @@ def march(
     """Trace normal . S(u, v) + constant = 0. A saddle nearer to zero than `flat` counts as zero, a smaller hill as none."""
     level = Surface((surface.poles @ normal + constant)[..., None], *_spline_space(surface))
     us, vs = _grid_lines(surface, borders, on_corner)
-    us, vs, saddles = _critical_lines(level, us, vs, flat)
+    critical = critical_points(level, us, vs)
+    us, vs, saddles = refine(us, vs, critical, on_corner, flat)
     for _ in range(8):
         values = level.grid(us, vs)[..., 0]
         negative = values < 0
@@ -75,8 +78,10 @@ def march(
     else:
         raise TrimmingError(f"branches of a cut stay unresolved near (u, v) = ({us[i[0]]:.6f}, {vs[j[0]]:.6f})")
     if not follow:
-        return Trace((), -1 if negative.flat[negative.size // 2] else 1, np.zeros((0, 2)), on_side)
-    return _chained(level, follow, values, us, vs, borders, saddles, on_side)
+        return replace(NONE, sign=-1 if negative.flat[negative.size // 2] else 1, on_side=on_side)
+    arcs, points = _chained(level, follow, values, us, vs, borders, saddles)
+    foci = np.array([[*c.at, c.scale] for c in critical if abs(c.value) > flat]).reshape(-1, 3)
+    return Trace(arcs, 0, points, on_side, foci)
 
 
 def _spline_space(surface: Surface) -> tuple[Array, Array, int, int]:
@@ -96,69 +101,6 @@ def _grid_lines(surface: Surface, borders: tuple[Border, ...], on_corner: Array)
             middle = 1.0 - middle if side >= 2 else middle
             lines[axis] = np.union1d(lines[axis], low + (high - low) * middle)
     return lines[0], lines[1]
-
-
-def _critical_lines(level: Surface, us: Array, vs: Array, flat: float) -> tuple[Array, Array, Array]:
-    """Grid lines refined about the critical points of small value, and the saddles that count as zero (n, 2)."""
-    bu = [design(level.knots_u, level.degree_u, us, k) for k in (0, 1)]
-    bv = [design(level.knots_v, level.degree_v, vs, k) for k in (0, 1)]
-    coefficients = level.poles[..., 0]
-    g, gu, gv = (bu[a] @ coefficients @ bv[b].T for a, b in ((0, 0), (1, 0), (0, 1)))
-    small = 2.0 * (np.abs(np.diff(g, 2, axis=0)).max() + np.abs(np.diff(g, 2, axis=1)).max())
-
-    def mixed(a: Array) -> Array:
-        n = (a < 0).astype(np.int8)
-        total = n[:-1, :-1] + n[1:, :-1] + n[:-1, 1:] + n[1:, 1:]
-        return (total > 0) & (total < 4)
-
-    cells = np.argwhere(mixed(gu) & mixed(gv) & (np.abs(g[:-1, :-1]) < 2.0 * small))
-    saddles: list[Array] = []
-    if len(cells) == 0:
-        return us, vs, np.zeros((0, 2))
-    (u0, u1), (v0, v1) = level.domain
-    h = np.array([(u1 - u0) / CELLS_U, (v1 - v0) / CELLS_V])
-    seen: list[Array] = []
-    for i, j in cells:
-        found = _stationary(level, np.array([us[i] + us[i + 1], vs[j] + vs[j + 1]]) / 2)
-        if found is None or any(np.abs(found[0] - s).max() < 1e-9 for s in seen):
-            continue
-        p, value, determinant = found
-        seen.append(p)
-        room = np.minimum(p - [u0, v0], [u1, v1] - p)
-        if abs(value) > small or (room <= 0).any():
-            continue
-        if abs(value) > flat:
-            turn = np.sqrt(abs(value)) / abs(determinant) ** 0.25  # the scale of the hyperbola, in parameters
-            ladder = turn * 2.0 ** np.arange(np.log2(h.max() / turn) + 1.0)
-            steps = np.concatenate([[0.0], ladder, -ladder])
-            us = np.union1d(us, (p[0] + steps)[(p[0] + steps > u0) & (p[0] + steps < u1)])
-            vs = np.union1d(vs, (p[1] + steps)[(p[1] + steps > v0) & (p[1] + steps < v1)])
-        elif determinant < 0:
-            half = np.minimum(SADDLE_CELL * h, 0.5 * room)
-            if (half < 1e-3 * h).any():
-                raise TrimmingError(f"a saddle in the plane lies too close to a patch's border, at (u, v) = {p}")
-            us = np.union1d(us[np.abs(us - p[0]) > half[0]], p[0] + [-half[0], half[0]])
-            vs = np.union1d(vs[np.abs(vs - p[1]) > half[1]], p[1] + [-half[1], half[1]])
-            saddles.append(p)
-    return us, vs, np.array(saddles).reshape(-1, 2)
-
-
-def _stationary(level: Surface, p: Array) -> tuple[Array, float, float] | None:
-    """The critical point that Newton finds from p, its value and Hessian determinant; None if it runs out of the patch."""
-    (u0, u1), (v0, v1) = level.domain
-    for _ in range(30):
-        d = {(a, b): float(level(p[0], p[1], a, b)[0]) for a, b in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))}
-        hessian = np.array([[d[2, 0], d[1, 1]], [d[1, 1], d[0, 2]]])
-        determinant = float(np.linalg.det(hessian))
-        if determinant == 0.0:
-            return None
-        step = np.linalg.solve(hessian, [d[1, 0], d[0, 1]])
-        p = p - step
-        if not (u0 <= p[0] <= u1 and v0 <= p[1] <= v1):
-            return None
-        if np.abs(step).max() < 1e-13:
-            return p, float(level(p[0], p[1])[0]), determinant
-    return None
 
 
 def _side_nodes(array: Array, side: int) -> Array:
@@ -253,9 +195,8 @@ def _chained(
     vs: Array,
     borders: tuple[Border, ...],
     saddles: Array,
-    on_side: Ints,
-) -> Trace:
-    """Arcs along the links: open ones first, then loops, each cut in two."""
+) -> tuple[tuple[Arc, ...], Array]:
+    """Arcs along the links: open ones first, then loops, each cut in two; and the inner points they end in (n, 2)."""
     heads = sorted(follow.keys() - set(follow.values()))
     left = dict(follow)
     points = list(saddles)
@@ -276,7 +217,7 @@ def _chained(
         ends: list[End] = [("point", len(points), 0), ("point", len(points) + 1, 0)]
         points += [path[0], path[half]]
         arcs += [Arc(path[: half + 1], ends[0], ends[1]), Arc(path[half:], ends[1], ends[0])]
-    return Trace(tuple(arcs), 0, np.array(points).reshape(-1, 2), on_side)
+    return tuple(arcs), np.array(points).reshape(-1, 2)
 
 
 def _onto(level: Surface, p: Array) -> Array:
