@@ -143,7 +143,7 @@ def optimise(scenes: Sequence[Scene], start: State, free: Free, max_rounds: int)
             log.append(
                 f"weights given more freedom after {rounds} rounds: {'; '.join(_shape(w) for w in begin.weights)}"
             )
-        search = _descended if tool.descent else _repaired
+        search = _descended if tool.descent else repaired
         found, used = search(scenes, begin, tool, max_rounds - rounds)
         rounds += used
         if found.score < best.score or tool.freer:
@@ -162,11 +162,13 @@ def _descended(scenes: Sequence[Scene], start: State, tool: Tool, max_rounds: in
     return look(scenes, moved.weights), moved.steps
 
 
-def _repaired(scenes: Sequence[Scene], start: State, tool: Tool, max_rounds: int) -> tuple[State, int]:
-    """Rounds of repairs with all their demands kept, until nothing is left or nothing gets better."""
+def repaired(
+    scenes: Sequence[Scene], start: State, tool: Tool, max_rounds: int, demands: Sequence[Demands] = ()
+) -> tuple[State, int]:
+    """Rounds of repairs with all their demands kept, `demands` to begin with, until nothing is left or nothing gets better."""
     state = best = start
     origin = [weight.coefficients for weight in start.weights]
-    memory: list[Demands] = [NONE] * len(origin)
+    memory = list(demands) or [NONE] * len(origin)
     idle = used = 0
     while not best.clean and idle < PATIENCE and used < max_rounds:
         weights, memory, changed = _mended(scenes[state.last.level], state, origin, memory, tool)

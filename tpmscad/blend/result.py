@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from tpmscad.blend.composition import BlendedField, StageWeight, Weighting
 from tpmscad.blend.grid import Array
+from tpmscad.blend.necks import Neck
 from tpmscad.blend.optimise import View
 from tpmscad.blend.scene import Scene
 
@@ -65,6 +66,8 @@ class BlendResult:
     method: str
     resolution: tuple[int, int, int]
     seconds: Mapping[str, float]
+    necks: tuple[Neck, ...] = ()
+    """Necks inside the blending regions that stay narrower than `minimum_neck` asked for."""
 
 
 def result_of(
@@ -76,6 +79,7 @@ def result_of(
     iterations: int,
     log: tuple[str, ...],
     seconds: Mapping[str, float],
+    necks: tuple[Neck, ...] = (),
 ) -> BlendResult:
     """The result from the views of all grids, before and after."""
 
@@ -97,6 +101,7 @@ def result_of(
         method=method,
         resolution=scenes[0].grid.shape,
         seconds=dict(seconds),
+        necks=necks,
     )
 
 

@@ -15,11 +15,13 @@ from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
 from tpmscad.blend.grid import Box, Field, Grid
 from tpmscad.blend.initial import Spec, initial_weight, sides
-from tpmscad.blend.optimise import Outcome, State, all_views, look, optimise, view
+from tpmscad.blend.necks import Neck
+from tpmscad.blend.optimise import Free, Outcome, State, all_views, look, optimise, view
 from tpmscad.blend.promote import freer
 from tpmscad.blend.resolution import automatic_resolution
 from tpmscad.blend.result import BlendResult, result_of
 from tpmscad.blend.scene import Scene, scene
+from tpmscad.blend.thicken import thicken
 from tpmscad.blend.weight import Weight
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import as_field
@@ -41,6 +43,7 @@ def blend(
     resolution: tuple[int, int, int] | None = None,
     domain: Box | None = None,
     max_iterations: int = 60,
+    minimum_neck: float | None = None,
     max_change: float = 1.0,
     progress: Progress | None = None,
 ) -> BlendResult:
@@ -49,9 +52,11 @@ def blend(
     structures: fields (f < 0 solid); regions: one each, as fields (<= 0 inside), not overlapping; blending_regions: number k
     joins structure k + 1 to those before it (Algorithm 3). method: one of METHODS. weight: "auto", "x", "y", "z", "volume", a
     Line or a Volume, one for all or one for each blending region. resolution: samples along x, y, z of the domain, chosen from
-    the structures if None; errors are counted there and at twice as many. domain: the box of the regions if None. max_change:
-    how far any weight may move from its initial value, of 1. Raises InvalidRequest for input that can't be blended; what could
-    not be mended is told by the result, whose `converged` is then False.
+    the structures if None; errors are counted there and at twice as many. domain: the box of the regions if None. minimum_neck:
+    the width, in model units, under which no solid and no void is to be at a saddle inside a blending region; `necks` of the
+    result has those for which that could not be had. max_change: how far any weight may move from its initial value, of 1.
+    Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
+    then False.
     """
     clock = _Clock(progress)
     check_counts(len(structures), len(regions), len(blending_regions))
@@ -59,6 +64,8 @@ def blend(
         raise InvalidRequest(f"method {method!r}: must be one of {', '.join(METHODS)}")
     if not 0 < max_change <= 1:
         raise InvalidRequest(f"max_change {max_change:g}: must be above 0 and at most 1, the whole range of a weight")
+    if minimum_neck is not None and not 0 < minimum_neck < np.inf:
+        raise InvalidRequest(f"minimum_neck {minimum_neck:g}: must be a width above zero, in model units")
     specs = _specs(weight, len(blending_regions))
     parts = [tuple(map(as_field, given)) for given in (structures, regions, blending_regions)]
     field = BlendedField(parts[0], parts[1], parts[2], ())
@@ -78,10 +85,14 @@ def blend(
     clock.lap("weights")
     outcome = _optimised(method, field, scenes, start, max_iterations)
     clock.lap("optimisation")
+    missed: tuple[Neck, ...] = ()
+    if minimum_neck is not None:
+        outcome, missed = _thickened(field, scenes, outcome, minimum_neck, max_iterations)
+        clock.lap("necks")
     before, after = all_views(scenes, start), all_views(scenes, outcome.state)
     clock.lap("check")
     blended = field.with_weights(outcome.state.weights)
-    return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds)
+    return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed)
 
 
 def _specs(weight: Spec | Sequence[Spec], stages: int) -> list[Spec]:
@@ -101,12 +112,24 @@ def _started(specs: list[Spec], field: BlendedField, grid_scene: Scene, max_chan
     return made
 
 
+def _free(field: BlendedField, scenes: tuple[Scene, Scene]) -> Free:
+    return lambda stage, weight: freer(weight, scenes[0].grid, *sides(field, stage))
+
+
+def _thickened(
+    field: BlendedField, scenes: tuple[Scene, Scene], outcome: Outcome, width: float, max_rounds: int
+) -> tuple[Outcome, tuple[Neck, ...]]:
+    done = thicken(scenes, field, outcome.state, width, _free(field, scenes), max_rounds)
+    log = outcome.log
+    if done.missed:
+        least = min(neck.width for neck in done.missed)
+        log = (*log, f"{len(done.missed)} necks stay narrower than {width:g}, the narrowest {least:.3g}")
+    return Outcome(done.state, outcome.rounds + done.rounds, log), done.missed
+
+
 def _optimised(
     method: str, field: BlendedField, scenes: tuple[Scene, Scene], start: State, max_iterations: int
 ) -> Outcome:
-    def free(stage: int, weight: Weight) -> Weight | None:
-        return freer(weight, scenes[0].grid, *sides(field, stage))
-
     if method == "initial":
         return Outcome(start, 0, ())
     if method == "paper":
@@ -116,7 +139,7 @@ def _optimised(
             f"objective {last.value:.3g} after {found.steps} steps, {last.active} pairs active, {last.ignored} ignored"
         )
         return Outcome(look(scenes, found.weights), found.steps, (log,))
-    return optimise(scenes, start, free, max_iterations)
+    return optimise(scenes, start, _free(field, scenes), max_iterations)
 
 
 class _Clock:
