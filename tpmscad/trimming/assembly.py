@@ -80,7 +80,9 @@ def assemble(
     inside: Callable[[Array], Array] | None,
 ) -> PatchComplex:
     """Close the inner faces by caps; the result holds only the edges and vertices in use."""
-    lines = [line(tool.corners[a], tool.corners[b], (0.0, _length(tool, a, b))) for a, b in tool.edge_corners]
+    lines = [
+        line(tool.corners[a], tool.corners[b], (0.0, tool.length(e))) for e, (a, b) in enumerate(tool.edge_corners)
+    ]
     first_line = len(lattice.curves) + len(cuts.cuts)
     curves = (*lattice.curves, *(c.curve for c in cuts.cuts), *lines)
 
@@ -108,10 +110,6 @@ def assemble(
         named = [[(int(round_caps.edge[at[i]]), int(round_caps.sense[at[i]]), -1) for i in loop] for loop in chained]
         cap_faces += [(plane, [named[i] for i in face]) for face in (loops.nest(polygons) if polygons else [])]
     return _complex(lattice, tool, cuts, curves, faces, cap_faces, edges, np.vstack([vertices, tool.corners]))
-
-
-def _length(tool: Tool, a: int, b: int) -> float:
-    return float(np.linalg.norm(tool.corners[b] - tool.corners[a]))
 
 
 def _polylines(curves: Sequence[Curve], edges: Edges, edge: Ints) -> Array:

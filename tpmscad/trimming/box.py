@@ -77,8 +77,8 @@ def trim(lattice: PatchComplex, tool: Tool, tol: float, inside: Callable[[Array]
     """The solid that the lattice bounds, cut by the tool's planes: a closed complex, cap faces tagged "cap".
 
     lattice: whole patches that cover the tool and may be ragged outside; outward senses. tol: greatest distance between a
-    cut curve and its patch, model units, by default `TOLERANCE`. inside(points (n, 3)) -> (n,) bool tells solid from void; it is asked only if no
-    edge of the lattice meets the tool.
+    cut curve and its patch, model units, by default `TOLERANCE`. inside(points (n, 3)) -> (n,) bool tells solid from void;
+    it is asked only if no edge of the lattice meets the tool.
 
     InvalidRequest if the lattice is not of whole patches; TrimmingError if it does not cover the tool, or if a cut is not
     resolved even with the planes moved by a few tolerances (such moves are reported).

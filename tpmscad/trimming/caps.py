@@ -52,60 +52,126 @@ def tool_pieces(
     inside: Callable[[Array], Array] | None,
 ) -> ToolPieces:
     """Which parts of the tool's edges lie in the solid."""
-    k = len(tool.planes)
-    balance = np.zeros((k, len(vertices)), np.int64)  # runs that start less runs that end
+    balance = np.zeros((len(tool.planes), len(vertices)), np.int64)  # runs that start less runs that end
     np.add.at(balance, (open_edges.plane, open_edges.start), 1)
     np.add.at(balance, (open_edges.plane, open_edges.end), -1)
     if (np.abs(balance) > 1).any():
         raise TrimmingError("several runs of one cap end in a vertex")
-    hits = []
+    at_corner = _vertices_at_corners(tool, on)
+    hits = [_hits(tool, edge, balance, vertices, on, at_corner) for edge in range(len(tool.edge_planes))]
     claimed = np.zeros_like(balance)
-    for left, right in tool.edge_planes:
-        v = np.flatnonzero((balance[left] != 0) & on[:, left] & on[:, right])
-        if (balance[right, v] != -balance[left, v]).any():
-            raise TrimmingError(f"the caps in planes {left} and {right} disagree along their common edge")
+    for (left, right), (v, _, _) in zip(tool.edge_planes, hits, strict=True):
         claimed[left, v] += 1
         claimed[right, v] += 1
-        hits.append((v, balance[left, v]))
+    claimed[:, [v for v in at_corner if v >= 0]] = np.abs(balance[:, [v for v in at_corner if v >= 0]])
     if (claimed != (balance != 0)).any():
         plane, v = np.argwhere(claimed != (balance != 0))[0]
         raise TrimmingError(f"the cap in plane {plane} does not close at {vertices[v].round(6)}, off every tool edge")
 
-    # state[c]: whether corner c is in the solid; a run that ends on a tool edge (balance -1) has the solid behind it
-    state: dict[int, bool] = {}
-    plain: list[tuple[int, int]] = []
-    sorted_hits = []
-    for (a, b), (v, way) in zip(tool.edge_corners.tolist(), hits, strict=True):
-        along = tool.corners[b] - tool.corners[a]
-        x = (vertices[v] - tool.corners[a]) @ along / np.linalg.norm(along)
-        order = np.argsort(x)
-        v, way, x = v[order], way[order], x[order]
-        if (way[1:] == way[:-1]).any() or (x < 0).any() or (x > np.linalg.norm(along)).any():
-            raise TrimmingError("in and out do not alternate along a tool edge")
-        sorted_hits.append((v, way, x))
-        if len(v) == 0:
-            plain.append((a, b))
-            continue
-        for corner, is_in in ((a, way[0] > 0), (b, way[-1] < 0)):
-            if state.setdefault(corner, bool(is_in)) != is_in:
-                raise TrimmingError(f"tool edges disagree on whether corner {tool.corners[corner]} is in the solid")
-    if not state:
-        state[0] = _some_corner(tool, open_edges, polylines, inside)
-    for _ in range(len(tool.corners)):
-        for a, b in plain:
-            for p, q in ((a, b), (b, a)):
-                if p in state and state.setdefault(q, state[p]) != state[p]:
-                    raise TrimmingError(f"tool edges disagree on whether corner {tool.corners[q]} is in the solid")
-
+    inside_at = _end_states(tool, hits, balance, at_corner)
+    if not inside_at:
+        some = _some_corner(tool, open_edges, polylines, inside)
+        inside_at = dict.fromkeys([(e, i) for e in range(len(hits)) for i in (0, 1)], some)
     rows = []
-    for e, (v, _, x) in enumerate(sorted_hits):
-        a, b = tool.edge_corners[e].tolist()
-        names = [-1 - a, *v.tolist(), -1 - b]
-        stops = [0.0, *x.tolist(), float(np.linalg.norm(tool.corners[b] - tool.corners[a]))]
-        begin = 0 if state[a] else 1
-        rows += [(e, stops[i], stops[i + 1], names[i], names[i + 1]) for i in range(begin, len(names) - 1, 2)]
+    for e, (v, _, x) in enumerate(hits):
+        names = [at_corner[c] if at_corner[c] >= 0 else -1 - c for c in tool.edge_corners[e]]
+        names[1:1] = v.tolist()
+        stops = [0.0, *x.tolist(), tool.length(e)]
+        rows += [
+            (e, stops[i], stops[i + 1], names[i], names[i + 1])
+            for i in range(0 if inside_at[e, 0] else 1, len(names) - 1, 2)
+        ]
     table = np.array(rows).reshape(-1, 5)
     return ToolPieces(table[:, 0].astype(int), table[:, 1:3], table[:, 3].astype(int), table[:, 4].astype(int))
+
+
+def _vertices_at_corners(tool: Tool, on: Array) -> list[int]:
+    """For every corner of the tool the vertex that lies on all its planes, or -1."""
+    result = []
+    for corner in range(len(tool.corners)):
+        planes = np.unique(tool.edge_planes[(tool.edge_corners == corner).any(axis=1)])
+        found = np.flatnonzero(on[:, planes].all(axis=1))
+        if len(found) > 1:
+            raise TrimmingError(f"several vertices lie at the tool's corner {tool.corners[corner]}")
+        result.append(int(found[0]) if len(found) else -1)
+    return result
+
+
+def _hits(
+    tool: Tool, edge: int, balance: Ints, vertices: Array, on: Array, at_corner: list[int]
+) -> tuple[Ints, Ints, Array]:
+    """Vertices inside a tool edge where the solid begins (+1: runs of its left cap end) or ends (-1), and how far along."""
+    (left, right), (a, b) = tool.edge_planes[edge], tool.edge_corners[edge]
+    v = np.flatnonzero((balance[left] != 0) & on[:, left] & on[:, right])
+    v = v[~np.isin(v, [at_corner[a], at_corner[b]])]
+    if (balance[right, v] != -balance[left, v]).any():
+        raise TrimmingError(f"the caps in planes {left} and {right} disagree along their common edge")
+    x = (vertices[v] - tool.corners[a]) @ (tool.corners[b] - tool.corners[a]) / tool.length(edge)
+    order = np.argsort(x)
+    v, x = v[order], x[order]
+    way = -balance[left, v]
+    if (way[1:] == way[:-1]).any() or (x < 0).any() or (x > tool.length(edge)).any():
+        raise TrimmingError("in and out do not alternate along a tool edge")
+    return v, way, x
+
+
+def _end_states(
+    tool: Tool, hits: list[tuple[Ints, Ints, Array]], balance: Ints, at_corner: list[int]
+) -> dict[tuple[int, int], bool]:
+    """Whether the solid is at end 0, 1 of each tool edge; empty if nothing tells.
+
+    Along an edge without hits both ends agree, and so do the ends that meet in a corner. In a corner that is a vertex of the
+    lattice a cap's runs balance with the edges before and after the corner, counter-clockwise round the cap.
+    """
+    known: dict[tuple[int, int], bool] = {}
+    same: list[tuple[tuple[int, int], tuple[int, int]]] = []
+
+    def learn(end: tuple[int, int], value: bool) -> None:
+        if known.setdefault(end, value) != value:
+            corner = tool.corners[tool.edge_corners[end]]
+            raise TrimmingError(f"tool edges disagree on whether {corner} is in the solid")
+
+    for e, (_, way, _) in enumerate(hits):
+        if len(way):
+            learn((e, 0), bool(way[0] < 0))
+            learn((e, 1), bool(way[-1] > 0))
+        else:
+            same.append(((e, 0), (e, 1)))
+    for corner, vertex in enumerate(at_corner):
+        for plane in range(len(tool.planes)):
+            before, after = _round_corner(tool, plane, corner)
+            if before is None or after is None:
+                continue
+            runs = balance[plane, vertex] if vertex >= 0 else 0
+            if runs == 0:
+                same.append((before, after))
+            else:
+                learn(before, bool(runs > 0))
+                learn(after, bool(runs < 0))
+    if not known:
+        return {}
+    changed = True
+    while changed:
+        size = len(known)
+        for p, q in same:
+            if p in known:
+                learn(q, known[p])
+            elif q in known:
+                learn(p, known[q])
+        changed = len(known) > size
+    return known
+
+
+def _round_corner(tool: Tool, plane: int, corner: int) -> tuple[tuple[int, int] | None, tuple[int, int] | None]:
+    """The ends (tool edge, 0 or 1) at a corner before and after it, counter-clockwise round a plane's face."""
+    before = after = None
+    for e, (sides, ends) in enumerate(zip(tool.edge_planes, tool.edge_corners, strict=True)):
+        for side, order in ((0, (0, 1)), (1, (1, 0))):
+            if sides[side] == plane and ends[order[1]] == corner:
+                before = (e, order[1])
+            if sides[side] == plane and ends[order[0]] == corner:
+                after = (e, order[0])
+    return before, after
 
 
 def _some_corner(

@@ -1,7 +1,7 @@
 """Critical points of a plane's distance on a patch, and a grid that can't hide what happens about them.
 
 The topology of a level set changes at critical points only. Where the distance is nearly zero at one, grid lines are laid through
-it and, in a geometric ladder, about it: a loop or a neck of any size shows. A saddle *in* the plane gets a cell of its own.
+it and, in a geometric ladder, about it: a loop or a neck of any size shows. A saddle *in* the plane gets a block of cells of its own.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import numpy as np
 from tpmscad.splines.bspline import Surface, design
 from tpmscad.trimming.tool import Array, TrimmingError
 
-SADDLE_CELL = 0.4
-"""Half width of the cell about a saddle in the plane, in grid spacings."""
+BLOCK = np.array([-0.4, -0.15, 0.15, 0.4])
+"""Lines about a saddle in the plane, in grid spacings: three by three cells, whose rim tells four arms at any angle apart."""
 
 AT_BORDER = 1e-3
-"""A saddle this near to the border (in grid spacings) has no room for a cell of its own."""
+"""A saddle this near to the border (in grid spacings) has no room for a block of cells."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,10 +75,10 @@ def refine(us: Array, vs: Array, critical: list[Critical], on_corner: Array, fla
                 if not (on_corner & (np.abs(corners - c.at) < AT_BORDER * h).all(axis=1)).any():
                     raise TrimmingError(f"a saddle in the plane lies on a patch's border, at (u, v) = {c.at}")
                 continue
-            half = np.minimum(SADDLE_CELL * h, 0.5 * room)
+            size = np.minimum(h, room)
             for axis in (0, 1):
-                others = lines[axis][np.abs(lines[axis] - c.at[axis]) > half[axis]]
-                lines[axis] = np.union1d(others, c.at[axis] + [-half[axis], half[axis]])
+                others = lines[axis][np.abs(lines[axis] - c.at[axis]) > BLOCK[-1] * size[axis] * (1 + 1e-9)]
+                lines[axis] = np.union1d(others, c.at[axis] + size[axis] * BLOCK)
             saddles.append(c.at)
     return lines[0], lines[1], np.array(saddles).reshape(-1, 2)
 

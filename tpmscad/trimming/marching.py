@@ -162,29 +162,40 @@ def _links(negative: Array, us: Array, vs: Array, saddles: Array) -> tuple[dict[
     leaves = corner & ~np.roll(corner, -1, axis=0)  # counter-clockwise from - to +: the curve starts here
     enters = ~corner & np.roll(corner, -1, axis=0)
     count = leaves.sum(axis=0)
+    follow: dict[int, int] = {}
+    for s, at in enumerate(saddles):
+        i, j = np.searchsorted(us, at[0]) - 2, np.searchsorted(vs, at[1]) - 2
+        count[i : i + 3, j : j + 3] = 0
+        out, into = _rim(negative, i, j)
+        if len(out) != 2 or len(into) != 2:
+            raise TrimmingError(f"a saddle in the plane does not have four arms on the grid, at (u, v) = {at}")
+        for k in (0, 1):
+            follow[out[k]] = -1 - 4 * s - k
+            follow[-3 - 4 * s - k] = into[k]
     i, j = np.nonzero(count)
     base = i * nv + j
     number = np.stack([base, nu * nv + base + nv, base + 1, nu * nv + base])
-    leaves, enters, count = leaves[:, i, j], enters[:, i, j], count[i, j]
-    simple = count == 1
+    simple = count[i, j] == 1
     column = np.arange(len(i))
-    start, end = number[leaves.argmax(axis=0), column], number[enters.argmax(axis=0), column]
-    follow = dict(zip(start[simple].tolist(), end[simple].tolist(), strict=True))
-    where = np.column_stack([np.searchsorted(us, saddles[:, 0]) - 1, np.searchsorted(vs, saddles[:, 1]) - 1])
-    ambiguous = []
-    resolved = set()
-    for c in np.flatnonzero(~simple):
-        at = np.flatnonzero((where[:, 0] == i[c]) & (where[:, 1] == j[c]))
-        if len(at) == 0:
-            ambiguous.append((i[c], j[c]))
-            continue
-        resolved.add(int(at[0]))
-        for k, (a, b) in enumerate(zip(number[leaves[:, c], c], number[enters[:, c], c], strict=True)):
-            follow[int(a)] = -1 - 4 * int(at[0]) - k
-            follow[-3 - 4 * int(at[0]) - k] = int(b)
-    if not ambiguous and len(resolved) < len(saddles):
-        raise TrimmingError("a saddle in the plane does not have four arms on the grid")
-    return follow, np.array(ambiguous, np.int64).reshape(-1, 2)
+    start = number[leaves[:, i, j].argmax(axis=0), column]
+    end = number[enters[:, i, j].argmax(axis=0), column]
+    follow |= dict(zip(start[simple].tolist(), end[simple].tolist(), strict=True))
+    return follow, np.column_stack([i, j])[~simple]
+
+
+def _rim(negative: Array, i: int, j: int) -> tuple[list[int], list[int]]:
+    """Crossed edges round the block of 3 x 3 cells from node (i, j): those where curves run into it, and out of it."""
+    nu, nv = negative.shape
+    steps = [(1, 0)] * 3 + [(0, 1)] * 3 + [(-1, 0)] * 3 + [(0, -1)] * 3
+    out, into = [], []
+    a = (i, j)
+    for di, dj in steps:
+        b = (a[0] + di, a[1] + dj)
+        low = min(a, b)
+        if negative[a] != negative[b]:
+            (out if negative[a] else into).append(low[0] * nv + low[1] + (nu * nv if dj else 0))
+        a = b
+    return out, into
 
 
 def _chained(

@@ -41,6 +41,10 @@ class Tool:
         """n . x on each plane: (K,)."""
         return np.array([plane.normal @ plane.origin for plane in self.planes])
 
+    def length(self, edge: int) -> float:
+        a, b = self.corners[self.edge_corners[edge]]
+        return float(np.linalg.norm(b - a))
+
     def distances(self, points: ArrayLike) -> Array:
         """Signed distances of points (..., 3) from the planes, negative inside: (..., K)."""
         return np.asarray(points, float) @ self.normals.T - self.heights
