@@ -15,9 +15,13 @@ from tpmscad.fields.booleans import (
     smooth_union,
     union,
 )
+from tpmscad.fields.bspline import bspline_unit
 from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
 from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.fraction import threshold_for, volume_fraction
 from tpmscad.fields.function import from_function
+from tpmscad.fields.image import image_region
+from tpmscad.fields.maps import mapped, rotated, scaled, translated
 from tpmscad.fields.ramps import coordinate, linear, ramp
 from tpmscad.fields.regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.thresholds import pore, rod, sheet
@@ -29,6 +33,7 @@ __all__ = [
     "TpmsInfo",
     "as_field",
     "box",
+    "bspline_unit",
     "complement",
     "constant",
     "coordinate",
@@ -37,16 +42,23 @@ __all__ = [
     "find",
     "from_function",
     "halfspace",
+    "image_region",
     "intersection",
     "linear",
+    "mapped",
     "pore",
     "ramp",
     "rod",
+    "rotated",
+    "scaled",
     "sheet",
     "smooth_difference",
     "smooth_intersection",
     "smooth_union",
     "sphere",
+    "threshold_for",
     "tpms",
+    "translated",
     "union",
+    "volume_fraction",
 ]

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+import numpy as np
+
 from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
 from tpmscad.fields.field import Array, Field, Jet, Triple, positive, triple
 from tpmscad.fields.trigonometric import Polynomial, parse
@@ -50,6 +52,10 @@ def tpms(name: str, period: float | Sequence[float] = 10.0, phase: Sequence[floa
 
     period: edge of the cell in model units, or one for each axis. phase: by how much the structure is moved, in cells.
     """
-    periods = triple(period, "period") if isinstance(period, Sequence) or hasattr(period, "__len__") else (period,) * 3
-    px, py, pz = (positive(p, "period") for p in periods)
-    return Tpms(find(name).name, (px, py, pz), triple(phase, "phase"))
+    return Tpms(find(name).name, edges(period), triple(phase, "phase"))
+
+
+def edges(period: float | Sequence[float]) -> Triple:
+    """A period as three positive numbers; one number stands for all three."""
+    px, py, pz = triple(period, "period") if np.ndim(period) else (period,) * 3
+    return positive(px, "period"), positive(py, "period"), positive(pz, "period")

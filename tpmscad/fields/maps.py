@@ -1,0 +1,143 @@
+"""Fields in other coordinates: moved, turned, scaled, or bent by a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Array, Field, FieldLike, Jet, Triple, as_field, positive, stacked, triple
+from tpmscad.fields.function import STEP, differences
+from tpmscad.fields.regions import Direction, direction
+
+IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Affine(Field):
+    """factor * f(matrix p + shift)."""
+
+    field: Field
+    matrix: tuple[Triple, Triple, Triple]
+    shift: Triple
+    factor: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        value = self.field.at(*self._moved(x, y, z))
+        return value if self.factor == 1 else self.factor * value
+
+    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+        f, *slope = self.field.jet(*self._moved(x, y, z))
+        c = self.factor
+        gx, gy, gz = (_combined([c * row[axis] for row in self.matrix], slope) for axis in range(3))
+        return f if c == 1 else c * f, gx, gy, gz
+
+    def periods(self) -> Triple | None:
+        return self.field.periods() if self.matrix == IDENTITY else None
+
+    def _moved(self, *coordinates: Array) -> list[Array]:
+        """Only with the coordinates that have a part in it, so that a grid stays one under shifts and scalings."""
+        moved = []
+        for row, shift in zip(self.matrix, self.shift, strict=True):
+            t = _combined(row, coordinates)
+            moved.append(t if shift == 0 else t + shift)
+        return moved
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mapped(Field):
+    """f(map(p)) with the gradient J^T grad f."""
+
+    field: Field
+    map: Callable[[Array], Any]
+    jacobian: Callable[[Array], Any] | None
+    step: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        points, shape = stacked(x, y, z)
+        return self.field.at(*self._image(points)).reshape(shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+        points, shape = stacked(x, y, z)
+        f, fx, fy, fz = self.field.jet(*self._image(points))
+        if self.jacobian is None:
+            columns = differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
+        else:
+            columns = np.asarray(self.jacobian(points), float)
+            if columns.shape != (len(points), 3, 3):
+                raise InvalidRequest(
+                    f"the Jacobian gave shape {columns.shape} for {len(points)} points: it must return (n, 3, 3), "
+                    "derivatives of coordinate i by x, y, z in row i"
+                )
+        gx, gy, gz = (
+            (columns[:, 0, axis] * fx + columns[:, 1, axis] * fy + columns[:, 2, axis] * fz).reshape(shape)
+            for axis in range(3)
+        )
+        return np.broadcast_to(f, len(points)).reshape(shape), gx, gy, gz
+
+    def _image(self, points: Array) -> tuple[Array, Array, Array]:
+        image = np.asarray(self.map(points), float)
+        if image.shape != points.shape:
+            raise InvalidRequest(
+                f"the map gave shape {image.shape} for points of shape {points.shape}: it must keep it"
+            )
+        if not np.isfinite(image).all():
+            first = points[np.flatnonzero(~np.isfinite(image).all(axis=-1))[0]]
+            raise InvalidRequest(f"the map is not finite at ({', '.join(f'{c:g}' for c in first)}): mend it there")
+        return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
+
+
+def mapped(
+    field: FieldLike,
+    map: Callable[[Array], Any],
+    jacobian: Callable[[Array], Any] | None = None,
+    *,
+    step: float = STEP,
+) -> Mapped:
+    """The field p -> f(map(p)).
+
+    map: points (n, 3) of the model to points (n, 3) of the field's own coordinates (from the bent part back to the straight
+    lattice). jacobian: (n, 3, 3), row i the derivatives of coordinate i; by default central differences of fourth order.
+    """
+    return Mapped(as_field(field), map, jacobian, positive(step, "step"))
+
+
+def translated(field: FieldLike, vector: Sequence[float]) -> Affine:
+    """The field moved by a vector."""
+    x, y, z = triple(vector, "vector")
+    return Affine(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
+
+
+def rotated(field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> Affine:
+    """The field turned by `angle` degrees about the axis through `center`, counter-clockwise seen from its tip."""
+    n, c = np.array(direction(axis, "axis")), np.array(triple(center, "center"))
+    turn = np.deg2rad(angle)
+    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
+    back = np.eye(3) - np.sin(turn) * cross + (1 - np.cos(turn)) * (cross @ cross)
+    return Affine(as_field(field), _rows(back), _vector(c - back @ c), 1.0)
+
+
+def scaled(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> Affine:
+    """The field made larger by a factor about a center; its values too, so that distances remain distances."""
+    s, c = positive(factor, "factor"), np.array(triple(center, "center"))
+    return Affine(as_field(field), _rows(np.eye(3) / s), _vector(c - c / s), s)
+
+
+def _combined(factors: Sequence[float], parts: Sequence[Array]) -> Array:
+    total: Array | None = None
+    for factor, part in zip(factors, parts, strict=True):
+        if factor != 0:
+            term = part if factor == 1 else factor * part
+            total = term if total is None else total + term
+    return np.zeros_like(parts[0]) if total is None else total
+
+
+def _rows(matrix: Array) -> tuple[Triple, Triple, Triple]:
+    return _vector(matrix[0]), _vector(matrix[1]), _vector(matrix[2])
+
+
+def _vector(array: Array) -> Triple:
+    return float(array[0]), float(array[1]), float(array[2])
