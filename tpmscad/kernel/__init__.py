@@ -3,6 +3,7 @@
 from tpmscad.kernel.build import Built, build, build_solid
 from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_step
 from tpmscad.kernel.read import StepContent, read_step
+from tpmscad.kernel.render import render
 from tpmscad.kernel.step import Instances, write_step
 from tpmscad.kernel.step_shape import write_shape
 
@@ -17,6 +18,7 @@ __all__ = [
     "check_shape",
     "check_step",
     "read_step",
+    "render",
     "write_shape",
     "write_step",
 ]

@@ -132,9 +132,7 @@ def check_shape(shape: Any) -> ShapeReport:
         total += moments
         volumes.append(float(moments[1]))
         figures.append(found)
-    box = Bnd_Box()
-    BRepBndLib.Add_s(topods, box)
-    bounds = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)) if box.IsVoid() else _bounds(box)
+    low, high = bounding_box(topods)
     volume = float(total[1])
     centroid = total[2:] / volume if volume else np.zeros(3)
     return ShapeReport(
@@ -147,16 +145,26 @@ def check_shape(shape: Any) -> ShapeReport:
         outward=all(v > 0 for v in volumes),
         volume=volume,
         area=float(total[0]),
-        centroid=(float(centroid[0]), float(centroid[1]), float(centroid[2])),
-        bounds=bounds,
+        centroid=_triple(centroid),
+        bounds=(_triple(low), _triple(high)),
         volumes=tuple(sorted(volumes, reverse=True)),
         max_tolerance=max((f.tolerance for f in figures), default=0.0),
     )
 
 
-def _bounds(box: Bnd_Box) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+def bounding_box(shape: Any) -> tuple[Array, Array]:
+    """Opposite corners, from poles and thus a little wide; the optimal box takes minutes on lattices. Zeros for no shape."""
+    box = Bnd_Box()
+    BRepBndLib.Add_s(getattr(shape, "wrapped", shape), box)
+    if box.IsVoid():
+        return np.zeros(3), np.zeros(3)
     box.SetGap(0.0)
-    return box.CornerMin().Coord(), box.CornerMax().Coord()
+    return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z
 
 
 def _measured(solid: TopoDS_Solid) -> _Solid:

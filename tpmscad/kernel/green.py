@@ -25,8 +25,8 @@ from tpmscad.splines.bspline import Surface, design
 NEWTON_STEPS = 12
 """The kernel's own parameters are good to 1e-7 mostly, where two steps reach round-off; a bad guess may take more."""
 
-NEWTON_STOP = 1e-13
-"""A step below this fraction of the parameter range is the last."""
+NEWTON_STOP = 1e-7
+"""A step below this fraction of the parameter range is the last: what is left squares, to round-off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
