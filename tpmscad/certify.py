@@ -35,8 +35,8 @@ def lattice_certificate(
     bend: Map | None,
     complex: PatchComplex,
     deviation: Deviation,
+    bounds: Mapping[str, float],
     found: Any,
-    seconds: Mapping[str, float],
 ) -> Certificate:
     """Measure and compare; `found` is what the kernel says of the built solid, `deviation` in model units."""
     shape = summary(complex)
@@ -89,8 +89,8 @@ def lattice_certificate(
         n_faces=len(complex.faces),
         n_primitives=len(primitives),
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
+        bounds=dict(bounds),
         notes=_pieces(shape.pieces),
-        seconds=dict(seconds),
     )
 
 

@@ -7,44 +7,52 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.patches.certificate import Certificate
 from tpmscad.patches.complex import Array, PatchComplex
+
+if TYPE_CHECKING:
+    from tpmscad.kernel import Built
 
 Progress = Callable[[str, float], None]
 """Called with a stage's name and how much of it is done, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Cells:
+    """The one cell that a lattice repeats, made when it is asked for, and where its copies stand: (n, 3), model units."""
+
+    make: Callable[[], PatchComplex]
+    translations: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A solid with its certificate. `solid` is a build123d Solid, a Compound where there are several pieces."""
+    """A solid with its certificate, in model units (mm in files). `name` becomes the product's name."""
 
     name: str
-    solid: Any
     patches: PatchComplex
     certificate: Certificate
-    instances: Instances | None = None
+    built: Built
+    cells: Cells | None = None
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or a Compound where there are several pieces; `.wrapped` is the TopoDS shape."""
+        return self.built.solid
 
     def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
-        """Write the model as STEP, re-read it and check it; KernelError if the file does not hold what was written.
+        """Write the model as STEP, read it back and check it; KernelError if the file does not hold what was written.
 
         `instanced=True` stores one cell and places it once for each cell of the lattice, as touching solids of an assembly.
         """
         from tpmscad.workflows import export_model
 
-        if instanced and self.instances is None:
-            raise InvalidRequest(f"{self.name} has no repeating cell to store once: leave instanced out")
+        if instanced and self.cells is None:
+            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
         export_model(self, path, instanced=instanced, schema=schema)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Instances:
-    """One cell and where its copies stand: translations (n, 3) in model units. The cell is made when it is asked for."""
-
-    make_cell: Callable[[], PatchComplex]
-    translations: Array
 
 
 @dataclass(slots=True)

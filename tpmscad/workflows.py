@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tpmscad import certify, kernel, surfaces
-from tpmscad.errors import InvalidRequest
-from tpmscad.model import Instances, Model, Progress, Stages
+from tpmscad import kernel, surfaces
+from tpmscad.certify import lattice_certificate
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.model import Cells, Model, Progress, Stages
 from tpmscad.patches import lattice as lattices
 from tpmscad.patches import mapped as mappings
 from tpmscad.patches.complex import Array, PatchComplex, scaled
 from tpmscad.patches.maps import Map, as_map, composed, stretched
 from tpmscad.patches.primitive import fit_sheet
+from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest, lattice_request
 from tpmscad.trimming import trim_box
+
+STORED_VOLUME = 1e-9
+"""Relative: how far the volume of a file that was read back may be from what was written."""
 
 
 def lattice(
@@ -66,24 +72,26 @@ def lattice(
     )
     stages = Stages(progress)
     bend = _map_of(request, map)
-    instances = None
+    cell = None
     if bend is None:
         with stages("fit"):
             fit = fit_sheet(request.surface, request.reference, request.layers, request.cell[0], request.tol)
-        deviation = fit.deviation
+        deviation, bounds = fit.deviation, fit.bounds
         complex = _copied(request, fit.sheet, request.cells, stages)
-        instances = Instances(
-            lambda: _copied(request, fit.sheet, (1, 1, 1), Stages(None)),
-            request.cell[0] * _grid(request.cells),
+        cell = Cells(
+            lambda: _copied(request, fit.sheet, (1, 1, 1), Stages(None)), request.cell[0] * _grid(request.cells)
         )
     else:
         complex, deviation = _mapped(request, bend, stages)
+        bounds = {}
     with stages("build"):
-        solid = kernel.build_solid(complex)
+        built = kernel.build(complex)
     with stages("check"):
-        found = kernel.check_shape(solid)
-        certificate = certify.lattice_certificate(request, bend, complex, deviation, found, stages.seconds)
-    return Model(f"{request.surface} {request.kind}", solid, complex, certificate, instances)
+        found = kernel.check_shape(built.shape)
+        certificate = lattice_certificate(request, bend, complex, deviation, bounds, found)
+    return Model(
+        f"{request.surface} {request.kind}", complex, replace(certificate, seconds=dict(stages.seconds)), built, cell
+    )
 
 
 def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
@@ -92,6 +100,23 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
         model.export_step(path, schema=schema)
     else:
         kernel.write_shape(model, path, schema=schema, name=name)
+
+
+def export_model(model: Model, path: str | Path, *, instanced: bool, schema: str) -> None:
+    """Write a model from its patches, then read the file back: KernelError if it is not the valid solid that was written."""
+    complex, nesting, instances, copies = model.patches, model.built.nesting, None, 1
+    if instanced and model.cells is not None:
+        complex = model.cells.make()
+        nesting = kernel.build(complex).nesting
+        instances, copies = kernel.Instances.shifted(model.cells.translations), len(model.cells.translations)
+    expected = copies * summary(complex).volume
+
+    def verify(written: Path) -> None:
+        found = kernel.check_step(written)
+        if not found.ok or abs(found.shape.volume - expected) > STORED_VOLUME * expected:
+            raise KernelError("export_step", f"written with volume {expected:.12g}, the file reads back as: {found}")
+
+    kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances)
 
 
 def check_step(path: str | Path) -> Any:

@@ -8,7 +8,7 @@ into a box (`covering`, open, to be trimmed).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,9 +92,14 @@ def covering(symmetry: PatchSymmetry, sheet: Sheet, cells: tuple[int, int, int],
 
 
 def quarters(surface: Surface) -> list[Surface]:
-    """The patch cut along both midlines."""
+    """The patch cut along both midlines, each quarter on the unit square: sides that meet share their parameter's range."""
     (u0, u1), (v0, v1) = surface.domain
-    return [q for half in split(surface, 0, (u0 + u1) / 2) for q in split(half, 1, (v0 + v1) / 2)]
+    pieces = [q for half in split(surface, 0, (u0 + u1) / 2) for q in split(half, 1, (v0 + v1) / 2)]
+    return [replace(q, knots_u=_unit(q.knots_u), knots_v=_unit(q.knots_v)) for q in pieces]
+
+
+def _unit(knots: Array) -> Array:
+    return (knots - knots[0]) / (knots[-1] - knots[0])
 
 
 def _midlines_in_planes(

@@ -66,12 +66,15 @@ def weld(
     if deviation.max(initial=0.0) > radius:
         raise ValueError(f"sides that share their ends and middle differ by {deviation.max():.3g} elsewhere")
 
+    domains = np.array([primitive.side(s).domain for primitive in primitives for s in range(4)])
     side = np.tile(np.arange(4), len(carrier))
     owner = np.repeat(carrier, 4)
     curves = [primitive.side(s) for primitive in primitives for s in range(4)]
     lines = [primitive.side_line(s) for primitive in primitives for s in range(4)]
     face = first_use // 4
     curve = (4 * owner + side)[first_use]
+    if not np.array_equal(domains[4 * owner + side], domains[curve][edge]):
+        raise ValueError("sides that meet must share their parameter's range")
     return PatchComplex(
         carriers=tuple(primitives),
         curves=tuple(curves),
@@ -81,7 +84,7 @@ def weld(
             curve=curve,
             rotation=rotation[face],
             translation=translation[face],
-            span=np.array([c.domain for c in curves])[curve],
+            span=domains[curve],
             start=start[first_use],
             end=end[first_use],
             deviation=deviation,
