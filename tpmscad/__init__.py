@@ -1,0 +1,62 @@
+"""Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids.
+
+The public names are imported when they are first asked for: those that make solids bring the kernel, which takes seconds.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tpmscad import fields, surfaces
+    from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
+    from tpmscad.model import Model
+    from tpmscad.patches import maps
+    from tpmscad.patches.certificate import Certificate
+    from tpmscad.workflows import check_step, export_step, lattice, render_step
+
+__all__ = [
+    "Certificate",
+    "InvalidRequest",
+    "KernelError",
+    "Model",
+    "NotMet",
+    "TpmscadError",
+    "check_step",
+    "export_step",
+    "fields",
+    "lattice",
+    "maps",
+    "render_step",
+    "surfaces",
+]
+
+_HOMES = {
+    "Certificate": "tpmscad.patches.certificate",
+    "InvalidRequest": "tpmscad.errors",
+    "KernelError": "tpmscad.errors",
+    "Model": "tpmscad.model",
+    "NotMet": "tpmscad.errors",
+    "TpmscadError": "tpmscad.errors",
+    "check_step": "tpmscad.workflows",
+    "export_step": "tpmscad.workflows",
+    "lattice": "tpmscad.workflows",
+    "render_step": "tpmscad.workflows",
+}
+_ROOMS = {"fields": "tpmscad.fields", "maps": "tpmscad.patches.maps", "surfaces": "tpmscad.surfaces"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(_HOMES[name]), name)
+    elif name in _ROOMS:
+        value = import_module(_ROOMS[name])
+    else:
+        raise AttributeError(f"module 'tpmscad' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
