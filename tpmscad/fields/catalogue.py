@@ -32,6 +32,7 @@ class TpmsInfo:
 _NESPER = "H. G. von Schnering, R. Nesper, Z. Phys. B 83 (1991) 407"
 _WOHLGEMUTH = "M. Wohlgemuth, N. Yufa, J. Hoffman, E. L. Thomas, Macromolecules 34 (2001) 6083"
 _SCHOEN = "A. H. Schoen, NASA TN D-5541 (1970)"
+_MINISURF = "M.-T. Hsieh, L. Valdevit, Software Impacts 6 (2020) 100026"
 
 TPMS: Mapping[str, TpmsInfo] = MappingProxyType(
     {
@@ -97,9 +98,9 @@ TPMS: Mapping[str, TpmsInfo] = MappingProxyType(
                 ("L", "lidin"),
                 "0.5 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
                 " - 0.5 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) + 0.15",
-                "I4_132 (214)",
+                "Ia-3d (230)",
                 (-1.35, 1.15),
-                "S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769",
+                f"S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769; formula as in {_MINISURF}",
             ),
             TpmsInfo(
                 "split_p",
@@ -107,7 +108,7 @@ TPMS: Mapping[str, TpmsInfo] = MappingProxyType(
                 ("SP", "split-p"),
                 "1.1 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
                 " - 0.2 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) - 0.4 (cos 2x + cos 2y + cos 2z)",
-                "I4_132 (214)",
+                "Ia-3 (206)",
                 (-1.8, 1.81),
                 _WOHLGEMUTH,
             ),
@@ -127,7 +128,7 @@ TPMS: Mapping[str, TpmsInfo] = MappingProxyType(
                 "0.6 (cos x cos y + cos y cos z + cos z cos x) - 0.4 (cos x + cos y + cos z) + 0.25",
                 "Pm-3m (221)",
                 (-0.75, 3.25),
-                _SCHOEN,
+                f"{_SCHOEN}; formula as in {_MINISURF}",
             ),
         )
     }

@@ -19,7 +19,7 @@ from tpmscad.fields.field import Array, Field, FieldLike, as_field
 SAMPLES = 128
 """Cells per axis of the finer grid; the other has half as many. 0.2 s."""
 
-ACCURACY = 5e-6
+ACCURACY = 1e-5
 """Of a volume fraction, with that many samples in the period of a smooth field; measured on the catalogue. Creases of the field,
 of a sheet for instance, may cost a digit."""
 
@@ -37,11 +37,12 @@ Domain = Sequence[Sequence[float]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Values at the centers of cells (n,), how much the field changes along each edge (n, 3), and half the sum of that (n,)."""
+    """Values at the centers of cells (n,), how much the field changes along each edge (n, 3), and its bounds in the cell (n,)."""
 
     values: Array
     changes: Array
-    reach: Array
+    lowest: Array
+    highest: Array
 
 
 def volume_fraction(field: FieldLike, domain: Domain | None = None, *, samples: int = SAMPLES) -> float:
@@ -68,8 +69,8 @@ def threshold_for(
     if kind not in ("rod", "pore", "sheet"):
         raise InvalidRequest(f"kind {kind!r}: choose rod, pore or sheet")
     grids = _cells(as_field(phi), domain, samples)
-    least = min(float((cells.values - cells.reach).min()) for cells in grids)
-    most = max(float((cells.values + cells.reach).max()) for cells in grids)
+    least = min(float(cells.lowest.min()) for cells in grids)
+    most = max(float(cells.highest.max()) for cells in grids)
     if kind == "sheet":
         widest = max(most - level, level - least)
         t = _root(
@@ -123,7 +124,8 @@ def _sampled(field: Field, low: Array, high: Array, samples: int) -> _Cells:
     axes = (low[axis] + size[axis] * (np.arange(samples) + 0.5) for axis in range(3))
     values, slopes = field.gradient_on_grid(*axes)
     changes = np.abs(slopes.reshape(-1, 3)) * size
-    return _Cells(values.reshape(-1), changes, (changes[:, 0] + changes[:, 1] + changes[:, 2]) / 2)
+    flat, reach = values.reshape(-1), (changes[:, 0] + changes[:, 1] + changes[:, 2]) / 2
+    return _Cells(flat, changes, flat - reach, flat + reach)
 
 
 def _extrapolated(fine: float, coarse: float) -> float:
@@ -131,8 +133,8 @@ def _extrapolated(fine: float, coarse: float) -> float:
 
 
 def _cut(cells: _Cells, c: float) -> float:
-    under = cells.values + cells.reach <= c
-    partly = ~under & (cells.values - cells.reach < c)
+    under = cells.highest <= c
+    partly = np.flatnonzero((cells.lowest < c) ^ under)
     return float(
         (np.count_nonzero(under) + _cut_cubes(c - cells.values[partly], cells.changes[partly]).sum()) / under.size
     )

@@ -129,12 +129,12 @@ _REMEDY = (
 def _takes_coordinates(f: Callable[..., Any]) -> bool:
     """Whether f wants x, y, z: by the number of its required arguments, else by trial."""
     try:
-        parameters = inspect.signature(f).parameters.values()
+        parameters, unknown = list(inspect.signature(f).parameters.values()), False
     except (TypeError, ValueError):
-        parameters = []  # type: ignore[assignment]
+        parameters, unknown = [], True
     positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
     required = sum(p.default is p.empty for p in positional)
-    open_ended = not parameters or any(p.kind is p.VAR_POSITIONAL for p in parameters)
+    open_ended = unknown or any(p.kind is p.VAR_POSITIONAL for p in parameters)
     if not open_ended and required in (1, 3):
         return required == 3
     if not open_ended and not required <= 3 <= len(positional) and not required <= 1 <= len(positional):

@@ -49,7 +49,7 @@ class Polynomial:
 
 def parse(formula: str) -> Polynomial:
     """The polynomial of a formula of numbers, sin, cos, multiples of x, y, z, products by juxtaposition, + - and brackets."""
-    tokens = re.findall(r"\d+\.?\d*|sin|cos|[xyz()+\-]", formula)
+    tokens: list[str] = re.findall(r"\d+\.?\d*|sin|cos|[xyz()+\-]", formula)
     if "".join(tokens) != re.sub(r"\s", "", formula):
         raise ValueError(
             f"{formula!r} holds something that is neither a number, sin, cos, x, y, z, a sign nor a bracket"
@@ -71,7 +71,7 @@ def parse(formula: str) -> Polynomial:
 def _sum(tokens: list[str]) -> tuple[list[Term], list[str]]:
     terms: list[Term] = []
     sign = 1.0
-    if tokens[0] in "+-":
+    if tokens and tokens[0] in "+-":
         sign, tokens = (-1.0 if tokens[0] == "-" else 1.0), tokens[1:]
     while True:
         part, tokens = _product(tokens)
@@ -82,17 +82,23 @@ def _sum(tokens: list[str]) -> tuple[list[Term], list[str]]:
 
 
 def _product(tokens: list[str]) -> tuple[list[Term], list[str]]:
+    if not tokens or tokens[0] in "+-)":
+        raise ValueError("a term is missing")
     product: list[Term] = [(1.0, {})]
     while tokens and tokens[0] not in "+-)":
         head, *tokens = tokens
         factor: list[Term]
         if head == "(":
             factor, tokens = _sum(tokens)
+            if tokens[:1] != [")"]:
+                raise ValueError("a bracket is not closed")
             tokens = tokens[1:]
         elif head in ("sin", "cos"):
             multiple = 1
-            if tokens[0].isdigit():
+            if tokens and tokens[0].isdigit():
                 multiple, tokens = int(tokens[0]), tokens[1:]
+            if tokens[:1] not in (["x"], ["y"], ["z"]):
+                raise ValueError(f"{head} of what: x, y, z or a multiple of one is needed")
             factor, tokens = [(1.0, {tokens[0]: (head, multiple)})], tokens[1:]
         else:
             factor = [(float(head), {})]
