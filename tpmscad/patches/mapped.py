@@ -9,7 +9,8 @@ import numpy as np
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.patches import smooth_fit
-from tpmscad.patches.complex import Array, PatchComplex
+from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.patches.congruent import translation_classes
 from tpmscad.patches.deviation import Deviation, deviation, worst
 from tpmscad.patches.joints import curvature
 from tpmscad.patches.lattice import TAGS, Placements, open_sides, ruled, translates
@@ -29,8 +30,6 @@ PARAMETRIC_EXCESS = 3.0
 
 FLAT = 1e-9
 """A side of the box counts as flat if its image spreads by less than this fraction of the box."""
-
-Layer = list[Surface] | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,35 +121,54 @@ def reaching(
     return Placements(placements.rotation[keep], placements.translation[keep])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """A fitted bounding surface: over placement i lies patches[label[i]] moved by translation[i]."""
+
+    patches: list[Surface]
+    label: Ints
+    translation: Array
+
+    def patch(self, index: int) -> Surface:
+        return self.patches[self.label[index]].moved(np.eye(3), self.translation[index])
+
+
 def fit_layers(
     mapped: MappedSurface,
     distances: tuple[float | None, float | None],
     tol: float,
     progress: Callable[[float], None] = lambda done: None,
-) -> tuple[Layer, Layer, Deviation]:
-    """The fitted patch of every placement on the lower and on the upper surface (None where there is none), and the worst
-    patch's deviation.
+) -> tuple[Layer | None, Layer | None, Deviation]:
+    """The lower and the upper fitted surface (None where there is none), and the worst patch's deviation.
 
-    The lowest degree whose patches all meet `tol` is taken, or the last tried: the caller compares.
+    The lowest degree whose patches all meet `tol` is taken, or the last tried: the caller compares. Patches that the map leaves
+    translates of one another, as an anisotropic cell does, are fitted once.
     """
     t = smooth_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
-    samples = [None if d is None else mapped.offset(u, v, d) for d in distances]
-    present = [s for s in samples if s is not None]
+    sampled = [(d, mapped.offset(u, v, d)) for d in distances if d is not None]
+    classes = [translation_classes(s) for _, s in sampled]
+    total = sum(len(c.first) for c in classes)
     for degree in DEGREES:
         last = degree == DEGREES[-1]
-        fitted = [None if s is None else smooth_fit.fit(s, degree) for s in samples]
-        if not last and max(_least_error(smooth_fit.fit(s, degree), s) for s in present) > tol:
+        fitted = [smooth_fit.fit(s[c.first], degree) for (_, s), c in zip(sampled, classes, strict=True)]
+        estimates = [_least_error(p, s[c.first]) for p, (_, s), c in zip(fitted, sampled, classes, strict=True)]
+        if not last and max(estimates) > tol:
             continue
-        layers = [None if poles is None else [smooth_fit.surface(p) for p in poles] for poles in fitted]
+        layers = [
+            Layer([smooth_fit.surface(p) for p in poles], c.label, c.translation)
+            for poles, c in zip(fitted, classes, strict=True)
+        ]
         each = []
-        for distance, layer in zip(distances, layers, strict=True):
-            for i, patch in enumerate(layer or ()):
-                each.append(deviation(patch, _reference(mapped, float(distance or 0.0), i), SAMPLES))
-                progress(len(each) / (len(present) * len(mapped.placements)))
+        for (distance, _), layer, c in zip(sampled, layers, classes, strict=True):
+            for patch, index in zip(layer.patches, c.first, strict=True):
+                each.append(deviation(patch, _reference(mapped, distance, int(index)), SAMPLES))
+                progress(len(each) / total)
         if last or max(d.max for d in each) <= tol:
             break
-    return layers[0], layers[1], worst(each)
+    of_side = iter(layers)
+    lower, upper = (None if d is None else next(of_side) for d in distances)
+    return lower, upper, worst(each)
 
 
 def _reference(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
@@ -160,38 +178,38 @@ def _reference(mapped: MappedSurface, distance: float, index: int) -> Callable[[
 def greatest_offset(mapped: MappedSurface) -> float:
     """The least curvature radius of the mapped mid surface, sampled: offsets must stay below it."""
     t = smooth_fit.sample_parameters()
-    poles = smooth_fit.fit(mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0), 16)
+    samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0)
+    poles = smooth_fit.fit(samples[translation_classes(samples).first], DEGREES[-1])
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
     largest = max(np.linalg.norm(curvature(smooth_fit.surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles)
     return float(1.0 / largest)
 
 
-def assemble(mapped: MappedSurface, lower: Layer, upper: Layer, *, natural: bool) -> PatchComplex:
+def assemble(mapped: MappedSurface, lower: Layer | None, upper: Layer | None, *, natural: bool) -> PatchComplex:
     """The layers as one complex: closed by ruled gap faces along the border when `natural`, open otherwise."""
     facing = mapped.symmetry.handedness * mapped.orientation()
     carriers: list[Surface] = []
-    sense: list[int] = []
-    tag: list[str] = []
-    for layer, outward, name in ((lower, -1, "offset-"), (upper, 1, "offset+")):
+    parts = []
+    for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
         if layer is not None:
-            carriers += layer
-            sense += [outward * facing] * len(layer)
-            tag += [name] * len(layer)
+            n = len(layer.label)
+            parts.append((len(carriers) + layer.label, layer.translation, np.full(n, outward * facing), [tag] * n))
+            carriers += layer.patches
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
         open_at = list(zip(*open_sides(mapped.symmetry, mapped.placements), strict=True))
-        carriers += [ruled(lower[p].side(s), upper[p].side(s)) for p, s in open_at]
-        sense += [facing] * len(open_at)
-        tag += ["gap"] * len(open_at)
-    n = len(carriers)
+        n = len(open_at)
+        parts.append((len(carriers) + np.arange(n), np.zeros((n, 3)), np.full(n, facing), ["gap"] * n))
+        carriers += [ruled(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
+    carrier, translation, sense, tags = (np.concatenate(part) for part in zip(*parts, strict=True))
     return weld(
         carriers,
-        np.arange(n),
-        np.tile(np.eye(3), (n, 1, 1)),
-        np.zeros((n, 3)),
-        np.array(sense),
-        np.array([TAGS.index(t) for t in tag]),
+        carrier,
+        np.tile(np.eye(3), (len(carrier), 1, 1)),
+        translation,
+        sense,
+        np.array([TAGS.index(tag) for tag in tags]),
         TAGS,
     )
 
