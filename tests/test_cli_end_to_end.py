@@ -60,10 +60,21 @@ def test_render_draws_a_picture_without_a_display(made: tuple[Path, dict[str, An
     assert (made[0] / "gyroid.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_check_of_a_file_that_is_no_step_ends_in_1(tmp_path: Path) -> None:
-    (tmp_path / "junk.step").write_text("nothing")
-    answer = tpmscad("check", "junk.step", folder=tmp_path)
-    assert (answer.returncode, answer.stderr.count("\n")) == (1, 1)
+@pytest.mark.parametrize(("length", "status"), [(0, 2), (100, 1), (100_000, 1)])
+def test_check_of_a_file_that_is_no_step_or_cut_short_ends_in_an_error(
+    made: tuple[Path, dict[str, Any]], tmp_path: Path, length: int, status: int
+) -> None:
+    (tmp_path / "cut.step").write_bytes((made[0] / "gyroid.step").read_bytes()[:length])
+    answer = tpmscad("check", "cut.step", folder=tmp_path)
+    assert (answer.returncode, answer.stderr.count("\n")) == (status, 1)
+    assert "cut.step" in answer.stderr
+
+
+def test_an_assembly_of_cells_is_made_on_request(tmp_path: Path) -> None:
+    line = "lattice schwarz_p --cell 10 --cells 3,2,1 --thickness 1 --tol 0.1 --instanced --schema ap214 -o p.step"
+    assert tpmscad(*line.split(), folder=tmp_path).returncode == 0
+    tpmscad("check", "p.step", "--report", "p.json", folder=tmp_path)
+    assert json.loads((tmp_path / "p.json").read_text())["solids"] == 6
 
 
 @pytest.mark.parametrize(
