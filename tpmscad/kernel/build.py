@@ -72,15 +72,15 @@ def build(complex: PatchComplex) -> Built:
     faces = topods_faces(complex)
     count, label = connectivity.shells(complex)
     members = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
-    shells = [_shell(faces[i] for i in of) for of in members]
+    shells = [shell_of(faces[i] for i in of) for of in members]
 
     def inside(shell: int, point: Array) -> bool:
-        classifier = BRepClass3d_SolidClassifier(_solid(shells[shell : shell + 1]))
+        classifier = BRepClass3d_SolidClassifier(solid_of(shells[shell : shell + 1]))
         classifier.Perform(convert.point(point), TOLERANCE)
         return bool(classifier.State() == TopAbs_IN)
 
     nested = nesting(complex, inside)
-    solids = tuple(_solid([shells[s] for s in piece]) for piece in nested.pieces)
+    solids = tuple(solid_of([shells[s] for s in piece]) for piece in nested.pieces)
     return Built(solids[0] if len(solids) == 1 else compound(solids), solids, faces, nested)
 
 
@@ -213,7 +213,7 @@ def _edges(builder: BRep_Builder, complex: PatchComplex) -> list[TopoDS_Edge]:
     return result
 
 
-def _shell(faces: Iterable[TopoDS_Face]) -> TopoDS_Shell:
+def shell_of(faces: Iterable[TopoDS_Face]) -> TopoDS_Shell:
     builder, shell = BRep_Builder(), TopoDS_Shell()
     builder.MakeShell(shell)
     for face in faces:
@@ -222,7 +222,7 @@ def _shell(faces: Iterable[TopoDS_Face]) -> TopoDS_Shell:
     return shell
 
 
-def _solid(shells: Iterable[TopoDS_Shell]) -> TopoDS_Solid:
+def solid_of(shells: Iterable[TopoDS_Shell]) -> TopoDS_Solid:
     builder, solid = BRep_Builder(), TopoDS_Solid()
     builder.MakeSolid(solid)
     for shell in shells:

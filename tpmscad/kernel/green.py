@@ -51,7 +51,7 @@ def grid(surface: Surface, points: tuple[int, int]) -> Grid:
 
 
 def integrand(poles: Array, grid: Grid) -> Array:
-    """|N|, x . N / 3 and x_i^2 N_i / 2 on the grid, of surfaces with poles (F, U, V, 3): (F, A, B, 5)."""
+    """|N|, x . N / 3 and x (x . N) / 4 on the grid, of surfaces with poles (F, U, V, 3): (F, A, B, 5)."""
     (u, v), (du, dv) = grid.values, grid.slopes
     along_v = np.matmul(v, poles)  # (F, U, B, 3)
     x = np.einsum("au,fubd->fabd", u, along_v, optimize=True)
@@ -59,7 +59,8 @@ def integrand(poles: Array, grid: Grid) -> Array:
     xv = np.einsum("au,fubd->fabd", u, np.matmul(dv, poles), optimize=True)
     n = np.cross(xu, xv)
     area = np.linalg.norm(n, axis=-1)
-    return np.concatenate([area[..., None], (x * n).sum(-1)[..., None] / 3.0, x**2 * n / 2.0], axis=-1)
+    cone = (x * n).sum(-1)[..., None]
+    return np.concatenate([area[..., None], cone / 3.0, cone * x / 4.0], axis=-1)
 
 
 def trimmed_moments(

@@ -14,8 +14,9 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
-from OCP.BRepGProp import BRepGProp
+from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
 from OCP.Geom import Geom_BSplineSurface, Geom_Plane
+from OCP.gp import gp_Pnt
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Face
@@ -40,7 +41,7 @@ CHUNK = 128
 
 
 def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
-    """Area, volume under it (x . n dA / 3) and x_i^2 n_i dA / 2 of each face, over the face's own orientation: (F, 5).
+    """Area, x . n dA / 3 and x (x . n) dA / 4 of each face, over the face's own orientation: (F, 5).
 
     Summed over a closed surface: area, volume, and volume times centroid.
     """
@@ -116,25 +117,25 @@ def _planar(face: TopoDS_Face, plane: Geom_Plane, nodes_of: EdgeNodes) -> Array:
     frame = plane.Pln().Position()
     x_axis, y_axis = (np.array(d.Coord()) for d in (frame.XDirection(), frame.YDirection()))
     origin = np.array(frame.Location().Coord())
-    m = np.zeros(6)  # int of 1, u, v, u^2, uv, v^2
+    m = np.zeros(3)  # int of 1, u, v
     backwards = _direction(face)  # a reversed face's edges come reversed
     for edge in edges_of(face):
         nodes, sign = nodes_of(edge)
         u, v = (nodes.points - origin) @ x_axis, (nodes.points - origin) @ y_axis
-        dv = backwards * sign * nodes.weights * (nodes.tangents @ y_axis)
-        m += np.array([u, u**2 / 2, u * v, u**3 / 3, u**2 * v / 2, u * v**2]) @ dv
-    normal = np.cross(x_axis, y_axis)
-    second = m[0] * origin**2 + 2 * origin * (m[1] * x_axis + m[2] * y_axis)
-    second = second + m[3] * x_axis**2 + 2 * m[4] * x_axis * y_axis + m[5] * y_axis**2
-    return np.concatenate([[m[0], (origin @ normal) * m[0] / 3.0], second * normal / 2.0])
+        m += np.stack([u, u**2 / 2, u * v]) @ (backwards * sign * nodes.weights * (nodes.tangents @ y_axis))
+    height = origin @ np.cross(x_axis, y_axis)
+    first = m[0] * origin + m[1] * x_axis + m[2] * y_axis
+    return np.concatenate([[m[0], height * m[0] / 3.0], height * first / 4.0])
 
 
 def _foreign(face: TopoDS_Face) -> Array:
     """OCC's adaptive quadrature, over the face's own forward orientation."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
-    area, volume = GProp_GProps(), GProp_GProps()
+    area = GProp_GProps()
     BRepGProp.SurfaceProperties_s(forward, area, FOREIGN_EPS)
-    BRepGProp.VolumeProperties_s(forward, volume, FOREIGN_EPS)
-    mass = volume.Mass()
-    centre = np.array(volume.CentreOfMass().Coord()) * mass if mass else np.zeros(3)
-    return np.array([area.Mass(), mass, *centre])
+    # VolumeProperties of a lone face takes a reference point of its own choosing; this one takes ours.
+    domain = BRepGProp_Domain(forward)
+    cone = BRepGProp_Vinert(BRepGProp_Face(forward), domain, gp_Pnt(0.0, 0.0, 0.0), FOREIGN_EPS)
+    volume = cone.Mass()
+    centre = np.array(cone.CentreOfMass().Coord()) * volume if volume else np.zeros(3)
+    return np.array([area.Mass(), volume, *centre])

@@ -61,7 +61,7 @@ def joined(*parts: PatchComplex) -> PatchComplex:
             a["tag"],
             np.append(a["loop_start"], offset[6]),
             np.append(a["use_start"], offset[5]),
-        ),  # fmt: skip
+        ),
         tags=sum((p.tags for p in parts), ()),
     )
 
@@ -96,7 +96,7 @@ def plane_box(size=(2.0, 3.0, 5.0), rotation: Array | None = None, translation=(
             np.arange(6) // 2,
             np.arange(7),
             4 * np.arange(7),
-        ),  # fmt: skip
+        ),
         tags=("x", "y", "z"),
     )
 
@@ -170,7 +170,7 @@ def drilled_dome() -> PatchComplex:
         ring = np.array([[1, 0], [1, k], [k, 1], [0, 1.0]]) @ turn.T
         arcs.append(Curve(0.5 + ring * [0.3, 0.2], np.repeat([0.0, 1.0], 4), 3))
     # Faces in the order of plane_box: -x, +x, -y, +y, -z, +z; the last becomes the dome, the hole joins both ends.
-    e, u, f = base.edges, base.uses, base.faces
+    e, u, _f = base.edges, base.uses, base.faces
     rim_top = [_lifted(top, arc) for arc in arcs]
     rim_bottom = [Curve(np.column_stack([arc.poles * [2.0, 3.0], np.zeros(4)]), arc.knots, 3) for arc in arcs]
     walls = []
@@ -252,3 +252,28 @@ def _through(points: Array, degree: int) -> Curve:
     poles = np.linalg.solve(design(knots, degree, _nodes(degree)), points)
     poles[0], poles[-1] = points[0], points[-1]
     return Curve(poles, knots, degree)
+
+
+def notched_hollow() -> PatchComplex:
+    """A U of voxels whose box holds a hollow box that the U itself does not."""
+    u = np.ones((3, 1, 3), bool)
+    u[1, :, 1:] = False
+    held = joined(
+        plane_box((0.5, 0.5, 1.0), translation=(1.25, 0.2, 1.4)),
+        turned_inside_out(plane_box((0.2, 0.2, 0.2), translation=(1.4, 0.3, 1.6))),
+    )
+    return joined(voxels(u, 3), held)
+
+
+TURN = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
+
+CASES = {
+    "box of planes": plane_box,
+    "mirrored box": lambda: plane_box(rotation=np.diag([1.0, -1.0, 1.0]) @ TURN, translation=(1.0, -2.0, 0.5)),
+    "box with a void": hollow_box,
+    "two boxes": lambda: joined(plane_box((1.0, 1.0, 2.0)), plane_box((3.0, 3.0, 5.0), translation=(10.0, 0.0, 0.0))),
+    "bent cube": lambda: voxels(np.ones((1, 1, 1)), 5),
+    "bent frame": lambda: voxels(frame(1), 3),
+    "drilled dome": drilled_dome,
+    "hollow box in a notch": notched_hollow,
+}

@@ -1,0 +1,125 @@
+"""Shapes measured against closed forms: OCC's own primitives, moved, turned over and broken."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.kernel
+
+from kernel_shapes import CASES, drilled_dome, plane_box  # noqa: E402
+from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert  # noqa: E402
+from OCP.BRepGProp import BRepGProp  # noqa: E402
+from OCP.BRepPrimAPI import (  # noqa: E402
+    BRepPrimAPI_MakeCone,
+    BRepPrimAPI_MakeCylinder,
+    BRepPrimAPI_MakeSphere,
+    BRepPrimAPI_MakeTorus,
+)
+from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec  # noqa: E402
+from OCP.GProp import GProp_GProps  # noqa: E402
+from OCP.TopLoc import TopLoc_Location  # noqa: E402
+
+from tpmscad import kernel  # noqa: E402
+from tpmscad.kernel.build import compound, shell_of, solid_of  # noqa: E402
+
+PI = np.pi
+ROUND = {
+    "cylinder": (BRepPrimAPI_MakeCylinder(2.0, 5.0), 20 * PI, 28 * PI),
+    "sphere": (BRepPrimAPI_MakeSphere(3.0), 36 * PI, 36 * PI),
+    "torus": (BRepPrimAPI_MakeTorus(5.0, 1.5), 2 * PI**2 * 5.0 * 1.5**2, 4 * PI**2 * 7.5),
+    "cone": (BRepPrimAPI_MakeCone(3.0, 0.0, 4.0), 12 * PI, 24 * PI),
+}
+
+
+@pytest.mark.parametrize("name", ROUND)
+@pytest.mark.parametrize("as_splines", [False, True], ids=["analytic", "rational"])
+def test_round_bodies_have_their_volume_and_area(name: str, as_splines: bool) -> None:
+    maker, volume, area = ROUND[name]
+    shape = BRepBuilderAPI_NurbsConvert(maker.Shape()).Shape() if as_splines else maker.Shape()
+    report = kernel.check_shape(shape)
+    assert report.volume == pytest.approx(volume, rel=1e-6)  # as good as OCC's adaptive quadrature
+    assert report.area == pytest.approx(area, rel=1e-6)
+    assert report.closed
+    assert report.valid
+    assert report.outward
+
+
+def moved() -> gp_Trsf:
+    turn, shift = gp_Trsf(), gp_Trsf()
+    turn.SetRotation(gp_Ax1(gp_Pnt(0, 0, 0), gp_Dir(1, 2, 3)), 0.7)
+    shift.SetTranslation(gp_Vec(10.0, -4.0, 2.5))
+    return shift.Multiplied(turn)
+
+
+def test_placed_copies_are_counted_each_and_measured_where_they_stand() -> None:
+    solid = kernel.build(drilled_dome()).shape
+    alone = kernel.check_shape(solid)
+    pair = kernel.check_shape(compound([solid, solid.Moved(TopLoc_Location(moved()))]))
+    assert (pair.solids, pair.faces, pair.edges) == (2, 2 * alone.faces, 2 * alone.edges)
+    assert pair.volume == pytest.approx(2 * alone.volume, rel=1e-14)
+    there = gp_Pnt(*alone.centroid).Transformed(moved()).Coord()
+    np.testing.assert_allclose(pair.centroid, (np.array(alone.centroid) + there) / 2, atol=1e-12)
+
+
+def test_trimmed_areas_agree_with_the_kernels_adaptive_quadrature() -> None:
+    shape = kernel.build(drilled_dome()).shape
+    adaptive = GProp_GProps()
+    BRepGProp.SurfaceProperties_s(shape, adaptive, 1e-12)
+    assert kernel.check_shape(shape).area == pytest.approx(adaptive.Mass(), rel=1e-8)
+
+
+def test_a_solid_turned_inside_out_is_noticed() -> None:
+    report = kernel.check_shape(kernel.build(plane_box()).shape.Reversed())
+    assert not report.outward
+    assert not report.ok
+    assert report.volume == pytest.approx(-30.0)
+
+
+def test_a_solid_with_a_face_missing_is_noticed() -> None:
+    faces = kernel.build(plane_box()).faces
+    report = kernel.check_shape(solid_of([shell_of(faces[:5])]))
+    assert not report.closed
+    assert not report.ok
+
+
+def test_a_report_is_plain_values_and_says_what_it_found() -> None:
+    report = kernel.check_shape(kernel.build(CASES["box with a void"]()).shape)
+    assert json.loads(json.dumps(report.to_dict()))["volume"] == pytest.approx(29.0)
+    assert "1 solids, 2 shells, 12 faces, 24 edges" in str(report)
+    assert report.bounds == ((0.0, 0.0, 0.0), (2.0, 3.0, 5.0))
+    assert report.volumes == pytest.approx((29.0,))
+
+
+def test_inner_knots_change_nothing() -> None:
+    """The same patch with knots put in it, its poles found by SciPy, has the same moments to round-off."""
+    from scipy.interpolate import insert as insert_knot
+
+    whole = CASES["bent cube"]()
+    split = []
+    for surface in whole.carriers:
+        poles, u, v = surface.poles, surface.knots_u, surface.knots_v
+        for t in (0.3, 0.7):
+            u, poles = _inserted(insert_knot, t, u, poles, surface.degree_u)
+        v, turned = _inserted(insert_knot, 0.45, v, np.swapaxes(poles, 0, 1), surface.degree_v)
+        split.append(type(surface)(np.swapaxes(turned, 0, 1), u, v, surface.degree_u, surface.degree_v))
+    knotted = type(whole)(*[tuple(split) if n == "carriers" else getattr(whole, n) for n in whole.__slots__])
+    before, after = (kernel.check_shape(_solid(c)) for c in (whole, knotted))
+    assert after.volume == pytest.approx(before.volume, rel=1e-13)
+    assert after.area == pytest.approx(before.area, rel=1e-9)
+    np.testing.assert_allclose(after.centroid, before.centroid, atol=1e-13)
+
+
+def _solid(complex):
+    from tpmscad.kernel.build import topods_faces
+
+    return solid_of([shell_of(topods_faces(complex))])
+
+
+def _inserted(insert_knot, t, knots, poles, degree):
+    n, m, _ = poles.shape
+    padded = np.concatenate([poles.reshape(n, -1), np.zeros((degree + 1, 3 * m))])
+    columns = [insert_knot(t, (knots, column, degree)) for column in padded.T]
+    return columns[0][0], np.stack([c[1][: n + 1] for c in columns], axis=1).reshape(n + 1, m, 3)

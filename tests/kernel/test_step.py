@@ -1,0 +1,285 @@
+"""STEP files: read back by the kernel they hold what was written; read by an independent parser they conform to the schema."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import part21
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytestmark = pytest.mark.kernel
+
+from kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box  # noqa: E402
+
+from tpmscad import kernel  # noqa: E402
+from tpmscad.errors import InvalidRequest, KernelError  # noqa: E402
+from tpmscad.kernel.step_text import real, string  # noqa: E402
+from tpmscad.patches import measure  # noqa: E402
+
+STAMP = "2026-01-01T00:00:00"
+
+
+def written(complex, path: Path, **how) -> str:
+    kernel.write_step(complex, path, **({"time_stamp": STAMP} | how))
+    return path.read_text(encoding="ascii")
+
+
+@pytest.mark.parametrize("schema", ["ap242", "ap214"])
+@pytest.mark.parametrize("case", CASES)
+class TestEveryFile:
+    def test_reads_back_valid_closed_in_mm_with_the_same_volume(self, case: str, schema: str, tmp_path: Path) -> None:
+        complex = CASES[case]()
+        written(complex, tmp_path / "part.step", schema=schema)
+        found = kernel.check_step(tmp_path / "part.step")
+        moments = measure.face_moments(complex)
+        assert found.ok
+        assert found.units == ("millimetre",)
+        assert found.products == ("part",)
+        assert found.shape.faces == len(complex.faces)
+        assert found.shape.edges == len(complex.edges)
+        assert found.shape.volume == pytest.approx(measure.volume(moments)[0], rel=1e-9)
+        np.testing.assert_allclose(found.shape.centroid, measure.centroid(moments), atol=1e-9)
+        assert found.shape.max_tolerance == 1e-7
+
+    def test_conforms_to_the_schema(self, case: str, schema: str, tmp_path: Path) -> None:
+        header, instances = part21.parse(written(CASES[case](), tmp_path / "part.step", schema=schema))
+        assert {"ap242": "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF", "ap214": "AUTOMOTIVE_DESIGN"}[
+            schema
+        ] in header
+        assert part21.faults(instances) == []
+        assert unused(instances) == []
+
+    def test_states_its_volume_area_and_centroid(self, case: str, schema: str, tmp_path: Path) -> None:
+        complex = CASES[case]()
+        _, instances = part21.parse(written(complex, tmp_path / "part.step", schema=schema))
+        moments = measure.face_moments(complex)
+        stated = validation(instances)
+        assert stated["volume"] == pytest.approx(measure.volume(moments)[0], rel=1e-14)
+        assert stated["surface area"] == pytest.approx(moments.area.sum(), rel=1e-14)
+        np.testing.assert_allclose(stated["centroid"], measure.centroid(moments), atol=1e-14)
+
+    def test_shares_edges_and_writes_each_point_once(self, case: str, schema: str, tmp_path: Path) -> None:
+        complex = CASES[case]()
+        _, instances = part21.parse(written(complex, tmp_path / "part.step", schema=schema))
+        uses = [int(values[3].value[1:]) for values in part21.of_kind(instances, "ORIENTED_EDGE").values()]
+        assert sorted(uses) == sorted(2 * list(part21.of_kind(instances, "EDGE_CURVE")))
+        geometry = referenced(instances, ("B_SPLINE_SURFACE_WITH_KNOTS", "B_SPLINE_CURVE_WITH_KNOTS", "VERTEX_POINT"))
+        points = [tuple(v.value for v in part21.of_kind(instances, "CARTESIAN_POINT")[i][1].value) for i in geometry]
+        assert len(set(points)) == len(points)
+
+
+def validation(instances) -> dict[str, object]:
+    stated: dict[str, object] = {}
+    for property_, representation in part21.of_kind(instances, "PROPERTY_DEFINITION_REPRESENTATION").values():
+        name = instances[int(property_.value[1:])].parts["PROPERTY_DEFINITION"]
+        assert name[0].value == "'geometric validation property'"
+        label, items, _ = instances[int(representation.value[1:])].parts["REPRESENTATION"]
+        (item,) = (instances[i] for i in part21.numbers(items))
+        if "CARTESIAN_POINT" in item.parts:
+            stated[label.value.strip("'")] = [float(v.value) for v in item.parts["CARTESIAN_POINT"][1].value]
+        else:
+            stated[label.value.strip("'")] = float(item.parts["MEASURE_REPRESENTATION_ITEM"][1].value[1].value)
+    return stated
+
+
+def references(value: part21.Value) -> list[int]:
+    if value.kind == "ref":
+        return [int(value.value[1:])]
+    return [r for v in value.value for r in references(v)] if value.kind == "list" else []
+
+
+def referenced(instances, names) -> set[int]:
+    found: set[int] = set()
+    for name in names:
+        for values in part21.of_kind(instances, name).values():
+            candidates = [r for v in values for r in references(v)]
+            found.update(r for r in candidates if "CARTESIAN_POINT" in instances[r].parts)
+    return found
+
+
+ROOTS = {
+    "APPLICATION_PROTOCOL_DEFINITION",
+    "CONTEXT_DEPENDENT_SHAPE_REPRESENTATION",
+    "PRODUCT_RELATED_PRODUCT_CATEGORY",
+    "PROPERTY_DEFINITION_REPRESENTATION",
+    "SHAPE_DEFINITION_REPRESENTATION",
+    "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION",
+}
+
+
+def unused(instances) -> list[str]:
+    used = {r for i in instances.values() for values in i.parts.values() for v in values for r in references(v)}
+    return [f"#{n} {list(i.parts)}" for n, i in instances.items() if n not in used and not ROOTS & set(i.parts)]
+
+
+def test_the_conformance_check_notices_what_is_wrong(tmp_path: Path) -> None:
+    text = written(plane_box(), tmp_path / "part.step")
+    for before, after in (
+        (r"VECTOR\('',#\d+,", "VECTOR('',"),
+        (r"PLANE\('',", "PLANE("),
+        (r"EDGE_CURVE\('',#(\d+),#(\d+),#(\d+)", r"EDGE_CURVE('',#\3,#\2,#\1"),
+        (r"VERTEX_POINT\('',#\d+\)", "VERTEX_POINT('',#999999)"),
+        (r"LENGTH_MEASURE\(1\.E-7\)", "LENGTH_MEASURE(1)"),
+    ):
+        broken, count = re.subn(before, after, text, count=1)
+        assert count == 1
+        assert part21.faults(part21.parse(broken)[1])
+
+
+def test_equal_requests_write_equal_bytes_but_for_the_line_of_the_date(tmp_path: Path) -> None:
+    texts = []
+    for _ in range(2):
+        written(drilled_dome(), tmp_path / "part.step", time_stamp=None)
+        texts.append((tmp_path / "part.step").read_text().splitlines())
+    different = [i for i, (a, b) in enumerate(zip(*texts, strict=True)) if a != b]
+    assert different in ([], [4])
+    assert re.fullmatch(r"'\d{4}-\d\d-\d\dT[\d:+]+',", texts[0][4])
+
+
+def test_faces_carry_their_tags_as_names(tmp_path: Path) -> None:
+    complex = drilled_dome()
+    _, instances = part21.parse(written(complex, tmp_path / "part.step"))
+    names = [values[0].value.strip("'") for values in part21.of_kind(instances, "ADVANCED_FACE").values()]
+    assert names == [complex.tags[t] for t in complex.faces.tag]
+
+
+def test_a_face_with_a_hole_has_one_outer_bound(tmp_path: Path) -> None:
+    _, instances = part21.parse(written(drilled_dome(), tmp_path / "part.step"))
+    bounds = [part21.numbers(values[1]) for values in part21.of_kind(instances, "ADVANCED_FACE").values()]
+    outer = [sum("FACE_OUTER_BOUND" in instances[b].parts for b in of) for of in bounds]
+    assert outer == [1] * 10
+    assert sorted(len(of) for of in bounds) == [1] * 8 + [2, 2]
+
+
+class TestInstances:
+    def test_512_copies_of_one_cell_take_little_room(self, tmp_path: Path) -> None:
+        cell, path = CASES["bent frame"](), tmp_path / "lattice.step"
+        shifts = 3.0 * np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+        text = written(cell, path, instances=kernel.Instances.shifted(shifts))
+        assert path.stat().st_size < 2e6
+        assert part21.faults(part21.parse(text)[1]) == []
+        found = kernel.check_step(path)
+        assert found.ok
+        assert found.shape.solids == 512
+        assert found.products == ("lattice cell", "lattice")
+        assert found.shape.volume == pytest.approx(512 * measure.volume(measure.face_moments(cell))[0], rel=1e-9)
+
+    def test_copies_stand_where_they_are_put(self, tmp_path: Path) -> None:
+        place = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
+        assert np.linalg.det(TURN) == pytest.approx(1.0)
+        written(drilled_dome(), tmp_path / "pair.step", instances=place)
+        centre = measure.centroid(measure.face_moments(drilled_dome()))
+        found = kernel.check_step(tmp_path / "pair.step").shape
+        np.testing.assert_allclose(found.centroid, (centre + TURN @ centre + place.translation[1]) / 2, atol=1e-9)
+
+    def test_a_mirror_is_refused(self) -> None:
+        with pytest.raises(InvalidRequest, match="mirror the complex instead"):
+            kernel.Instances(np.diag([1.0, 1.0, -1.0])[None], np.zeros((1, 3)))
+
+
+class TestForeignShapes:
+    @pytest.mark.parametrize("schema", ["ap242", "ap214"])
+    def test_any_shape_is_written_by_the_kernel_and_twice_alike(self, schema: str, tmp_path: Path) -> None:
+        from OCP.BRepPrimAPI import BRepPrimAPI_MakeTorus
+
+        path, texts = tmp_path / "ring.stp", []
+        for _ in range(2):
+            kernel.write_shape(
+                BRepPrimAPI_MakeTorus(5.0, 1.5).Shape(), path, schema=schema, name="ring", time_stamp=STAMP
+            )
+            texts.append(path.read_bytes())
+        assert texts[0] == texts[1]
+        found = kernel.check_step(path)
+        assert found.ok
+        assert found.products == ("ring",)
+        assert found.shape.volume == pytest.approx(2 * np.pi**2 * 5.0 * 1.5**2, rel=1e-9)
+
+    def test_nothing_is_printed(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+        kernel.write_shape(kernel.build(plane_box()).shape, tmp_path / "box.step")
+        kernel.check_step(tmp_path / "box.step")
+        assert capfd.readouterr() == ("", "")
+
+
+WRITERS = {
+    "complex": lambda path, **how: kernel.write_step(plane_box(), path, **how),
+    "shape": lambda path, **how: kernel.write_shape(kernel.build(plane_box()).shape, path, **how),
+}
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+class TestBadRequests:
+    def test_another_extension_is_refused(self, writer: str, tmp_path: Path) -> None:
+        with pytest.raises(InvalidRequest, match=r"\.iges.*\.step or \.stp"):
+            WRITERS[writer](tmp_path / "a.iges")
+
+    def test_a_missing_folder_is_refused(self, writer: str, tmp_path: Path) -> None:
+        with pytest.raises(InvalidRequest, match="folder .*nowhere"):
+            WRITERS[writer](tmp_path / "nowhere" / "a.step")
+
+    def test_an_unknown_schema_is_refused(self, writer: str, tmp_path: Path) -> None:
+        with pytest.raises(InvalidRequest, match="'ap203'.*ap242, ap214"):
+            WRITERS[writer](tmp_path / "a.step", schema="ap203")
+        assert list(tmp_path.iterdir()) == []
+
+    def test_interrupted_writing_leaves_what_was_there(
+        self, writer: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        path = tmp_path / "a.step"
+        path.write_text("before")
+
+        def interrupted(*_: object) -> None:
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("os.replace", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            WRITERS[writer](path)
+        assert [p.name for p in tmp_path.iterdir()] == ["a.step"]
+        assert path.read_text() == "before"
+
+
+class TestBadFiles:
+    def test_a_missing_file_is_named(self, tmp_path: Path) -> None:
+        with pytest.raises(InvalidRequest, match="no file .*gone"):
+            kernel.read_step(tmp_path / "gone.step")
+
+    def test_another_kind_of_file_is_refused(self, tmp_path: Path) -> None:
+        (tmp_path / "a.step").write_text("solid ascii\nendsolid\n")
+        with pytest.raises(InvalidRequest, match="not a STEP file"):
+            kernel.read_step(tmp_path / "a.step")
+
+    def test_a_file_cut_short_is_refused(self, tmp_path: Path) -> None:
+        text = written(plane_box(), tmp_path / "a.step")
+        (tmp_path / "a.step").write_text(text[: len(text) // 2])
+        with pytest.raises(KernelError, match="a.step"):
+            kernel.read_step(tmp_path / "a.step")
+
+    def test_a_file_without_solids_is_refused(self, tmp_path: Path) -> None:
+        text = written(plane_box(), tmp_path / "a.step")
+        shell = re.sub(r"MANIFOLD_SOLID_BREP\('',(#\d+)\)", r"SHELL_BASED_SURFACE_MODEL('',(\1))", text)
+        (tmp_path / "a.step").write_text(shell.replace("ADVANCED_BREP_SHAPE", "MANIFOLD_SURFACE_SHAPE"))
+        with pytest.raises(KernelError, match="no solid"):
+            kernel.read_step(tmp_path / "a.step")
+
+
+PART21_REAL = re.compile(r"[+-]?\d+\.\d*(E[+-]?\d+)?")
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_reals_are_part_21_and_read_back_exactly(value: float) -> None:
+    assert PART21_REAL.fullmatch(real(value))
+    assert float(real(value)) == value
+
+
+@given(st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=8))
+def test_strings_are_printable_ascii_with_quotes_doubled(text: str) -> None:
+    quoted = string(text)
+    assert re.fullmatch(r"'(?:[ -&(-~]|'')*'", quoted)
+
+
+def test_names_beyond_ascii_come_back(tmp_path: Path) -> None:
+    written(joined(plane_box()), tmp_path / "part.step", name="Gitter «ß» d'été")
+    assert kernel.read_step(tmp_path / "part.step").products == ("Gitter «ß» d'été",)
