@@ -117,7 +117,7 @@ def test_volume_fractions_are_those_of_half_exact_integration(phi: fields.Field,
 
 def test_a_threshold_is_as_accurate_as_stated() -> None:
     c = fields.threshold_for(GYROID, 0.3)
-    assert fraction_below("gyroid", c, 3000) == pytest.approx(0.3, abs=ACCURACY)
+    assert fraction_below("gyroid", c, 1200) == pytest.approx(0.3, abs=ACCURACY)
 
 
 @pytest.mark.parametrize("fraction", [0.1, 0.35])

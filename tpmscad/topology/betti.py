@@ -1,4 +1,4 @@
-"""Betti numbers of a sampled solid: components and cavities by labelling, tunnels from the Euler characteristic by counting cells."""
+"""Betti numbers of a sampled solid: components and cavities by labelling, tunnels from the Euler characteristic."""
 
 from __future__ import annotations
 

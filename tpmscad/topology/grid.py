@@ -1,14 +1,15 @@
 """Sampled fields and how their voxels hang together.
 
-A sample is a voxel; solid is {f <= level}. Voxels of the one phase are neighbours through their 6 faces or through all 26 of faces,
-edges and corners; the void reaches the exterior from every voxel of the array's border. What that means:
+A sample is a voxel; solid is {f <= level}. Voxels of one phase are neighbours through their 6 faces, or through all 26 of faces,
+edges and corners; the void reaches the exterior from every voxel on the array's border. By convention:
 
-* "vertices": samples are the vertices of a cubical complex, a cell enters with its last vertex (gudhi: CubicalComplex(vertices=...)):
-  solid 6, void 26. The construction of porous blending, section 2.3.
-* "top_cells": samples are the cubes, a face enters with its first cube (gudhi: top_dimensional_cells=...): solid 26, void 6.
-* "strict": solid 6, void 6, no complex but a bound. Every component of {f <= 0} and of {f > 0} of the trilinear interpolant holds a
-  sample, and 6-neighbours of one sign are joined along their edge, so that the interpolant has no more components and no more
-  cavities than are counted so: one component without cavities here is a certificate for it.
+* "vertices": samples are the vertices of a cubical complex and a cell enters with its last vertex, as in porous blending,
+  section 2.3, and gudhi.CubicalComplex(vertices=...): solid 6, void 26.
+* "top_cells": samples are the cubes and a face enters with its first cube, as in gudhi's top_dimensional_cells=...:
+  solid 26, void 6.
+* "strict": solid 6, void 6: no complex but a bound. Every component of {f <= 0} and of {f > 0} of the trilinear interpolant
+  holds a sample, and 6-neighbours of one sign are joined along their edge, so the interpolant has no more components and no
+  more cavities than are counted so. One component without cavities here is a certificate for it.
 """
 
 from __future__ import annotations

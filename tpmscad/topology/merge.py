@@ -1,9 +1,9 @@
 """The merge tree of a sampled function: which minima there are, and at which saddle each joins an older one.
 
-Every voxel runs down to the lowest of its neighbours, and so to a minimum: the voxels of a minimum are its basin. Only voxels where
-two basins meet can be saddles; they alone are sorted and swept with a union-find structure in which the lower minimum survives
-(the elder rule). Voxels of equal value are ordered by their index. Basins may be given beforehand for all voxels up to some value,
-which then are not looked at.
+Every voxel runs down to the lowest of its neighbours, and so to a minimum: the voxels of a minimum are its basin. Only voxels
+where two basins meet can be saddles, and only those without a lower neighbour where the same two meet; they alone are sorted and
+swept with a union-find structure in which the lower minimum survives (the elder rule). Of a smooth field that is one voxel in
+twenty. Voxels of equal value are ordered by their index. Basins may be given beforehand for all voxels up to some value.
 
 Keys are padded by one voxel all around, with +inf for nothing or -inf for an exterior, which is the voxel of index 0.
 """

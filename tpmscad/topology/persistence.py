@@ -1,8 +1,8 @@
 """Persistent homology of a sampled field in dimensions 0 and 2: components and cavities of {f <= c} as c rises.
 
-Components are the merge tree of f, cavities, by Alexander duality, that of -f with the exterior as one more, oldest, component. The
-pairs equal those of gudhi's cubical complexes, built either way (see `grid.py` for the conventions); locations equal gudhi's where
-no two samples have the same value. Pairs of equal birth and death are left out, as gudhi does.
+Components are the merge tree of f; cavities, by Alexander duality, that of -f with the exterior as one more, oldest, component.
+The pairs equal those of gudhi's cubical complexes, built either way (see `grid.py` for the conventions); locations equal gudhi's
+where no two samples have the same value. Pairs of equal birth and death are left out, as gudhi does.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def pairs_of(field: Array, dimension: int, lows: Ints, saddles: Ints) -> Pairs:
     flat = field.reshape(-1)
     birth, death = flat[births], np.where(deaths == NOWHERE, np.inf, flat[deaths])
     order = np.lexsort((deaths, births, death, birth))
-    return Pairs(dimension, birth[order], death[order], births[order], deaths[order], shape)  # type: ignore[arg-type]
+    return Pairs(dimension, birth[order], death[order], births[order], deaths[order], shape)
 
 
 def _inner(flat: Ints, shape: tuple[int, ...]) -> Ints:

@@ -1,8 +1,8 @@
 """Gudhi's persistence of the same samples, by matrix reduction: the reference, which also has dimension 1.
 
-Gudhi's flat indices are in Fortran order; used in C order they name other voxels without any error. Births and deaths of
-vertex-built complexes are voxels by `vertices_of_persistence_pairs`, of cube-built ones by `cofaces_of_persistence_pairs`; the one
-on the other's complex is undefined behaviour.
+Gudhi's flat indices are in Fortran order; used in C order they name other voxels, without any error. Births and deaths of
+complexes built from vertices are voxels by `vertices_of_persistence_pairs`, of those built from cubes by
+`cofaces_of_persistence_pairs`; the one on the other's complex is undefined behaviour.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def persistence(values: ArrayLike, dimension: int, convention: Convention = "ver
     keep = birth < death
     births, deaths, birth, death = births[keep], deaths[keep], birth[keep], death[keep]
     order = np.lexsort((deaths, births, death, birth))
-    return Pairs(dimension, birth[order], death[order], births[order], deaths[order], field.shape)  # type: ignore[arg-type]
+    return Pairs(dimension, birth[order], death[order], births[order], deaths[order], field.shape)
 
 
 def _of_dimension(found: list[Ints], dimension: int) -> Ints:

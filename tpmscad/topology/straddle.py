@@ -1,7 +1,7 @@
-"""The classes alive at one level only, birth <= level < death: what a blending loop needs of persistence, at a fraction of its cost.
+"""The classes alive at one level only, birth <= level < death: what a blending loop needs of persistence, for less.
 
-The components of the solid (of the void) at the level are labelled first. If there is one (none beside the exterior), that is all;
-otherwise only the other side of the level is searched for the saddles where the components meet.
+The components of the solid (of the void) at the level are labelled first. If there is one (none beside the exterior), that is
+all; otherwise only the other side of the level is searched for the saddles where the components meet.
 """
 
 from __future__ import annotations
