@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,18 +18,29 @@ from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
 
 CAP = "cap"
 
+MARGIN = 1.01
+"""On measured deviations, which are greatest between the samples if anywhere."""
+
 SAMPLES = np.concatenate([[0.0, 1e-4], np.linspace(0.0, 1.0, 9)[1:-1], [1.0 - 1e-4, 1.0]])
 """Where along an edge of a cap it is looked at: near the ends for directions, between for areas and nesting."""
 
 
 def all_edges(
-    lattice: PatchComplex, cuts: PatchCuts, crossings: Crossings, edge_pieces: Pieces, arc_pieces: Pieces
+    lattice: PatchComplex,
+    cuts: PatchCuts,
+    crossings: Crossings,
+    edge_pieces: Pieces,
+    arc_pieces: Pieces,
+    vertices: Array,
 ) -> Edges:
-    """Every piece of a lattice edge, then every piece of an arc, kept or not."""
+    """Every piece of a lattice edge, then every piece of an arc, kept or not.
+
+    Where an edge's curve ends a little off its vertex, that distance counts as deviation too.
+    """
     old, strand, arc = lattice.edges, edge_pieces.strand, arc_pieces.strand
     face = cuts.face[arc]
     deviation = np.array([c.deviation for c in cuts.cuts])
-    return Edges(
+    edges = Edges(
         curve=np.concatenate([old.curve[strand], len(lattice.curves) + cuts.cut[arc]]),
         rotation=np.concatenate([old.rotation[strand], lattice.faces.rotation[face]]),
         translation=np.concatenate([old.translation[strand], lattice.faces.translation[face]]),
@@ -37,6 +49,20 @@ def all_edges(
         end=np.concatenate([edge_pieces.end, arc_pieces.end]),
         deviation=np.concatenate([np.maximum(old.deviation, crossings.off)[strand], deviation[cuts.cut[arc]]]),
     )
+    cut = (np.diff(edge_pieces.first) > 1)[strand]
+    index = np.concatenate([np.flatnonzero(cut), len(strand) + np.arange(len(arc))])
+    ends = _at(tuple(c.curve for c in cuts.cuts), lattice.curves, edges, index)
+    off = np.linalg.norm(ends - vertices[np.column_stack([edges.start[index], edges.end[index]])], axis=2).max(axis=1)
+    widest = edges.deviation.copy()
+    widest[index] = np.maximum(widest[index], off) * MARGIN
+    return replace(edges, deviation=widest)
+
+
+def _at(cut_curves: tuple[Curve, ...], curves: tuple[Curve, ...], edges: Edges, index: Ints) -> Array:
+    """Both ends of edges: (n, 2, 3)."""
+    strands = Strands(edges.curve, edges.rotation, edges.translation, edges.span, edges.start, edges.end)
+    t = edges.span[index].ravel()
+    return points_on(curves + cut_curves, strands, np.repeat(index, 2), t).reshape(-1, 2, 3)
 
 
 def open_planes(faces: Sequence[Face], senses: Ints, edges: Edges, plane_of_edge: Ints) -> caps.OpenEdges:

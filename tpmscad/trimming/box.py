@@ -18,18 +18,22 @@ from tpmscad.patches import connectivity
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.trimming import tool as tools
 from tpmscad.trimming.assembly import all_edges, assemble, open_planes, plane_of_edges
-from tpmscad.trimming.cuts import PatchCuts, cut_patches
+from tpmscad.trimming.cuts import cut_patches
 from tpmscad.trimming.faces import inner_faces
+from tpmscad.trimming.meeting import meeting_points
 from tpmscad.trimming.pieces import root_vertices, split
 from tpmscad.trimming.sides import read_sides
-from tpmscad.trimming.strands import Crossings, Strands, cross, points_on
-from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
+from tpmscad.trimming.strands import Strands, cross
+from tpmscad.trimming.tool import Array, Tool, TrimmingError
 
 TOLERANCE = 1e-7
 """Kernels give every edge at least this tolerance, in model units: a better curve gains nothing there."""
 
 SNAP = 2.0
 """A vertex nearer to a plane than this many tolerances lies on it: no edge comes out shorter."""
+
+FIT = 0.5
+"""Curves are fitted to this part of the tolerance: a vertex of two of them is as far from each again."""
 
 SHIFTS = (0.0, 1.0, -1.0, 2.0)
 """Attempts: planes moved outwards by this many `SHIFT` tolerances where a cut can't be resolved."""
@@ -112,7 +116,7 @@ def _trim(
     edge_pieces = split(edges, crossings, vertex)
     vertices = np.vstack([lattice.vertices, points])
 
-    cuts = cut_patches(lattice, sides, tool, on, crossings, vertex, len(vertices), tol)
+    cuts = cut_patches(lattice, sides, tool, on, crossings, vertex, len(vertices), FIT * tol)
     vertices = np.vstack([vertices, cuts.points])
     on = np.abs(tool.distances(vertices)) < snap
     curves = [c.curve for c in cuts.cuts]
@@ -127,13 +131,14 @@ def _trim(
     )
     own = cuts.plane[:, None] == np.arange(k)
     hits = cross(curves, arcs, tool, on, own, snap)
-    hit_vertex, points = _meeting(curves, arcs, hits, cuts, tool, len(vertices), tol)
+    hit_vertex, points, root = meeting_points(lattice, cuts, arcs, hits, tool, len(vertices), tol)
+    hits = replace(hits, root=root)
     arc_pieces = split(arcs, hits, hit_vertex)
     vertices = np.vstack([vertices, points])
     on = np.abs(tool.distances(vertices)) < snap
 
     faces = inner_faces(lattice, sides, cuts, edge_pieces, arc_pieces)
-    pieces = all_edges(lattice, cuts, crossings, edge_pieces, arc_pieces)
+    pieces = all_edges(lattice, cuts, crossings, edge_pieces, arc_pieces, vertices)
     open_edges = open_planes(faces, lattice.faces.sense, pieces, plane_of_edges(cuts, edge_pieces, arc_pieces))
     complex = assemble(lattice, tool, cuts, faces, pieces, open_edges, vertices, on, inside)
     if len(open_ := connectivity.unmatched_edges(complex)):
@@ -149,33 +154,3 @@ def _trim(
         reason="",
     )
     return complex, report
-
-
-def _meeting(
-    curves: list, arcs: Strands, hits: Crossings, cuts: PatchCuts, tool: Tool, first_vertex: int, tol: float
-) -> tuple[Ints, Array]:
-    """A vertex for every root of an arc on another plane: two arcs of a patch share each point in both their planes."""
-    n = len(hits.root)
-    if n == 0:
-        return np.zeros(0, np.int64), np.zeros((0, 3))
-    place = points_on(curves, arcs, hits.root_strand, hits.root)
-    own, other = cuts.plane[hits.root_strand], hits.root_plane
-    groups: dict[tuple[int, int, int], list[int]] = {}
-    for i, key in enumerate(
-        zip(cuts.face[hits.root_strand], np.minimum(own, other), np.maximum(own, other), strict=True)
-    ):
-        groups.setdefault(tuple(map(int, key)), []).append(i)
-    vertex = np.full(n, -1)
-    points: list[Array] = []
-    for (_, a, b), members in groups.items():
-        first = [i for i in members if own[i] == a]
-        second = [i for i in members if own[i] == b]
-        if len(first) != len(second):
-            raise TrimmingError(f"two cuts on one patch meet once seen from plane {a}, not from plane {b}")
-        for i in first:
-            j = min(second, key=lambda j: float(np.linalg.norm(place[i] - place[j])))
-            if np.linalg.norm(place[i] - place[j]) > 100 * tol or vertex[j] >= 0:
-                raise TrimmingError(f"two cuts on one patch do not meet in one point near {place[i].round(6)}")
-            vertex[i] = vertex[j] = first_vertex + len(points)
-            points.append(0.5 * (place[i] + place[j]))
-    return vertex, np.array(points).reshape(-1, 3)

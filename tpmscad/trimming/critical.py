@@ -1,7 +1,8 @@
 """Critical points of a plane's distance on a patch, and a grid that can't hide what happens about them.
 
-The topology of a level set changes at critical points only. Where the distance is nearly zero at one, grid lines are laid through
-it and, in a geometric ladder, about it: a loop or a neck of any size shows. A saddle *in* the plane gets a block of cells of its own.
+The topology of a level set changes at critical points only. Where the distance is nearly zero at one, grid lines are laid
+through it and, in a geometric ladder, about it: a loop or a neck of any size shows. A saddle *in* the plane gets a block of
+cells of its own.
 """
 
 from __future__ import annotations

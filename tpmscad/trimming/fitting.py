@@ -71,10 +71,14 @@ def fit(
         on_curve = problem.resampled(uv, sites)
         pcurve, curve = inverse @ on_curve, inverse @ problem.in_plane(problem.points(on_curve))
         error = _deviation(problem, pcurve, curve, spans)
-        for k in np.flatnonzero(error <= tol):
+        limit = np.maximum(
+            tol, 1.01 * problem.off_plane(uv[:, [0, -1]]).max(axis=1)
+        )  # snapped ends are off by their snap
+        done = error <= limit
+        for k in np.flatnonzero(done):
             cut = Curve(pcurve[k].copy(), knots, DEGREE), Curve(curve[k].copy(), knots, DEGREE)
             result[waiting[k]] = Cut(*cut, float(error[k]))
-        waiting, uv = waiting[error > tol], uv[error > tol]
+        waiting, uv = waiting[~done], uv[~done]
         if len(waiting) == 0:
             return tuple(c for c in result if c is not None)
     raise TrimmingError(f"a cut curve is still {error.max():.3g} from its patch with {SPANS[-1]} spans, over {tol:.3g}")
@@ -173,6 +177,10 @@ class _Problem:
         guess[:, [0, -1]] = uv[:, [0, -1]]
         return self.onto(guess)
 
+    def off_plane(self, uv: Array) -> Array:
+        """Distances of points (n, m, 2) from their planes: (n, m)."""
+        return np.abs(np.einsum("nmk,nk->nm", self.points(uv), self.normals) + self.constants[:, None])
+
     def in_plane(self, points: Array) -> Array:
         """Points (n, m, 3) dropped onto their planes."""
         g = np.einsum("nmk,nk->nm", points, self.normals) + self.constants[:, None]
@@ -226,7 +234,7 @@ def _refined(paths: Sequence[Array], least: int) -> Array:
 
 
 def _deviation(problem: _Problem, pcurve: Array, curve: Array, spans: int) -> Array:
-    t = (np.arange(spans * CHECKS) + 0.5) / (spans * CHECKS)
+    t = np.linspace(0.0, 1.0, spans * CHECKS + 1)
     rows = design(_space(spans)[0], DEGREE, t)
     on_surface = problem.points(rows @ pcurve)
     return np.linalg.norm(on_surface - rows @ curve, axis=2).max(axis=1)
