@@ -24,7 +24,7 @@ STAMP = "2026-01-01T00:00:00"
 
 
 def written(complex, path: Path, **how) -> str:
-    kernel.write_step(complex, path, **({"time_stamp": STAMP} | how))
+    kernel.write_step(complex, kernel.build(complex).nesting, path, **({"time_stamp": STAMP} | how))
     return path.read_text(encoding="ascii")
 
 
@@ -205,7 +205,7 @@ class TestForeignShapes:
 
 
 WRITERS = {
-    "complex": lambda path, **how: kernel.write_step(plane_box(), path, **how),
+    "complex": lambda path, **how: kernel.write_step(plane_box(), kernel.build(plane_box()).nesting, path, **how),
     "shape": lambda path, **how: kernel.write_shape(kernel.build(plane_box()).shape, path, **how),
 }
 
@@ -217,11 +217,11 @@ class TestBadRequests:
             WRITERS[writer](tmp_path / "a.iges")
 
     def test_a_missing_folder_is_refused(self, writer: str, tmp_path: Path) -> None:
-        with pytest.raises(InvalidRequest, match="folder .*nowhere"):
+        with pytest.raises(InvalidRequest, match=r"folder .*nowhere"):
             WRITERS[writer](tmp_path / "nowhere" / "a.step")
 
     def test_an_unknown_schema_is_refused(self, writer: str, tmp_path: Path) -> None:
-        with pytest.raises(InvalidRequest, match="'ap203'.*ap242, ap214"):
+        with pytest.raises(InvalidRequest, match=r"'ap203'.*ap242, ap214"):
             WRITERS[writer](tmp_path / "a.step", schema="ap203")
         assert list(tmp_path.iterdir()) == []
 
@@ -241,9 +241,22 @@ class TestBadRequests:
         assert path.read_text() == "before"
 
 
+def test_a_file_that_is_not_verified_is_not_left(tmp_path: Path) -> None:
+    seen: list[float] = []
+
+    def verify(path: Path) -> None:
+        seen.append(kernel.check_step(path).shape.volume)
+        raise KernelError("verify", "no")
+
+    with pytest.raises(KernelError, match="verify: no"):
+        written(plane_box(), tmp_path / "a.step", verify=verify)
+    assert seen == [pytest.approx(30.0)]
+    assert list(tmp_path.iterdir()) == []
+
+
 class TestBadFiles:
     def test_a_missing_file_is_named(self, tmp_path: Path) -> None:
-        with pytest.raises(InvalidRequest, match="no file .*gone"):
+        with pytest.raises(InvalidRequest, match=r"no file .*gone"):
             kernel.read_step(tmp_path / "gone.step")
 
     def test_another_kind_of_file_is_refused(self, tmp_path: Path) -> None:
@@ -254,7 +267,7 @@ class TestBadFiles:
     def test_a_file_cut_short_is_refused(self, tmp_path: Path) -> None:
         text = written(plane_box(), tmp_path / "a.step")
         (tmp_path / "a.step").write_text(text[: len(text) // 2])
-        with pytest.raises(KernelError, match="a.step"):
+        with pytest.raises(KernelError, match=r"a\.step"):
             kernel.read_step(tmp_path / "a.step")
 
     def test_a_file_without_solids_is_refused(self, tmp_path: Path) -> None:

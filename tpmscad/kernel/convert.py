@@ -38,7 +38,7 @@ except ImportError:
     from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
-    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence  # noqa: F401  used by read
+    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
     from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
@@ -151,6 +151,11 @@ def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> Curve:
     points = geometry.Poles()
     poles = np.array([points.Value(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
     return Curve(poles, _repeated(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
+
+
+def string_sequence() -> Any:
+    """An empty sequence of OCC strings."""
+    return StringSequence()
 
 
 def ancestors(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:

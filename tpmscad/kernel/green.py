@@ -19,7 +19,7 @@ from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad.kernel.edge_nodes import EdgeNodes, composite, gauss
-from tpmscad.patches.complex import Array
+from tpmscad.patches.complex import Array, Ints
 from tpmscad.splines.bspline import Surface, design
 
 NEWTON_STEPS = 12
@@ -40,14 +40,17 @@ class Grid:
 
 def grid(surface: Surface, points: tuple[int, int]) -> Grid:
     """The grid with that many points per cell along u and v."""
-    values, slopes, weights = [], [], []
-    axes = ((surface.knots_u, surface.degree_u), (surface.knots_v, surface.degree_v))
-    for (knots, degree), n in zip(axes, points, strict=True):
-        nodes, w = composite(np.unique(knots), n)
-        values.append(design(knots, degree, nodes))
-        slopes.append(design(knots, degree, nodes, 1))
-        weights.append(w)
-    return Grid((values[0], values[1]), (slopes[0], slopes[1]), (weights[0], weights[1]))
+    u = _axis(tuple(surface.knots_u.tolist()), surface.degree_u, points[0])
+    v = _axis(tuple(surface.knots_v.tolist()), surface.degree_v, points[1])
+    return Grid((u[0], v[0]), (u[1], v[1]), (u[2], v[2]))
+
+
+@lru_cache
+def _axis(knots: tuple[float, ...], degree: int, points: int) -> tuple[Array, Array, Array]:
+    """Basis values, slopes and weights; the same for all patches of a lattice."""
+    vector = np.array(knots)
+    nodes, weights = composite(np.unique(vector), points)
+    return design(vector, degree, nodes), design(vector, degree, nodes, 1), weights
 
 
 def integrand(poles: Array, grid: Grid) -> Array:
@@ -118,7 +121,7 @@ def _in_plane(xu: Array, xv: Array, vector: Array) -> Array:
     return np.stack([g * a - f * b, e * b - f * a], axis=1) / (e * g - f * f)[:, None]
 
 
-def _cells(knots: Array, t: Array) -> tuple[Array, Array, Array]:
+def _cells(knots: Array, t: Array) -> tuple[Ints, Array, Array]:
     """The knot cell of each t, all cells' half widths, and t in [-1, 1] of its cell."""
     breaks = np.unique(knots)
     cell = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
@@ -155,7 +158,7 @@ def _to_legendre(points: int) -> Array:
     return np.asarray((np.arange(points)[:, None] + 0.5) * legendre.legvander(x, points - 1).T * w)
 
 
-def _spread(values: Array, cell: Array, cells: int) -> Array:
+def _spread(values: Array, cell: Ints, cells: int) -> Array:
     n, points = values.shape
     result = np.zeros((n, cells, points))
     result[np.arange(n), cell] = values

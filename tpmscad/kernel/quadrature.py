@@ -47,7 +47,7 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     """
     result = np.empty((len(faces), 5))
     nodes_of = EdgeNodes()
-    whole: dict[tuple, list[tuple[int, Surface]]] = {}
+    whole: dict[tuple[bytes, bytes, int, int], list[tuple[int, Surface]]] = {}
     for i, face in enumerate(faces):
         geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):

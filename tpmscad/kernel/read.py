@@ -84,7 +84,7 @@ def quiet() -> Iterator[None]:
 
 
 def _units(reader: STEPControl_Reader) -> tuple[str, ...]:
-    length, angle, solid_angle = (convert.StringSequence() for _ in range(3))
+    length, angle, solid_angle = (convert.string_sequence() for _ in range(3))
     reader.FileUnits(length, angle, solid_angle)
     return tuple(length.Value(i).ToCString() for i in range(1, length.Length() + 1))
 

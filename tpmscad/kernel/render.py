@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter
 
 from tpmscad.errors import InvalidRequest
@@ -63,7 +64,7 @@ def picture(shape: Any, width: int, height: int) -> Array:
     shown = buffer.triangle >= 0
     corners = found.corners[buffer.triangle[shown]]
     normal = np.einsum("pk,pkd->pd", buffer.weights[shown], (found.normals @ eye.T)[corners])
-    image = np.linspace(*BACKGROUND, h)[:, None, :] * np.ones((1, w, 1))
+    image = np.tile(np.linspace(BACKGROUND[0], BACKGROUND[1], h)[:, None, :], (1, w, 1))
     image[shown] = _lit(normal) * _depth_shade(buffer.depth, shown)[shown][:, None]
     return np.asarray(image.reshape(height, SAMPLES, width, SAMPLES, 3).mean(axis=(1, 3)).clip(0.0, 1.0))
 
@@ -81,13 +82,13 @@ def _lit(normal: Array) -> Array:
     n = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     n = np.where(n[:, 2:] < 0, -n, n)
     key, fill = KEY / np.linalg.norm(KEY), FILL / np.linalg.norm(FILL)
-    diffuse = 0.62 * (n @ key).clip(0) + 0.16 * (n @ fill).clip(0) + 0.14 + 0.18 * (0.5 + 0.5 * n[:, 1])
+    diffuse = 0.62 * (n @ key).clip(0) + 0.30 * (n @ fill).clip(0) + 0.14 + 0.18 * (0.5 + 0.5 * n[:, 1])
     half = key + np.array([0.0, 0.0, 1.0])
     shine = 0.22 * (n @ (half / np.linalg.norm(half))).clip(0) ** 40
     return np.asarray(diffuse[:, None] * COLOUR + shine[:, None])
 
 
-def _depth_shade(depth: Array, shown: Array) -> Array:
+def _depth_shade(depth: Array, shown: NDArray[np.bool_]) -> Array:
     """Darker where the surroundings are nearer to the eye, as in hollows and behind outlines (depth unsharp masking)."""
     filled = np.where(shown, depth, depth[shown].max())
     shade = np.ones_like(depth)

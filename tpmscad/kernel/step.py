@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.build import TOLERANCE, build
+from tpmscad.kernel.build import TOLERANCE
 from tpmscad.kernel.files import step_path, written_aside
 from tpmscad.kernel.nesting import Nesting
 from tpmscad.kernel.step_brep import write_solids
@@ -43,33 +45,33 @@ class Instances:
 
 def write_step(
     complex: PatchComplex,
+    nesting: Nesting,
     path: str | os.PathLike[str],
     *,
-    nesting: Nesting | None = None,
     schema: str = "ap242",
     name: str | None = None,
     instances: Instances | None = None,
     time_stamp: str | None = None,
+    verify: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write the solids of a closed complex, in mm, to a STEP file.
+    """Write the solids of a closed complex, in mm, to a STEP file; `nesting` is what `build` found.
 
     Faces carry their tags as names. `name` is the product's, by default the file's. With `instances` the solids are stored once
-    and placed by an assembly. `nesting` saves time where `build` has found it already. Equal requests write equal bytes, but
-    for `time_stamp` (by default: now), which has a line of its own. InvalidRequest for a schema other than ap242 and ap214, a
-    missing folder, or another extension than .step and .stp.
+    and placed by an assembly. Equal requests write equal bytes, but for `time_stamp` (by default: now), which has a line of its
+    own. InvalidRequest for a schema other than ap242 and ap214, a missing folder, or another extension than .step and .stp.
+    `verify` gets the finished file under its passing name; if it raises, nothing is left.
     """
     target = step_path(path)
     if schema not in SCHEMAS:
         raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(SCHEMAS)}")
-    nested = nesting or build(complex).nesting
     stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
     title = name or target.stem
     entities = Entities()
     setting = write_setting(entities, schema, TOLERANCE)
-    written = write_solids(entities, complex, nested)
+    written = write_solids(entities, complex, nesting)
     part_name = title if instances is None else f"{title} cell"
     part = write_product(entities, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
-    mass = mass_of(nested)
+    mass = mass_of(nesting)
     write_validation(entities, setting, part, mass)
     if instances is not None:
         assembly = write_instances(entities, setting, title, part, instances.rotation, instances.translation)
@@ -77,6 +79,8 @@ def write_step(
     text = part21(entities, schema=schema, name=target.name, time_stamp=stamp, author="", software=SOFTWARE)
     with written_aside(target) as aside:
         aside.write_text(text, encoding="ascii", newline="\n")
+        if verify is not None:
+            verify(aside)
 
 
 def mass_of(nesting: Nesting) -> Mass:

@@ -7,6 +7,7 @@ which every reader allows for.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,8 @@ def write_solids(entities: Entities, complex: PatchComplex, nesting: Nesting) ->
     control = [np.zeros((0, 3)) if _is_straight(c) else c.poles for c in complex.curves]
     surface_points, curve_points = surfaces.points(poles), curves.points(control)
     numbers = _write_points(entities, np.concatenate([complex.vertices, *surface_points, *curve_points]))
-    of_vertex, of_surface, of_curve = _split(numbers, len(complex.vertices), surface_points, curve_points)
+    of_vertex, *of_rest = _split(numbers, [len(complex.vertices), *map(len, surface_points), *map(len, curve_points)])
+    of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
 
     surface_number = _write_surfaces(entities, complex, surfaces, of_surface)
     curve_number = _write_curves(entities, complex, curves, of_curve)
@@ -93,15 +95,8 @@ def _is_straight(curve: Curve) -> bool:
     return curve.degree == 1 and len(curve.poles) == 2
 
 
-def _split(numbers: Ints, n_vertices: int, *groups: list[Array]) -> list:
-    """Point numbers of the vertices, and of every item of the groups."""
-    sizes = [n_vertices, *(len(points) for group in groups for points in group)]
-    parts = np.split(numbers, np.cumsum(sizes)[:-1])
-    result, at = [parts[0]], 1
-    for group in groups:
-        result.append(parts[at : at + len(group)])
-        at += len(group)
-    return result
+def _split(numbers: Ints, sizes: Sequence[int]) -> list[Ints]:
+    return np.split(numbers, np.cumsum(sizes)[:-1])
 
 
 def _write_points(entities: Entities, points: Array) -> Ints:
@@ -250,7 +245,8 @@ def _area(complex: PatchComplex, face: int, uses: range) -> float:
     carrier = complex.carriers[int(complex.faces.carrier[face])]
     for k in uses:
         e = int(complex.uses.edge[k])
-        t = np.linspace(*complex.edges.span[e], LOOP_SAMPLES + 1)
+        low, high = complex.edges.span[e].tolist()
+        t = np.linspace(low, high, LOOP_SAMPLES + 1)
         if isinstance(carrier, Plane):
             rotation, translation = complex.faces.rotation[face], complex.faces.translation[face]
             edges = complex.edges
