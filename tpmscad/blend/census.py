@@ -6,31 +6,40 @@ strict senses imply the same of the trilinear interpolant. A cavity is a compone
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage
 
 from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.topology.grid import Labels
+from tpmscad.topology.runs import Runs, painted, runs, sizes
 
-Labels = NDArray[np.int32]
 
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Phase:
-    """One phase labelled: labels (nx, ny, nz) from 1, 0 in the other phase; `main` labels that belong, `errors` that do not."""
+    """One phase: labels from 1 (0 is the other phase); `main` are those that belong, `errors` those that do not."""
 
-    labels: Labels
-    sizes: Ints
+    runs: Runs
+    shape: tuple[int, int, int]
     main: Ints
     errors: Ints
 
+    @cached_property
+    def labels(self) -> Labels:
+        """The label of each sample, (nx, ny, nz)."""
+        return painted(self.runs, self.shape)
+
+    @property
+    def count(self) -> int:
+        """One more than the greatest label."""
+        return self.runs.count + 1
+
     def of(self, errors: Ints) -> Mask:
         """The samples of the labels given."""
-        chosen = np.zeros(len(self.sizes), bool)
+        chosen = np.zeros(self.count, bool)
         chosen[errors] = True
-        return chosen[self.labels]
+        return chosen[self.labels] if len(errors) else np.zeros(self.shape, bool)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,27 +60,22 @@ class Census:
 
 def census(values: Array) -> Census:
     """The census of sampled values (nx, ny, nz)."""
-    solid = values <= 0
-    return Census(solid_phase(solid), void_phase(~solid))
+    values = np.ascontiguousarray(values)
+    return Census(solid_phase(values), void_phase(values))
 
 
-def solid_phase(solid: Mask) -> Phase:
-    labels, count = ndimage.label(solid)
-    sizes = np.bincount(labels.ravel(), minlength=count + 1) if count > 1 else np.array([0] * (count + 1))
-    if count <= 1:
-        return Phase(labels, sizes, np.arange(1, count + 1), np.arange(0))
-    main = 1 + int(np.argmax(sizes[1:]))
-    errors = np.delete(np.arange(1, count + 1), main - 1)
-    return Phase(labels, sizes, np.array([main]), errors)
+def solid_phase(values: Array) -> Phase:
+    """The components of {f <= 0}."""
+    found = runs(values, 0.0, True, 6, exterior=False)
+    labels = np.arange(1, found.count + 1)
+    main = 1 + int(np.argmax(sizes(found)[1:])) if found.count else 0
+    nx, ny, nz = values.shape
+    return Phase(found, (nx, ny, nz), labels[labels == main], labels[labels != main])
 
 
-def void_phase(void: Mask) -> Phase:
-    labels, count = ndimage.label(void)
-    outside = np.zeros(count + 1, bool)
-    for axis in range(3):
-        for end in (0, -1):
-            outside[np.unique(np.take(labels, end, axis))] = True
-    outside[0] = False
-    errors = np.flatnonzero(~outside[1:]) + 1
-    sizes = np.bincount(labels.ravel(), minlength=count + 1) if len(errors) else np.zeros(count + 1, np.int64)
-    return Phase(labels, sizes, np.flatnonzero(outside), errors)
+def void_phase(values: Array) -> Phase:
+    """The components of {f > 0}; those that reach the border of the array are one, with label 1."""
+    found = runs(values, 0.0, False, 6, exterior=True)
+    found = replace(found, label=found.label + np.int32(1), count=found.count + 1)
+    nx, ny, nz = values.shape
+    return Phase(found, (nx, ny, nz), np.array([1]), np.arange(2, found.count + 1))

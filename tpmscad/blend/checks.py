@@ -18,6 +18,10 @@ ALIASED = 3
 """Components or cavities that vanish at twice the samples before an input is called under-sampled; one or two may be slivers
 at the border of the domain, which are reported as intrinsic."""
 
+ALIASED_SHARE = 0.02
+"""Part of a phase in isolated parts that vanish so: chips at the skin of a trimmed model come and go, too, but
+are a few thousandths."""
+
 MAX_SAMPLES = 30_000_000
 """Samples up to which a sufficient resolution is searched for."""
 
@@ -67,23 +71,29 @@ def check_regions(field: BlendedField, grid: Grid) -> None:
 def check_sampling(field: BlendedField, coarse: Scene, fine: Scene) -> None:
     """Inputs keep their components and cavities when the samples are doubled; otherwise the resolution that would do."""
     for index, structure in enumerate(field.structures):
-        here = _own(coarse, index)
-        there = here if here < ALIASED else _own(fine, index)
-        if here - there >= ALIASED:
-            enough = _enough(structure, fine.grid, there)
+        here, share = _own(coarse, index)
+        if here < ALIASED or share < ALIASED_SHARE:
+            continue
+        there, finer_share = _own(fine, index)
+        if here - there >= ALIASED and share - finer_share >= ALIASED_SHARE:
             raise InvalidRequest(
                 f"structure {index} is under-sampled at {coarse.grid.shape}: {here} isolated components and holes there, {there} "
-                f"at twice the samples; a resolution of {enough} would do"
+                f"at twice the samples; a resolution of {_enough(structure, fine.grid, there)} would do"
             )
 
 
-def _own(scene: Scene, index: int) -> int:
-    """Errors of a structure over the whole domain or where it takes part, whichever is less: cuts make slivers of their own."""
-    whole = census(scene.structures[index])
-    if whole.n0 + whole.n2 < ALIASED:
-        return whole.n0 + whole.n2
+def _own(scene: Scene, index: int) -> tuple[int, float]:
+    """Errors of a structure over the whole domain, or where it takes part if that is less (cuts make slivers of their own), and
+    the part of its solid and void samples that are in them, the greater."""
+    values = scene.structures[index]
+    whole = census(values)
+    count = whole.n0 + whole.n2
+    if count < ALIASED:
+        return count, 0.0
     solid, void = scene.own_errors(index)
-    return min(whole.n0 + whole.n2, int(ndimage.label(solid)[1] + ndimage.label(void)[1]))
+    below = values <= 0
+    share = max(solid.sum() / max(below.sum(), 1), void.sum() / max((~below).sum(), 1))
+    return min(count, int(ndimage.label(solid)[1] + ndimage.label(void)[1])), float(share)
 
 
 def _enough(structure: Field, grid: Grid, count: int) -> str:

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.sparse import csr_array, diags_array, linalg
+from scipy.sparse import csr_array
 
-from tpmscad.blend.grid import Array
+from tpmscad.blend.grid import Array, Ints
 from tpmscad.blend.weight import Weight
 
 SLACK = 1e-3
@@ -57,33 +57,50 @@ def nearest(weight: Weight, start: Array, demands: Demands, slack: float = SLACK
 
     Also the greatest shortfall of w that is left: above `slack` if the demands contradict one another or can't be reached.
     """
-    fixed = np.where(weight.free, 0.0, weight.coefficients).ravel()
-    rows = weight.design(demands.points)
-    bound = demands.side * (demands.bound - rows @ fixed)
-    rows = csr_array(csr_array(rows.multiply(demands.side[:, None])) @ diags_array(weight.free.ravel().astype(float)))
-    rows.eliminate_zeros()
-    used = np.unique(rows.indices)
-    rows = csr_array(rows[:, used])
-    norm = linalg.norm(rows, axis=1) if len(demands) else np.zeros(0)
-    live = norm > LEAST_NORM
-    short = float(np.max(bound[~live], initial=0.0))
-    coefficients = np.where(weight.free, start, weight.coefficients).ravel().copy()
-    if live.any():
-        rows = csr_array(csr_array(rows[live]).multiply(1.0 / norm[live][:, None]))
-        method = _exact if len(used) <= SMALL else _accelerated
-        limits = np.stack([np.broadcast_to(b, weight.free.shape).ravel()[used] for b in (weight.low, weight.high)])
-        coefficients[used], more = method(rows, bound[live] / norm[live], norm[live], coefficients[used], limits, slack)
-        short = max(short, more)
-    return coefficients.reshape(weight.coefficients.shape), short
+    return _System(weight, start, demands).solved(np.arange(len(demands)), slack)
 
 
-def _exact(
-    rows: csr_array, bound: Array, norm: Array, origin: Array, limits: Array, slack: float
-) -> tuple[Array, float]:
+class _System:
+    """Demands as inequalities rows @ C[used] >= bound of unit rows, read once; any part of them can be solved for."""
+
+    def __init__(self, weight: Weight, start: Array, demands: Demands) -> None:
+        free = weight.free.ravel()
+        self.coefficients = np.where(weight.free, start, weight.coefficients)
+        rows = weight.design(demands.points)
+        bound = demands.side * (demands.bound - rows @ np.where(free, 0.0, weight.coefficients.ravel()))
+        self.used = np.unique(rows.indices[free[rows.indices]])
+        self.dense = len(self.used) <= SMALL
+        rows = csr_array(rows[:, self.used])
+        rows.data *= np.repeat(demands.side, np.diff(rows.indptr))
+        self.norm = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
+        self.live = self.norm > LEAST_NORM
+        scale = np.where(self.live, self.norm, 1.0)
+        self.short, self.bound = bound, bound / scale
+        rows.data /= np.repeat(scale, np.diff(rows.indptr))
+        self.rows = rows.toarray() if self.dense else rows
+        self.limits = np.stack(
+            [np.broadcast_to(b, weight.free.shape).ravel()[self.used] for b in (weight.low, weight.high)]
+        )
+
+    def solved(self, which: Ints, slack: float) -> tuple[Array, float]:
+        """The nearest coefficients that meet the demands of these numbers, and the shortfall left."""
+        live = which[self.live[which]]
+        short = float(np.max(self.short[which[~self.live[which]]], initial=0.0))
+        coefficients = self.coefficients.copy()
+        if len(live):
+            flat = coefficients.reshape(-1)
+            rows = self.rows[live] if self.dense else csr_array(self.rows[live])
+            method = _exact if self.dense else _accelerated
+            flat[self.used], more = method(rows, self.bound[live], self.norm[live], flat[self.used], self.limits, slack)
+            short = max(short, more)
+        return coefficients, short
+
+
+def _exact(rows: Array, bound: Array, norm: Array, origin: Array, limits: Array, slack: float) -> tuple[Array, float]:
     """Least-distance programming by non-negative least squares (Lawson and Hanson, chapter 23), the bounds as rows."""
     count = len(origin)
     wall = np.eye(count)
-    matrix = np.vstack([rows.toarray(), wall, -wall])
+    matrix = np.vstack([rows, wall, -wall])
     right = np.concatenate([bound, limits[0], -limits[1]]) - matrix @ origin
     keys = np.round(matrix, 9)
     _, once, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -139,20 +156,26 @@ def agreed(
 
     Also the numbers of the groups left out. Halves what can't be met together, so few contradictions cost few solutions.
     """
-    coefficients, short = nearest(weight, start, kept, slack) if len(kept) else (start, 0.0)
+    system = _System(weight, start, sum(groups, kept))
+    ends = np.cumsum([len(kept), *(len(group) for group in groups)])
+    numbers = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    agreeing = np.arange(len(kept))
+    coefficients = system.solved(agreeing, slack)[0] if len(kept) else start
+    taken: list[int] = []
     left_out: list[int] = []
     pending = [list(range(len(groups)))]
     while pending:
         some = pending.pop()
         if not some:
             continue
-        trial = sum((groups[i] for i in some), kept)
-        found, short = nearest(weight, start, trial, slack)
+        trial = np.concatenate([agreeing, *(numbers[i] for i in some)])
+        found, short = system.solved(trial, slack)
         if short <= slack:
-            kept, coefficients = trial, found
+            agreeing, coefficients = trial, found
+            taken += some
         elif len(some) == 1:
             left_out += some
         else:
             half = len(some) // 2
             pending += [some[half:], some[:half]]
-    return kept, coefficients, left_out
+    return sum((groups[i] for i in taken), kept), coefficients, left_out

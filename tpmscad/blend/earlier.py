@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 from tpmscad.blend.composition import BlendedField, Weighting
@@ -18,15 +19,15 @@ from tpmscad.errors import InvalidRequest
 EARLIER = ("sigmoid", "beta-growth", "discrete-reconstruction", "gaussian-rbf")
 
 
-def earlier_weight(method: str, spec: Spec, field: BlendedField, scene: Scene, stage: int) -> Weighting:
+def earlier_weight(method: str, spec: Spec, field: BlendedField, scenes: Sequence[Scene], stage: int) -> Weighting:
     """The weight of one stage by an earlier method. Sigmoid and beta growth need a layer of a coordinate, else InvalidRequest."""
     first, second, mixing = sides(field, stage)
-    box = scene.grid.low, scene.grid.high
+    box = scenes[0].grid.low, scenes[0].grid.high
     if method == "gaussian-rbf":
         return gaussian_weight(first, second, mixing, box)
     if method == "discrete-reconstruction":
-        return cell_weight(first, box, _cell(field, scene, stage))
-    line = initial_weight(spec, field, scene, stage)
+        return cell_weight(first, box, _cell(field, scenes, stage))
+    line = initial_weight(spec, field, scenes, stage)
     if not isinstance(line, LineWeight):
         raise InvalidRequest(
             f"method {method!r} needs a blending region that is a layer: blending region {stage} is none"
@@ -36,12 +37,12 @@ def earlier_weight(method: str, spec: Spec, field: BlendedField, scene: Scene, s
     return ProfileWeight(line.coordinate, line.start, line.end, rising, profile)
 
 
-def _cell(field: BlendedField, scene: Scene, stage: int) -> float:
+def _cell(field: BlendedField, scenes: Sequence[Scene], stage: int) -> float:
     """The greatest period of the two structures that meet, or half the layer's thickness where they have none."""
     periods = [_period(structure) for structure in (field.structures[stage], field.structures[stage + 1])]
     if all(periods):
         return max(periods)
-    line = initial_weight("auto", field, scene, stage)
+    line = initial_weight("auto", field, scenes, stage)
     if isinstance(line, LineWeight) and isinstance(line.coordinate, Along):
         return (line.end - line.start) / 2
     raise InvalidRequest("discrete reconstruction needs structures with periods, for the edge of its cells")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.coordinates import Along, Coordinate, CylinderRadius, SphereRadius
 from tpmscad.blend.grid import Array, Field, Mask
 from tpmscad.blend.scene import Scene
-from tpmscad.blend.weights_fit import volume_weight
+from tpmscad.blend.weights_fit import Zones, volume_weight
 from tpmscad.blend.weights_line import LineWeight, line_weight
 from tpmscad.blend.weights_volume import Triple, VolumeWeight
 from tpmscad.errors import InvalidRequest
@@ -48,7 +49,7 @@ NAMES = ("auto", "x", "y", "z", "volume")
 
 
 def initial_weight(
-    spec: Spec, field: BlendedField, scene: Scene, stage: int, *, refine: bool = True
+    spec: Spec, field: BlendedField, scenes: Sequence[Scene], stage: int, *, refine: bool = True
 ) -> LineWeight | VolumeWeight:
     """The weight a stage starts from: 0 in what there was before, 1 in structure stage + 1.
 
@@ -61,17 +62,24 @@ def initial_weight(
             raise InvalidRequest(f"weight {spec!r}: must be one of {', '.join(NAMES)}, or a Line or Volume")
         if spec == "auto":
             for coordinate in _candidates(field, stage):
-                made = _line(Line(coordinate), field, scene, stage, refine)
+                made = _line(Line(coordinate), field, scenes[0], stage, refine)
                 if not isinstance(made, str):
                     return made
         spec = Volume() if spec in ("auto", "volume") else Line(_axis("xyz".index(spec)))
     if isinstance(spec, Line):
-        line = _line(spec, field, scene, stage, refine)
+        line = _line(spec, field, scenes[0], stage, refine)
         if isinstance(line, str):
             raise InvalidRequest(f"blending region {stage}: {line}; use weight='volume'")
         return line
-    count = spec.count or _count(scene, stage)
-    return volume_weight(scene.grid, *sides(field, stage), count, spec.degree, refine=refine)
+    count = spec.count or _count(scenes[0], stage)
+    coarse, fine = (zones(scene, stage) for scene in scenes)
+    return volume_weight(coarse, fine, count, spec.degree, refine=refine)
+
+
+def zones(scene: Scene, stage: int) -> Zones:
+    """What the samples of a scene are to a stage."""
+    inside = scene.mixing[stage]
+    return Zones(scene.grid, (scene.owner <= stage) & ~inside, (scene.owner == stage + 1) & ~inside, inside)
 
 
 def sides(field: BlendedField, stage: int) -> tuple[Field, Field, Field]:

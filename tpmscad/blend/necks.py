@@ -106,7 +106,7 @@ def _any_corner(mask: Mask) -> Mask:
 
 
 def widths(field: Field, found: Saddles, grid: Grid, farthest: float) -> tuple[Array, Array]:
-    """Twice the distance (n,) of each saddle to the surface within the domain, inf beyond `farthest`, and the way there (n, 3)."""
+    """Twice the distance of saddles to the surface in the domain (n,), inf beyond `farthest`, and the way there (n, 3)."""
     sign = np.where(found.values < 0, 1.0, -1.0)
     everywhere = np.broadcast_to(sphere(DIRECTIONS), (len(found), DIRECTIONS, 3))
     distance, direction = _nearest(field, found.points, sign, everywhere, grid, farthest)

@@ -18,7 +18,6 @@ from tpmscad.blend.demands import NONE, Demands, agreed
 from tpmscad.blend.descent import descend
 from tpmscad.blend.grid import Array, Ints
 from tpmscad.blend.repair import repair
-from tpmscad.blend.sampled import tightened
 from tpmscad.blend.scene import Scene
 from tpmscad.blend.weight import Weight
 
@@ -31,7 +30,7 @@ PREFER_JOINS, PREFER_REMOVALS = 1e3, 1e-3
 DESCENT_STEPS = 15
 """Steps of a descent: those that got anywhere did within 10."""
 
-PATIENCE = 3
+PATIENCE = 2
 """Rounds without fewer errors before the next tool is tried."""
 
 Free = Callable[[int, Weight], Weight | None]
@@ -51,10 +50,11 @@ class Tool:
 
 TOOLS = (
     Tool(),
+    Tool(bias=PREFER_JOINS),
     Tool(freer=True),
-    Tool(descent=True),
     Tool(bias=PREFER_JOINS),
     Tool(bias=PREFER_REMOVALS),
+    Tool(descent=True),
     Tool(freer=True, margin=MARGIN / 2),
     Tool(margin=MARGIN / 4, bias=PREFER_JOINS),
     Tool(margin=MARGIN / 4, bias=PREFER_REMOVALS),
@@ -193,11 +193,10 @@ def _mended(
         if not acts.any():
             continue
         past = tool.margin * float(np.sqrt(np.mean(seen.values[acts] ** 2)))
-        reach = tightened(sampled.reach(weight), sampled, weight, kept[stage])
         groups = []
         for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
             if len(errors):
-                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, reach, tool.bias).groups
+                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, kept[stage], tool.bias).groups
         if groups:
             kept[stage], found, left_out = agreed(weight, origin[stage], kept[stage], groups)
             changed |= len(left_out) < len(groups)

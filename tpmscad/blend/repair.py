@@ -8,23 +8,27 @@ never asked to.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from tpmscad.blend.census import Labels, Phase
+from tpmscad.blend.census import Phase
 from tpmscad.blend.demands import Demands
 from tpmscad.blend.grid import Array, Ints, Mask
-from tpmscad.blend.sampled import Sampled
+from tpmscad.blend.sampled import Sampled, block, tightened
 from tpmscad.blend.weight import Weight
+from tpmscad.topology.grid import Labels
 
 STEP_COST = 0.01
 """Cost of a sample on a path beside the change of weight it needs: of equally cheap paths the short one is taken."""
 
 FIRST_REACH, LAST_REACH = 0.5, 64.0
 """Search radii, in cost: most errors have a neighbour within the first; beyond the last nothing was ever joined."""
+
+PAD = 10
+"""Samples around the errors where repairs are looked for first."""
 
 NO_MOVE = np.inf
 
@@ -57,27 +61,45 @@ def repair(
     errors: Ints,
     sign: int,
     margin: float,
-    reach: tuple[Array, Array],
+    kept: Demands,
     bias: float = 1.0,
 ) -> Repair:
     """Repairs of the error labels of one phase: sign +1 for solid, -1 for void.
 
-    margin: how far past zero f is moved. reach: the least and greatest weight that samples of the window can be given. bias:
-    what removals are taken to cost beside joins, so that either can be preferred.
+    margin: how far past zero f is moved. kept: demands that leave less reach. bias: what removals are taken to cost beside
+    joins, so that either can be preferred. Looked for near the errors first, then wherever the weight acts.
     """
     window = sampled.window
-    least, most = reach
-    room = _Room(
-        sign * values[window],
-        sign * sampled.slope[window],
-        least,
-        most,
-        weight.on_grid(*sampled.axes),
-        phase.labels[window],
-    )
+    where = phase.of(errors)[window]
+    if not where.any():
+        return Repair([], errors)
+    x, y, z = (slice(w.start + n.start, w.start + n.stop) for w, n in zip(window, block(where, PAD), strict=True))
+    near = x, y, z
+    found = _within(replace(sampled, window=near), weight, values, phase, errors, sign, margin, kept, bias)
+    if len(found.hopeless) and near != window:
+        found = _within(sampled, weight, values, phase, errors, sign, margin, kept, bias)
+    return found
+
+
+def _within(
+    sampled: Sampled,
+    weight: Weight,
+    values: Array,
+    phase: Phase,
+    errors: Ints,
+    sign: int,
+    margin: float,
+    kept: Demands,
+    bias: float,
+) -> Repair:
+    """The same in the window of the sampled blend."""
+    window = sampled.window
+    least, most = tightened(sampled.reach(weight), sampled, weight, kept)
+    acting = weight.on_grid(*sampled.axes)
+    room = _Room(sign * values[window], sign * sampled.slope[window], least, most, acting, phase.labels[window])
     present = np.intersect1d(errors, np.unique(room.labels))
-    removable = bias * _removals(room, present, len(phase.sizes), margin)
-    joins = _joins(room, present, phase.main, len(phase.sizes), margin)
+    removable = bias * _removals(room, present, phase.count, margin)
+    joins = _joins(room, present, phase.main, phase.count, margin)
     return _choose(sampled, room, removable, joins, errors, margin)
 
 
@@ -141,18 +163,20 @@ def _graph(shape: tuple[int, ...], opens: Mask, source: Mask, target: Mask, need
     """Directed edges between neighbouring samples: out of sources, among open samples, into targets."""
     number = np.arange(opens.size).reshape(shape)
     cost = np.where(opens, need + STEP_COST, 0.0)
+    leave, enter, middle = (opens | source).reshape(shape), (opens | target).reshape(shape), opens.reshape(shape)
     heads, tails = [], []
     for axis in range(3):
-        low = np.take(number, range(shape[axis] - 1), axis).ravel()
-        high = np.take(number, range(1, shape[axis]), axis).ravel()
+        low, high = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
         for a, b in ((low, high), (high, low)):
-            keep = (opens[a] & (opens[b] | target[b])) | (source[a] & opens[b])
-            heads.append(a[keep])
-            tails.append(b[keep])
+            keep = leave[a] & enter[b] & (middle[a] | middle[b])
+            heads.append(number[a][keep])
+            tails.append(number[b][keep])
     head, tail = np.concatenate(heads), np.concatenate(tails)
-    nodes, compact = np.unique(np.concatenate([head, tail]), return_inverse=True)
+    used = np.zeros(opens.size, bool)
+    used[head] = used[tail] = True
+    nodes, compact = np.flatnonzero(used), np.cumsum(used) - 1
     length = (cost[head] + cost[tail]) / 2
-    graph = csr_array((length, (compact[: len(head)], compact[len(head) :])), shape=(len(nodes), len(nodes)))
+    graph = csr_array((length, (compact[head], compact[tail])), shape=(len(nodes), len(nodes)))
     return graph, nodes
 
 

@@ -6,7 +6,7 @@ several, constant and slope hold whatever the other weights make of the field.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,15 +22,12 @@ SAME_LAYER = 0.25
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A blend of one weight on a grid; `window` is the block of samples where the slope is not zero, one sample wider."""
+    """A blend of one weight on a grid; `window` is the block of samples that is looked at."""
 
     grid: Grid
     constant: Array
     slope: Array
-    window: Window = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "window", block(self.slope != 0, 1))
+    window: Window
 
     @property
     def axes(self) -> tuple[Array, Array, Array]:
@@ -54,6 +51,11 @@ class Sampled:
         least = weight.moved(np.where(weight.free, weight.low, weight.coefficients)).on_grid(*self.axes)
         most = weight.moved(np.where(weight.free, weight.high, weight.coefficients)).on_grid(*self.axes)
         return least, most
+
+
+def sampled_on(grid: Grid, constant: Array, slope: Array) -> Sampled:
+    """A blend with the window of all samples where the slope is not zero, one sample wider."""
+    return Sampled(grid, constant, slope, block(slope != 0, 1))
 
 
 def tightened(reach: tuple[Array, Array], sampled: Sampled, weight: Weight, demands: Demands) -> tuple[Array, Array]:

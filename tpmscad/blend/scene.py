@@ -12,7 +12,7 @@ from scipy import ndimage
 from tpmscad.blend.census import Phase, solid_phase, void_phase
 from tpmscad.blend.composition import BlendedField, Weighting
 from tpmscad.blend.grid import Array, Grid, Ints, Mask, sample
-from tpmscad.blend.sampled import Sampled, Window, block
+from tpmscad.blend.sampled import Sampled, Window, block, sampled_on
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class Scene:
                     slope = np.where(later, 0.0, slope)
                     slope[part][here] = kept
             value = joined
-        return Sampled(self.grid, value, slope)
+        return sampled_on(self.grid, value, slope)
 
     def values(self, weights: Sequence[Weighting]) -> Array:
         """The final field on the grid."""
@@ -76,8 +76,8 @@ class Scene:
     def own_errors(self, index: int) -> tuple[Mask, Mask]:
         """Samples of the isolated components and of the cavities that a structure has by itself, where it takes part."""
         part = (self.owner == index) | self.movable()
-        solid = solid_phase((self.structures[index] <= 0) & part)
-        void = void_phase((self.structures[index] > 0) & part)
+        solid = solid_phase(np.where(part, self.structures[index], 1.0))
+        void = void_phase(np.where(part, self.structures[index], -1.0))
         at_border = np.unique(void.labels[part & ~ndimage.binary_erosion(part, border_value=1)])
         return solid.of(solid.errors), void.of(np.setdiff1d(void.errors, at_border))
 
@@ -89,14 +89,14 @@ class Scene:
         if len(phase.errors) == 0:
             return phase.errors
         outside = ~self.movable()
-        total = np.bincount(phase.labels[outside], minlength=len(phase.sizes))
+        total = np.bincount(phase.labels[outside], minlength=phase.count)
         if not np.any(total[phase.errors]):
             return phase.errors[:0]
         own = np.zeros(self.grid.shape, bool)
         for index in range(len(self.structures)):
             errors = self.own_errors(index)[0 if sign > 0 else 1]
             own |= errors & (self.owner == index)
-        inherited = np.bincount(phase.labels[outside & own], minlength=len(phase.sizes))
+        inherited = np.bincount(phase.labels[outside & own], minlength=phase.count)
         return phase.errors[(total[phase.errors] > 0) & (total[phase.errors] == inherited[phase.errors])]
 
     def _weight(self, weight: Weighting, part: Window) -> Array:

@@ -14,7 +14,7 @@ from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
 from tpmscad.blend.grid import Box, Field, Grid
-from tpmscad.blend.initial import Spec, initial_weight, sides
+from tpmscad.blend.initial import Spec, initial_weight, zones
 from tpmscad.blend.necks import Neck
 from tpmscad.blend.optimise import Free, Outcome, State, all_views, look, optimise, view
 from tpmscad.blend.promote import freer
@@ -76,14 +76,14 @@ def blend(
     check_sampling(field, *scenes)
     clock.lap("sampling")
     if method in EARLIER:
-        made = [earlier_weight(method, spec, field, scenes[0], stage) for stage, spec in enumerate(specs)]
+        made = [earlier_weight(method, spec, field, scenes, stage) for stage, spec in enumerate(specs)]
         clock.lap("weights")
         views = [view(s, k, made) for k, s in enumerate(scenes)]
         clock.lap("check")
         return result_of(field.with_weights(made), method, scenes, views, views, 0, (), clock.seconds)
-    start = look(scenes, _started(specs, field, scenes[0], max_change))
+    start = look(scenes, _started(specs, field, scenes, max_change))
     clock.lap("weights")
-    outcome = _optimised(method, field, scenes, start, max_iterations)
+    outcome = _optimised(method, scenes, start, max_iterations)
     clock.lap("optimisation")
     missed: tuple[Neck, ...] = ()
     if minimum_neck is not None:
@@ -103,23 +103,23 @@ def _specs(weight: Spec | Sequence[Spec], stages: int) -> list[Spec]:
     return specs
 
 
-def _started(specs: list[Spec], field: BlendedField, grid_scene: Scene, max_change: float) -> list[Weight]:
+def _started(specs: list[Spec], field: BlendedField, scenes: Sequence[Scene], max_change: float) -> list[Weight]:
     made: list[Weight] = []
     for stage, spec in enumerate(specs):
-        weight = initial_weight(spec, field, grid_scene, stage)
+        weight = initial_weight(spec, field, scenes, stage)
         low, high = np.maximum(weight.coefficients - max_change, 0.0), np.minimum(weight.coefficients + max_change, 1.0)
         made.append(replace(weight, low=low, high=high))
     return made
 
 
-def _free(field: BlendedField, scenes: tuple[Scene, Scene]) -> Free:
-    return lambda stage, weight: freer(weight, scenes[0].grid, *sides(field, stage))
+def _free(scenes: tuple[Scene, Scene]) -> Free:
+    return lambda stage, weight: freer(weight, zones(scenes[0], stage), zones(scenes[1], stage))
 
 
 def _thickened(
     field: BlendedField, scenes: tuple[Scene, Scene], outcome: Outcome, width: float, max_rounds: int
 ) -> tuple[Outcome, tuple[Neck, ...]]:
-    done = thicken(scenes, field, outcome.state, width, _free(field, scenes), max_rounds)
+    done = thicken(scenes, field, outcome.state, width, _free(scenes), max_rounds)
     log = outcome.log
     if done.missed:
         least = min(neck.width for neck in done.missed)
@@ -127,9 +127,7 @@ def _thickened(
     return Outcome(done.state, outcome.rounds + done.rounds, log), done.missed
 
 
-def _optimised(
-    method: str, field: BlendedField, scenes: tuple[Scene, Scene], start: State, max_iterations: int
-) -> Outcome:
+def _optimised(method: str, scenes: tuple[Scene, Scene], start: State, max_iterations: int) -> Outcome:
     if method == "initial":
         return Outcome(start, 0, ())
     if method == "paper":
@@ -139,7 +137,7 @@ def _optimised(
             f"objective {last.value:.3g} after {found.steps} steps, {last.active} pairs active, {last.ignored} ignored"
         )
         return Outcome(look(scenes, found.weights), found.steps, (log,))
-    return optimise(scenes, start, _free(field, scenes), max_iterations)
+    return optimise(scenes, start, _free(scenes), max_iterations)
 
 
 class _Clock:

@@ -5,12 +5,14 @@ The distances of eq. 15 come from Euclidean distance transforms of the cell grid
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from scipy.interpolate import BSpline
 from scipy.ndimage import distance_transform_edt
 from scipy.sparse import csr_array
 
-from tpmscad.blend.grid import Array, Field, Grid, Mask, lattice
+from tpmscad.blend.grid import Array, Grid, Mask
 from tpmscad.blend.weights_line import MIN_FREE
 from tpmscad.blend.weights_volume import Knots, Triple, VolumeWeight, contract, touched, uniform_knots
 from tpmscad.errors import InvalidRequest
@@ -18,44 +20,48 @@ from tpmscad.errors import InvalidRequest
 MAX_COEFFICIENTS = 4_000_000
 """Where refinement gives up: 32 MB of coefficients, far above what any blend was seen to need."""
 
-SAMPLES_PER_SPAN = 3
-"""Samples per knot span that decide what a support meets."""
-
 LSPIA_STEPS = 20
 """Iterations of the initial fit: the rms error is then within a few percent of the constrained least-squares fit's."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Zones:
+    """What the samples of a grid are to a stage: in its first region or its second, outside where it mixes, or inside that."""
+
+    grid: Grid
+    zero: Mask
+    one: Mask
+    inside: Mask
+
+
 def volume_weight(
-    grid: Grid,
-    first: Field,
-    second: Field,
-    blending: Field,
+    coarse: Zones,
+    fine: Zones,
     count: Triple,
     degree: Triple = (3, 3, 3),
     *,
     refine: bool = True,
     steps: int = LSPIA_STEPS,
 ) -> VolumeWeight:
-    """The initial weight of a blending region of any shape: 0 in `first`, 1 in `second` (regions as fields, <= 0 inside).
+    """The initial weight of a blending region of any shape: 0 in the first region, 1 in the second.
 
-    Knots are uniform over the grid's box and halved where a support meets both regions, or everywhere if none is free enough.
-    Raises InvalidRequest if a region does not touch the blending region, or (refine=False) if knots are too coarse.
+    Data points are the cells of the coarse grid; the samples of the fine one decide what a support meets. Knots are uniform over
+    the grid's box and halved where a support meets both regions, or everywhere if none is free enough. Raises InvalidRequest if a
+    region does not touch the blending region, or (refine=False) if knots are too coarse.
     """
-    shape = layout(grid, first, second, blending, count, degree, refine=refine)
-    values, used = targets(grid, first, second, blending)
-    centres = tuple((axis[:-1] + axis[1:]) / 2 for axis in grid.axes)
+    shape = layout(fine, count, degree, refine=refine)
+    values, used = targets(coarse)
+    centres = tuple((axis[:-1] + axis[1:]) / 2 for axis in coarse.grid.axes)
     return local_lspia(shape, (centres[0], centres[1], centres[2]), values, used, steps)
 
 
-def layout(
-    grid: Grid, first: Field, second: Field, blending: Field, count: Triple, degree: Triple, *, refine: bool = True
-) -> VolumeWeight:
+def layout(zones: Zones, count: Triple, degree: Triple, *, refine: bool = True) -> VolumeWeight:
     """Knots and fixed coefficients (free ones at 1/2)."""
     knots: Knots = tuple(  # type: ignore[assignment]
-        uniform_knots(a, b, n, p) for a, b, n, p in zip(grid.low, grid.high, count, degree, strict=True)
+        uniform_knots(a, b, n, p) for a, b, n, p in zip(zones.grid.low, zones.grid.high, count, degree, strict=True)
     )
     while True:
-        zero, one = (meets(grid, region, blending, knots, degree) for region in (first, second))
+        zero, one = (touched(zone, zones.grid.axes, knots, degree) for zone in (zones.zero, zones.one))
         both, free = zero & one, ~(zero | one)
         if not both.any() and free.sum() >= MIN_FREE:
             return VolumeWeight(np.where(free, 0.5, one.astype(float)), knots, degree, free)
@@ -67,19 +73,6 @@ def layout(
                 "blending region"
             )
         knots = _refined(knots, degree, both if both.any() else np.ones(both.shape, bool))
-
-
-def meets(grid: Grid, region: Field, blending: Field, knots: Knots, degree: Triple) -> Mask:
-    """Which supports reach into the region outside the blending region, by samples finer than the knots."""
-    axes = tuple(
-        np.linspace(a, b, max(SAMPLES_PER_SPAN * (len(t) - 2 * p - 1) + 1, n))
-        for a, b, t, p, n in zip(grid.low, grid.high, knots, degree, grid.shape, strict=True)
-    )
-    outside = np.empty(tuple(map(len, axes)), bool)
-    for i in range(len(axes[0])):
-        points = lattice((axes[0][i : i + 1], axes[1], axes[2]))
-        outside[i] = ((np.asarray(region(points)) <= 0) & (np.asarray(blending(points)) > 0))[0]
-    return touched(outside, (axes[0], axes[1], axes[2]), knots, degree)
 
 
 def _refined(knots: Knots, degree: Triple, where: Mask) -> Knots:
@@ -95,13 +88,11 @@ def _refined(knots: Knots, degree: Triple, where: Mask) -> Knots:
     return refined[0], refined[1], refined[2]
 
 
-def targets(grid: Grid, first: Field, second: Field, blending: Field) -> tuple[Array, Mask]:
+def targets(zones: Zones) -> tuple[Array, Mask]:
     """Algorithm 1: the value v_p of each cell (eq. 15) and which cells are data points, both (nx-1, ny-1, nz-1)."""
-    points = grid.points()
-    inside = np.asarray(blending(points)) <= 0
-    zero, one = ((np.asarray(region(points)) <= 0) & ~inside for region in (first, second))
+    inside, grid = zones.inside, zones.grid
     some, every = _corners(inside, np.logical_or), _corners(inside, np.logical_and)
-    bounds = [some & ~every & _corners(side, np.logical_or) for side in (zero, one)]
+    bounds = [some & ~every & _corners(side, np.logical_or) for side in (zones.zero, zones.one)]
     bounds[1] &= ~bounds[0]
     for name, bound in zip(("first", "second"), bounds, strict=True):
         if not bound.any():
