@@ -40,7 +40,8 @@ compiled = numba.njit(cache=True)
 
 def samples(values: ArrayLike) -> Array:
     """A field's samples (nx, ny, nz) as contiguous floats, or InvalidRequest."""
-    array = np.ascontiguousarray(values, dtype=float)
+    # writeable, since numba compiles its loops again, for seconds, for arrays that are not
+    array = np.require(values, float, ("C", "W"))
     if array.ndim != 3 or array.size == 0:
         raise InvalidRequest(
             f"samples of shape {np.shape(values)}: a three-dimensional array that is not empty is needed"

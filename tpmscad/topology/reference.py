@@ -7,18 +7,25 @@ complexes built from vertices are voxels by `vertices_of_persistence_pairs`, of 
 
 from __future__ import annotations
 
+from typing import Any
+
 import gudhi
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.topology.grid import Convention, Ints, samples
+from tpmscad.topology.grid import Array, Convention, Ints, samples
 from tpmscad.topology.persistence import NOWHERE, Pairs
 
 
 def persistence(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> Pairs:
     """Pairs of dimension 0, 1 or 2 by gudhi, as those of `persistence.persistence`."""
     field = samples(values)
+    return pairs_of(complex_of(field, convention), field, dimension, convention)
+
+
+def complex_of(field: Array, convention: Convention) -> Any:
+    """Gudhi's complex of the samples, with its persistence computed: all dimensions at once."""
     if convention == "vertices":
         complex = gudhi.CubicalComplex(vertices=field)
     elif convention == "top_cells":
@@ -26,21 +33,20 @@ def persistence(values: ArrayLike, dimension: int, convention: Convention = "ver
     else:
         raise InvalidRequest(f"convention {convention!r} is no cubical complex: choose vertices or top_cells")
     complex.compute_persistence()
-    found = (
-        complex.vertices_of_persistence_pairs() if convention == "vertices" else complex.cofaces_of_persistence_pairs()
-    )
-    finite, endless = found
-    births, deaths = _of_dimension(finite, dimension), _of_dimension(endless, dimension)
-    births, deaths = (
-        np.concatenate([births.reshape(-1, 2)[:, 0], deaths.reshape(-1)]),
-        np.concatenate([births.reshape(-1, 2)[:, 1], np.full(deaths.size, NOWHERE)]),
-    )
-    births, deaths = _c_order(births, field.shape), _c_order(deaths, field.shape)
+    return complex
+
+
+def pairs_of(complex: Any, field: Array, dimension: int, convention: Convention) -> Pairs:
+    """The pairs of one dimension read off a complex of `complex_of`."""
+    vertices = convention == "vertices"
+    finite, endless = complex.vertices_of_persistence_pairs() if vertices else complex.cofaces_of_persistence_pairs()
+    pairs, alone = _of_dimension(finite, dimension).reshape(-1, 2), _of_dimension(endless, dimension).reshape(-1)
+    births = _c_order(np.concatenate([pairs[:, 0], alone]), field.shape)
+    deaths = _c_order(np.concatenate([pairs[:, 1], np.full(alone.size, NOWHERE)]), field.shape)
     flat = field.reshape(-1)
     birth, death = flat[births], np.where(deaths == NOWHERE, np.inf, flat[deaths])
-    keep = birth < death
-    births, deaths, birth, death = births[keep], deaths[keep], birth[keep], death[keep]
     order = np.lexsort((deaths, births, death, birth))
+    order = order[birth[order] < death[order]]
     return Pairs(dimension, birth[order], death[order], births[order], deaths[order], field.shape)
 
 

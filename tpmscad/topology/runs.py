@@ -31,7 +31,7 @@ class Runs:
 def runs(field: Array, level: float, solid: bool, neighbours: int, exterior: bool) -> Runs:
     """The components of {f <= level} (solid) or {f > level}. exterior: whether the border of the array is one component, 0."""
     nx, ny, nz = field.shape
-    flat = field.reshape(-1)
+    flat, level = field.reshape(-1), float(level)
     row = np.zeros(nx * ny + 1, np.int32)
     _count(flat, level, solid, nz, row)
     start, stop = np.empty(row[-1], np.int32), np.empty(row[-1], np.int32)

@@ -17,7 +17,7 @@ from tpmscad.topology.runs import Runs, extremes, runs
 
 def straddling(values: ArrayLike, dimension: int, convention: Convention = "vertices", level: float = 0.0) -> Pairs:
     """The pairs of `persistence` with birth <= level < death: one for each component (dimension 0) or cavity (2) at the level."""
-    field = samples(values)
+    field, level = samples(values), float(level)
     check_dimension(dimension)
     solid = dimension == 0
     count = connectivity(convention)[0 if solid else 1]
