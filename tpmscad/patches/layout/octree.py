@@ -1,0 +1,88 @@
+"""Octrees over a box, balanced 2:1 across faces, edges and corners, with the leaves numbered on the finest grid.
+
+Positions are integers in units of the finest cell. One dense array says which leaf every finest cell belongs to: neighbours,
+hanging nodes and minimal faces are then look-ups. A leaf of size s has s finest cells along each axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+CHILDREN = np.array(list(product((0, 1), repeat=3)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Octree:
+    """Leaves (N,) of a box [lo, hi]: `origin` (N, 3) and `size` (N,) on the finest grid, `leaf` which one each finest cell is in."""
+
+    lo: Array
+    hi: Array
+    origin: Ints
+    size: Ints
+    leaf: NDArray[np.int32]
+
+    @property
+    def shape(self) -> Ints:
+        """Finest cells along each axis."""
+        return np.array(self.leaf.shape)
+
+    @property
+    def step(self) -> Array:
+        """Edges of a finest cell, in model units."""
+        return (self.hi - self.lo) / self.shape
+
+    def points(self, nodes: Array | Ints) -> Array:
+        """Model coordinates of positions on the finest grid; those on the box are exact."""
+        t = nodes / self.shape
+        return self.lo * (1.0 - t) + self.hi * t
+
+
+def uniform(lo: Array, hi: Array, counts: Ints) -> Octree:
+    """The octree of one level: `counts` (3,) leaves along each axis."""
+    origin = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    return Octree(
+        lo, hi, origin, np.ones(len(origin), np.int64), _painted(origin, np.ones(len(origin), np.int64), counts)
+    )
+
+
+def split(tree: Octree, chosen: Mask) -> Octree:
+    """The octree with the chosen leaves (N,) split in eight, and every other that 2:1 balance then asks for."""
+    while chosen.any():
+        origin, size, shape = tree.origin, tree.size, tree.shape
+        if (size[chosen] == 1).any():
+            origin, size, shape = 2 * origin, 2 * size, 2 * shape
+        half = size[chosen] // 2
+        children = origin[chosen][:, None] + half[:, None, None] * CHILDREN
+        origin = np.concatenate([origin[~chosen], children.reshape(-1, 3)])
+        size = np.concatenate([size[~chosen], np.repeat(half, 8)])
+        tree = Octree(tree.lo, tree.hi, origin, size, _painted(origin, size, shape))
+        chosen = _unbalanced(tree)
+    return tree
+
+
+def _unbalanced(tree: Octree) -> Mask:
+    """Leaves that touch one less than half their size."""
+    fine = maximum_filter(-tree.size[tree.leaf].astype(np.int32), 3, mode="nearest")
+    smallest = np.full(len(tree.size), np.iinfo(np.int64).max)
+    np.minimum.at(smallest, tree.leaf.ravel(), -fine.ravel().astype(np.int64))
+    return smallest * 2 < tree.size
+
+
+def _painted(origin: Ints, size: Ints, shape: Ints) -> NDArray[np.int32]:
+    """The leaf number of every finest cell."""
+    leaf = np.empty(tuple(shape), np.int32)
+    for s in np.unique(size):
+        at = np.flatnonzero(size == s)
+        blocks = leaf.reshape(shape[0] // s, s, shape[1] // s, s, shape[2] // s, s)
+        i, j, k = (origin[at] // s).T
+        blocks[i, :, j, :, k, :] = at[:, None, None, None]
+    return leaf
