@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
@@ -129,6 +130,16 @@ def test_values_that_are_not_finite_are_refused_where_they_arise() -> None:
             call([[1.0, 2, 3], [101, 2, 3]])
     with pytest.raises(InvalidRequest, match="not finite"):
         field.on_grid([0, 200], [1, 2], [3])
+
+
+def test_functions_of_a_part_of_space_are_tried_there() -> None:
+    axes = np.linspace(10, 20, 6), np.linspace(-9, -5, 5), np.linspace(0, 2, 4)
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
+    f = RegularGridInterpolator(axes, grid @ [1.0, 2, 3])
+    with pytest.raises(InvalidRequest, match="domain="):
+        fields.from_function(f)
+    field = fields.from_function(f, domain=((10, -9, 0), (20, -5, 2)))
+    assert field([12.3, -6.1, 0.7]) == pytest.approx(12.3 - 12.2 + 2.1)
 
 
 def test_gradients_of_the_wrong_shape_are_refused() -> None:

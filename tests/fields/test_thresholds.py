@@ -70,8 +70,13 @@ def test_operators_are_the_booleans_and_the_arithmetic() -> None:
         (GYROID - 1, f - 1),
         (2 * GYROID * DIAMOND, 2 * f * g),
         (-GYROID / 4, -f / 4),
+        (np.float64(2) * GYROID, 2 * f),
+        (np.float64(2) - GYROID, 2 - f),
     ):
         np.testing.assert_allclose(combined(POINTS), expected, rtol=1e-15, atol=1e-15)
+    for wrong in (0, GYROID):
+        with pytest.raises(InvalidRequest, match="divided"):
+            GYROID / wrong
 
 
 def test_smooth_booleans_round_only_where_the_values_are_close() -> None:

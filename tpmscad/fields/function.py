@@ -7,21 +7,22 @@ checked. Without a gradient of their own it is taken by central differences of f
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, Jet, is_grid, positive, stacked
+from tpmscad.fields.field import Array, Field, Jet, is_grid, positive, stacked, triple
 
 STEP = 1e-3
 """Step of the difference quotients, in model units. For a wave of amplitude 1 and length L the error of a derivative is about
 330 step^4 / L^5 + 2e-16 / step: 4e-13 for L = 10, 3e-10 for L = 1; give a smaller step for finer structures."""
 
-PROBES = np.array([[0.1, 0.2, 0.3], [1.7, -0.6, 0.9], [-2.3, 4.1, 5.2], [8.4, 6.5, -7.6], [0.4, 9.3, 3.7]])
-"""Points that tell a function of points from one of x, y, z, and a vectorised one from another; not three, which is ambiguous."""
+PROBES = np.array([[0.51, 0.52, 0.53], [0.67, 0.44, 0.59], [0.27, 0.91, 0.02], [0.84, 0.65, 0.24], [0.04, 0.3, 0.37]])
+"""Points of the unit cube that tell a function of points from one of x, y, z, and a vectorised one from another; five of them,
+since three would be ambiguous."""
 
 COMPANY_TOLERANCE = 1e-9
 """Relative change of a probe's value when the other probes are left out: round-off of a reordered sum stays far below."""
@@ -85,11 +86,18 @@ class Function(Field):
         return values.reshape(shape)
 
 
-def from_function(f: Callable[..., Any], gradient: Callable[..., Any] | None = None, *, step: float = STEP) -> Field:
+def from_function(
+    f: Callable[..., Any],
+    gradient: Callable[..., Any] | None = None,
+    *,
+    step: float = STEP,
+    domain: Sequence[Sequence[float]] = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+) -> Field:
     """The field of f(points (n, 3)) -> (n,) or f(x, y, z) -> (n,); which of the two is found out by its signature or a trial.
 
     gradient: called like f, returns (n, 3) (or a tuple of three). By default f's own attribute `gradient`, or else central
-    differences of fourth order with `step` in model units (12 calls of f; accuracy: see `STEP`).
+    differences of fourth order with `step` in model units (12 calls of f; accuracy: see `STEP`). domain: a box in which f is
+    tried on a few points.
     Raises InvalidRequest for functions that take single points only or mix the points of a call, and, when evaluated, for
     values that are not finite.
     """
@@ -97,8 +105,10 @@ def from_function(f: Callable[..., Any], gradient: Callable[..., Any] | None = N
         return f
     if not callable(f):
         raise InvalidRequest(f"{f!r} can't be called: a function of points (n, 3) or of x, y, z is needed")
-    split = _takes_coordinates(f)
-    _check_vectorised(f, split)
+    low, high = (np.array(triple(corner, "domain")) for corner in domain)
+    probes = low + PROBES * (high - low)
+    split = _takes_coordinates(f, probes)
+    _check_vectorised(f, split, probes)
     own = gradient if gradient is not None else getattr(f, "gradient", None)
     return Function(f, own, split, positive(step, "step"))
 
@@ -126,7 +136,7 @@ _REMEDY = (
 )
 
 
-def _takes_coordinates(f: Callable[..., Any]) -> bool:
+def _takes_coordinates(f: Callable[..., Any], probes: Array) -> bool:
     """Whether f wants x, y, z: by the number of its required arguments, else by trial."""
     try:
         parameters, unknown = list(inspect.signature(f).parameters.values()), False
@@ -143,27 +153,28 @@ def _takes_coordinates(f: Callable[..., Any]) -> bool:
         )
     for split in (False, True):
         try:
-            values = np.asarray(call(f, PROBES, split), float)
+            values = np.asarray(call(f, probes, split), float)
         except Exception:  # a trial: what goes wrong is reported by the check that follows
             continue
-        if values.shape == (len(PROBES),):
+        if values.shape == (len(probes),):
             return split
     return len(positional) >= 3
 
 
-def _check_vectorised(f: Callable[..., Any], split: bool) -> None:
+def _check_vectorised(f: Callable[..., Any], split: bool, probes: Array) -> None:
     try:
         with np.errstate(all="ignore"):
-            together = np.asarray(call(f, PROBES, split), float)
-            alone = [np.asarray(call(f, PROBES[i : i + 1], split), float) for i in range(len(PROBES))]
+            together = np.asarray(call(f, probes, split), float)
+            alone = [np.asarray(call(f, probes[i : i + 1], split), float) for i in range(len(probes))]
     except InvalidRequest:
         raise
     except Exception as error:
         raise InvalidRequest(
-            f"{_name(f)} can't be called with arrays ({type(error).__name__}: {error}): {_REMEDY}"
+            f"{_name(f)} can't be called with arrays ({type(error).__name__}: {error}): {_REMEDY}; "
+            "if it is defined in a part of space only, give a box there as domain="
         ) from error
-    if together.shape != (len(PROBES),):
-        raise InvalidRequest(f"{_name(f)} gave shape {together.shape} for {len(PROBES)} points: {_REMEDY}")
+    if together.shape != (len(probes),):
+        raise InvalidRequest(f"{_name(f)} gave shape {together.shape} for {len(probes)} points: {_REMEDY}")
     single = np.array([values.ravel()[0] if values.size == 1 else np.nan for values in alone])
     scale = COMPANY_TOLERANCE * np.maximum(1.0, np.abs(together))
     if (np.abs(together - single) > scale).any() or (np.isfinite(together) & ~np.isfinite(single)).any():
