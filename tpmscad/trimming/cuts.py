@@ -157,14 +157,19 @@ def _fitted(
     paths = [arc.path for trace in traces for arc in trace.arcs]
     foci = [trace.foci for trace in traces for _ in trace.arcs]
     cuts: list[fitting.Cut | None] = [None] * len(paths)
-    for c in np.unique(carrier[owner]):
+    spaces: dict[tuple[int, int, bytes, bytes], list[int]] = {}
+    surfaces = []
+    for i, c in enumerate(carrier[owner]):
         surface = complex.carriers[c]
         assert isinstance(surface, Surface)
-        at = np.flatnonzero(carrier[owner] == c)
-        fitted = fitting.fit(
-            surface, normal[owner[at]], constant[owner[at]], [paths[i] for i in at], [foci[i] for i in at], tol
-        )
-        for i, cut in zip(at, fitted, strict=True):
+        surfaces.append(surface)
+        key = (surface.degree_u, surface.degree_v, surface.knots_u.tobytes(), surface.knots_v.tobytes())
+        spaces.setdefault(key, []).append(i)
+    for members in spaces.values():
+        at = np.array(members)
+        own, ways, turns = ([a[i] for i in members] for a in (surfaces, paths, foci))
+        fitted = fitting.fit(own, normal[owner[at]], constant[owner[at]], ways, turns, tol)
+        for i, cut in zip(members, fitted, strict=True):
             cuts[i] = cut
     return tuple(c for c in cuts if c is not None), np.searchsorted(owner, np.arange(len(traces)))
 

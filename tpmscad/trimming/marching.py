@@ -120,6 +120,8 @@ def _border_signs(
     """Overwrite the border nodes of `negative` by what the shared edges say; returns the signs next to sides in the plane."""
     on_side = np.zeros(4, np.int64)
     first, last = np.zeros(4, np.int64), np.zeros(4, np.int64)
+    if all(border.sign == 0 for border in borders):
+        raise TrimmingError("all four sides of a patch lie in one plane")
     for side, border in enumerate(borders):
         if border.sign == 0:
             inwards = (0, 1) if side % 2 == 0 else (1, 0)

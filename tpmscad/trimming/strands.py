@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.splines.bspline import Curve
+from tpmscad.splines.bspline import Curve, design
 from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
 
 SAMPLES = 34
@@ -102,17 +102,9 @@ def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Array, skip
     _, first, label = np.unique(key + 0.0, axis=0, return_index=True, return_inverse=True)
     label = label.ravel()
 
-    class_sign = np.zeros(len(first), np.int64)
-    class_off = np.zeros(len(first))
-    roots: list[Array] = [np.zeros(0)] * len(first)
-    owner = np.column_stack([strands.curve[s[first]], strands.span[s[first]]])
-    groups, group = np.unique(owner, axis=0, return_inverse=True)
-    for g, (c, t0, t1) in enumerate(groups):
-        members = np.flatnonzero(group.ravel() == g)
-        of = first[members]
-        found = _on_curve(curves[int(c)], (t0, t1), normal[of], constant[of], ends_on[of], snap)
-        for m, (m_sign, m_roots, m_off) in zip(members, found, strict=True):
-            class_sign[m], roots[m], class_off[m] = m_sign, m_roots, m_off
+    class_sign, class_off, roots = _class_roots(
+        curves, strands, s[first], normal[first], constant[first], ends_on[first], snap
+    )
 
     sign[s, plane] = class_sign[label]
     off = np.zeros(n)
@@ -134,66 +126,89 @@ def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Array, skip
     )
 
 
-def _on_curve(
-    curve: Curve, span: tuple[float, float], normal: Array, constant: Array, ends_on: Array, snap: float
-) -> list[tuple[int, Array, float]]:
-    """(first sign, roots, greatest distance if it lies in the plane) of m planes on one curve piece."""
-    a, b = span
-    t = np.linspace(a, b, SAMPLES)
-    value = curve(t) @ normal.T + constant  # (SAMPLES, m)
-    size = float(np.linalg.norm(np.ptp(curve.poles, axis=0)))
-    reach = np.abs(value).max(axis=0)
-    speed = np.maximum(np.linalg.norm(curve(np.array([a, b]), 1), axis=1), size / (b - a) * 1e-3)
-    step = SHORTEST * snap / speed  # an edge shorter than `SHORTEST` snaps isn't made
-    result = []
-    for m in range(len(normal)):
-        if reach[m] < snap and ends_on[m].all():
-            result.append((0, np.zeros(0), float(reach[m])))
-            continue
-        lo, hi = a + step[0] * ends_on[m, 0], b - step[1] * ends_on[m, 1]
-        sites = np.concatenate([[lo], t[(t > lo) & (t < hi)], [hi]])
-
-        def f(x: Array, order: int = 0, m: int = m) -> Array:
-            return curve(x, order) @ normal[m] + (constant[m] if order == 0 else 0.0)
-
-        roots = roots_between(f, sites, NOISE * size)
-        middle = 0.5 * (lo + (roots[0] if len(roots) else hi))
-        g = f(np.concatenate([[middle], sites]))
-        first = g[0] if len(roots) else g[np.argmax(np.abs(g))]
-        result.append((1 if first > 0 else -1, roots, 0.0))
-    return result
+def _class_roots(
+    curves: Sequence[Curve], strands: Strands, strand: Ints, normal: Array, constant: Array, ends_on: Array, snap: float
+) -> tuple[Ints, Array, list[Array]]:
+    """First sign, distance where it lies in the plane, and roots of n classes, by one of each; batched by spline space."""
+    n = len(strand)
+    sign, off, roots = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n
+    spaces: dict[tuple[int, bytes], list[int]] = {}
+    for i, c in enumerate(strands.curve[strand].tolist()):
+        spaces.setdefault((curves[c].degree, curves[c].knots.tobytes()), []).append(i)
+    for members in spaces.values():
+        at = np.array(members)
+        curve = curves[strands.curve[strand[at[0]]]]
+        poles = np.stack([curves[c].poles for c in strands.curve[strand[at]]])
+        found = _on_curves(
+            curve.knots, curve.degree, poles, strands.span[strand[at]], normal[at], constant[at], ends_on[at], snap
+        )
+        sign[at], off[at] = found[:2]
+        for i, r in zip(members, found[2], strict=True):
+            roots[i] = r
+    return sign, off, roots
 
 
-def roots_between(f: Callable[..., Array], sites: Array, noise: float) -> Array:
-    """Simple roots of f(t, order=0) within [sites[0], sites[-1]], rising, pairs between two sites included."""
-    g, slope = f(sites), f(sites, 1)
-    turning = (g[:-1] * g[1:] > 0) & (g[:-1] * slope[:-1] < 0) & (g[1:] * slope[1:] > 0)
-    turning &= np.abs(g[:-1]) < np.abs(slope[:-1]) * np.diff(sites)  # else the tangent doesn't reach zero
-    turning |= (
-        (g[:-1] * g[1:] > 0)
-        & (g[:-1] * slope[:-1] < 0)
-        & (g[1:] * slope[1:] > 0)
-        & (np.minimum(np.abs(g[:-1]), np.abs(g[1:])) < np.abs(np.diff(slope)) * np.diff(sites))
-    )
-    if turning.any():
-        i = np.flatnonzero(turning)
-        extremum = bracketed_newton(lambda t: f(t, 1), lambda t: f(t, 2), sites[i], sites[i + 1])
-        value = f(extremum)
-        crosses = (value * g[i] < 0) & (np.abs(value) > noise)
-        if crosses.any():
-            sites = np.sort(np.concatenate([sites, extremum[crosses]]))
-            g = f(sites)
-    change = np.flatnonzero((g[:-1] < 0) != (g[1:] < 0))
-    if len(change) == 0:
-        return np.zeros(0)
-    return bracketed_newton(f, lambda t: f(t, 1), sites[change], sites[change + 1])
+def _on_curves(
+    knots: Array, degree: int, poles: Array, span: Array, normal: Array, constant: Array, ends_on: Array, snap: float
+) -> tuple[Ints, Array, list[Array]]:
+    """First sign, distance where it lies in the plane, and roots of m planes, each on its own curve (m, N, 3) of one space."""
+    level = np.einsum("mnk,mk->mn", poles, normal) + constant[:, None]
+    m = len(level)
+
+    def f(row: Ints, t: Array, order: int = 0) -> Array:
+        return np.einsum("rn,rn->r", design(knots, degree, t, order), level[row])
+
+    size = np.linalg.norm(np.ptp(poles, axis=1), axis=1)
+    ends = np.einsum("men,mnk->mek", design(knots, degree, span.ravel(), 1).reshape(m, 2, -1), poles)
+    speed = np.maximum(np.linalg.norm(ends, axis=2), 1e-3 * (size / (span[:, 1] - span[:, 0]))[:, None])
+    step = SHORTEST * snap / speed * ends_on  # no root is looked for there: no edge comes out shorter
+    low, high = span[:, 0] + step[:, 0], span[:, 1] - step[:, 1]
+    t = low[:, None] + (high - low)[:, None] * np.linspace(0.0, 1.0, SAMPLES)
+    row = np.repeat(np.arange(m), SAMPLES)
+    value, slope = (f(row, t.ravel(), order).reshape(m, SAMPLES) for order in (0, 1))
+    reach = np.abs(value).max(axis=1)
+    flat = (reach < snap) & ends_on.all(axis=1)
+
+    owner, root = _roots(f, t, value, slope, NOISE * size)
+    keep = ~flat[owner]
+    owner, root = owner[keep], root[keep]
+    roots = np.split(root, np.searchsorted(owner, np.arange(1, m)))
+    first = high.copy()  # the sign before the first root is the sign half way to it
+    first[owner[::-1]] = root[::-1]
+    sign = np.sign(f(np.arange(m), 0.5 * (low + first)))
+    rootless = np.array([len(r) == 0 for r in roots])
+    strongest = value[np.arange(m), np.abs(value).argmax(axis=1)]
+    sign = np.where(np.where(rootless, strongest, sign) > 0, 1, -1)
+    sign[flat] = 0
+    return sign, np.where(flat, reach, 0.0), roots
+
+
+def _roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[Ints, Array]:
+    """Simple roots of n functions sampled at t (n, SAMPLES), as (row, parameter) in order, pairs between samples included."""
+    a, b = value[:, :-1], value[:, 1:]
+    step = np.diff(t, axis=1)
+    turning = (a * b > 0) & (a * slope[:, :-1] < 0) & (b * slope[:, 1:] > 0)
+    turning &= np.minimum(np.abs(a), np.abs(b)) < np.abs(np.diff(slope, axis=1)) * step  # else too far to reach zero
+    row, i = np.nonzero(turning)
+    low, high = t[row, i], t[row, i + 1]
+    top = bracketed_newton(lambda x: f(row, x, 1), lambda x: f(row, x, 2), low, high)
+    at_top = f(row, top)
+    crosses = (at_top * value[row, i] < 0) & (np.abs(at_top) > noise[row])
+    change, j = np.nonzero((a < 0) != (b < 0))
+    owner = np.concatenate([change, row[crosses], row[crosses]])
+    low = np.concatenate([t[change, j], low[crosses], top[crosses]])
+    high = np.concatenate([t[change, j + 1], top[crosses], high[crosses]])
+    root = bracketed_newton(lambda x: f(owner, x), lambda x: f(owner, x, 1), low, high)
+    order = np.lexsort((root, owner))
+    return owner[order], root[order]
 
 
 def bracketed_newton(
     f: Callable[[Array], Array], slope: Callable[[Array], Array], low: Array, high: Array, iterations: int = 100
 ) -> Array:
     """The roots of f in n brackets with a change of sign each, by Newton steps that fall back on bisection."""
-    low, high = low.astype(float), high.astype(float)
+    if len(low) == 0:
+        return np.zeros(0)
     rising = f(low) < 0
     t = 0.5 * (low + high)
     for _ in range(iterations):

@@ -1,0 +1,176 @@
+"""Plane sections of patches as exact curves: moved onto the cut, measured along it, sampled at even parameters. In batches.
+
+The even parameter spreads length and turning evenly, so that a bent curve gets its knots where it bends; past a saddle (a
+focus) it runs like the logarithm of the distance from it. It must be smooth for splines to converge, so it comes from the
+exact points, tangents and curvatures along the cut, not from a coarse path nor from an earlier fit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmscad.splines.bspline import Surface, design
+from tpmscad.trimming.tool import Array
+
+TURN = 4.0
+"""Turning by this angle (radians) counts as much as running the curve's whole length."""
+
+GRADE = 0.5
+"""Near a focus the parameter runs by this much times the logarithm of the distance from it."""
+
+SADDLE = 1e-7
+"""Sine of the angle between patch and plane below which a curve's end is a saddle."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sections:
+    """Sections normals (n, 3) . S + constants (n,) = 0 of n patches of one spline space, with their own poles (n, U, V, 3).
+
+    Points on them are given as (u, v), (n, m, 2). `foci` (n, q, 4): points and radii in model units, infinite if none.
+    """
+
+    poles: Array
+    space: tuple[Array, Array, int, int]
+    normals: Array
+    constants: Array
+    foci: Array
+
+    def of(self, rows: Array) -> Sections:
+        """Some of them."""
+        return replace(
+            self,
+            poles=self.poles[rows],
+            normals=self.normals[rows],
+            constants=self.constants[rows],
+            foci=self.foci[rows],
+        )
+
+    def jet(self, uv: Array, order: int) -> list[Array]:
+        """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) up to `order`: each (n, m, 3)."""
+        knots_u, knots_v, degree_u, degree_v = self.space
+        n, m = uv.shape[:2]
+        bu = [design(knots_u, degree_u, uv[..., 0].ravel(), k).reshape(n, m, -1) for k in range(order + 1)]
+        bv = [design(knots_v, degree_v, uv[..., 1].ravel(), k).reshape(n, m, -1) for k in range(order + 1)]
+        rows = self.poles.reshape(n, self.poles.shape[1], -1)
+        half = [(b @ rows).reshape(n, m, -1, 3) for b in bu]
+        pairs = [(total - k, k) for total in range(order + 1) for k in range(total + 1)]
+        return [np.einsum("nmv,nmvd->nmd", bv[j], half[i]) for i, j in pairs]
+
+    def points(self, uv: Array) -> Array:
+        return self.jet(uv, 0)[0]
+
+    def onto(self, uv: Array) -> Array:
+        """Inner sites (n, m, 2) moved onto the zero curve; near the ends onto what makes the ends exact."""
+        m = uv.shape[1]
+        value = np.einsum("nmk,nk->nm", self.points(uv[:, [0, -1]]), self.normals) + self.constants[:, None]
+        x = np.linspace(0.0, 1.0, m)
+        target = value[:, :1] * (1 - x) ** 4 + value[:, 1:] * x**4
+        uv = uv.copy()
+        for _ in range(12):
+            s, su, sv = (np.einsum("nmk,nk->nm", d, self.normals) for d in self.jet(uv[:, 1:-1], 1))
+            g = s + self.constants[:, None] - target[:, 1:-1]
+            slope = np.stack([su, sv], axis=2)
+            step = slope * (g / np.maximum((slope**2).sum(axis=2), 1e-300))[..., None]
+            uv[:, 1:-1] -= step
+            if np.abs(step).max(initial=0.0) < 1e-13:
+                break
+        return uv
+
+    def along(self, uv: Array) -> tuple[Array, Array, Array, Array]:
+        """Arc length x, d(u, v)/dx, and a parameter s in [0, 1] that spreads length and turning evenly, with ds/dx.
+
+        A plane section turns at the rate |II(T, T)| / sin(angle of the planes), T its unit tangent. All comes from the points
+        themselves, so that the unevenness of a first path leaves no trace. For points uv (n, m, 2) on the curves.
+        """
+        points, su, sv, suu, suv, svv = self.jet(uv, 2)
+        plane = self.normals[:, None]
+        a, b = -(sv * plane).sum(axis=2), (su * plane).sum(axis=2)  # (u, v) along the curve
+        normal = np.cross(su, sv)
+        second = (a * a)[..., None] * suu + (2 * a * b)[..., None] * suv + (b * b)[..., None] * svv
+        speed = np.linalg.norm(a[..., None] * su + b[..., None] * sv, axis=2)
+        sine = np.linalg.norm(np.cross(normal, plane), axis=2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            curvature = np.abs((second * normal).sum(axis=2)) / (speed**2 * sine)
+            slope = np.stack([a, b], axis=2) / speed[..., None]
+        chord = np.linalg.norm(np.diff(points, axis=1), axis=2)
+        at_saddle = sine < SADDLE * np.linalg.norm(normal, axis=2)
+        for end, inner, step in ((0, 1, 0), (-1, -2, -1)):  # nothing there points along the curve
+            rows = at_saddle[:, end]
+            curvature[rows, end] = curvature[rows, inner]
+            slope[rows, end] = np.diff(uv, axis=1)[rows, step] / chord[rows, step][:, None]
+        middle = 0.5 * (curvature[:, 1:] + curvature[:, :-1])
+        chord = chord * (1.0 + (middle * chord) ** 2 / 24.0)
+        curvature[np.isfinite(self.foci[:, 0, 3])] = 0.0
+        density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), curvature / TURN)
+        for f in range(self.foci.shape[1]):
+            apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
+            density = np.sqrt(density**2 + GRADE**2 / (apart + self.foci[:, f, None, 3] ** 2))
+        x = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(chord, axis=1)], axis=1)
+        rise = np.empty_like(density)  # of the density, for the corrected trapezium rule
+        rise[:, 1:-1] = (density[:, 2:] - density[:, :-2]) / (x[:, 2:] - x[:, :-2])
+        rise[:, [0, -1]] = rise[:, [1, -2]]
+        steps = chord * 0.5 * (density[:, 1:] + density[:, :-1])
+        steps = np.maximum(steps - chord**2 / 12.0 * np.diff(rise, axis=1), 0.5 * steps)
+        total = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(steps, axis=1)], axis=1)
+        length = total[:, -1:]
+        return x, slope, total / length, density / length
+
+    def resampled(self, uv: Array, at: Array) -> Array:
+        """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
+        x, slope, s, density = self.along(uv)
+        i, f = _locate(s, at)
+        row = np.arange(len(uv))[:, None]
+        secant = np.diff(s, axis=1) / np.diff(x, axis=1)
+        # x(s) is kept monotone (Fritsch and Carlson's slope limit) where the points are too sparse for a good s
+        rate = 1.0 / np.maximum(density, np.maximum(_padded(secant, 0), _padded(secant, 1)) / 3.0)
+        target = _cubic(s, x[..., None], rate[..., None], row, i, f)[..., 0]
+        h = x[row, i + 1] - x[row, i]
+        guess = _cubic(x, uv, slope, row, i, np.clip((target - x[row, i]) / h, 0.0, 1.0))
+        guess[:, [0, -1]] = uv[:, [0, -1]]
+        return self.onto(guess)
+
+    def off_plane(self, uv: Array) -> Array:
+        """Distances of points (n, m, 2) from their planes: (n, m)."""
+        return np.abs(np.einsum("nmk,nk->nm", self.points(uv), self.normals) + self.constants[:, None])
+
+    def in_plane(self, points: Array) -> Array:
+        """Points (n, m, 3) dropped onto their planes."""
+        g = np.einsum("nmk,nk->nm", points, self.normals) + self.constants[:, None]
+        return points - g[..., None] * self.normals[:, None]
+
+
+def foci_in_space(surfaces: Sequence[Surface], foci: Sequence[Array]) -> Array:
+    """Points and radii in model units (n, q, 4) from (u, v) and radii there, a patch each; filled up with infinite radii."""
+    result = np.full((len(foci), max(1, max(len(f) for f in foci)), 4), [0.0, 0.0, 0.0, np.inf])
+    for i, (surface, own) in enumerate(zip(surfaces, foci, strict=True)):
+        if len(own):
+            u, v, radius = own.T
+            result[i, : len(own), :3] = surface(u, v)
+            result[i, : len(own), 3] = radius * np.sqrt(np.linalg.norm(surface.normal(u, v), axis=1))
+    return result
+
+
+def _padded(interval: Array, side: int) -> Array:
+    """Values of intervals (n, m - 1) given to the points on their left (0) or right (1), the last one twice: (n, m)."""
+    return np.concatenate([interval, interval[:, -1:]] if side == 0 else [interval[:, :1], interval], axis=1)
+
+
+def _locate(s: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+    """Interval and fraction in it of each parameter `at` (k,), row by row of s (n, m) rising from 0 to 1: (n, k)."""
+    n, m = s.shape
+    row = np.arange(n)[:, None]
+    i = np.searchsorted((s + 2 * row).ravel(), (at + 2 * row).ravel(), side="right").reshape(n, -1) - 1 - m * row
+    i = np.clip(i, 0, m - 2)
+    return i, (at - s[row, i]) / (s[row, i + 1] - s[row, i])
+
+
+def _cubic(x: Array, values: Array, slopes: Array, row: Array, i: Array, f: Array) -> Array:
+    """Cubic Hermite interpolation at fraction f of interval i: x (n, m), values and slopes (n, m, d) -> (n, k, d)."""
+    h, f = (x[row, i + 1] - x[row, i])[..., None], f[..., None]
+    p, q = values[row, i], values[row, i + 1]
+    dp, dq = h * slopes[row, i], h * slopes[row, i + 1]
+    return p + f * (dp + f * (3 * (q - p) - 2 * dp - dq + f * (2 * (p - q) + dp + dq)))
