@@ -27,6 +27,9 @@ BAR_DELAY = 1.0
 
 STEP_SUFFIXES = (".step", ".stp")
 
+Progress = Callable[[str, float], None]
+"""Told the name of a stage and how much of it is done, 0 to 1."""
+
 app = typer.Typer(
     name="tpmscad",
     help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids. Lengths are in mm.",
@@ -84,22 +87,23 @@ def _write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 
 @contextmanager
-def _progress_bar(title: str, quiet: bool) -> Iterator[Callable[[str, float], None] | None]:
-    """A callback (stage, done from 0 to 1) that draws a bar on standard error, or None where nobody watches."""
+def _progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
+    """A callback that draws a bar on standard error, or None where nobody watches."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, ProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
 
     begun = time.monotonic()
 
-    class LateProgress(Progress):
+    class LateBar(Bar):
         def get_renderables(self) -> Iterable[Any]:
             return super().get_renderables() if time.monotonic() - begun > BAR_DELAY else ()
 
     columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
-    with LateProgress(*columns, console=Console(stderr=True), transient=True) as bar:
+    with LateBar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)  # moves to and fro until something is known to be done
         yield lambda stage, done: bar.update(task, description=stage, completed=done, total=1.0 if done else None)
 
@@ -117,15 +121,14 @@ def _reported(report: Path | None) -> Iterator[None]:
         raise
 
 
-def _deliver(model: Any, output: Path, report: Path | None, quiet: bool, **how: Any) -> None:
-    """Write the model if it meets the request, then its report, and say what was made."""
+def _write_model(model: Any, path: Path, progress: Progress | None, **how: Any) -> None:
+    """Write the model if it meets the request."""
     certificate = model.certificate
     if not certificate.met:
-        raise NotMet(f"{output} not written, it misses the request: {'; '.join(certificate.shortfalls)}", certificate)
-    model.export_step(output, **how)
-    _write_report(report, certificate.to_dict())
-    if not quiet:
-        print(certificate)
+        raise NotMet(f"{path} not written, it misses the request: {'; '.join(certificate.shortfalls)}", certificate)
+    if progress:
+        progress("write", 0.0)
+    model.export_step(path, **how)
 
 
 Surface = Annotated[str, typer.Argument(help="Name of the surface, see `tpmscad surfaces`.")]
@@ -230,7 +233,10 @@ def lattice(
                 phase=phase,
                 progress=progress,
             )
-        _deliver(model, output, report, quiet, instanced=instanced, schema=schema)
+            _write_model(model, output, progress, instanced=instanced, schema=schema)
+        _write_report(report, model.certificate.to_dict())
+    if not quiet:
+        print(model.certificate)
 
 
 @app.command()
