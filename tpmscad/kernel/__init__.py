@@ -1,7 +1,7 @@
 """Arrays in, OCC shapes and STEP files out: the only room that imports OCP."""
 
 from tpmscad.kernel.build import Built, build, build_solid
-from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_step
+from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_step, is_valid
 from tpmscad.kernel.read import StepContent, read_step
 from tpmscad.kernel.render import render
 from tpmscad.kernel.step import Instances, write_step
@@ -17,6 +17,7 @@ __all__ = [
     "build_solid",
     "check_shape",
     "check_step",
+    "is_valid",
     "read_step",
     "render",
     "write_shape",

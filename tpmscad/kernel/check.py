@@ -111,6 +111,11 @@ class _Solid:
     tolerance: float
 
 
+def is_valid(shape: Any) -> bool:
+    """Whether BRepCheck finds nothing wrong with a TopoDS shape, or anything that wraps one; on all cores."""
+    return bool(BRepCheck_Analyzer(getattr(shape, "wrapped", shape), True, True).IsValid())
+
+
 def check_shape(shape: Any) -> ShapeReport:
     """Measure a TopoDS shape, or anything that wraps one (build123d, CadQuery). A solid placed many times is measured once."""
     topods: TopoDS_Shape = getattr(shape, "wrapped", shape)
@@ -174,7 +179,7 @@ def _measured(solid: TopoDS_Solid) -> _Solid:
         shells=len(_explored(solid, TopAbs_SHELL)),
         faces=len(faces),
         edges=len(edges),
-        valid=bool(BRepCheck_Analyzer(solid, True, True).IsValid()),
+        valid=is_valid(solid),
         closed=all(uses == (1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2) for edge, uses in edges),
         moments=face_moments(faces).sum(axis=0),
         tolerance=max(

@@ -16,6 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.polynomial import legendre
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.GeomAbs import GeomAbs_Line
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad.kernel.edge_nodes import EdgeNodes, composite, gauss
@@ -66,52 +67,99 @@ def integrand(poles: Array, grid: Grid) -> Array:
     return np.concatenate([area[..., None], cone / 3.0, cone * x / 4.0], axis=-1)
 
 
-def trimmed_moments(
-    surface: Surface, edges: Sequence[TopoDS_Edge], face: TopoDS_Face, nodes_of: EdgeNodes, points: tuple[int, int]
-) -> Array:
-    """The five integrals over the part of the patch that the edges bound: (5,). `points` as for `grid`."""
-    f = integrand(surface.poles[None], grid(surface, points))[0]
-    u, v, dv = _parameter_nodes(surface, edges, face, nodes_of)
-    along_u = _antiderivative(surface.knots_u, points[0], u)
-    along_v = _interpolation(surface.knots_v, points[1], v) * dv[:, None]
-    inner = (along_u @ f.reshape(len(f), -1)).reshape(len(u), -1, f.shape[2])
-    return np.asarray(np.einsum("nb,nbk->k", along_v, inner))
+@dataclass(frozen=True, slots=True, eq=False)
+class Trimmed:
+    """A trimmed face: its surface, its edges as the loops use them, the face itself."""
+
+    surface: Surface
+    edges: Sequence[TopoDS_Edge]
+    face: TopoDS_Face
+
+
+def trimmed_moments(members: Sequence[Trimmed], nodes_of: EdgeNodes, points: tuple[int, int]) -> Array:
+    """The five integrals over each face, in the direction of its loops, the surfaces having knots and degrees in common: (F, 5).
+
+    `points` as for `grid`.
+    """
+    space = members[0].surface
+    poles = np.stack([m.surface.poles for m in members])
+    f = integrand(poles, grid(space, points)).reshape(len(members), -1, _columns(space, points))
+    u, v, dv, bounds = _parameter_nodes(members, poles, nodes_of)
+    along_u = _antiderivative(space.knots_u, points[0], u)
+    along_v = _interpolation(space.knots_v, points[1], v) * dv[:, None]
+    result = np.zeros((len(members), 5))
+    for i, (start, stop) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+        inner = (along_u[start:stop] @ f[i]).reshape(stop - start, -1, 5)
+        result[i] = np.einsum("nb,nbk->k", along_v[start:stop], inner)
+    return result
+
+
+def _columns(space: Surface, points: tuple[int, int]) -> int:
+    return 5 * points[1] * (len(np.unique(space.knots_v)) - 1)
 
 
 def _parameter_nodes(
-    surface: Surface, edges: Sequence[TopoDS_Edge], face: TopoDS_Face, nodes_of: EdgeNodes
-) -> tuple[Array, Array, Array]:
-    """(u, v) at all nodes of the loops, and v' times weight."""
-    walks = [nodes_of(edge) for edge in edges]
-    guess = []
-    for edge, (nodes, _) in zip(edges, walks, strict=True):
-        curve = BRepAdaptor_Curve2d(edge, face)
-        guess += [curve.Value(s).Coord() for s in nodes.t.tolist()]
-    target = np.concatenate([nodes.points for nodes, _ in walks])
-    tangent = np.concatenate([nodes.tangents for nodes, _ in walks])
-    weights = np.concatenate([sign * nodes.weights for nodes, sign in walks])
-    low, high = np.array(surface.domain).T
-    uv = np.array(guess)
+    members: Sequence[Trimmed], poles: Array, nodes_of: EdgeNodes
+) -> tuple[Array, Array, Array, list[int]]:
+    """u and v at all nodes of the loops, v' times weight, and where each face's nodes begin and end."""
+    guess, target, tangent, weights, bounds = [], [], [], [], [0]
+    for member in members:
+        count = 0
+        for edge in member.edges:
+            curve = BRepAdaptor_Curve2d(edge, member.face)
+            if _is_level(curve):
+                continue
+            nodes, sign = nodes_of(edge)
+            guess.append(_values(curve, nodes.t))
+            target.append(nodes.points)
+            tangent.append(nodes.tangents)
+            weights.append(sign * nodes.weights)
+            count += len(nodes.t)
+        bounds.append(bounds[-1] + count)
+    space = members[0].surface
+    low, high = np.array(space.domain).T
+    goal, along, uv = np.concatenate(target), np.concatenate(tangent), np.concatenate(guess)
     for _ in range(NEWTON_STEPS):
         uv = np.clip(uv, low, high)
-        x, xu, xv = _frame(surface, uv)
-        step = _in_plane(xu, xv, target - x)
+        x, xu, xv = _frames(space, poles, uv, bounds)
+        step = _in_plane(xu, xv, goal - x)
         uv = uv + step
         if (np.abs(step) < NEWTON_STOP * (high - low)).all():
             break
-    _, xu, xv = _frame(surface, np.clip(uv, low, high))
-    return uv[:, 0], uv[:, 1], weights * _in_plane(xu, xv, tangent)[:, 1]
+    _, xu, xv = _frames(space, poles, np.clip(uv, low, high), bounds)
+    return uv[:, 0], uv[:, 1], np.concatenate(weights) * _in_plane(xu, xv, along)[:, 1], bounds
 
 
-def _frame(surface: Surface, uv: Array) -> tuple[Array, Array, Array]:
-    """Position and first derivatives at the pairs uv (n, 2): (n, 3) each."""
-    rows, columns, _ = surface.poles.shape
-    flat = surface.poles.reshape(rows, 3 * columns)
-    u, v = uv.T
-    bu, cu = (design(surface.knots_u, surface.degree_u, u, k) @ flat for k in (0, 1))
-    bv, cv = (design(surface.knots_v, surface.degree_v, v, k)[:, None, :] for k in (0, 1))
-    bu, cu = bu.reshape(-1, columns, 3), cu.reshape(-1, columns, 3)
-    return (bv @ bu)[:, 0], (bv @ cu)[:, 0], (cv @ bu)[:, 0]
+LEVEL = 1e-10
+"""Slope below which a straight parameter curve runs along u: nothing is gained or lost there, dv = 0."""
+
+
+def _is_level(curve: BRepAdaptor_Curve2d) -> bool:
+    return curve.GetType() == GeomAbs_Line and abs(curve.Line().Direction().Y()) < LEVEL
+
+
+def _values(curve: BRepAdaptor_Curve2d, t: Array) -> Array:
+    """The kernel's parameter curve at t: (n, 2)."""
+    if curve.GetType() == GeomAbs_Line:
+        line = curve.Line()
+        return np.array(line.Location().Coord()) + t[:, None] * np.array(line.Direction().Coord())
+    return np.array([curve.Value(s).Coord() for s in t.tolist()])
+
+
+def _frames(space: Surface, poles: Array, uv: Array, bounds: list[int]) -> tuple[Array, Array, Array]:
+    """Position and first derivatives at the pairs uv (n, 2), those from bounds[i] to bounds[i + 1] on face i: (n, 3) each."""
+    count, rows, columns, _ = poles.shape
+    flat = poles.reshape(count, rows, 3 * columns)
+    (bu, cu), (bv, cv) = (
+        (design(knots, degree, t), design(knots, degree, t, 1))
+        for knots, degree, t in ((space.knots_u, space.degree_u, uv[:, 0]), (space.knots_v, space.degree_v, uv[:, 1]))
+    )
+    at, along = np.empty((len(uv), columns, 3)), np.empty((len(uv), columns, 3))
+    for i, (start, stop) in enumerate(zip(bounds[:-1], bounds[1:], strict=True)):
+        at[start:stop] = (bu[start:stop] @ flat[i]).reshape(-1, columns, 3)
+        along[start:stop] = (cu[start:stop] @ flat[i]).reshape(-1, columns, 3)
+    bv, cv = bv[:, None, :], cv[:, None, :]
+    return (bv @ at)[:, 0], (bv @ along)[:, 0], (cv @ at)[:, 0]
 
 
 def _in_plane(xu: Array, xv: Array, vector: Array) -> Array:

@@ -10,7 +10,7 @@ adaptive quadrature.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from OCP.BRep import BRep_Tool
@@ -24,9 +24,11 @@ from OCP.TopoDS import TopoDS_Face
 
 from tpmscad.kernel import convert
 from tpmscad.kernel.edge_nodes import EdgeNodes, edges_of
-from tpmscad.kernel.green import grid, integrand, trimmed_moments
+from tpmscad.kernel.green import Trimmed, grid, integrand, trimmed_moments
 from tpmscad.patches.complex import Array
 from tpmscad.splines.bspline import Surface
+
+T = TypeVar("T")
 
 AREA_POINTS = 16
 """Least points per knot cell and direction: the area's square root is no polynomial, however low the degree."""
@@ -37,8 +39,16 @@ FOREIGN_EPS = 1e-9
 BORDER = 1e-6
 """Fraction of a patch's parameter range within which an edge is taken to run along the patch's own border."""
 
-CHUNK = 128
+CHUNK = 64
 """Faces evaluated at once: larger gains nothing and costs memory."""
+
+
+Space = tuple[bytes, bytes, int, int]
+"""Knots and degrees: surfaces that have them in common are evaluated together."""
+
+
+def _chunks(items: list[T]) -> list[list[T]]:
+    return [items[start : start + CHUNK] for start in range(0, len(items), CHUNK)]
 
 
 def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
@@ -48,7 +58,8 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     """
     result = np.empty((len(faces), 5))
     nodes_of = EdgeNodes()
-    whole: dict[tuple[bytes, bytes, int, int], list[tuple[int, Surface]]] = {}
+    whole: dict[Space, list[tuple[int, Surface]]] = {}
+    trimmed: dict[Space, list[tuple[int, Trimmed]]] = {}
     for i, face in enumerate(faces):
         geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):
@@ -56,19 +67,22 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
         elif isinstance(geometry, Geom_BSplineSurface) and not _is_special(geometry):
             surface = convert.surface_from(geometry)
             edges = edges_of(face)
+            space = (surface.knots_u.tobytes(), surface.knots_v.tobytes(), surface.degree_u, surface.degree_v)
             if _covers_patch(edges, face, surface):
-                kind = (surface.knots_u.tobytes(), surface.knots_v.tobytes(), surface.degree_u, surface.degree_v)
-                whole.setdefault(kind, []).append((i, surface))
+                whole.setdefault(space, []).append((i, surface))
             else:
-                points = max(3 * surface.degree_u, AREA_POINTS), max(3 * surface.degree_v, AREA_POINTS)
-                result[i] = trimmed_moments(surface, edges, face, nodes_of, points)
-                result[i] *= _direction(face)
+                trimmed.setdefault(space, []).append((i, Trimmed(surface, edges, face)))
         else:
             result[i] = _foreign(face)
-    for members in whole.values():
-        for start in range(0, len(members), CHUNK):
-            chunk = members[start : start + CHUNK]
+    for patches in whole.values():
+        for chunk in _chunks(patches):
             result[[i for i, _ in chunk]] = _whole([s for _, s in chunk])
+    for (_, _, degree_u, degree_v), parts in trimmed.items():
+        points = max(3 * degree_u, AREA_POINTS), max(3 * degree_v, AREA_POINTS)
+        for chunk in _chunks(parts):
+            directions = np.array([_direction(part.face) for _, part in chunk])[:, None]
+            moments = trimmed_moments([part for _, part in chunk], nodes_of, points)
+            result[[i for i, _ in chunk]] = directions * moments
     outward = np.array([_direction(face) for face in faces])
     result[:, 1:] *= outward[:, None]
     return result
