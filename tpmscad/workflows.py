@@ -87,8 +87,8 @@ def lattice(
     with stages("build"):
         built = kernel.build(complex)
     with stages("check"):
-        found = kernel.check_shape(built.shape)
-        certificate = lattice_certificate(request, bend, complex, deviation, bounds, found)
+        valid = kernel.is_valid(built.shape)
+        certificate = lattice_certificate(request, bend, complex, deviation, bounds, valid)
     return Model(
         f"{request.surface} {request.kind}", complex, replace(certificate, seconds=dict(stages.seconds)), built, cell
     )
@@ -116,7 +116,7 @@ def export_model(model: Model, path: str | Path, *, instanced: bool, schema: str
         if not found.ok or abs(found.shape.volume - expected) > STORED_VOLUME * expected:
             raise KernelError("export_step", f"written with volume {expected:.12g}, the file reads back as: {found}")
 
-    kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances)
+    kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances, verify=verify)
 
 
 def check_step(path: str | Path) -> Any:
