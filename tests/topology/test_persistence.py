@@ -116,6 +116,16 @@ def test_a_cavity_closes_at_its_rim_and_fills_at_its_depth() -> None:
         assert np.unravel_index(pairs.death_at[0], field.shape) == (2, 3, 4)
 
 
+@pytest.mark.parametrize("level", [0.0, 0.25])
+def test_a_wall_exactly_at_the_level_is_solid_and_still_joins_what_it_parts(level: float) -> None:
+    field = np.full((5, 5, 7), -2.0)
+    field[2, 2, 2], field[2, 2, 3], field[2, 2, 4] = 4.0, level, 3.0
+    for convention in CONNECTIVITY:
+        pairs = straddling(field, 2, convention, level)
+        assert list(zip(pairs.birth, pairs.death, strict=True)) == [(-2, 4), (level, 3)]
+        assert straddling(-field, 0, convention, -np.nextafter(level, 9)).birth[0] == -4
+
+
 def test_arrays_of_any_memory_order_and_type_are_read() -> None:
     field = np.random.default_rng(0).integers(-9, 9, (6, 5, 4))
     expected = persistence(field.astype(float), 0)

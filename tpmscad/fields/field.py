@@ -193,7 +193,7 @@ def _flat(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
 
 
 def _columns(points: Array) -> tuple[Array, Array, Array]:
-    """Contiguous copies: NumPy's vector code for sin and cos may differ from its code for strided arrays in the last bit."""
+    """Contiguous copies: all that follows then runs through the same vector code, whatever the strides of the points."""
     return points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
 
 
