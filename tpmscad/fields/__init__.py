@@ -5,7 +5,6 @@ graded = fields.rod(phi, fields.ramp("x", (0, 40), (-0.6, 0.2)))
 part = graded & fields.sphere((20, 20, 20), 18)
 """
 
-from tpmscad.fields.algebra import constant
 from tpmscad.fields.booleans import (
     complement,
     difference,
@@ -17,7 +16,7 @@ from tpmscad.fields.booleans import (
 )
 from tpmscad.fields.bspline import bspline_unit
 from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
-from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.field import Field, as_field, constant
 from tpmscad.fields.fraction import threshold_for, volume_fraction
 from tpmscad.fields.function import from_function
 from tpmscad.fields.image import image_region

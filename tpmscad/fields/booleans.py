@@ -14,36 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.algebra import common_periods
-from tpmscad.fields.field import Array, Field, FieldLike, Jet, Triple, as_field, positive
-
-
-@dataclass(frozen=True, slots=True)
-class Extreme(Field):
-    """The greater (sign +1) or the lesser (sign -1) of two fields; gradient of the first where they are equal."""
-
-    first: Field
-    second: Field
-    sign: int
-
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        f, g = self.first.at(x, y, z), self.second.at(x, y, z)
-        return np.where(self.sign * f >= self.sign * g, f, g)
-
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
-        f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        keep = self.sign * f[0] >= self.sign * g[0]
-        value, fx, fy, fz = (np.where(keep, a, b) for a, b in zip(f, g, strict=True))
-        return value, fx, fy, fz
-
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
+from tpmscad.fields.field import Extreme as Extreme
+from tpmscad.fields.field import Field, FieldLike, as_field, common_periods
+from tpmscad.fields.points import Array, Jet, Triple, positive
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothExtreme(Field):
-    """The same, rounded where |f - g| < width: extreme + sign * width / 6 * (1 - |f - g| / width)^3, twice continuously
-    differentiable across the crease, and equal to the extreme, bit for bit, elsewhere."""
+    """The greater or lesser of two fields, rounded where |f - g| < width by sign * width / 6 * (1 - |f - g| / width)^3: twice
+    continuously differentiable across the crease, and elsewhere the very bits of the greater or lesser."""
 
     first: Field
     second: Field

@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import tensor
-from tpmscad.fields.field import Array, Field, Jet, Triple
+from tpmscad.fields.field import Field
+from tpmscad.fields.points import Array, Jet, Triple
 from tpmscad.fields.tpms import edges
 
 

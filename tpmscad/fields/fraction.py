@@ -14,7 +14,8 @@ import numpy as np
 from scipy.optimize import brentq
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, FieldLike, as_field
+from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.points import Array
 
 SAMPLES = 96
 """Cells per axis of the finer grid; the other has half as many. 0.3 s."""

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, Jet, is_grid, positive, stacked, triple
+from tpmscad.fields.field import Field
+from tpmscad.fields.points import Array, Jet, is_grid, positive, stacked, triple
 
 STEP = 1e-3
 """Step of the difference quotients, in model units. For a wave of amplitude 1 and length L the error of a derivative is about

@@ -12,7 +12,8 @@ from scipy.ndimage import distance_transform_edt
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import tensor
-from tpmscad.fields.field import Array, Field, Jet, Triple
+from tpmscad.fields.field import Field
+from tpmscad.fields.points import Array, Jet, Triple
 
 
 @dataclass(frozen=True, slots=True, eq=False)

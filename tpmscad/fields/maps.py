@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, FieldLike, Jet, Triple, as_field, positive, stacked, triple
+from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.function import STEP, differences
+from tpmscad.fields.points import Array, Jet, Triple, positive, stacked, triple
 from tpmscad.fields.regions import Direction, direction
 
 IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

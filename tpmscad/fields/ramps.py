@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, FieldLike, Jet, Triple, as_field, triple
+from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.points import Array, Jet, Triple, triple
 from tpmscad.fields.regions import Direction, HalfSpace, direction
 
 

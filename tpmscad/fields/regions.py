@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Array, Field, Jet, Triple, positive, triple
+from tpmscad.fields.field import Field
+from tpmscad.fields.points import Array, Jet, Triple, positive, triple
 
 Direction = str | Sequence[float]
 

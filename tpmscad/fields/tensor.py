@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmscad.fields.field import Array, Jet, is_grid
+from tpmscad.fields.points import Array, Jet, is_grid
 
 Index = NDArray[np.int64]
 

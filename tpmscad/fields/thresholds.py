@@ -9,9 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.algebra import Constant
-from tpmscad.fields.booleans import Extreme
-from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.field import Constant, Extreme, Field, FieldLike, as_field
 from tpmscad.fields.tpms import Tpms
 
 

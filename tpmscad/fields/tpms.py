@@ -10,7 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
-from tpmscad.fields.field import Array, Field, Jet, Triple, positive, triple
+from tpmscad.fields.field import Field
+from tpmscad.fields.points import Array, Jet, Triple, positive, triple
 from tpmscad.fields.trigonometric import Polynomial, parse
 
 POLYNOMIALS: Mapping[str, Polynomial] = MappingProxyType({name: parse(info.formula) for name, info in TPMS.items()})

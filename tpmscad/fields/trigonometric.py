@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.fields.field import Array, Jet
+from tpmscad.fields.points import Array, Jet
 
 Wave = tuple[str, int]
 """("sin", 2) is sin 2t."""
