@@ -24,7 +24,7 @@ import Part
 def line_of(path):
     shape = Part.Shape()
     shape.read(path)
-    shape.check(True)  # raises, naming what the kernel finds wrong
+    shape.check()  # raises, naming what the kernel finds wrong
     solids = shape.Solids
     sound = solids and all(solid.isValid() and solid.isClosed() and solid.Volume > 0 for solid in solids)
     loose = len(shape.Faces) - sum(len(solid.Faces) for solid in solids)
