@@ -277,3 +277,22 @@ CASES = {
     "drilled dome": drilled_dome,
     "hollow box in a notch": notched_hollow,
 }
+
+
+def mirrored_pair() -> PatchComplex:
+    """A bent cube and its mirror image, made of the same six primitives, turned and set apart."""
+    cube = voxels(np.ones((1, 1, 1)), 3)
+    n, f = len(cube.faces), cube.faces
+    motions = [(np.eye(3), np.zeros(3)), (TURN @ np.diag([1.0, 1.0, -1.0]), np.array([4.0, 0.0, 1.0]))]
+    return weld(
+        cube.carriers,
+        np.tile(f.carrier, 2),
+        np.concatenate([np.tile(r, (n, 1, 1)) for r, _ in motions]),
+        np.concatenate([np.tile(t, (n, 1)) for _, t in motions]),
+        np.concatenate([f.sense, -f.sense]),  # a mirror turns S_u x S_v inwards
+        np.tile(f.tag, 2),
+        cube.tags,
+    )
+
+
+CASES["cube and mirror image"] = mirrored_pair

@@ -14,9 +14,12 @@ from hypothesis import strategies as st
 pytestmark = pytest.mark.kernel
 
 from kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box  # noqa: E402
+from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL  # noqa: E402
 
 from tpmscad import kernel  # noqa: E402
 from tpmscad.errors import InvalidRequest, KernelError  # noqa: E402
+from tpmscad.kernel import convert  # noqa: E402
+from tpmscad.kernel.read import quiet  # noqa: E402
 from tpmscad.kernel.step_text import real, string  # noqa: E402
 from tpmscad.patches import measure  # noqa: E402
 
@@ -153,6 +156,58 @@ def test_a_face_with_a_hole_has_one_outer_bound(tmp_path: Path) -> None:
     outer = [sum("FACE_OUTER_BOUND" in instances[b].parts for b in of) for of in bounds]
     assert outer == [1] * 10
     assert sorted(len(of) for of in bounds) == [1] * 8 + [2, 2]
+
+
+def test_colours_are_read_back_by_tag(tmp_path: Path) -> None:
+    from OCP.Quantity import Quantity_Color
+    from OCP.STEPCAFControl import STEPCAFControl_Reader
+
+    try:
+        from OCP.TDF import TDF_LabelSequence
+    except ImportError:
+        from OCP.collections import Sequence_TDF_Label as TDF_LabelSequence
+    from OCP.TCollection import TCollection_ExtendedString
+    from OCP.TDocStd import TDocStd_Document
+    from OCP.XCAFDoc import XCAFDoc_ColorSurf, XCAFDoc_DocumentTool
+
+    chosen = {"side": (1.0, 0.0, 0.0), "hole": (0.0, 0.0, 1.0)}
+    text = written(drilled_dome(), tmp_path / "part.step", colours=chosen)
+    assert part21.faults(part21.parse(text)[1]) == []
+    document, reader = TDocStd_Document(TCollection_ExtendedString("XmlXCAF")), STEPCAFControl_Reader()
+    with quiet():
+        reader.ReadFile(str(tmp_path / "part.step"))
+        reader.Transfer(document)
+    tool = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
+    shapes = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
+    labels = TDF_LabelSequence()
+    shapes.GetFreeShapes(labels)
+    shape = shapes.GetShape_s(labels.Value(1))
+    found = []
+    for face, _ in convert.ancestors(shape, TopAbs_FACE, TopAbs_SHELL):
+        colour = Quantity_Color()
+        known = tool.GetColor(face, XCAFDoc_ColorSurf, colour)
+        found.append((colour.Red(), colour.Green(), colour.Blue()) if known else None)
+    assert found == 4 * [chosen["side"]] + 2 * [None] + 4 * [chosen["hole"]]
+
+
+def test_a_colour_out_of_range_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidRequest, match="from 0 to 1"):
+        written(drilled_dome(), tmp_path / "part.step", colours={"side": (255.0, 0.0, 0.0)})
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_replicas_read_back_as_the_same_solid(case: str, tmp_path: Path) -> None:
+    complex = CASES[case]()
+    text = written(complex, tmp_path / "part.step", replicas=True)
+    assert part21.faults(part21.parse(text)[1]) == []
+    found = kernel.check_step(tmp_path / "part.step")
+    assert found.ok
+    assert found.shape.volume == pytest.approx(measure.volume(measure.face_moments(complex))[0], rel=1e-9)
+
+
+def test_replicas_hold_a_primitive_once_for_either_handedness(tmp_path: Path) -> None:
+    text = written(CASES["cube and mirror image"](), tmp_path / "part.step", replicas=True)
+    assert (text.count("=B_SPLINE_SURFACE_WITH_KNOTS"), text.count("=SURFACE_REPLICA")) == (12, 12)
 
 
 class TestInstances:

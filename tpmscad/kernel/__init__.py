@@ -5,9 +5,11 @@ from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_ste
 from tpmscad.kernel.read import StepContent, read_step
 from tpmscad.kernel.render import render
 from tpmscad.kernel.step import Instances, write_step
+from tpmscad.kernel.step_colour import TAG_COLOURS
 from tpmscad.kernel.step_shape import write_shape
 
 __all__ = [
+    "TAG_COLOURS",
     "Built",
     "Instances",
     "ShapeReport",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +15,7 @@ from tpmscad.kernel.build import TOLERANCE
 from tpmscad.kernel.files import step_path, written_aside
 from tpmscad.kernel.nesting import Nesting
 from tpmscad.kernel.step_brep import write_solids
+from tpmscad.kernel.step_colour import Colour, write_colours
 from tpmscad.kernel.step_product import Mass, write_instances, write_product, write_setting, write_validation
 from tpmscad.kernel.step_text import SCHEMAS, Entities, part21
 from tpmscad.patches import measure
@@ -51,13 +52,17 @@ def write_step(
     schema: str = "ap242",
     name: str | None = None,
     instances: Instances | None = None,
+    colours: Mapping[str, Colour] | None = None,
+    replicas: bool = False,
     time_stamp: str | None = None,
     verify: Callable[[Path], None] | None = None,
 ) -> None:
     """Write the solids of a closed complex, in mm, to a STEP file; `nesting` is what `build` found.
 
     Faces carry their tags as names. `name` is the product's, by default the file's. With `instances` the solids are stored once
-    and placed by an assembly. Equal requests write equal bytes, but for `time_stamp` (by default: now), which has a line of its
+    and placed by an assembly. `colours` (red, green and blue from 0 to 1, by tag) style the faces; TAG_COLOURS has one for each.
+    `replicas` stores each primitive surface once: a smaller file that most readers take, though it breaks a rule of the standard
+    (see `step_replica`). Equal requests write equal bytes, but for `time_stamp` (by default: now), which has a line of its
     own. InvalidRequest for a schema other than ap242 and ap214, a missing folder, or another extension than .step and .stp.
     `verify` gets the finished file under its passing name; if it raises, nothing is left.
     """
@@ -68,9 +73,12 @@ def write_step(
     title = name or target.stem
     entities = Entities()
     setting = write_setting(entities, schema, TOLERANCE)
-    written = write_solids(entities, complex, nesting)
+    written = write_solids(entities, complex, nesting, replicas)
     part_name = title if instances is None else f"{title} cell"
     part = write_product(entities, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
+    if colours:
+        tags = [complex.tags[t] for t in complex.faces.tag.tolist()]
+        write_colours(entities, setting.context, written.faces, tags, colours)
     mass = mass_of(nesting)
     write_validation(entities, setting, part, mass)
     if instances is not None:

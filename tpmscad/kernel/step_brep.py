@@ -11,8 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmscad.kernel.nesting import Nesting
+from tpmscad.kernel.step_replica import MIRROR, bases, write_replicas
 from tpmscad.kernel.step_text import Entities, reals, references, string
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array, Ints, PatchComplex
@@ -30,18 +32,25 @@ class Written:
     faces: tuple[int, ...]
 
 
-def write_solids(entities: Entities, complex: PatchComplex, nesting: Nesting) -> Written:
-    """Add the solids of a closed complex: a MANIFOLD_SOLID_BREP, or BREP_WITH_VOIDS, for each piece."""
+def write_solids(entities: Entities, complex: PatchComplex, nesting: Nesting, replicas: bool = False) -> Written:
+    """Add the solids of a closed complex: a MANIFOLD_SOLID_BREP, or BREP_WITH_VOIDS, for each piece.
+
+    `replicas` writes a primitive once and copies it, see `step_replica`.
+    """
     surfaces = _Placed.of(complex.faces.carrier, complex.faces.rotation, complex.faces.translation)
     curves = _Placed.of(complex.edges.curve, complex.edges.rotation, complex.edges.translation)
     poles = [_poles(complex.carriers[i]) for i in range(len(complex.carriers))]
     control = [np.zeros((0, 3)) if _is_straight(c) else c.poles for c in complex.curves]
-    surface_points, curve_points = surfaces.points(poles), curves.points(control)
+    spline = np.array([isinstance(c, Surface) for c in complex.carriers])[surfaces.primitive]
+    written = surfaces.bases(spline) if replicas else surfaces
+    surface_points, curve_points = written.points(poles), curves.points(control)
     numbers = _write_points(entities, np.concatenate([complex.vertices, *surface_points, *curve_points]))
     of_vertex, *of_rest = _split(numbers, [len(complex.vertices), *map(len, surface_points), *map(len, curve_points)])
     of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
 
-    surface_number = _write_surfaces(entities, complex, surfaces, of_surface)
+    surface_number = _write_surfaces(entities, complex, written, of_surface)
+    if replicas:
+        surface_number = _write_copies(entities, surfaces, spline, written, surface_number)
     curve_number = _write_curves(entities, complex, curves, of_curve)
     edge_number = _write_edges(entities, complex, of_vertex, curve_number[curves.index])
     faces = _write_faces(entities, complex, surface_number[surfaces.index], edge_number)
@@ -75,6 +84,20 @@ class _Placed:
         rank[order] = np.arange(len(order))
         at = first[order]
         return cls(primitive[at], rotation[at], translation[at], rank[index.ravel()])
+
+    def bases(self, spline: NDArray[np.bool_]) -> _Placed:
+        """What replicas need instead: planes as they are, and each primitive once for either handedness, where it was made."""
+        base, primitive, mirrored = bases(self.primitive[spline], self.rotation[spline])
+        planes = np.flatnonzero(~spline)
+        index = np.empty(len(spline), np.int64)
+        index[planes] = np.arange(len(planes))
+        index[spline] = len(planes) + base
+        return _Placed(
+            np.concatenate([self.primitive[planes], primitive]),
+            np.concatenate([self.rotation[planes], np.where(mirrored[:, None, None], MIRROR, np.eye(3))]),
+            np.concatenate([self.translation[planes], np.zeros((len(primitive), 3))]),
+            index,
+        )
 
     def points(self, local: list[Array]) -> list[Array]:
         """Placed points of each, (n, 3), given those of the primitives."""
@@ -157,6 +180,13 @@ def _write_surfaces(entities: Entities, complex: PatchComplex, placed: _Placed, 
         else:
             bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
     return np.array(entities.extend(bodies))
+
+
+def _write_copies(entities: Entities, placed: _Placed, spline: NDArray[np.bool_], base: _Placed, number: Ints) -> Ints:
+    """Each placed carrier's entity number, given those of the bases."""
+    result = number[base.index]
+    result[spline] = write_replicas(entities, result[spline], placed.rotation[spline], placed.translation[spline])
+    return result
 
 
 def _write_curves(entities: Entities, complex: PatchComplex, placed: _Placed, numbers: list[Ints]) -> Ints:
