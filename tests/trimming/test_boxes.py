@@ -1,0 +1,218 @@
+"""Lattices cut by boxes: closed, with volumes known from sheet theory, periodicity and additivity, and true to their carriers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmscad import surfaces
+from tpmscad.errors import InvalidRequest
+from tpmscad.patches import connectivity, measure
+from tpmscad.patches.carriers import Plane
+from tpmscad.patches.complex import PatchComplex
+from tpmscad.trimming import TrimmingError, box, trim, trim_box
+
+CELL = 10.0
+TOL = 1e-7
+SHEET, SKEW, SKELETAL, OFF_SKELETAL = (-0.05, 0.05), (-0.03, 0.08), (None, 0.0), (None, 0.05)
+NAMES = ("gyroid", "diamond", "schwarz_p")
+AT_HOME = (0.0, 0.0, 0.0)
+
+
+def volume(complex: PatchComplex) -> float:
+    return float(measure.volume(measure.face_moments(complex))[0]) if len(complex.faces) else 0.0
+
+
+def slowly(*values: object) -> object:
+    """A case that runs with the slow tests only."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def theory(name: str, layers: tuple[float | None, float | None]) -> float:
+    """Of one cell, in model units."""
+    lower, upper = layers
+    if lower is None:
+        assert upper is not None
+        return CELL**3 * surfaces.skeletal_volume_fraction(name, "minimal", upper, "-")
+    assert upper is not None
+    return CELL**3 * surfaces.volume_fraction(name, "minimal", lower, upper)
+
+
+def misfit(complex: PatchComplex) -> np.ndarray:
+    """For every use, how far the carrier at its parameter curve is from the edge's curve, and that from the edge's vertices."""
+    result = []
+    faces, edges, uses = complex.faces, complex.edges, complex.uses
+    for use, face in enumerate(complex.face_of_use):
+        edge = uses.edge[use]
+        t = np.linspace(*edges.span[edge], 14)
+        points = complex.curves[edges.curve[edge]](t) @ edges.rotation[edge].T + edges.translation[edge]
+        carrier = complex.carriers[faces.carrier[face]]
+        if isinstance(carrier, Plane):
+            off = np.abs(((points - faces.translation[face]) @ faces.rotation[face] - carrier.origin) @ carrier.normal)
+        else:
+            on_patch = carrier(*complex.pcurves[uses.pcurve[use]](t).T)
+            off = np.linalg.norm(on_patch @ faces.rotation[face].T + faces.translation[face] - points, axis=1)
+        ends = complex.vertices[[edges.start[edge], edges.end[edge]]]
+        result.append(max(off.max(), np.linalg.norm(points[[0, -1]] - ends, axis=1).max()))
+    return np.array(result)
+
+
+@pytest.mark.parametrize(
+    ("name", "layers"),
+    [
+        ("gyroid", OFF_SKELETAL),
+        slowly("diamond", SKELETAL),
+        ("schwarz_p", SKELETAL),
+        slowly("gyroid", SKEW),
+        slowly("diamond", SKEW),
+        slowly("schwarz_p", SHEET),
+    ],
+)
+def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
+    name: str, layers: tuple[float | None, float | None], cover: Callable[..., PatchComplex]
+) -> None:
+    rng = np.random.default_rng(sum(map(ord, name)))
+    lattice = cover(name, (2, 2, 2), AT_HOME, layers)
+    volumes = []
+    for _ in range(2):
+        lo = rng.uniform(0, CELL, 3)
+        trimmed = trim(lattice, box(lo, lo + CELL), TOL)
+        assert trimmed.report.shifted == 0
+        assert connectivity.is_closed(trimmed.complex)
+        volumes.append(volume(trimmed.complex))
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-8)
+    assert volumes[0] == pytest.approx(theory(name, layers), rel=3e-5)  # what the fit of degree 9 allows
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("layers", [SKELETAL, slowly(SHEET), slowly(OFF_SKELETAL)])
+@pytest.mark.parametrize("phase", [AT_HOME, (0.25, 0.25, 0.25), slowly((0.125, 0.0, 0.0))])
+def test_boxes_in_planes_of_symmetry_are_cut_in_place(
+    name: str,
+    layers: tuple[float | None, float | None],
+    phase: tuple[float, float, float],
+    cover: Callable[..., PatchComplex],
+) -> None:
+    """There planes hold sides, saddles and corners of patches exactly, and lattice vertices sit in the box's corners."""
+    trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, CELL)), TOL)
+    assert trimmed.report.shifted == 0
+    assert connectivity.is_closed(trimmed.complex)
+    assert volume(trimmed.complex) == pytest.approx(theory(name, layers), rel=3e-5)
+
+
+def test_cells_cost_faces_but_no_new_curves(cover: Callable[..., PatchComplex]) -> None:
+    one, many = (
+        trim(cover("gyroid", cells, (0.1, 0.2, 0.3), SKELETAL), box(np.zeros(3), CELL * np.array(cells)), TOL)
+        for cells in ((1, 1, 1), (2, 1, 1))
+    )
+    assert many.report.curves == one.report.curves
+    assert many.report.patch_classes == one.report.patch_classes
+    assert volume(many.complex) == pytest.approx(2 * volume(one.complex), rel=1e-9)
+
+
+@pytest.mark.slow
+@settings(max_examples=6, deadline=None, derandomize=True)
+@given(
+    corners=st.lists(st.floats(0.5, 9.0), min_size=6, max_size=6),
+    axis=st.integers(0, 2),
+    cut=st.floats(0.1, 0.9),
+    layers=st.sampled_from([SHEET, SKELETAL]),
+)
+def test_the_halves_of_a_box_add_up(
+    corners: list[float],
+    axis: int,
+    cut: float,
+    layers: tuple[float | None, float | None],
+    cover: Callable[..., PatchComplex],
+) -> None:
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, layers)
+    a, b = np.array(corners[:3]), np.array(corners[3:])
+    lo, hi = np.minimum(a, b), np.maximum(a, b) + 0.5
+
+    def solid(points: np.ndarray) -> np.ndarray:
+        x, y, z = 2 * np.pi * points.T / CELL
+        field = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
+        return field < 0 if layers == SKELETAL else np.abs(field) < 0.3
+
+    middle_hi, middle_lo = hi.copy(), lo.copy()
+    middle_hi[axis] = middle_lo[axis] = lo[axis] + cut * (hi[axis] - lo[axis])
+    parts = [trim_box(lattice, p, q, TOL, solid) for p, q in ((lo, hi), (lo, middle_hi), (middle_lo, hi))]
+    assert all(connectivity.is_closed(part) for part in parts)
+    assert volume(parts[0]) == pytest.approx(volume(parts[1]) + volume(parts[2]), abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["schwarz_p", slowly("gyroid"), slowly("diamond")])
+def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., PatchComplex]) -> None:
+    trimmed = trim_box(cover(name, (1, 1, 1), (0.13, 0.29, 0.41), SHEET), np.zeros(3), np.full(3, CELL), TOL)
+    off = misfit(trimmed)
+    assert (off <= trimmed.edges.deviation[trimmed.uses.edge] + 1e-9).all()  # the patches' own joints
+    assert off.max() < TOL
+    caps = measure.face_moments(trimmed)
+    np.testing.assert_allclose(caps.normal.sum(axis=0), 0, atol=1e-4)  # closed surfaces have no net area vector
+
+
+NEAR = [0.0, -1.5e-7, slowly(1e-9), slowly(-1e-9), slowly(5e-8), slowly(1e-6), slowly(-1e-5), slowly(1e-4)]
+
+
+@pytest.mark.parametrize("by", NEAR)
+def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("gyroid", (2, 2, 2), AT_HOME, OFF_SKELETAL)
+    lo = np.array([1.234, 3.456, 5.678])
+    at = lattice.vertices[:, 0]
+    lo[0] = at[(at > 0.1) & (at < 9.9)][7] + by
+    trimmed = trim(lattice, box(lo, lo + CELL), TOL)
+    assert trimmed.report.shifted == 0
+    assert connectivity.is_closed(trimmed.complex)
+    assert trimmed.report.max_deviation < 3 * TOL  # a corner counts as on the plane within two tolerances
+    assert volume(trimmed.complex) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
+
+
+@pytest.mark.parametrize("by", NEAR)
+@pytest.mark.parametrize("name", ["gyroid", slowly("diamond"), slowly("schwarz_p")])
+def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., PatchComplex]) -> None:
+    """A patch's middle is a saddle over the plane of its tangents, which is a coordinate plane."""
+    lattice = cover(name, (2, 2, 2), (0.05, 0.05, 0.05), OFF_SKELETAL)
+    face = lattice.faces
+    middle = np.stack([lattice.carriers[c](0.5, 0.5) for c in face.carrier])
+    normal = np.stack([lattice.carriers[c].normal(0.5, 0.5) for c in face.carrier])
+    middle = np.einsum("fij,fj->fi", face.rotation, middle) + face.translation
+    normal = np.einsum("fij,fj->fi", face.rotation, normal)
+    along_x = (np.abs(normal[:, 0]) > 0.999 * np.linalg.norm(normal, axis=1)) & (np.abs(middle[:, 0] - 5) < 4)
+    lo = np.array([middle[along_x][0, 0] + by, 3.456, 5.678])
+    trimmed = trim(lattice, box(lo, lo + CELL), TOL)
+    assert trimmed.report.shifted == 0
+    assert connectivity.is_closed(trimmed.complex)
+    assert trimmed.report.max_deviation < TOL
+    assert volume(trimmed.complex) == pytest.approx(theory(name, OFF_SKELETAL), rel=3e-5)
+
+
+def test_a_box_that_meets_no_surface_is_the_callers_to_tell(cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("schwarz_p", (1, 1, 1), AT_HOME, SKELETAL)
+    lo, hi = np.full(3, 4.9), np.full(3, 5.1)
+    with pytest.raises(TrimmingError, match="inside"):
+        trim_box(lattice, lo, hi, TOL)
+    full = trim_box(lattice, lo, hi, TOL, lambda points: np.ones(len(points), bool))
+    assert connectivity.is_closed(full)
+    assert volume(full) == pytest.approx(0.008, rel=1e-12)
+    assert len(trim_box(lattice, lo, hi, TOL, lambda points: np.zeros(len(points), bool)).faces) == 0
+
+
+def test_a_lattice_that_does_not_cover_the_box_is_refused(cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SHEET)
+    with pytest.raises(TrimmingError, match="open border"):
+        trim_box(lattice, np.zeros(3), np.full(3, 1.6 * CELL), TOL)
+
+
+def test_bad_requests_are_named(cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SHEET)
+    with pytest.raises(InvalidRequest, match="lo < hi"):
+        trim_box(lattice, np.zeros(3), np.array([1.0, 0.0, 1.0]))
+    with pytest.raises(InvalidRequest, match="tol"):
+        trim_box(lattice, np.zeros(3), np.ones(3), 0.0)
+    trimmed = trim_box(lattice, np.zeros(3), np.full(3, CELL), TOL)
+    with pytest.raises(InvalidRequest, match="whole patches"):
+        trim_box(trimmed, np.zeros(3), np.full(3, CELL / 2), TOL)
