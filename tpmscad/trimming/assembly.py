@@ -14,7 +14,7 @@ from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.faces import Face, Use
 from tpmscad.trimming.pieces import Pieces
 from tpmscad.trimming.strands import Crossings, Strands, points_on
-from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
 
 CAP = "cap"
 
@@ -102,7 +102,7 @@ def assemble(
     edges: Edges,
     open_edges: caps.OpenEdges,
     vertices: Array,
-    on: Array,
+    on: Flags,
     inside: Callable[[Array], Array] | None,
 ) -> PatchComplex:
     """Close the inner faces by caps; the result holds only the edges and vertices in use."""

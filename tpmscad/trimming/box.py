@@ -77,7 +77,9 @@ def trim_box(
     return trim(lattice, tools.box(lo, hi), tol, inside).complex
 
 
-def trim(lattice: PatchComplex, tool: Tool, tol: float, inside: Callable[[Array], Array] | None = None) -> Trimmed:
+def trim(
+    lattice: PatchComplex, tool: Tool, tol: float | None = None, inside: Callable[[Array], Array] | None = None
+) -> Trimmed:
     """The solid that the lattice bounds, cut by the tool's planes: a closed complex, cap faces tagged "cap".
 
     lattice: whole patches that cover the tool and may be ragged outside; outward senses. tol: greatest distance between a

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.trimming import loops
-from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
 
 PolylineOf = Callable[[Ints], Array]
 """Edges (n,) to points along them (n, m, 3): both ends, a point very near each, and some between."""
@@ -47,7 +47,7 @@ def tool_pieces(
     tool: Tool,
     open_edges: OpenEdges,
     vertices: Array,
-    on: Array,
+    on: Flags,
     polylines: PolylineOf,
     inside: Callable[[Array], Array] | None,
 ) -> ToolPieces:
@@ -85,7 +85,7 @@ def tool_pieces(
     return ToolPieces(table[:, 0].astype(int), table[:, 1:3], table[:, 3].astype(int), table[:, 4].astype(int))
 
 
-def _vertices_at_corners(tool: Tool, on: Array) -> list[int]:
+def _vertices_at_corners(tool: Tool, on: Flags) -> list[int]:
     """For every corner of the tool the vertex that lies on all its planes, or -1."""
     result = []
     for corner in range(len(tool.corners)):
@@ -98,7 +98,7 @@ def _vertices_at_corners(tool: Tool, on: Array) -> list[int]:
 
 
 def _hits(
-    tool: Tool, edge: int, balance: Ints, vertices: Array, on: Array, at_corner: list[int]
+    tool: Tool, edge: int, balance: Ints, vertices: Array, on: Flags, at_corner: list[int]
 ) -> tuple[Ints, Ints, Array]:
     """Vertices inside a tool edge where the solid begins (+1: runs of its left cap end) or ends (-1), and how far along."""
     (left, right), (a, b) = tool.edge_planes[edge], tool.edge_corners[edge]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.splines.bspline import Surface, design
-from tpmscad.trimming.tool import Array, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, TrimmingError
 
 BLOCK = np.array([-0.4, -0.15, 0.15, 0.4])
 """Lines about a saddle in the plane, in grid spacings: three by three cells, whose rim tells four arms at any angle apart."""
@@ -54,7 +54,7 @@ def critical_points(level: Surface, us: Array, vs: Array) -> list[Critical]:
     return result
 
 
-def refine(us: Array, vs: Array, critical: list[Critical], on_corner: Array, flat: float) -> tuple[Array, Array, Array]:
+def refine(us: Array, vs: Array, critical: list[Critical], on_corner: Flags, flat: float) -> tuple[Array, Array, Array]:
     """Grid lines about the critical points, and the saddles that count as zero, with |value| <= flat, (n, 2).
 
     `on_corner` (4,): the patch's corners on the plane. A saddle in such a corner needs nothing: its arms start there.
@@ -84,7 +84,7 @@ def refine(us: Array, vs: Array, critical: list[Critical], on_corner: Array, fla
     return lines[0], lines[1], np.array(saddles).reshape(-1, 2)
 
 
-def _mixed(a: Array) -> Array:
+def _mixed(a: Array) -> Flags:
     """Cells at whose corners `a` has both signs."""
     n = (a < 0).astype(np.int8)
     total = n[:-1, :-1] + n[1:, :-1] + n[:-1, 1:] + n[1:, 1:]

@@ -16,7 +16,7 @@ from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import fitting, marching
 from tpmscad.trimming.sides import Sides
 from tpmscad.trimming.strands import Crossings
-from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
 
 FLAT = 0.05
 """A saddle nearer to its plane than this part of the tolerance is cut as if it lay in it: a twentieth is not noticed."""
@@ -48,7 +48,7 @@ def cut_patches(
     complex: PatchComplex,
     sides: Sides,
     tool: Tool,
-    on: Array,
+    on: Flags,
     crossings: Crossings,
     vertex_of_root: Ints,
     first_vertex: int,
@@ -59,7 +59,7 @@ def cut_patches(
     low = np.zeros((len(complex.carriers), 3))
     high = np.zeros((len(complex.carriers), 3))
     for c in np.unique(faces.carrier):
-        poles = complex.carriers[c].poles  # type: ignore[union-attr]
+        poles = complex.carriers[c].poles
         low[c], high[c] = poles.min(axis=(0, 1)), poles.max(axis=(0, 1))
     middle, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
     centre = np.einsum("fij,fj->fi", faces.rotation, middle[faces.carrier]) + faces.translation
@@ -104,7 +104,8 @@ def cut_patches(
     side_sign = np.zeros((*state.shape, 4), np.int64)
     side_sign[face, plane] = turn[:, None] * class_side[label]
 
-    rows, points = [], []
+    rows: list[tuple[int, ...]] = []
+    points: list[Array] = []
     for p in np.flatnonzero((class_sign[label] == 0) & ~(state[face] > 0).any(axis=1)):
         trace, f, k = traces[label[p]], int(face[p]), int(plane[p])
         own = first_vertex + len(points)
@@ -117,7 +118,10 @@ def cut_patches(
             ends = [_end_vertex(end, sides, crossings, vertex_of_root, f, k, own) for end in (arc.start, arc.end)]
             rows.append((f, k, first_cut[label[p]] + a, int(turn[p]), *ends))
     table = np.array(rows, np.int64).reshape(-1, 6)
-    return PatchCuts(state, side_sign, cuts, *table.T, points=np.array(points).reshape(-1, 3), n_classes=len(first))
+    face, plane, cut, sense, start, end = table.T
+    return PatchCuts(
+        state, side_sign, cuts, face, plane, cut, sense, start, end, np.array(points).reshape(-1, 3), len(first)
+    )
 
 
 def _borders(
@@ -138,7 +142,7 @@ def _trace(
     normal: Array,
     constant: float,
     borders: tuple[marching.Border, ...],
-    on_corner: Array,
+    on_corner: Flags,
     flat: float,
 ) -> marching.Trace:
     assert isinstance(surface, Surface)
@@ -167,8 +171,14 @@ def _fitted(
         spaces.setdefault(key, []).append(i)
     for members in spaces.values():
         at = np.array(members)
-        own, ways, turns = ([a[i] for i in members] for a in (surfaces, paths, foci))
-        fitted = fitting.fit(own, normal[owner[at]], constant[owner[at]], ways, turns, tol)
+        fitted = fitting.fit(
+            [surfaces[i] for i in members],
+            normal[owner[at]],
+            constant[owner[at]],
+            [paths[i] for i in members],
+            [foci[i] for i in members],
+            tol,
+        )
         for i, cut in zip(members, fitted, strict=True):
             cuts[i] = cut
     return tuple(c for c in cuts if c is not None), np.searchsorted(owner, np.arange(len(traces)))

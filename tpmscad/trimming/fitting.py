@@ -109,4 +109,4 @@ def _space(spans: int) -> tuple[Array, Array, Array]:
     """Knots, Greville sites, and the inverse of interpolation there."""
     knots = np.concatenate([np.zeros(DEGREE), np.arange(spans + 1) / spans, np.ones(DEGREE)])
     sites = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(spans + DEGREE)])
-    return knots, sites, np.linalg.inv(design(knots, DEGREE, sites))
+    return knots, sites, np.asarray(np.linalg.inv(design(knots, DEGREE, sites)))

@@ -72,9 +72,9 @@ def nest(polygons: Sequence[Array]) -> list[list[int]]:
         raise TrimmingError("a loop of a trimmed face encloses nothing")
     outer = [int(i) for i in np.flatnonzero(areas > 0)]
     faces = {i: [i] for i in outer}
-    for hole in np.flatnonzero(areas < 0):
+    for hole in np.flatnonzero(areas < 0).tolist():
         around = [i for i in outer if areas[i] > -areas[hole] and contains(polygons[i], polygons[hole][1])]
         if not around:
             raise TrimmingError("a hole of a trimmed face lies in no outer loop")
-        faces[min(around, key=lambda i: areas[i])].append(int(hole))
+        faces[min(around, key=lambda i: areas[i])].append(hole)
     return list(faces.values())

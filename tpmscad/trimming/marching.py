@@ -7,15 +7,19 @@ roots of the shared edges, so that neighbours agree.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming.critical import critical_points, refine
-from tpmscad.trimming.tool import Array, Ints, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
 CELLS_U, CELLS_V = 33, 37
 """Cells of the grid. Odd and without a common factor, so that no line or diagonal of symmetry holds a grid point."""
+
+Scalar = TypeVar("Scalar", np.bool_, np.float64)
 
 End = tuple[str, int, int]
 """Where an arc ends: ("root", side, number along the side), ("corner", corner, 0) or ("point", index, 0)."""
@@ -58,7 +62,7 @@ NONE = Trace((), 0, np.zeros((0, 2)), np.zeros(4, np.int64), np.zeros((0, 3)))
 
 
 def march(
-    surface: Surface, normal: Array, constant: float, borders: tuple[Border, ...], on_corner: Array, flat: float
+    surface: Surface, normal: Array, constant: float, borders: tuple[Border, ...], on_corner: Flags, flat: float
 ) -> Trace:
     """Trace normal . S(u, v) + constant = 0. A saddle nearer to zero than `flat` counts as zero, a smaller hill as none."""
     level = Surface((surface.poles @ normal + constant)[..., None], *_spline_space(surface))
@@ -88,7 +92,7 @@ def _spline_space(surface: Surface) -> tuple[Array, Array, int, int]:
     return surface.knots_u, surface.knots_v, surface.degree_u, surface.degree_v
 
 
-def _grid_lines(surface: Surface, borders: tuple[Border, ...], on_corner: Array) -> tuple[Array, Array]:
+def _grid_lines(surface: Surface, borders: tuple[Border, ...], on_corner: Flags) -> tuple[Array, Array]:
     """Uniform lines, and one between any two roots of a side that would share an interval, or a root and a corner."""
     lines = [np.linspace(*surface.domain[0], CELLS_U + 1), np.linspace(*surface.domain[1], CELLS_V + 1)]
     for side, border in enumerate(borders):
@@ -103,7 +107,7 @@ def _grid_lines(surface: Surface, borders: tuple[Border, ...], on_corner: Array)
     return lines[0], lines[1]
 
 
-def _side_nodes(array: Array, side: int) -> Array:
+def _side_nodes(array: NDArray[Scalar], side: int) -> NDArray[Scalar]:
     """The border nodes of a side in the side's direction, as a view."""
     return (array[:, 0], array[-1], array[::-1, -1], array[0, ::-1])[side]
 
@@ -115,7 +119,7 @@ def _fractions(us: Array, vs: Array, side: int) -> Array:
 
 
 def _border_signs(
-    level: Surface, us: Array, vs: Array, borders: tuple[Border, ...], on_corner: Array, negative: Array
+    level: Surface, us: Array, vs: Array, borders: tuple[Border, ...], on_corner: Flags, negative: Flags
 ) -> Ints:
     """Overwrite the border nodes of `negative` by what the shared edges say; returns the signs next to sides in the plane."""
     on_side = np.zeros(4, np.int64)
@@ -153,7 +157,7 @@ def _border_signs(
     return on_side
 
 
-def _links(negative: Array, us: Array, vs: Array, saddles: Array) -> tuple[dict[int, int], Ints]:
+def _links(negative: Flags, us: Array, vs: Array, saddles: Array) -> tuple[dict[int, int], Ints]:
     """Directed links between crossed grid edges, negative on the left, through every cell; and the ambiguous cells (n, 2).
 
     Edge (i, j)-(i + 1, j) has the number i nv + j, edge (i, j)-(i, j + 1) the number nu nv + i nv + j. The arms of saddle s
@@ -185,11 +189,12 @@ def _links(negative: Array, us: Array, vs: Array, saddles: Array) -> tuple[dict[
     return follow, np.column_stack([i, j])[~simple]
 
 
-def _rim(negative: Array, i: int, j: int) -> tuple[list[int], list[int]]:
+def _rim(negative: Flags, i: int, j: int) -> tuple[list[int], list[int]]:
     """Crossed edges round the block of 3 x 3 cells from node (i, j): those where curves run into it, and out of it."""
     nu, nv = negative.shape
     steps = [(1, 0)] * 3 + [(0, 1)] * 3 + [(-1, 0)] * 3 + [(0, -1)] * 3
-    out, into = [], []
+    out: list[int] = []
+    into: list[int] = []
     a = (i, j)
     for di, dj in steps:
         b = (a[0] + di, a[1] + dj)

@@ -77,10 +77,10 @@ def _on_both(lattice: PatchComplex, cuts: PatchCuts, hits: Crossings, tool: Tool
         assert isinstance(surface, Surface)
         p = uv[at]
         for _ in range(3):
-            g = np.einsum("mpk,mk->mp", normal[at], surface(*p.T)) + constant[at]
-            slope = np.stack([surface(*p.T, 1, 0), surface(*p.T, 0, 1)], axis=2)
+            g = np.einsum("mpk,mk->mp", normal[at], surface(p[:, 0], p[:, 1])) + constant[at]
+            slope = np.stack([surface(p[:, 0], p[:, 1], *d) for d in ((1, 0), (0, 1))], axis=2)
             p = p - np.linalg.solve(normal[at] @ slope, g[..., None])[..., 0]
-        local[at] = surface(*p.T)
+        local[at] = surface(p[:, 0], p[:, 1])
     return np.einsum("mij,mj->mi", rotation, local) + translation
 
 

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad.splines.bspline import Surface, design
-from tpmscad.trimming.tool import Array
+from tpmscad.trimming.tool import Array, Ints
 
 TURN = 4.0
 """Turning by this angle (radians) counts as much as running the curve's whole length."""
@@ -39,7 +38,7 @@ class Sections:
     constants: Array
     foci: Array
 
-    def of(self, rows: Array) -> Sections:
+    def of(self, rows: Ints) -> Sections:
         """Some of them."""
         return replace(
             self,
@@ -159,7 +158,7 @@ def _padded(interval: Array, side: int) -> Array:
     return np.concatenate([interval, interval[:, -1:]] if side == 0 else [interval[:, :1], interval], axis=1)
 
 
-def _locate(s: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
+def _locate(s: Array, at: Array) -> tuple[Ints, Array]:
     """Interval and fraction in it of each parameter `at` (k,), row by row of s (n, m) rising from 0 to 1: (n, k)."""
     n, m = s.shape
     row = np.arange(n)[:, None]
@@ -168,7 +167,7 @@ def _locate(s: Array, at: Array) -> tuple[NDArray[np.int64], Array]:
     return i, (at - s[row, i]) / (s[row, i + 1] - s[row, i])
 
 
-def _cubic(x: Array, values: Array, slopes: Array, row: Array, i: Array, f: Array) -> Array:
+def _cubic(x: Array, values: Array, slopes: Array, row: Ints, i: Ints, f: Array) -> Array:
     """Cubic Hermite interpolation at fraction f of interval i: x (n, m), values and slopes (n, m, d) -> (n, k, d)."""
     h, f = (x[row, i + 1] - x[row, i])[..., None], f[..., None]
     p, q = values[row, i], values[row, i + 1]

@@ -46,8 +46,8 @@ def read_sides(complex: PatchComplex) -> Sides:
     if not np.array_equal(side_of_key[key.ravel()][order].reshape(n, 4), np.tile(np.arange(4), (n, 1))):
         raise InvalidRequest("a face's four uses are not the four sides of its patch")
     vertex = np.where(start_is_low, edges.start[uses.edge], edges.end[uses.edge])
-    table = [a[order].reshape(n, 4) for a in (uses.edge, start_is_low, uses.pcurve, vertex)]
-    return Sides(*table)
+    edge, pcurve, corner = (a[order].reshape(n, 4) for a in (uses.edge, uses.pcurve, vertex))
+    return Sides(edge, start_is_low[order].reshape(n, 4), pcurve, corner)
 
 
 def _side(complex: PatchComplex, key: Array) -> int:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.splines.bspline import Curve, design
-from tpmscad.trimming.tool import Array, Ints, Tool, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
 
 SAMPLES = 34
 """Samples along a strand: between them the distance from a plane is taken to have at most one extremum."""
@@ -76,7 +76,7 @@ def points_on(curves: Sequence[Curve], strands: Strands, index: Ints, t: Array) 
     return np.einsum("mij,mj->mi", strands.rotation[index], local) + strands.translation[index]
 
 
-def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Array, skip: Array, snap: float) -> Crossings:
+def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip: Flags, snap: float) -> Crossings:
     """All roots of strands on planes. `on` (V, K): vertices on planes; `skip` (n, K): pairs to leave alone (sign 0)."""
     n, k = len(strands), len(tool.planes)
     poles = {int(c): curves[c].poles for c in np.unique(strands.curve)}
@@ -127,7 +127,7 @@ def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Array, skip
 
 
 def _class_roots(
-    curves: Sequence[Curve], strands: Strands, strand: Ints, normal: Array, constant: Array, ends_on: Array, snap: float
+    curves: Sequence[Curve], strands: Strands, strand: Ints, normal: Array, constant: Array, ends_on: Flags, snap: float
 ) -> tuple[Ints, Array, list[Array]]:
     """First sign, distance where it lies in the plane, and roots of n classes, by one of each; batched by spline space."""
     n = len(strand)
@@ -149,7 +149,7 @@ def _class_roots(
 
 
 def _on_curves(
-    knots: Array, degree: int, poles: Array, span: Array, normal: Array, constant: Array, ends_on: Array, snap: float
+    knots: Array, degree: int, poles: Array, span: Array, normal: Array, constant: Array, ends_on: Flags, snap: float
 ) -> tuple[Ints, Array, list[Array]]:
     """First sign, distance where it lies in the plane, and roots of m planes, each on its own curve (m, N, 3) of one space."""
     level = np.einsum("mnk,mk->mn", poles, normal) + constant[:, None]

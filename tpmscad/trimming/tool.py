@@ -17,6 +17,7 @@ from tpmscad.patches.carriers import Plane
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 
 class TrimmingError(TpmscadError):
@@ -73,7 +74,7 @@ def box(lo: ArrayLike, hi: ArrayLike) -> Tool:
     """The box between two corners; its planes are x, y, z = lo, then x, y, z = hi, exactly."""
     low, high = np.asarray(lo, float), np.asarray(hi, float)
     if low.shape != (3,) or high.shape != (3,) or not np.isfinite([low, high]).all() or (high <= low).any():
-        raise InvalidRequest(f"a box needs finite corners lo < hi in x, y and z, not {lo} and {hi}")
+        raise InvalidRequest(f"a box needs finite corners lo < hi in x, y and z, not {low} and {high}")
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])  # corner number = x + 2 y + 4 z
     loops = [(0, 4, 6, 2), (0, 1, 5, 4), (0, 2, 3, 1), (1, 3, 7, 5), (2, 6, 7, 3), (4, 5, 7, 6)]
     return polyhedron(np.where(corners, high, low), loops)
