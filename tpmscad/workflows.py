@@ -16,6 +16,7 @@ from tpmscad.model import Cells, Model, Progress, Stages
 from tpmscad.patches import lattice as lattices
 from tpmscad.patches import mapped as mappings
 from tpmscad.patches.complex import Array, PatchComplex, scaled
+from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.maps import Map, as_map, composed, stretched
 from tpmscad.patches.primitive import fit_sheet
 from tpmscad.patches.summary import summary
@@ -154,16 +155,16 @@ def _copied(
         return trim_box(cover, np.zeros(3), cell * np.array(cells, float))
 
 
-def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Any]:
+def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Deviation]:
     """The complex of patches fitted one by one to the mapped surface, and their deviation."""
-    cell, phase = request.cell[0], np.array(request.phase)
-    patch, symmetry = surfaces.patch(request.surface, request.reference), surfaces.symmetry(request.surface)
-    natural = request.boundary == "natural"
-    box = None if natural else mappings.image_box(bend, cell * np.array(request.cells, float))
+    cell, phase, name = request.cell[0], np.array(request.phase), request.surface
+    patch, symmetry = surfaces.patch(name, request.reference), surfaces.symmetry(name)
+    box = None
     with stages("fit") as done:
-        if natural:
-            placements = lattices.whole_cells(request.surface, request.cells, phase)
+        if request.boundary == "natural":
+            placements = lattices.whole_cells(name, request.cells, phase)
         else:
+            box = mappings.image_box(bend, cell * np.array(request.cells, float))
             reach = float(np.abs(request.offset).max())
             placements = mappings.reaching(patch, symmetry, bend, box, request.cells, phase, cell, reach)
         surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
@@ -171,13 +172,13 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
         worst = max(request.offset, key=abs)
         if abs(worst) >= limit:
             raise InvalidRequest(
-                f"offset {worst:g} passes the least curvature radius of the mapped {request.surface}, {limit:.6g}: "
+                f"offset {worst:g} passes the least curvature radius of the mapped {name}, {limit:.6g}: "
                 f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
             )
         lower, upper, deviation = mappings.fit_layers(surface, request.layers, request.tol, done)
     with stages("assemble"):
-        complex = mappings.assemble(surface, lower, upper, natural=natural)
-    if natural:
+        complex = mappings.assemble(surface, lower, upper, natural=box is None)
+    if box is None:
         return complex, deviation
     with stages("trim"):
         return trim_box(complex, *box), deviation
@@ -185,4 +186,5 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
 
 def _grid(cells: tuple[int, int, int]) -> Array:
     """The corners of the cells: (n, 3)."""
-    return np.stack(np.meshgrid(*(np.arange(n, dtype=float) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    axes = [np.arange(n, dtype=float) for n in cells]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

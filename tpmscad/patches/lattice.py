@@ -81,7 +81,8 @@ def covering(symmetry: PatchSymmetry, sheet: Sheet, cells: tuple[int, int, int],
     if _midlines_in_planes(primitives, carrier, rotation, translation, cells):
         primitives = tuple(quarter for primitive in primitives for quarter in quarters(primitive))
         carrier = (4 * carrier[:, None] + np.arange(4)).ravel()
-        rotation, translation, sense, tag = (np.repeat(a, 4, axis=0) for a in (rotation, translation, sense, tag))
+        rotation, translation = np.repeat(rotation, 4, axis=0), np.repeat(translation, 4, axis=0)
+        sense, tag = np.repeat(sense, 4), np.repeat(tag, 4)
     inside = np.zeros(len(carrier), bool)
     for index, primitive in enumerate(primitives):
         own = np.flatnonzero(carrier == index)
@@ -145,7 +146,7 @@ def ruled(below: Curve, above: Curve) -> Surface:
 def open_sides(symmetry: PatchSymmetry, placements: Placements) -> tuple[Ints, Ints]:
     """(patch, side) of the mid patches' sides that no other placed patch shares."""
     middle = np.einsum("fij,sj->fsi", placements.rotation, symmetry.side_middles) + placements.translation[:, None]
-    size = np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2])
+    size = float(np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2]))
     label, _ = cluster(middle.reshape(-1, 3), WELD * size)
     alone = np.flatnonzero(np.bincount(label)[label] == 1)
     return alone // 4, alone % 4

@@ -48,8 +48,9 @@ def face_moments(complex: PatchComplex) -> Moments:
         np.column_stack([carrier[curved], uses.pcurve[curved], span]), axis=0, return_inverse=True
     )
     if len(curved):
+        surfaces = {i: c for i, c in enumerate(complex.carriers) if isinstance(c, Surface)}
         table = np.stack(
-            [_spline_piece(complex.carriers[int(c)], complex.pcurves[int(p)], (low, high)) for c, p, low, high in keys]
+            [_spline_piece(surfaces[int(c)], complex.pcurves[int(p)], (low, high)) for c, p, low, high in keys]
         )
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
         moments = _placed(moments, faces.rotation, faces.translation)
@@ -68,7 +69,7 @@ def face_moments(complex: PatchComplex) -> Moments:
 def volume(moments: Moments, group: Ints | None = None) -> Array:
     """Signed volume of each group of faces (all in one group when None): (n_groups,)."""
     each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
-    return np.bincount(np.zeros(len(each), np.int64) if group is None else group, weights=each)
+    return np.bincount(np.zeros(len(each), np.int64) if group is None else group, weights=each).astype(float)
 
 
 def centroid(moments: Moments) -> Array:

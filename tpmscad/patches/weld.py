@@ -49,7 +49,7 @@ def weld(
     """
     samples = np.stack([_side_samples(primitive) for primitive in primitives])  # (P, 4, 5, 3), counter-clockwise
     placed = np.einsum("fij,fskj->fski", rotation, samples[carrier]) + translation[:, None, None, :]
-    radius = WELD * min(np.linalg.norm(s[0, 0] - s[2, 0]) for s in samples)
+    radius = WELD * float(min(np.linalg.norm(s[0, 0] - s[2, 0]) for s in samples))
 
     corner, first_corner = cluster(placed[:, :, 0].reshape(-1, 3), radius)
     edge, first_use = cluster(placed[:, :, 2].reshape(-1, 3), radius)
