@@ -127,9 +127,9 @@ def _strip(samples: Array, end: int, rule: _Rule) -> Array:
     return np.stack([c, row1, row2], axis=1)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=1)
 def _inverse_vandermonde() -> Array:
-    return np.linalg.inv(chebyshev.chebvander(_to_chebyshev(sample_parameters()), NODES - 1))
+    return np.asarray(np.linalg.inv(chebyshev.chebvander(_to_chebyshev(sample_parameters()), NODES - 1)), float)
 
 
 def _to_chebyshev(t: Array) -> Array:
@@ -173,5 +173,5 @@ def _rule(degree: int) -> _Rule:
         times_y2_bend=to_bernstein @ (y**2 * _bernstein(own, degree, 2) / KLEIN_EDGE**2),
         at_sites=at_sites,
         basis=basis,
-        inner=np.linalg.pinv(basis[:, 3:-3]),
+        inner=np.asarray(np.linalg.pinv(basis[:, 3:-3]), float),
     )
