@@ -14,7 +14,8 @@ class Certificate:
     `met` says whether all that was asked for holds; `shortfalls` names what does not, and is empty otherwise. Deviations are
     orthogonal, in both directions, against `reference`. `gap`, `tangent_jump_deg` and `curvature_jump` (relative to the
     greatest curvature) are the worst over all joints between smooth faces, extraordinary points included. `betti` are the
-    solid's Betti numbers (pieces, tunnels, voids).
+    solid's Betti numbers (pieces, tunnels, voids), `pieces` the volumes of its parts. `bounds` are rigorous upper bounds on the
+    deviation by their names, far above what is measured.
     """
 
     met: bool
@@ -55,6 +56,7 @@ class Certificate:
             f"volume {self.volume:.9g}, area {self.area:.9g}, Betti numbers {self.betti}",
             f"size        {self.n_faces} faces, {self.n_primitives} primitives, {self.n_poles} poles",
         ]
+        lines += [f"bound       {bound:.3g}, {name}" for name, bound in self.bounds.items()]
         lines += [f"note        {note}" for note in self.notes]
         if self.seconds:
             lines.append("seconds     " + ", ".join(f"{k} {v:.2f}" for k, v in self.seconds.items()))

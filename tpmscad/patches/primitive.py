@@ -28,6 +28,8 @@ VALENCE = 6
 LADDER = tuple(Space(degree) for degree in range(5, 19))
 """One span of degree 5 to 18. Past 18 float64 no longer holds the joints to 1e-9 of the cell."""
 
+BOUND = "Filip's and Zheng-Sederberg's, through a mesh between the surfaces"
+
 BOUND_GRID = 65
 """Samples along each parameter of the mesh that stands between the surfaces in the a-priori bound."""
 
@@ -60,7 +62,7 @@ def fit_sheet(
     measured = [_measure(name, reference, size, primitive) for size, primitive in zip(sizes, primitives, strict=True)]
     bound = max(_bound(name, reference, size, p) for size, p in zip(sizes, primitives, strict=True))
     return SheetFit(
-        Sheet(tuple(primitives), lower, upper), worst(measured).scaled(cell), {"a priori (Filip)": bound * cell}
+        Sheet(tuple(primitives), lower, upper), worst(measured).scaled(cell), {BOUND: bound * cell}
     )
 
 
