@@ -29,11 +29,9 @@ ROOMS = {
 """What each room may import, beside its own files, the ground and the standard library. The kernel knows the splines as the
 values a patch complex is made of."""
 
-WORKFLOWS = {
-    name: {"request", "model", "certify", "workflows", *ROOMS, "numpy"}
-    for name in ("request", "model", "certify", "workflows")
-}
-"""The floor of the public functions: what is asked for, what is given back, how it is certified; one room."""
+UPPER_FLOOR = ("request", "model", "certify", "solids", "workflows")
+WORKFLOWS = {name: {*UPPER_FLOOR, *ROOMS, "numpy"} for name in UPPER_FLOOR}
+"""The floor of the public functions, one room: what is asked for, what is given back, how it is certified."""
 
 FACES = {
     "cli": {"workflows", "surfaces", "typer", "rich"},  # the catalogue can be listed without the kernel
