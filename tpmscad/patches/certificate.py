@@ -14,8 +14,8 @@ class Certificate:
     `met` says whether all that was asked for holds; `shortfalls` names what does not, and is empty otherwise. Deviations are
     orthogonal, in both directions, against `reference`. `gap`, `tangent_jump_deg` and `curvature_jump` (relative to the
     greatest curvature) are the worst over all joints between smooth faces, extraordinary points included. `betti` are the
-    solid's Betti numbers (pieces, tunnels, voids), `pieces` the volumes of its parts. `bounds` are rigorous upper bounds on the
-    deviation by their names, far above what is measured.
+    solid's Betti numbers (pieces, tunnels, voids), `pieces` the volumes of its parts. `bounds` are upper bounds on
+    the deviation by their names, far above what is measured.
     """
 
     met: bool

@@ -28,8 +28,6 @@ VALENCE = 6
 LADDER = tuple(Space(degree) for degree in range(5, 19))
 """One span of degree 5 to 18. Past 18 float64 no longer holds the joints to 1e-9 of the cell."""
 
-BOUND = "Filip's and Zheng-Sederberg's, through a mesh between the surfaces"
-
 BOUND_GRID = 65
 """Samples along each parameter of the mesh that stands between the surfaces in the a-priori bound."""
 
@@ -60,10 +58,9 @@ def fit_sheet(
     ]
     lower, upper = (None if d is None else (sizes.index(abs(d) / cell), d < 0) for d in layers)
     measured = [_measure(name, reference, size, primitive) for size, primitive in zip(sizes, primitives, strict=True)]
-    bound = max(_bound(name, reference, size, p) for size, p in zip(sizes, primitives, strict=True))
-    return SheetFit(
-        Sheet(tuple(primitives), lower, upper), worst(measured).scaled(cell), {BOUND: bound * cell}
-    )
+    each = [_bounds(name, reference, size, p) for size, p in zip(sizes, primitives, strict=True)]
+    bound = {label: cell * max(b[label] for b in each) for label in each[0]}
+    return SheetFit(Sheet(tuple(primitives), lower, upper), worst(measured).scaled(cell), bound)
 
 
 @lru_cache(maxsize=64)
@@ -107,13 +104,21 @@ def _measure(name: str, reference: str, offset: float, fitted: Surface) -> Devia
     return deviation(fitted, lambda u, v: patch.jet(u, v, offset).position)
 
 
-def _bound(name: str, reference: str, offset: float, fitted: Surface) -> float:
-    """TPMS2STEP's two-step bound, through a mesh between both surfaces, in rigorous form.
+def _bounds(name: str, reference: str, offset: float, fitted: Surface) -> dict[str, float]:
+    """TPMS2STEP's two bounds (eqs 3 and 4) in rigorous form, over a mesh of BOUND_GRID^2 points between the surfaces.
 
-    The exact surface's second derivatives are sampled, not bounded in closed form; the fitted one's are bounded by its net.
+    The exact surface's second derivatives are sampled on the mesh's points; the fitted one's are bounded by its control nets.
     """
     patch = surfaces.patch(name, reference)
     t = np.linspace(0.0, 1.0, BOUND_GRID)
     jet = patch.jet(t[:, None], t[None, :], offset)
-    second = tuple(float(np.linalg.norm(d, axis=-1).max()) for d in (jet.duu, jet.duv, jet.dvv))
-    return bounds.fit_bound(jet.position, t, t, (second[0], second[1], second[2]), fitted)
+    uu, uv, vv = (float(np.linalg.norm(d, axis=-1).max()) for d in (jet.duu, jet.duv, jet.dvv))
+    own = bounds.second_derivative_bounds(fitted, 2)
+    return {
+        "Filip's, from the exact surface by a mesh to the fitted one": bounds.fit_bound(
+            jet.position, t, t, (uu, uv, vv), fitted
+        ),
+        "Zheng-Sederberg's, from the mesh to the fitted surface's bilinear facets": bounds.zheng_sederberg(
+            own[1], t[1], t[1]
+        ),
+    }
