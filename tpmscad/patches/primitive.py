@@ -118,7 +118,7 @@ def _bounds(name: str, reference: str, offset: float, fitted: Surface) -> dict[s
         "Filip's, from the exact surface by a mesh to the fitted one": bounds.fit_bound(
             jet.position, t, t, (uu, uv, vv), fitted
         ),
-        "Zheng-Sederberg's, from the mesh to the fitted surface's bilinear facets": bounds.zheng_sederberg(
-            own[1], t[1], t[1]
+        "Zheng-Sederberg's, from the mesh to the fitted surface's bilinear facets": float(
+            bounds.zheng_sederberg(own[1], t[1], t[1])
         ),
     }
