@@ -25,7 +25,7 @@ class LayoutError(TpmscadError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OpenEdges:
-    """Edges to be capped: plane (2 * axis + upper), number, +1 or -1 along it for the cap's use, first and last vertex that way."""
+    """Edges to be capped: plane (2 * axis + upper), number, +1 or -1 for the cap's use, first and last vertex that way."""
 
     plane: Ints
     edge: Ints

@@ -121,13 +121,13 @@ def fit_patches(field: Field, border: list[Array]) -> Array:
     bu, bv = bezier(p, u), bezier(q, v)
     inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
     size = np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
-    known = _tensor(bu, rim, bv)
+    known = tensor(bu, rim, bv)
     chart = _coons(rim, u, v)
     free = np.zeros((len(poles), 3), bool)
     crossing = [_crossing(field, rim, s) for s in range(4)]
     for turn in range(PASSES):
         if turn:
-            chart = _tensor(bu, poles, bv)
+            chart = tensor(bu, poles, bv)
         target = _onto(field, chart, free, 0.3 * size)
         normal = _normals(field, target)
         system = _System((p - 1) * (q - 1), len(poles))
@@ -148,10 +148,10 @@ def _crossing(field: Field, rim: Array, side: int) -> tuple[Array, Array, Array]
     ends = bezier(across, np.array([1.0 if side in (1, 2) else 0.0]))
     if side in (0, 2):
         basis = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
-        given, points = _tensor(values, rim, slope), _tensor(values, rim, ends)
+        given, points = tensor(values, rim, slope), tensor(values, rim, ends)
     else:
         basis = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
-        given, points = _tensor(slope, rim, values), _tensor(ends, rim, values)
+        given, points = tensor(slope, rim, values), tensor(ends, rim, values)
     return basis.reshape(len(t), -1), given, _normals(field, points)
 
 
@@ -191,7 +191,7 @@ class _System:
         return np.linalg.solve(full, right).reshape(count, 3, k).transpose(0, 2, 1)
 
 
-def _tensor(rows: Array, poles: Array, columns: Array) -> Array:
+def tensor(rows: Array, poles: Array, columns: Array) -> Array:
     """Points on the grid of two designs, flattened u first: (n, len(rows) * len(columns), 3)."""
     n, nu, nv, _ = poles.shape
     half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)

@@ -23,7 +23,7 @@ HALVES = ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0))
 def assemble(
     layers: Sequence[tuple[Net, NetFit]], fixed: Sequence[Mask], lo: Array, hi: Array, corner_solid: Mask
 ) -> PatchComplex:
-    """The complex that the layers and the faces of the box bound. fixed: which coordinates of each net's vertices lie on the box."""
+    """The complex that the layers and the box's faces bound. fixed: which coordinates of each net's vertices lie on the box."""
     carriers: list[Surface] = []
     curves: list[Curve] = []
     vertices, edge_rows, spans = [], [], []
@@ -91,7 +91,7 @@ def assemble(
     n_patches = len(carriers)
     table = np.array(open_rows, np.int64).reshape(-1, 5)
     open_edges = OpenEdges(*table.T)
-    polylines = np.array([_polyline(curves[edge_rows[e][0]], spans[e], w) for e, w in zip(table[:, 1], table[:, 2])])
+    polylines = np.array([_polyline(curves[edge_rows[e][0]], spans[e], w) for e, w in table[:, 1:3]])
     face_carrier = list(range(n_patches))
     loop_start = list(range(n_patches + 1))
     planes = []

@@ -2,8 +2,8 @@
 
 Manifold dual marching cubes on a polyhedral complex. On each minimal face the crossed edges are paired (an ambiguous face by the
 sign at its centre, which both cells see alike), pairs chain into cycles round each cell, and each cycle is one dual vertex. A
-face on the box carries a vertex for each of its pairs, a crossed edge of the box itself one more. Each crossed minimal edge is one
-polygon: of four corners, or of three where one cell spans two quadrants round the edge.
+face on the box carries a vertex for each of its pairs, a crossed edge of the box itself one more. Each crossed minimal edge is
+one polygon: of four corners, or of three where one cell spans two quadrants round the edge.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def _leaf_at(tree: Octree, cell: Ints) -> Ints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Links:
-    """Pairs of crossed edges on minimal faces: edge keys (L, 2), half-planes round each edge (L, 2), leaves (L, 2), plane (L,)."""
+    """Pairs of crossed edges on minimal faces: edge keys, half-planes round each edge and leaves (L, 2) each, plane (L,)."""
 
     edge: Ints
     half_plane: Ints

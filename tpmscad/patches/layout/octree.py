@@ -22,7 +22,7 @@ CHILDREN = np.array(list(product((0, 1), repeat=3)))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Octree:
-    """Leaves (N,) of a box [lo, hi]: `origin` (N, 3) and `size` (N,) on the finest grid, `leaf` which one each finest cell is in."""
+    """Leaves of a box [lo, hi]: `origin` (N, 3) and `size` (N,) on the finest grid, `leaf` which one each finest cell is in."""
 
     lo: Array
     hi: Array

@@ -1,0 +1,173 @@
+"""Any implicit field as a certified NURBS solid: lay out, fit, close, build, measure.
+
+model = solidify(fields.rod(fields.tpms("gyroid", 10.0), -0.3), ((0, 0, 0), (10, 10, 10)), tol=0.01)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad import kernel, topology
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.booleans import Extreme
+from tpmscad.fields.field import Field, as_field
+from tpmscad.model import Model, Progress, Stages
+from tpmscad.patches import field_reference
+from tpmscad.patches.certificate import Certificate
+from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.summary import Summary, summary
+
+TANGENT_JUMP_DEG = (0.5, 2.0)
+"""Joints: at the 95th percentile, and at most."""
+
+VOLUME_AGREEMENT = 1e-3
+"""Relative: the volume the patches bound against the quadrature of the field."""
+
+KERNEL_AGREEMENT = 1e-6
+"""Relative: the kernel's quadrature of its own faces against ours of the patches."""
+
+REFERENCE_LINES = 96
+"""Grid lines along the box's longest edge for volume and Betti numbers, at first."""
+
+MOST_NODES = 2**24
+"""Samples of the finest grid on which Betti numbers are counted: 128 MB."""
+
+Domain = Sequence[Sequence[float]]
+
+
+def solidify(
+    field: Field | Callable[..., Any], domain: Domain, *, tol: float, progress: Progress | None = None
+) -> Model:
+    """The solid {field < 0} inside the box `domain` = ((x0, y0, z0), (x1, y1, z1)), its surface within tol of the level set.
+
+    The field may be any of tpmscad.fields or a function of points. LayoutError names where a field can't be made a solid and
+    why; a result that misses what was asked for has certificate.met False.
+    """
+    field = as_field(field)
+    lo, hi = _corners(domain)
+    stages = Stages(progress)
+    with stages("fit") as done:
+        made = field_complex(field, lo, hi, tol, progress=done)
+    with stages("build"):
+        built = kernel.build(made.complex)
+    with stages("check"):
+        found = kernel.check_shape(built.shape)
+        expected = betti_numbers(field, lo, hi)
+        volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
+        certificate = field_certificate(made, summary(made.complex), expected, volume, spread, found)
+    return Model("field solid", made.complex, replace(certificate, seconds=dict(stages.seconds)), built)
+
+
+def betti_numbers(field: Field, lo: np.ndarray, hi: np.ndarray) -> tuple[int, int, int] | None:
+    """Betti numbers of {field < 0} in the box, sampled ever finer until two grids agree; None if none do.
+
+    Of level sets that do not meet, A and B with A or B = the box: b(A and B) = b(A) + b(B) but for one piece (Mayer-Vietoris).
+    So walls thinner than any grid are counted right.
+    """
+    if isinstance(field, Extreme):
+        first, second = (betti_numbers(f, lo, hi) for f in (field.first, field.second))
+        if first is None or second is None:
+            return None
+        pieces = first[0] + second[0] - (1 if field.sign > 0 else 0)
+        return pieces, first[1] + second[1], first[2] + second[2]
+    lines = REFERENCE_LINES
+    last = None
+    while True:
+        counts = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
+        if np.prod(counts + 1.0) > MOST_NODES:
+            return None
+        axes = [np.linspace(low, high, n + 1) for low, high, n in zip(lo, hi, counts, strict=True)]
+        found = topology.betti(field.on_grid(*axes))
+        now = (found.b0, found.b1, found.b2)
+        if now == last:
+            return now
+        last = now
+        lines = int(1.4 * lines)
+
+
+def field_certificate(
+    made: FieldSolid,
+    shape: Summary,
+    betti: tuple[int, int, int] | None,
+    volume: float,
+    spread: float,
+    found: Any,
+) -> Certificate:
+    """Hold what was measured against the request; `found` is what the kernel says of the built solid."""
+    notes = list(made.notes)
+    shortfalls = []
+    deviation = max(made.to_field, made.from_field)
+    typical, most = TANGENT_JUMP_DEG
+    for wrong, text in (
+        (deviation > made.tol, f"deviation {deviation:.3g} exceeds tol {made.tol:g}"),
+        (made.jump_deg > most, f"tangent jump {made.jump_deg:.3g} degrees exceeds {most:g}"),
+        (
+            made.jump_p95_deg > typical,
+            f"tangent jump {made.jump_p95_deg:.3g} degrees at the 95th percentile exceeds {typical:g}",
+        ),
+        (not shape.closed, "the faces do not close"),
+        (not found.valid, "the kernel's check rejects the solid"),
+        (
+            shape.closed and abs(found.volume - shape.volume) > KERNEL_AGREEMENT * shape.volume,
+            f"the kernel's solid has volume {found.volume:.9g}, the patches bound {shape.volume:.9g}",
+        ),
+        (
+            betti is not None and shape.betti != betti,
+            f"Betti numbers {shape.betti} differ from the field's, {betti}",
+        ),
+        (
+            abs(volume - shape.volume) > VOLUME_AGREEMENT * volume + spread,
+            f"volume {shape.volume:.6g} differs from the field's, {volume:.6g} within {spread:.2g}",
+        ),
+    ):
+        if wrong:
+            shortfalls.append(text)
+    if betti is None:
+        notes.append("the field's Betti numbers did not settle on any grid tried: the solid's are its own")
+    if len(shape.pieces) > 1:
+        notes.append(f"{len(shape.pieces)} separate pieces")
+        for piece in shape.pieces[1:]:
+            x, y, z = piece.near
+            notes.append(f"piece of volume {piece.volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
+    splines = [c for c in made.complex.carriers if hasattr(c, "poles")]
+    return Certificate(
+        met=not shortfalls,
+        shortfalls=tuple(shortfalls),
+        tol=made.tol,
+        max_deviation=deviation,
+        rms_deviation=made.rms,
+        reference="field",
+        gap=float(made.complex.edges.deviation.max(initial=0.0)),
+        tangent_jump_deg=made.jump_deg,
+        curvature_jump=made.curvature_jump,
+        valid=found.valid,
+        closed=shape.closed,
+        volume=shape.volume,
+        area=shape.area,
+        betti=shape.betti or (0, 0, 0),
+        pieces=tuple(piece.volume for piece in shape.pieces),
+        n_faces=len(made.complex.faces),
+        n_primitives=len(splines),
+        n_poles=sum(c.poles.shape[0] * c.poles.shape[1] for c in splines),
+        bounds={
+            "tangent_jump_p95_deg": made.jump_p95_deg,
+            "to_field": made.to_field,
+            "from_field": made.from_field,
+            "field_volume": volume,
+            "field_volume_uncertainty": spread,
+            "wall": made.wall,
+        },
+        notes=tuple(notes),
+    )
+
+
+def _corners(domain: Domain) -> tuple[np.ndarray, np.ndarray]:
+    try:
+        lo, hi = (np.asarray(point, float) for point in domain)
+    except (TypeError, ValueError) as error:
+        raise InvalidRequest(f"domain {domain!r} must be two points ((x0, y0, z0), (x1, y1, z1))") from error
+    return lo, hi
