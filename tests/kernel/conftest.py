@@ -1,6 +1,15 @@
-"""The folder's own modules (complexes made by hand, a Part 21 parser) can be imported by its tests."""
+"""The folder's own modules (complexes made by hand, a Part 21 parser) can be imported by its tests.
+
+Without the kernel's tests (-m "not kernel") none of its files is opened, so that OCP is not loaded either.
+"""
 
 import sys
 from pathlib import Path
 
+import pytest
+
 sys.path.insert(0, str(Path(__file__).parent))
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    return True if "not kernel" in config.option.markexpr else None

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import tempfile
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -31,14 +33,24 @@ def written(complex, path: Path, **how) -> str:
     return path.read_text(encoding="ascii")
 
 
+@lru_cache
+def moments_of(case: str) -> measure.Moments:
+    return measure.face_moments(CASES[case]())
+
+
+@lru_cache
+def parsed(case: str, schema: str) -> tuple[str, dict[int, part21.Instance]]:
+    with tempfile.TemporaryDirectory() as folder:
+        return part21.parse(written(CASES[case](), Path(folder) / "part.step", schema=schema))
+
+
 @pytest.mark.parametrize("schema", ["ap242", "ap214"])
 @pytest.mark.parametrize("case", CASES)
 class TestEveryFile:
     def test_reads_back_valid_closed_in_mm_with_the_same_volume(self, case: str, schema: str, tmp_path: Path) -> None:
-        complex = CASES[case]()
+        complex, moments = CASES[case](), moments_of(case)
         written(complex, tmp_path / "part.step", schema=schema)
         found = kernel.check_step(tmp_path / "part.step")
-        moments = measure.face_moments(complex)
         assert found.ok
         assert found.units == ("millimetre",)
         assert found.products == ("part",)
@@ -48,30 +60,28 @@ class TestEveryFile:
         np.testing.assert_allclose(found.shape.centroid, measure.centroid(moments), atol=1e-9)
         assert found.shape.max_tolerance == 1e-7
 
-    def test_conforms_to_the_schema(self, case: str, schema: str, tmp_path: Path) -> None:
-        header, instances = part21.parse(written(CASES[case](), tmp_path / "part.step", schema=schema))
+    def test_conforms_to_the_schema(self, case: str, schema: str) -> None:
+        header, instances = parsed(case, schema)
         assert {"ap242": "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF", "ap214": "AUTOMOTIVE_DESIGN"}[
             schema
         ] in header
         assert part21.faults(instances) == []
         assert unused(instances) == []
 
-    def test_states_its_volume_area_and_centroid(self, case: str, schema: str, tmp_path: Path) -> None:
-        complex = CASES[case]()
-        _, instances = part21.parse(written(complex, tmp_path / "part.step", schema=schema))
-        moments = measure.face_moments(complex)
-        stated = validation(instances)
+    def test_states_its_volume_area_and_centroid(self, case: str, schema: str) -> None:
+        _, instances = parsed(case, schema)
+        moments, stated = moments_of(case), validation(instances)
         assert stated["volume"] == pytest.approx(measure.volume(moments)[0], rel=1e-14)
         assert stated["surface area"] == pytest.approx(moments.area.sum(), rel=1e-14)
         np.testing.assert_allclose(stated["centroid"], measure.centroid(moments), atol=1e-14)
 
-    def test_shares_edges_and_writes_each_point_once(self, case: str, schema: str, tmp_path: Path) -> None:
-        complex = CASES[case]()
-        _, instances = part21.parse(written(complex, tmp_path / "part.step", schema=schema))
+    def test_shares_edges_and_writes_each_point_once(self, case: str, schema: str) -> None:
+        _, instances = parsed(case, schema)
         uses = [int(values[3].value[1:]) for values in part21.of_kind(instances, "ORIENTED_EDGE").values()]
         assert sorted(uses) == sorted(2 * list(part21.of_kind(instances, "EDGE_CURVE")))
         geometry = referenced(instances, ("B_SPLINE_SURFACE_WITH_KNOTS", "B_SPLINE_CURVE_WITH_KNOTS", "VERTEX_POINT"))
-        points = [tuple(v.value for v in part21.of_kind(instances, "CARTESIAN_POINT")[i][1].value) for i in geometry]
+        coordinates = part21.of_kind(instances, "CARTESIAN_POINT")
+        points = [tuple(v.value for v in coordinates[i][1].value) for i in geometry]
         assert len(set(points)) == len(points)
 
 

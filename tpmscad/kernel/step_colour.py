@@ -31,7 +31,7 @@ def write_colours(
 
 
 def _style(entities: Entities, colour: Colour) -> int:
-    if len(colour) != 3 or not all(0.0 <= c <= 1.0 for c in colour):
+    if not all(0.0 <= c <= 1.0 for c in colour):
         raise InvalidRequest(f"colour {colour} is not red, green and blue from 0 to 1")
     red, green, blue = reals([float(c) for c in colour])
     rgb = entities.add(f"COLOUR_RGB('',{red},{green},{blue})")
