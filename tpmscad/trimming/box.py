@@ -23,7 +23,7 @@ from tpmscad.trimming.faces import inner_faces
 from tpmscad.trimming.meeting import meeting_points
 from tpmscad.trimming.pieces import root_vertices, split
 from tpmscad.trimming.sides import read_sides
-from tpmscad.trimming.strands import Strands, cross
+from tpmscad.trimming.strands import FLAT, Strands, cross
 from tpmscad.trimming.tool import Array, Tool, TrimmingError
 
 TOLERANCE = 1e-7
@@ -113,7 +113,7 @@ def _trim(
     e = lattice.edges
     edges = Strands(e.curve, e.rotation, e.translation, e.span, e.start, e.end)
     on = np.abs(tool.distances(lattice.vertices)) < snap
-    crossings = cross(lattice.curves, edges, tool, on, np.zeros((len(edges), k), bool), snap)
+    crossings = cross(lattice.curves, edges, tool, on, np.zeros((len(edges), k), bool), snap, FLAT * tol)
     vertex, points = root_vertices(lattice.curves, edges, crossings, len(lattice.vertices), snap)
     edge_pieces = split(edges, crossings, vertex)
     vertices = np.vstack([lattice.vertices, points])
@@ -132,7 +132,7 @@ def _trim(
         cuts.end,
     )
     own = cuts.plane[:, None] == np.arange(k)
-    hits = cross(curves, arcs, tool, on, own, snap)
+    hits = cross(curves, arcs, tool, on, own, snap, FLAT * tol)
     hit_vertex, points, root = meeting_points(lattice, cuts, arcs, hits, tool, len(vertices), tol)
     hits = replace(hits, root=root)
     arc_pieces = split(arcs, hits, hit_vertex)

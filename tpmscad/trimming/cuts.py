@@ -14,12 +14,10 @@ from tpmscad.patches.carriers import Carrier
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import fitting, marching
+from tpmscad.trimming.borders import Border
 from tpmscad.trimming.sides import Sides
-from tpmscad.trimming.strands import Crossings
+from tpmscad.trimming.strands import FLAT, Crossings
 from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
-
-FLAT = 0.05
-"""A saddle nearer to its plane than this part of the tolerance is cut as if it lay in it: a twentieth is not noticed."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,14 +124,14 @@ def cut_patches(
 
 def _borders(
     complex: PatchComplex, sides: Sides, crossings: Crossings, face: int, plane: int, turn: int
-) -> tuple[marching.Border, ...]:
+) -> tuple[Border, ...]:
     """The four sides of a patch as its edges know them, for the plane turned by `turn`."""
     result = []
     for edge, forward in zip(sides.edge[face], sides.forward[face], strict=True):
         low, high = complex.edges.span[edge]
         x = (crossings.of(edge, plane) - low) / (high - low)
         sign = int(crossings.sign[edge, plane]) * turn
-        result.append(marching.Border(x, sign) if forward else marching.Border(1.0 - x[::-1], sign * (-1) ** len(x)))
+        result.append(Border(x, sign) if forward else Border(1.0 - x[::-1], sign * (-1) ** len(x)))
     return tuple(result)
 
 
@@ -141,7 +139,7 @@ def _trace(
     surface: Carrier,
     normal: Array,
     constant: float,
-    borders: tuple[marching.Border, ...],
+    borders: tuple[Border, ...],
     on_corner: Flags,
     flat: float,
 ) -> marching.Trace:

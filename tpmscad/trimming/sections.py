@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad.splines.bspline import Surface, design
-from tpmscad.trimming.tool import Array, Ints
+from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
 TURN = 4.0
 """Turning by this angle (radians) counts as much as running the curve's whole length."""
@@ -121,6 +121,8 @@ class Sections:
     def resampled(self, uv: Array, at: Array) -> Array:
         """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
         x, slope, s, density = self.along(uv)
+        if not (np.diff(s, axis=1) > 0).all():  # NaN as well
+            raise TrimmingError("the points of a cut curve do not follow each other")
         i, f = _locate(s, at)
         row = np.arange(len(uv))[:, None]
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)

@@ -21,6 +21,9 @@ SAMPLES = 34
 SHORTEST = 3.0
 """Roots nearer than this many `snap` to a vertex on the plane are that vertex."""
 
+FLAT = 0.05
+"""Saddles, and strands that leave a vertex on the plane tangentially, lie in the plane within this part of the tolerance."""
+
 NOISE = 1e-13
 """An extremum nearer to a plane than this part of the strand's size touches it: round-off is a hundred times smaller."""
 
@@ -76,8 +79,13 @@ def points_on(curves: Sequence[Curve], strands: Strands, index: Ints, t: Array) 
     return np.einsum("mij,mj->mi", strands.rotation[index], local) + strands.translation[index]
 
 
-def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip: Flags, snap: float) -> Crossings:
-    """All roots of strands on planes. `on` (V, K): vertices on planes; `skip` (n, K): pairs to leave alone (sign 0)."""
+def cross(
+    curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip: Flags, snap: float, flat: float
+) -> Crossings:
+    """All roots of strands on planes. `on` (V, K): vertices on planes; `skip` (n, K): pairs to leave alone (sign 0).
+
+    Nearer than `snap` a vertex is on a plane; the strand is taken to stay there as long as it is nearer than `flat`.
+    """
     n, k = len(strands), len(tool.planes)
     poles = {int(c): curves[c].poles for c in np.unique(strands.curve)}
     low = np.zeros((len(curves), 3))
@@ -103,7 +111,7 @@ def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip
     label = label.ravel()
 
     class_sign, class_off, roots = _class_roots(
-        curves, strands, s[first], normal[first], constant[first], ends_on[first], snap
+        curves, strands, s[first], normal[first], constant[first], ends_on[first], snap, flat
     )
 
     sign[s, plane] = class_sign[label]
@@ -127,7 +135,14 @@ def cross(curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip
 
 
 def _class_roots(
-    curves: Sequence[Curve], strands: Strands, strand: Ints, normal: Array, constant: Array, ends_on: Flags, snap: float
+    curves: Sequence[Curve],
+    strands: Strands,
+    strand: Ints,
+    normal: Array,
+    constant: Array,
+    ends_on: Flags,
+    snap: float,
+    flat: float,
 ) -> tuple[Ints, Array, list[Array]]:
     """First sign, distance where it lies in the plane, and roots of n classes, by one of each; batched by spline space."""
     n = len(strand)
@@ -140,7 +155,15 @@ def _class_roots(
         curve = curves[strands.curve[strand[at[0]]]]
         poles = np.stack([curves[c].poles for c in strands.curve[strand[at]]])
         found = _on_curves(
-            curve.knots, curve.degree, poles, strands.span[strand[at]], normal[at], constant[at], ends_on[at], snap
+            curve.knots,
+            curve.degree,
+            poles,
+            strands.span[strand[at]],
+            normal[at],
+            constant[at],
+            ends_on[at],
+            snap,
+            flat,
         )
         sign[at], off[at] = found[:2]
         for i, r in zip(members, found[2], strict=True):
@@ -149,7 +172,15 @@ def _class_roots(
 
 
 def _on_curves(
-    knots: Array, degree: int, poles: Array, span: Array, normal: Array, constant: Array, ends_on: Flags, snap: float
+    knots: Array,
+    degree: int,
+    poles: Array,
+    span: Array,
+    normal: Array,
+    constant: Array,
+    ends_on: Flags,
+    snap: float,
+    flat: float,
 ) -> tuple[Ints, Array, list[Array]]:
     """First sign, distance where it lies in the plane, and roots of m planes, each on its own curve (m, N, 3) of one space."""
     level = np.einsum("mnk,mk->mn", poles, normal) + constant[:, None]
@@ -167,10 +198,15 @@ def _on_curves(
     row = np.repeat(np.arange(m), SAMPLES)
     value, slope = (f(row, t.ravel(), order).reshape(m, SAMPLES) for order in (0, 1))
     reach = np.abs(value).max(axis=1)
-    flat = (reach < snap) & ends_on.all(axis=1)
+    within = (reach < snap) & ends_on.all(axis=1)
 
     owner, root = _roots(f, t, value, slope, NOISE * size)
-    keep = ~flat[owner]
+    keep = ~within[owner]
+    for i in np.flatnonzero(ends_on[owner].any(axis=1) & keep):
+        for end, stop in ((0, low[owner[i]]), (1, high[owner[i]])):
+            if ends_on[owner[i], end]:
+                between = np.linspace(root[i], stop, 9)[1:-1]
+                keep[i] &= bool((np.abs(f(np.full(7, owner[i]), between)) > flat).any())
     owner, root = owner[keep], root[keep]
     roots = np.split(root, np.searchsorted(owner, np.arange(1, m)))
     first = high.copy()  # the sign before the first root is the sign half way to it
@@ -179,8 +215,8 @@ def _on_curves(
     rootless = np.array([len(r) == 0 for r in roots])
     strongest = value[np.arange(m), np.abs(value).argmax(axis=1)]
     sign = np.where(np.where(rootless, strongest, sign) > 0, 1, -1)
-    sign[flat] = 0
-    return sign, np.where(flat, reach, 0.0), roots
+    sign[within] = 0
+    return sign, np.where(within, reach, 0.0), roots
 
 
 def _roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[Ints, Array]:
