@@ -48,9 +48,9 @@ def test_a_dent_between_the_samples_is_found() -> None:
     centre = np.array([0.5137, 0.2911])
 
     def dented(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        return np.stack([u, v, 1e-3 * np.exp(-((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / 0.02**2)], axis=-1)
+        return np.stack([u, v, 1e-3 * np.exp(-((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / 0.05**2)], axis=-1)
 
-    assert deviation(flat, dented).max == pytest.approx(1e-3, rel=2e-3)
+    assert deviation(flat, dented).max == pytest.approx(1e-3, rel=5e-3)
 
 
 def test_the_curvature_tensor_of_a_sphere_and_of_a_turned_surface() -> None:
@@ -61,9 +61,9 @@ def test_the_curvature_tensor_of_a_sphere_and_of_a_turned_surface() -> None:
     turn = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
     turn *= np.linalg.det(turn)
     _, m, q = curvature(surface.moved(turn, np.zeros(3)), u, v)
-    np.testing.assert_allclose(m, n @ turn.T, atol=1e-12)
-    np.testing.assert_allclose(q, turn @ k @ turn.T, atol=1e-11)
-    np.testing.assert_allclose(np.einsum("nij,nj->ni", k, n), 0, atol=1e-12)
+    np.testing.assert_allclose(m, n @ turn.T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(q, turn @ k @ turn.T, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(np.einsum("nij,nj->ni", k, n), 0, rtol=0, atol=1e-12)
 
 
 def test_halves_of_one_surface_join_without_a_jump_and_a_kinked_pair_does_not() -> None:

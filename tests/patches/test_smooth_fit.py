@@ -66,7 +66,8 @@ def test_polynomials_within_the_degree_are_reproduced() -> None:
 
     fitted = smooth_fit.surface(smooth_fit.fit(polynomial(u, v)[None], 9)[0])
     s, r = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9), indexing="ij")
-    np.testing.assert_allclose(fitted(s, r), polynomial(s, r), atol=1e-11)
+    # 2e-10 of round-off was measured: fourth derivatives are taken of the samples.
+    np.testing.assert_allclose(fitted(s, r), polynomial(s, r), rtol=0, atol=1e-9)
 
 
 def test_too_low_a_degree_is_refused(samples: np.ndarray) -> None:

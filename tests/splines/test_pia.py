@@ -69,9 +69,10 @@ def test_the_limit_of_cpia_is_the_direct_constrained_fit(name: str, chebyshev: b
     subspace = solve_conditions(joint_conditions(joints, axis, axis, valence=6))
     result = cpia(samples, grid, axis, axis, subspace, tol=1e-14, chebyshev=chebyshev)
     assert result.converged
-    np.testing.assert_allclose(result.surface.poles, direct.poles, atol=1e-10)
     t = np.linspace(0, 1, 41)
-    np.testing.assert_allclose(result.surface.grid(t, t), direct.grid(t, t), atol=1e-13)
+    np.testing.assert_allclose(result.surface.grid(t, t), direct.grid(t, t), rtol=0, atol=1e-13)
+    # Poles from other coordinates carry the Bernstein basis' conditioning: 1.2e-10 between two direct solutions.
+    np.testing.assert_allclose(result.surface.poles, direct.poles, rtol=0, atol=5e-10)
 
 
 TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]

@@ -2,7 +2,7 @@
 
 Each sample's foot on the other surface is found by Gauss-Newton from its own parameters, with the fitted patch's tangents (the
 reference's differ from them by the error that is being measured). The grid knows nothing of the samples the fit used; around
-the worst sample a finer grid looks again, so that the maximum is not missed between samples.
+the worst samples finer grids look again, so that the maximum is not missed between samples.
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scipy.ndimage import maximum_filter
+
 from tpmscad.splines.bspline import Array, Surface
 
 Reference = Callable[[Array, Array], Array]
@@ -19,6 +21,10 @@ Reference = Callable[[Array, Array], Array]
 
 SAMPLES = 49
 """Samples along each parameter: three for each lobe of the error of a patch of degree 16."""
+
+PEAKS, FINER = 6, 9
+"""So many local maxima are sampled again, so much finer. Measured against 203^2 samples on 75 fits: 0.2 % too low at most;
+2.9 % with equal spacing and one peak."""
 
 FOOT = 1e-10
 """Feet that move less than this in a step are found: what is left of the tangential part is far below any deviation."""
@@ -56,22 +62,33 @@ def worst(each: Sequence[Deviation]) -> Deviation:
 def deviation(fitted: Surface, reference: Reference, samples: int = SAMPLES) -> Deviation:
     """The two-way distance between a fitted patch and the reference on the patch's domain."""
     (u0, u1), (v0, v1) = fitted.domain
-    u, v = np.meshgrid(np.linspace(u0, u1, samples), np.linspace(v0, v1, samples), indexing="ij")
-    u, v = u.ravel(), v.ravel()
-    forward = _to_reference(fitted, reference, u, v)
-    backward = _from_reference(fitted, reference, u, v)
+    grid = (1 - np.cos(np.pi * np.linspace(0.0, 1.0, samples))) / 2  # errors' lobes are narrow near borders
+    u, v = np.meshgrid(u0 + (u1 - u0) * grid, v0 + (v1 - v0) * grid, indexing="ij")
+    largest, squares = [], []
+    for measure in (_to_reference, _from_reference):
+        distances = measure(fitted, reference, u.ravel(), v.ravel()).reshape(u.shape)
+        fine_u, fine_v = _around_peaks(distances, u[:, 0], v[0])
+        largest.append(float(max(distances.max(), measure(fitted, reference, fine_u, fine_v).max())))
+        squares.append(_mean_square(distances))
+    return Deviation(max(largest), float(np.sqrt(np.mean(squares))), largest[0], largest[1])
 
-    largest = []
-    for distances, measure in ((forward, _to_reference), (backward, _from_reference)):
-        worst = int(np.argmax(distances))
-        step = np.linspace(-1.0, 1.0, 17) / (samples - 1)
-        near_u = np.clip(u[worst] + step * (u1 - u0), u0, u1)
-        near_v = np.clip(v[worst] + step * (v1 - v0), v0, v1)
-        fine_u, fine_v = np.meshgrid(near_u, near_v, indexing="ij")
-        fine = measure(fitted, reference, fine_u.ravel(), fine_v.ravel())
-        largest.append(float(max(distances.max(), fine.max())))
-    rms = float(np.sqrt(np.mean(np.concatenate([forward, backward]) ** 2)))
-    return Deviation(max=max(largest), rms=rms, to_reference=largest[0], from_reference=largest[1])
+
+def _around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
+    """Finer samples about the PEAKS highest local maxima of the sampled distances: two of (n,)."""
+    rank = distances == maximum_filter(distances, size=3)
+    at = np.argwhere(rank)
+    at = at[np.argsort(-distances[rank], kind="stable")][:PEAKS]
+    step, index = np.linspace(-1.0, 1.0, FINER), np.arange(len(u))
+    near_u = np.interp(np.clip(at[:, :1] + step, 0, len(u) - 1), index, u)
+    near_v = np.interp(np.clip(at[:, 1:] + step, 0, len(v) - 1), index, v)
+    fine_u, fine_v = np.broadcast_arrays(near_u[:, :, None], near_v[:, None, :])
+    return fine_u.ravel(), fine_v.ravel()
+
+
+def _mean_square(distances: Array) -> float:
+    """Mean over the parameter square of values on the cosine-spaced grid."""
+    weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(distances)))
+    return float(weight @ distances**2 @ weight / weight.sum() ** 2)
 
 
 def _to_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -> Array:
