@@ -50,7 +50,7 @@ def test_a_dent_between_the_samples_is_found() -> None:
     def dented(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.stack([u, v, 1e-3 * np.exp(-((u - centre[0]) ** 2 + (v - centre[1]) ** 2) / 0.05**2)], axis=-1)
 
-    assert deviation(flat, dented).max == pytest.approx(1e-3, rel=5e-3)
+    assert deviation(flat, dented).max == pytest.approx(1e-3, rel=1e-2)  # the plain grid is 10 % off
 
 
 def test_the_curvature_tensor_of_a_sphere_and_of_a_turned_surface() -> None:

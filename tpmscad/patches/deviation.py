@@ -11,7 +11,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
 from scipy.ndimage import maximum_filter
 
 from tpmscad.splines.bspline import Array, Surface
