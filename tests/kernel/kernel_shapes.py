@@ -255,11 +255,11 @@ def _through(points: Array, degree: int) -> Curve:
 
 
 def notched_hollow() -> PatchComplex:
-    """A U of voxels whose box holds a hollow box that the U itself does not."""
+    """A long box with a void at its foot, which stands in the notch of a smaller U: the void is in both boxes, not in the U."""
     u = np.ones((3, 1, 3), bool)
     u[1, :, 1:] = False
     held = joined(
-        plane_box((0.5, 0.5, 1.0), translation=(1.25, 0.2, 1.4)),
+        plane_box((0.6, 0.6, 40.0), translation=(1.2, 0.2, 1.4)),
         turned_inside_out(plane_box((0.2, 0.2, 0.2), translation=(1.4, 0.3, 1.6))),
     )
     return joined(voxels(u, 3), held)
@@ -275,7 +275,7 @@ CASES = {
     "bent cube": lambda: voxels(np.ones((1, 1, 1)), 5),
     "bent frame": lambda: voxels(frame(1), 3),
     "drilled dome": drilled_dome,
-    "hollow box in a notch": notched_hollow,
+    "hollow bar in a notch": notched_hollow,
 }
 
 

@@ -84,6 +84,41 @@ class TestEveryFile:
         points = [tuple(v.value for v in coordinates[i][1].value) for i in geometry]
         assert len(set(points)) == len(points)
 
+    def test_loops_run_head_to_tail_and_each_edge_once_either_way(self, case: str, schema: str) -> None:
+        _, instances = parsed(case, schema)
+        assert {
+            b[2].value for kind in ("FACE_BOUND", "FACE_OUTER_BOUND") for b in part21.of_kind(instances, kind).values()
+        } == {".T."}
+        directions: dict[int, list[str]] = {}
+        for loop in part21.of_kind(instances, "EDGE_LOOP").values():
+            sides = [instances[n].parts["ORIENTED_EDGE"] for n in part21.numbers(loop[1])]
+            ends = [ends_of(instances, side) for side in sides]
+            assert [head for _, head in ends] == [tail for tail, _ in ends[1:] + ends[:1]]
+            for side in sides:
+                directions.setdefault(int(side[3].value[1:]), []).append(side[4].value)
+        assert all(sorted(found) == [".F.", ".T."] for found in directions.values())
+
+
+def ends_of(instances, oriented) -> tuple[str, str]:
+    edge = instances[int(oriented[3].value[1:])].parts["EDGE_CURVE"]
+    return (edge[1].value, edge[2].value) if oriented[4].value == ".T." else (edge[2].value, edge[1].value)
+
+
+def test_loops_turn_counter_clockwise_about_the_outward_normal() -> None:
+    """The volume under the polygons of a planar box's loops, as a reader that trusts topology would take it."""
+    for case in ("box of planes", "mirrored box"):
+        _, instances = parsed(case, "ap242")
+        place = {
+            n: instances[int(v[1].value[1:])].parts["CARTESIAN_POINT"][1]
+            for n, v in part21.of_kind(instances, "VERTEX_POINT").items()
+        }
+        volume = 0.0
+        for loop in part21.of_kind(instances, "EDGE_LOOP").values():
+            tails = [ends_of(instances, instances[n].parts["ORIENTED_EDGE"])[0] for n in part21.numbers(loop[1])]
+            a, b, c, d = (np.array([float(v.value) for v in place[int(t[1:])].value]) for t in tails)
+            volume += (a @ np.cross(b, c) + a @ np.cross(c, d)) / 6
+        assert volume == pytest.approx(30.0)
+
 
 def validation(instances) -> dict[str, object]:
     stated: dict[str, object] = {}
