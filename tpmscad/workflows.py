@@ -23,6 +23,9 @@ from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest, lattice_request
 from tpmscad.trimming import trim_box
 
+CUT = 5e-10
+"""Of the cell: how far a cut's curve may be from its patch, so that gaps at the caps too stay below 1e-9 of the cell."""
+
 STORED_VOLUME = 1e-9
 """Relative: how far the volume of a file that was read back may be from what was written."""
 
@@ -152,7 +155,7 @@ def _copied(
     with stages("assemble"):
         cover = scaled(lattices.covering(symmetry, sheet, cells, phase), cell)
     with stages("trim"):
-        return trim_box(cover, np.zeros(3), cell * np.array(cells, float))
+        return trim_box(cover, np.zeros(3), cell * np.array(cells, float), tol=CUT * cell)
 
 
 def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Deviation]:
@@ -181,7 +184,7 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
     if box is None:
         return complex, deviation
     with stages("trim"):
-        return trim_box(complex, *box), deviation
+        return trim_box(complex, *box, tol=CUT * cell), deviation
 
 
 def _grid(cells: tuple[int, int, int]) -> Array:
