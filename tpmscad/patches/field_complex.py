@@ -33,7 +33,7 @@ DEGREES = (5, 7, 9)
 TURN = 1.25
 """Size of the first leaves times the median of the greatest curvature: four leaves to a period of the gyroid."""
 
-TRIED = ((1.0, False), (1.25, False), (1.0, True), (1.6, False), (1.25, True))
+TRIED = ((1.0, False), (1.25, False), (1.6, False), (1.0, True), (2.0, False), (2.5, False))
 """First layouts tried, in leaves per length of the first: uniform, or with leaves split where they hide crossings."""
 
 CONE = 0.5

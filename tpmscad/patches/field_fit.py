@@ -21,7 +21,7 @@ from tpmscad.patches.layout.octree import Array, Ints, Mask
 from tpmscad.patches.layout.relax import onto
 from tpmscad.splines.bspline import design
 
-SLIDE = 0.1
+SLIDE = 0.3
 CURVE_TANGENT = 1.0
 END_TANGENT = 1e3
 CROSS = 1.0
@@ -70,7 +70,7 @@ def fit_net(net: Net, field: Field, curve_degree: Ints, patch_degree: Ints) -> N
         at = np.flatnonzero((degrees == (degree_u, degree_v)).all(axis=1))
         for part in np.array_split(at, -(-len(at) // CHUNK)):
             border = [_borders(net, curves, part, s, int((degree_u, degree_v)[s % 2])) for s in range(4)]
-            for i, poles in zip(part, fit_patches(field, border), strict=True):
+            for i, poles in zip(part, fit_patches(field, border, net.plane[net.curve[part]] < 0), strict=True):
                 patches[i] = poles
     return NetFit(curves, patches)
 
@@ -109,8 +109,11 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int)
     return poles
 
 
-def fit_patches(field: Field, border: list[Array]) -> Array:
-    """Patches between their four borders, each (n, degree + 1, 3) run counter-clockwise: (n, p + 1, q + 1, 3)."""
+def fit_patches(field: Field, border: list[Array], joined: Mask) -> Array:
+    """Patches between their four borders, each (n, degree + 1, 3) run counter-clockwise: (n, p + 1, q + 1, 3).
+
+    `joined` (n, 4): sides across which the surface goes on; on the others, in the box's faces, nothing is asked of the slope.
+    """
     p, q = border[0].shape[1] - 1, border[1].shape[1] - 1
     poles = np.zeros((len(border[0]), p + 1, q + 1, 3))
     poles[:, :, 0], poles[:, -1] = border[0], border[1]
@@ -132,8 +135,8 @@ def fit_patches(field: Field, border: list[Array]) -> Array:
         normal = _normals(field, target)
         system = _System((p - 1) * (q - 1), len(poles))
         system.near(inner, normal, target - known, SLIDE)
-        for basis, given, normals in crossing:
-            system.along(basis, normals, -given, CROSS / np.sqrt(len(basis)))
+        for (basis, given, normals), inside in zip(crossing, joined.T, strict=True):
+            system.along(basis, normals * inside[:, None, None], -given, CROSS / np.sqrt(len(basis)))
         poles[:, 1:-1, 1:-1] = system.solved().reshape(len(poles), p - 1, q - 1, 3)
     return poles
 

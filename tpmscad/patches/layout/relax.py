@@ -1,7 +1,7 @@
 """Vertices of a layout moved along the level set until the polygons are near regular.
 
-Each polygon pulls its corners towards the regular polygon that fits it best, each vertex goes to the mean of what its polygons
-ask for, less what leaves the surface, and is brought back onto it by Newton's method. Vertices on the box slide in its faces;
+Each polygon pulls its corners towards the regular polygon that fits it best, the harder the worse it is; each vertex goes to the
+mean of what its polygons ask for, less what leaves the surface, and is brought back onto it by Newton's method. Vertices on the box slide in its faces;
 those on its edges stay where the field vanishes.
 """
 
@@ -19,6 +19,9 @@ SWEEPS = 60
 """Sweeps of the relaxation; the worst corner of single-period layouts no longer changes after 40."""
 
 NEWTON = 12
+WORST, POWER = 0.1, 2
+"""A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
+
 STEP = 0.25
 """Greatest move of a vertex in one step, in sizes of its cell."""
 
@@ -53,15 +56,18 @@ def relaxed(mesh: Mesh, field: Field, sweeps: int = SWEEPS) -> Mesh:
     corners = mesh.corners
     three = corners[:, 3] < 0
     groups = [(corners[~three], 4), (corners[three][:, :3], 3)]
-    share = sum(np.bincount(of.ravel(), minlength=len(vertices)) for of, _ in groups)
     for sweep in range(sweeps):
-        wanted = np.zeros_like(vertices)
+        full = field.gradient(vertices)
+        wanted, share = np.zeros_like(vertices), np.zeros(len(vertices))
         for of, n in groups:
             target = _regular(vertices[of], n)
+            sines = corner_sines(vertices, of, full / np.linalg.norm(full, axis=1, keepdims=True))
+            pull = np.repeat(1.0 / np.clip(sines.min(axis=1), WORST, 1.0) ** POWER, n)
+            share += np.bincount(of.ravel(), pull, minlength=len(vertices))
             for axis in range(3):
-                wanted[:, axis] += np.bincount(of.ravel(), target[..., axis].ravel(), minlength=len(vertices))
+                wanted[:, axis] += np.bincount(of.ravel(), pull * target[..., axis].ravel(), minlength=len(vertices))
         move = wanted / share[:, None] - vertices
-        slope = np.where(mesh.fixed, 0.0, field.gradient(vertices))
+        slope = np.where(mesh.fixed, 0.0, full)
         normal = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
         move = np.where(mesh.fixed, 0.0, move)
         move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
