@@ -65,7 +65,7 @@ def census(values: Array) -> Census:
 
 
 def solid_phase(values: Array) -> Phase:
-    """The components of {f <= 0}."""
+    """The components of {f <= 0}; the greatest belongs."""
     found = runs(values, 0.0, True, 6, exterior=False)
     labels = np.arange(1, found.count + 1)
     main = 1 + int(np.argmax(sizes(found)[1:])) if found.count else 0

@@ -15,12 +15,15 @@ OVERLAP_SLACK = 1e-9
 """Depth, in parts of the domain, to which two regions may both hold a point: faces that touch do by round-off."""
 
 ALIASED = 3
-"""Components or cavities that vanish at twice the samples before an input is called under-sampled; one or two may be slivers
-at the border of the domain, which are reported as intrinsic."""
+"""Isolated parts from which on an input may be called under-sampled; one or two may be slivers at the border of the domain, which
+are reported as intrinsic."""
 
 ALIASED_SHARE = 0.02
 """Part of a phase in isolated parts that vanish so: chips at the skin of a trimmed model come and go, too, but
 are a few thousandths."""
+
+PER_PERIOD, GOOD_PER_PERIOD = 4, 10
+"""Samples per period under which a periodic structure is refused outright, and those that do for most of them."""
 
 MAX_SAMPLES = 30_000_000
 """Samples up to which a sufficient resolution is searched for."""
@@ -71,15 +74,32 @@ def check_regions(field: BlendedField, grid: Grid) -> None:
 def check_sampling(field: BlendedField, coarse: Scene, fine: Scene) -> None:
     """Inputs keep their components and cavities when the samples are doubled; otherwise the resolution that would do."""
     for index, structure in enumerate(field.structures):
+        _check_period(structure, index, coarse.grid)
         here, share = _own(coarse, index)
         if here < ALIASED or share < ALIASED_SHARE:
             continue
         there, finer_share = _own(fine, index)
-        if here - there >= ALIASED and share - finer_share >= ALIASED_SHARE:
+        if share - finer_share >= ALIASED_SHARE:
             raise InvalidRequest(
                 f"structure {index} is under-sampled at {coarse.grid.shape}: {here} isolated components and holes there, {there} "
                 f"at twice the samples; a resolution of {_enough(structure, fine.grid, there)} would do"
             )
+
+
+def _check_period(structure: Field, index: int, grid: Grid) -> None:
+    periods = getattr(structure, "periods", lambda: None)()
+    if periods is None:
+        return
+    per_period = [period / step for period, step in zip(periods, grid.spacing, strict=True) if period > 0]
+    if per_period and min(per_period) < PER_PERIOD:
+        enough = tuple(
+            max(n, int(np.ceil(GOOD_PER_PERIOD * length / period)) + 1 if period > 0 else 0)
+            for n, length, period in zip(grid.shape, grid.extent, periods, strict=True)
+        )
+        raise InvalidRequest(
+            f"structure {index} is under-sampled at {grid.shape}: {min(per_period):.1f} samples per period, at least "
+            f"{PER_PERIOD} are needed; a resolution of {enough} would do"
+        )
 
 
 def _own(scene: Scene, index: int) -> tuple[int, float]:

@@ -1,7 +1,8 @@
 """A working resolution from the structures themselves: their periods, and the samples their thinnest parts need.
 
 A structure with periods is tried on a block of a period and a half with 10, 14, ... samples per period, until its components and
-holes are the same as with twice as many and its volume has settled; one without periods on the whole domain, from 40 samples.
+holes are no more than with 80, there and with twice as many, and its volume has settled; one without periods on the whole domain,
+from 40 samples along it to 200.
 """
 
 from __future__ import annotations
@@ -11,16 +12,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad.blend.census import census
-from tpmscad.blend.grid import Box, Field, Grid, sample
+from tpmscad.blend.grid import Array, Box, Field, Grid, sample
 from tpmscad.errors import InvalidRequest
 
-PER_PERIOD = (10, 14, 20, 28, 40, 56)
+PER_PERIOD = (10, 14, 20, 28, 40, 56, 80)
 ALONG_DOMAIN = (40, 60, 90, 135, 200)
 BLOCK = 1.5
 """Periods tried: not a whole number, so that the block's border cuts each part of the structure somewhere."""
 
-SETTLED = 0.02
-"""Change of the volume fraction, of 1, that passes when samples are doubled."""
+SETTLED = 0.1
+"""Error of the smaller phase's volume that passes, of itself: thin walls need their thickness sampled."""
 
 MAX_SAMPLES = 12_000_000
 """Samples at most: with the check at twice the resolution a blend then takes a minute and 4 GiB."""
@@ -41,26 +42,36 @@ def automatic_resolution(structures: Sequence[Field], domain: Box) -> tuple[int,
     return counts[0], counts[1], counts[2]
 
 
-def _needed(structure: Field, index: int, domain: Box, extent: np.ndarray) -> np.ndarray:
+def _needed(structure: Field, index: int, domain: Box, extent: Array) -> Array:
     periods = getattr(structure, "periods", lambda: None)()
     if periods is not None and any(periods):
         cell = np.where(np.array(periods) > 0, periods, extent)
         size = np.minimum(BLOCK * cell, extent)
-        trials = [(cell / n, n) for n in PER_PERIOD]
+        trials = [cell / n for n in PER_PERIOD]
         what = f"{PER_PERIOD[-1]} samples per period"
     else:
         size = extent
-        trials = [(np.full(3, extent.max() / n), n) for n in ALONG_DOMAIN]
+        trials = [np.full(3, extent.max() / n) for n in ALONG_DOMAIN]
         what = f"{ALONG_DOMAIN[-1]} samples along the domain"
     low = np.array(domain[0])
-    for spacing, _ in trials:
-        shape = np.maximum(np.ceil(size / spacing).astype(int) + 1, 4)
-        grid = Grid(tuple(low.tolist()), tuple((low + size).tolist()), (int(shape[0]), int(shape[1]), int(shape[2])))
-        values = [sample(structure, g, f"structure {index}") for g in (grid, grid.twice())]
-        seen = [census(v) for v in values]
-        volume = [float(np.mean(v <= 0)) for v in values]
-        if seen[0].n0 <= seen[1].n0 and seen[0].n2 <= seen[1].n2 and abs(volume[0] - volume[1]) <= SETTLED:
+
+    def read(spacing: Array) -> tuple[int, int, float]:
+        x, y, z = (max(4, int(n)) for n in np.ceil(size / spacing) + 1)
+        values = sample(structure, Grid(_triple(low), _triple(low + size), (x, y, z)), f"structure {index}")
+        seen = census(values)
+        return seen.n0, seen.n2, float(np.mean(values <= 0))
+
+    n0, n2, solid = read(trials[-1])
+    least = SETTLED * min(solid, 1 - solid)
+    for spacing in trials[:-1]:
+        seen = [read(spacing), read(np.maximum(spacing / 2, trials[-1]))]
+        if all(a <= n0 and b <= n2 and abs(c - solid) <= least for a, b, c in seen):
             return spacing
     raise InvalidRequest(
         f"structure {index} has parts too thin for {what}: its components still change there; give a resolution, or thicken it"
     )
+
+
+def _triple(values: Array) -> tuple[float, float, float]:
+    x, y, z = values.tolist()
+    return x, y, z

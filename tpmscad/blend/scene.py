@@ -84,20 +84,25 @@ class Scene:
     def intrinsic(self, phase: Phase, sign: int) -> Ints:
         """The error labels of a phase that the inputs bring with them.
 
-        Outside the blending regions these hold samples of the isolated parts of their own structure only, and do hold some.
+        Outside the blending regions these hold samples of the isolated parts of their own structure only, and do hold some; or
+        anywhere they hold samples of such parts and none of the sound parts of any structure (chips at the skin of a model).
         """
         if len(phase.errors) == 0:
             return phase.errors
-        outside = ~self.movable()
-        total = np.bincount(phase.labels[outside], minlength=phase.count)
-        if not np.any(total[phase.errors]):
-            return phase.errors[:0]
-        own = np.zeros(self.grid.shape, bool)
-        for index in range(len(self.structures)):
+        movable = self.movable()
+        own, sound = np.zeros(self.grid.shape, bool), np.zeros(self.grid.shape, bool)
+        own_outside = np.zeros(self.grid.shape, bool)
+        for index, values in enumerate(self.structures):
             errors = self.own_errors(index)[0 if sign > 0 else 1]
-            own |= errors & (self.owner == index)
-        inherited = np.bincount(phase.labels[outside & own], minlength=phase.count)
-        return phase.errors[(total[phase.errors] > 0) & (total[phase.errors] == inherited[phase.errors])]
+            owned = self.owner == index
+            own |= errors
+            own_outside |= errors & owned & ~movable
+            sound |= ((values <= 0) == (sign > 0)) & ~errors & (owned | movable)
+        outside, inherited, isolated, joined = (
+            np.bincount(phase.labels[mask], minlength=phase.count)[phase.errors]
+            for mask in (~movable, own_outside, own, sound)
+        )
+        return phase.errors[((outside > 0) & (outside == inherited)) | ((isolated > 0) & (joined == 0))]
 
     def _weight(self, weight: Weighting, part: Window) -> Array:
         x, y, z = (axis[s] for axis, s in zip(self.grid.axes, part, strict=True))

@@ -24,7 +24,7 @@ class CellWeight:
     corners: Array
 
     def __call__(self, points: ArrayLike) -> Array:
-        return self._combined(np.asarray(points, float), None)
+        return np.clip(self._combined(np.asarray(points, float), None), 0.0, 1.0)
 
     def gradient(self, points: ArrayLike) -> Array:
         """The gradient within the cells; it jumps from cell to cell."""
