@@ -47,14 +47,15 @@ def all_edges(
         span=np.concatenate([edge_pieces.span, arc_pieces.span]),
         start=np.concatenate([edge_pieces.start, arc_pieces.start]),
         end=np.concatenate([edge_pieces.end, arc_pieces.end]),
-        deviation=np.concatenate([np.maximum(old.deviation, crossings.off)[strand], deviation[cuts.cut[arc]]]),
+        deviation=np.concatenate([np.maximum(old.deviation, MARGIN * crossings.off)[strand], deviation[cuts.cut[arc]]]),
     )
     cut = (np.diff(edge_pieces.first) > 1)[strand]
     index = np.concatenate([np.flatnonzero(cut), len(strand) + np.arange(len(arc))])
     ends = _at(tuple(c.curve for c in cuts.cuts), lattice.curves, edges, index)
     off = np.linalg.norm(ends - vertices[np.column_stack([edges.start[index], edges.end[index]])], axis=2).max(axis=1)
     widest = edges.deviation.copy()
-    widest[index] = np.maximum(widest[index], off) * MARGIN
+    measured = np.concatenate([old.deviation[strand], deviation[cuts.cut[arc]]])
+    widest[index] = np.maximum(widest[index], MARGIN * np.maximum(off, measured[index]))
     return replace(edges, deviation=widest)
 
 
@@ -118,7 +119,12 @@ def assemble(
     pieces = caps.tool_pieces(tool, open_edges, vertices, on, polylines, inside)
     first_piece, first_corner = len(edges), len(vertices)
     start, end = (np.where(v < 0, first_corner - 1 - v, v) for v in (pieces.start, pieces.end))
-    edges = _with_lines(edges, first_line + pieces.tool_edge, pieces.span, start, end)
+    everywhere = np.vstack([vertices, tool.corners])
+    a, b = tool.corners[tool.edge_corners[pieces.tool_edge]].swapaxes(0, 1)
+    way = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
+    places = a[:, None] + pieces.span[..., None] * way[:, None]
+    off = np.linalg.norm(places - everywhere[np.column_stack([start, end])], axis=2).max(axis=1)  # of snapped vertices
+    edges = _with_lines(edges, first_line + pieces.tool_edge, pieces.span, start, end, MARGIN * off)
     number = first_piece + np.arange(len(start))
     left, right = tool.edge_planes[pieces.tool_edge].T
     one = np.ones(len(start), np.int64)
@@ -135,7 +141,7 @@ def assemble(
         chained, polygons = caps.cap_loops(tool, plane, round_caps, at, polylines)
         named = [[(int(round_caps.edge[at[i]]), int(round_caps.sense[at[i]]), -1) for i in loop] for loop in chained]
         cap_faces += [(plane, [named[i] for i in face]) for face in (loops.nest(polygons) if polygons else [])]
-    return _complex(lattice, tool, cuts, curves, faces, cap_faces, edges, np.vstack([vertices, tool.corners]))
+    return _complex(lattice, tool, cuts, curves, faces, cap_faces, edges, everywhere)
 
 
 def _polylines(curves: Sequence[Curve], edges: Edges, edge: Ints) -> Array:
@@ -145,7 +151,7 @@ def _polylines(curves: Sequence[Curve], edges: Edges, edge: Ints) -> Array:
     return points_on(curves, strands, np.repeat(edge, len(SAMPLES)), t.ravel()).reshape(len(edge), len(SAMPLES), 3)
 
 
-def _with_lines(edges: Edges, curve: Ints, span: Array, start: Ints, end: Ints) -> Edges:
+def _with_lines(edges: Edges, curve: Ints, span: Array, start: Ints, end: Ints, deviation: Array) -> Edges:
     n = len(curve)
     return Edges(
         curve=np.concatenate([edges.curve, curve]),
@@ -154,7 +160,7 @@ def _with_lines(edges: Edges, curve: Ints, span: Array, start: Ints, end: Ints) 
         span=np.concatenate([edges.span, span]),
         start=np.concatenate([edges.start, start]),
         end=np.concatenate([edges.end, end]),
-        deviation=np.concatenate([edges.deviation, np.zeros(n)]),
+        deviation=np.concatenate([edges.deviation, deviation]),
     )
 
 
