@@ -11,6 +11,7 @@ from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Edges, Faces, PatchComplex, Uses
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface, line
+from tpmscad.splines.knots import restrict
 
 SIZE = np.array([2.0, 3.0, 5.0])
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * SIZE
@@ -110,6 +111,24 @@ def test_moments_of_moved_patches_are_those_of_patches_with_moved_poles(motion: 
     baked = moments(surface.moved(rotation, translation), np.eye(3), np.zeros(3))
     for name in ("area", "normal", "first", "second"):
         np.testing.assert_allclose(getattr(placed, name), getattr(baked, name), rtol=1e-12, atol=1e-13)
+
+
+def test_inner_knots_do_not_blur_the_quadrature() -> None:
+    """The same bicubic-by-quadratic patch in one piece and cut along its inner knots."""
+    rng = np.random.default_rng(5)
+    knots_u, knots_v = np.array([0, 0, 0, 0.3, 0.7, 1, 1, 1]), np.array([0, 0, 0, 0, 0.45, 1, 1, 1, 1.0])
+    surface = Surface(rng.random((5, 5, 3)), knots_u, knots_v, 2, 3)
+    one = np.ones(1, int)
+
+    def moments(s: Surface) -> measure.Moments:
+        return measure.face_moments(weld([s], 0 * one, np.eye(3)[None], np.zeros((1, 3)), one, 0 * one, ["a"]))
+
+    pieces = [restrict(surface, u, v) for u in ((0, 0.3), (0.3, 0.7), (0.7, 1)) for v in ((0, 0.45), (0.45, 1))]
+    whole, parts = moments(surface), [moments(p) for p in pieces]
+    for name in ("normal", "first", "second"):
+        np.testing.assert_allclose(
+            getattr(whole, name), sum(getattr(p, name) for p in parts), rtol=0, atol=1e-14, err_msg=name
+        )
 
 
 def test_a_box_is_one_closed_shell_of_a_sphere() -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
+from scipy.interpolate import PPoly
 
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array, Ints, PatchComplex
@@ -88,7 +89,7 @@ def _integrand(surface: Surface, u: Array, v: Array) -> Array:
 
 def _spline_piece(surface: Surface, pcurve: Curve, span: tuple[float, float]) -> Array:
     """The line integral of F dv along a piece of a parameter curve: (40,)."""
-    nodes, weights = _span_rule(pcurve, SPAN_POINTS, span)
+    nodes, weights = _span_rule(pcurve, SPAN_POINTS, span, _knot_crossings(surface, pcurve, span))
     u, v = pcurve(nodes).T
     dv = pcurve(nodes, 1)[:, 1]
     breaks = np.unique(surface.knots_u)
@@ -107,10 +108,22 @@ def _spline_piece(surface: Surface, pcurve: Curve, span: tuple[float, float]) ->
     return total
 
 
-def _span_rule(curve: Curve, points: int, span: tuple[float, float]) -> tuple[Array, Array]:
-    """Composite Gauss nodes and weights on a piece of the curve, broken at its knots."""
+def _knot_crossings(surface: Surface, pcurve: Curve, span: tuple[float, float]) -> Array:
+    """Where the parameter curve passes an inner knot of the surface, where derivatives may jump."""
+    found = []
+    for axis, knots in ((0, surface.knots_u), (1, surface.knots_v)):
+        inner = np.unique(knots)[1:-1]
+        if len(inner):
+            piecewise = PPoly.from_spline((pcurve.knots, pcurve.poles[:, axis], pcurve.degree))
+            found += [piecewise.solve(knot, extrapolate=False) for knot in inner]
+    at = np.concatenate([np.zeros(0), *found])
+    return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
+
+
+def _span_rule(curve: Curve, points: int, span: tuple[float, float], also: Array | None = None) -> tuple[Array, Array]:
+    """Composite Gauss nodes and weights on a piece of the curve, broken at its knots and at further parameters."""
     low, high = span
-    inside = np.unique(curve.knots)
+    inside = np.unique(curve.knots if also is None else np.concatenate([curve.knots, also]))
     breaks = np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
     x, w = leggauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
