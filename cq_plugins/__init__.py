@@ -1,0 +1,1 @@
+"""Plug-ins for CadQuery: importing one gives `cadquery.Workplane` its methods."""
