@@ -4,7 +4,7 @@
 
 Without arguments table1 and table2. Seconds are CPU seconds of one process; compiled loops are called once before, and what that
 first call costs is printed. "on gudhi" is our loop with every census of a grid replaced by gudhi's persistence of it (time of one
-call, at each resolution, times the number of censuses); "paper's" is the paper's loop (eqs 20-23, Adam, 12 steps at most) on gudhi
+call, at each resolution, times the number of censuses); "its own" is the paper's loop (eqs 20-23, Adam, 12 steps) on gudhi
 at the working resolution only. Ours includes the checks at twice the resolution.
 """
 
@@ -135,7 +135,7 @@ def print_pairs(count: int) -> None:
             failed += 1
             print(f"  {seed}: {pair.name}: {result.message}")
     print(
-        f"{count} random pairs at 50^3: {count - failed} without errors at 50^3 and 100^3 ({100 * (count - failed) / count:.1f} %), "
+        f"{count} random pairs: {count - failed} without errors at 50^3 and 100^3 ({100 * (count - failed) / count:.1f} %), "
         f"{initial} had errors at first; seconds median {np.median(seconds):.3f}, "
         f"90 % {np.quantile(seconds, 0.9):.3f}, max {max(seconds):.2f}"
     )

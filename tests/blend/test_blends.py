@@ -45,6 +45,9 @@ def test_a_blend_has_no_error_at_its_resolution_and_at_twice_it(pair):
     assert result.errors.resolutions == (SIZE, (100, 100, 100))
     assert result.errors.n0.final == result.errors.n2.final == (0, 0)
     assert counted(result, SIZE) == counted(result, (100, 100, 100)) == (0, 0)
+    if pair.startswith("sheets"):  # contradicts itself in one dimension
+        assert result.weights[0].coefficients.ndim == 3
+        assert "more freedom" in result.message
     for weight in result.weights:
         assert weight.coefficients.min() >= 0.0
         assert weight.coefficients.max() <= 1.0
@@ -106,14 +109,6 @@ def test_chips_at_the_skin_of_a_free_form_model_are_intrinsic_and_neither_succes
     assert max(result.errors.n0.intrinsic) > 0
     assert result.errors.n0.final == result.errors.n0.intrinsic
     assert "intrinsic" in result.message
-
-
-def test_a_line_weight_without_the_freedom_for_a_repair_is_given_three_dimensions():
-    pair = RECOMMENDED["sheets, both kinds of error"]
-    result = blend(pair, [LEFT, RIGHT], [MIDDLE], resolution=SIZE, weight="x")
-    assert result.converged
-    assert result.weights[0].coefficients.ndim == 3
-    assert "more freedom" in result.message
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])

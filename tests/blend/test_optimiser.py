@@ -145,6 +145,7 @@ def test_a_neck_is_as_wide_as_the_throat_of_a_known_shape():
     assert widths(throat, found, grid, 0.3)[0] == pytest.approx([2 * radius], rel=3e-3)
 
 
+@pytest.mark.slow
 def test_necks_are_widened_to_the_request_and_topology_stays_right():
     quarter = fields.box((0, 0, 0), (0.5, 0.25, 0.25)), fields.box((0.5, 0, 0), (1, 0.25, 0.25))
     pair = fields.rod(fields.tpms("gyroid", period=1 / 8), -0.4), fields.rod(fields.tpms("iwp", period=1 / 8), -2.0)

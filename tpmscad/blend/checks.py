@@ -103,8 +103,7 @@ def _check_period(structure: Field, index: int, grid: Grid) -> None:
 
 
 def _own(scene: Scene, index: int) -> tuple[int, float]:
-    """Errors of a structure over the whole domain, or where it takes part if that is less (cuts make slivers of their own), and
-    the part of its solid and void samples that are in them, the greater."""
+    """Errors of a structure by itself, and the part of its solid and void samples where it takes part that are in them."""
     values = scene.structures[index]
     whole = census(values)
     count = whole.n0 + whole.n2
@@ -113,7 +112,7 @@ def _own(scene: Scene, index: int) -> tuple[int, float]:
     solid, void = scene.own_errors(index)
     below = values <= 0
     share = max(solid.sum() / max(below.sum(), 1), void.sum() / max((~below).sum(), 1))
-    return min(count, int(ndimage.label(solid)[1] + ndimage.label(void)[1])), float(share)
+    return count, float(share)
 
 
 def _enough(structure: Field, grid: Grid, count: int) -> str:

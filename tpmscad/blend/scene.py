@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import ndimage
 
 from tpmscad.blend.census import Phase, solid_phase, void_phase
 from tpmscad.blend.composition import BlendedField, Weighting
@@ -74,12 +73,13 @@ class Scene:
         return np.logical_or.reduce(self.blending)
 
     def own_errors(self, index: int) -> tuple[Mask, Mask]:
-        """Samples of the isolated components and of the cavities that a structure has by itself, where it takes part."""
+        """Samples of the isolated components and of the cavities that a structure has by itself, where it takes part.
+
+        By itself, that is over the whole domain: cut to its region a sound structure falls apart where the region does.
+        """
         part = (self.owner == index) | self.movable()
-        solid = solid_phase(np.where(part, self.structures[index], 1.0))
-        void = void_phase(np.where(part, self.structures[index], -1.0))
-        at_border = np.unique(void.labels[part & ~ndimage.binary_erosion(part, border_value=1)])
-        return solid.of(solid.errors), void.of(np.setdiff1d(void.errors, at_border))
+        solid, void = solid_phase(self.structures[index]), void_phase(self.structures[index])
+        return solid.of(solid.errors) & part, void.of(void.errors) & part
 
     def intrinsic(self, phase: Phase, sign: int) -> Ints:
         """The error labels of a phase that the inputs bring with them.

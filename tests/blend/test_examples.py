@@ -1,0 +1,20 @@
+"""The blending examples run and hold what they check."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("blend_*.py"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_holds_what_it_checks_and_draws_it(path, tmp_path):
+    pytest.importorskip("matplotlib").use("Agg")
+    example = runpy.run_path(str(path))
+    results = example["main"]()
+    example["picture"](results, tmp_path / "picture.png")
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
