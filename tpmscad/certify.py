@@ -33,8 +33,10 @@ def lattice_certificate(
     deviation: Deviation,
     bounds: Mapping[str, float],
     valid: bool,
+    notes: tuple[str, ...] = (),
 ) -> Certificate:
-    """Measure and compare; `valid` is the kernel's verdict on the built solid, `deviation` in model units."""
+    """Measure and compare; `valid` is the kernel's verdict on the built solid, `deviation` in model units,
+    `notes` what else is to be told."""
     shape = summary(complex)
     smooth = joints(complex, ("offset+", "offset-"))
     reference = f"{request.reference} {request.surface} surface"
@@ -84,7 +86,7 @@ def lattice_certificate(
         n_primitives=len(primitives),
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
         bounds=dict(bounds),
-        notes=_pieces(shape.pieces),
+        notes=(*notes, *_pieces(shape.pieces)),
     )
 
 

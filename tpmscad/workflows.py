@@ -21,7 +21,9 @@ from tpmscad.patches.maps import Map, as_map, composed, stretched
 from tpmscad.patches.primitive import fit_sheet
 from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest, lattice_request
-from tpmscad.trimming import trim_box
+from tpmscad.trimming import box, trim
+
+Notes = tuple[str, ...]
 
 CUT = 5e-10
 """Of the cell: how far a cut's curve may be from its patch, so that gaps at the caps too stay below 1e-9 of the cell."""
@@ -81,18 +83,18 @@ def lattice(
         with stages("fit"):
             fit = fit_sheet(request.surface, request.reference, request.layers, request.cell[0], request.tol)
         deviation, bounds = fit.deviation, fit.bounds
-        complex = _copied(request, fit.sheet, request.cells, stages)
+        complex, notes = _copied(request, fit.sheet, request.cells, stages)
         cell = Cells(
-            lambda: _copied(request, fit.sheet, (1, 1, 1), Stages(None)), request.cell[0] * _grid(request.cells)
+            lambda: _copied(request, fit.sheet, (1, 1, 1), Stages(None))[0], request.cell[0] * _grid(request.cells)
         )
     else:
-        complex, deviation = _mapped(request, bend, stages)
+        complex, notes, deviation = _mapped(request, bend, stages)
         bounds = {}
     with stages("build"):
         built = kernel.build(complex)
     with stages("check"):
         valid = kernel.is_valid(built.shape)
-        certificate = lattice_certificate(request, bend, complex, deviation, bounds, valid)
+        certificate = lattice_certificate(request, bend, complex, deviation, bounds, valid, notes)
     return Model(
         f"{request.surface} {request.kind}", complex, replace(certificate, seconds=dict(stages.seconds)), built, cell
     )
@@ -145,31 +147,32 @@ def _map_of(request: LatticeRequest, map: Map | Callable[[Array], Array] | None)
 
 def _copied(
     request: LatticeRequest, sheet: lattices.Sheet, cells: tuple[int, int, int], stages: Stages
-) -> PatchComplex:
-    """The complex of copied primitives, in model units."""
+) -> tuple[PatchComplex, Notes]:
+    """The complex of copied primitives, in model units, and what is to be said of its making."""
     cell, phase = request.cell[0], np.array(request.phase)
     symmetry = surfaces.symmetry(request.surface)
     if request.boundary == "natural":
         with stages("assemble"):
-            return scaled(lattices.natural(symmetry, sheet, lattices.whole_cells(request.surface, cells, phase)), cell)
+            whole = lattices.whole_cells(request.surface, cells, phase)
+            return scaled(lattices.natural(symmetry, sheet, whole), cell), ()
     with stages("assemble"):
         cover = scaled(lattices.covering(symmetry, sheet, cells, phase), cell)
     with stages("trim"):
-        return trim_box(cover, np.zeros(3), cell * np.array(cells, float), tol=CUT * cell)
+        return _cut(cover, np.zeros(3), cell * np.array(cells, float), cell)
 
 
-def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Deviation]:
-    """The complex of patches fitted one by one to the mapped surface, and their deviation."""
+def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Notes, Deviation]:
+    """The complex of patches fitted one by one to the mapped surface, what is to be said of its making, their deviation."""
     cell, phase, name = request.cell[0], np.array(request.phase), request.surface
     patch, symmetry = surfaces.patch(name, request.reference), surfaces.symmetry(name)
-    box = None
+    bounds = None
     with stages("fit") as done:
         if request.boundary == "natural":
             placements = lattices.whole_cells(name, request.cells, phase)
         else:
-            box = mappings.image_box(bend, cell * np.array(request.cells, float))
+            bounds = mappings.image_box(bend, cell * np.array(request.cells, float))
             reach = float(np.abs(request.offset).max())
-            placements = mappings.reaching(patch, symmetry, bend, box, request.cells, phase, cell, reach)
+            placements = mappings.reaching(patch, symmetry, bend, bounds, request.cells, phase, cell, reach)
         surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
         limit = mappings.greatest_offset(surface)
         worst = max(request.offset, key=abs)
@@ -180,11 +183,19 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
             )
         lower, upper, deviation = mappings.fit_layers(surface, request.layers, request.tol, done)
     with stages("assemble"):
-        complex = mappings.assemble(surface, lower, upper, natural=box is None)
-    if box is None:
-        return complex, deviation
+        complex = mappings.assemble(surface, lower, upper, natural=bounds is None)
+    if bounds is None:
+        return complex, (), deviation
     with stages("trim"):
-        return trim_box(complex, *box, tol=CUT * cell), deviation
+        return *_cut(complex, *bounds, cell), deviation
+
+
+def _cut(complex: PatchComplex, low: Array, high: Array, cell: float) -> tuple[PatchComplex, Notes]:
+    """The complex cut by a box; a plane that had to be moved a little, to pass something it touches, is told."""
+    cut = trim(complex, box(low, high), tol=CUT * cell)
+    if cut.report.shifted == 0.0:
+        return cut.complex, ()
+    return cut.complex, (f"the box's sides were moved out by {cut.report.shifted:.2g}: {cut.report.reason}",)
 
 
 def _grid(cells: tuple[int, int, int]) -> Array:

@@ -12,6 +12,7 @@ volume = tr M / 3 and the centroid is int x_i^2 n_i dA / (2 volume), over outwar
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -95,7 +96,7 @@ def _spline_piece(surface: Surface, pcurve: Curve, span: tuple[float, float]) ->
     breaks = np.unique(surface.knots_u)
     active = np.abs(dv) > 0.0
     total = np.zeros(40)
-    x, w = leggauss(2 * surface.degree_u + 1)
+    x, w = _gauss(2 * surface.degree_u + 1)
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
         reached = active & (u > low)
         if not reached.any():
@@ -106,6 +107,12 @@ def _spline_piece(surface: Surface, pcurve: Curve, span: tuple[float, float]) ->
         outer = (weights[reached] * dv[reached] * half)[:, None] * w
         total += outer.ravel() @ _integrand(surface, inner_u.ravel(), inner_v.ravel())
     return total
+
+
+@lru_cache(maxsize=64)
+def _gauss(points: int) -> tuple[Array, Array]:
+    x, w = leggauss(points)
+    return x, w
 
 
 def _knot_crossings(surface: Surface, pcurve: Curve, span: tuple[float, float]) -> Array:
@@ -125,7 +132,7 @@ def _span_rule(curve: Curve, points: int, span: tuple[float, float], also: Array
     low, high = span
     inside = np.unique(curve.knots if also is None else np.concatenate([curve.knots, also]))
     breaks = np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
-    x, w = leggauss(points)
+    x, w = _gauss(points)
     half = 0.5 * np.diff(breaks)[:, None]
     return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
 
