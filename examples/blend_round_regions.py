@@ -1,7 +1,7 @@
 """Two porous structures joined across a plane, a cylinder and a sphere, inside free-form models.
 
-The cases of figure 9 of the porous-blending paper: Schwarz P rods on one side of the border, I-WP rods on the other, each cut by a
-model as max(structure, model). The blending region finds its own coordinate: x, the cylinder's radius, the sphere's radius.
+The cases of figure 9 of the porous-blending paper: Schwarz P rods on one side of the border, I-WP rods on the other, each cut by
+a model as max(structure, model). The blending region finds its own coordinate: x, the cylinder's radius, the sphere's radius.
 """
 
 from __future__ import annotations

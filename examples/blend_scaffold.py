@@ -25,7 +25,7 @@ def graded() -> BlendResult:
 
 
 def quadrants() -> BlendResult:
-    """A quarter of a drum for each structure, inside a drum of radius 10 mm; the blending regions, 5 mm wide, cross at its axis."""
+    """A quarter of a drum for each structure, inside a drum of radius 10 mm; blending regions 5 mm wide cross at its axis."""
     h = 2.5
     corners = ((-10, -10), (0, -10), (-10, 0), (0, 0))
     regions = [fields.box((x, y, 0), (x + 10, y + 10, 8)) for x, y in corners]

@@ -25,7 +25,7 @@ are a few thousandths."""
 PER_PERIOD, GOOD_PER_PERIOD = 4, 10
 """Samples per period under which a periodic structure is refused outright, and those that do for most of them."""
 
-MAX_SAMPLES = 30_000_000
+MAX_SAMPLES = 8_000_000
 """Samples up to which a sufficient resolution is searched for."""
 
 

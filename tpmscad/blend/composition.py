@@ -42,6 +42,8 @@ class BlendedField(Field):
     regions: tuple[Field, ...]
     blending: tuple[Field, ...]
     weights: tuple[Weighting, ...]
+    shifts: tuple[Weighting | None, ...] = ()
+    """What is added to the field where a stage mixes: functions like the weights, but of any value; none if empty."""
 
     def __call__(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
@@ -63,6 +65,8 @@ class BlendedField(Field):
             w, dw = weight(points[here]), weight.gradient(points[here])
             mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
             blended = (1 - w) * value[here] + w * following[here]
+            if (shift := self._shift(stage)) is not None:
+                blended, mixed = blended + shift(points[here]), mixed + shift.gradient(points[here])
             later = owner > stage
             value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
             value[here], slope[here] = blended, mixed
@@ -77,19 +81,28 @@ class BlendedField(Field):
         points = np.asarray(points, float)
         unit = np.eye(len(self.structures))
         return np.stack(
-            [self._joined(points, [np.full(points.shape[:-1], c) for c in column]) for column in unit], axis=-1
+            [self._joined(points, [np.full(points.shape[:-1], c) for c in column], shifted=False) for column in unit],
+            axis=-1,
         )
 
     def with_weights(self, weights: Sequence[Weighting]) -> BlendedField:
         return replace(self, weights=tuple(weights))
 
-    def _joined(self, points: Array, values: list[Array]) -> Array:
+    def with_shifts(self, shifts: Sequence[Weighting | None]) -> BlendedField:
+        return replace(self, shifts=tuple(shifts))
+
+    def _shift(self, stage: int) -> Weighting | None:
+        return self.shifts[stage] if self.shifts else None
+
+    def _joined(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
         owner = self.owner(points)
         joined = values[0]
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
             here = inside(blending, points) | (owner > stage + 1)
             w = weight(points[here])
             blended = (1 - w) * joined[here] + w * values[stage + 1][here]
+            if (shift := self._shift(stage)) is not None and shifted:
+                blended = blended + shift(points[here])
             joined = np.where(owner > stage, values[stage + 1], joined)
             joined[here] = blended
         return joined

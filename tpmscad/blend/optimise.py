@@ -68,7 +68,6 @@ class View:
     """A census of one grid, with the errors that are the blend's to mend (labels)."""
 
     level: int
-    values: Array
     census: Census
     solid: Ints
     void: Ints
@@ -106,11 +105,10 @@ class Outcome:
 
 
 def view(scene: Scene, level: int, weights: Sequence[Weighting]) -> View:
-    values = scene.values(weights)
-    counted = census(values)
+    counted = census(scene.values(weights))
     solid = np.setdiff1d(counted.solid.errors, scene.intrinsic(counted.solid, 1))
     void = np.setdiff1d(counted.void.errors, scene.intrinsic(counted.void, -1))
-    return View(level, values, counted, solid, void)
+    return View(level, counted, solid, void)
 
 
 def look(scenes: Sequence[Scene], weights: Sequence[Weight]) -> State:
@@ -187,17 +185,18 @@ def _mended(
 ) -> tuple[list[Weight], list[Demands], bool]:
     """One round: the weights moved, the demands so far, and whether any repair could be had."""
     seen, weights, kept = state.last, list(state.weights), list(memory)
+    values = scene.values(weights)
     changed = False
     for stage, weight in enumerate(state.weights):
         sampled = scene.sampled(weights, stage)
         acts = sampled.slope != 0
         if not acts.any():
             continue
-        past = tool.margin * float(np.sqrt(np.mean(seen.values[acts] ** 2)))
+        past = tool.margin * float(np.sqrt(np.mean(values[acts] ** 2)))
         groups = []
         for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
             if len(errors):
-                groups += repair(sampled, weight, seen.values, phase, errors, sign, past, kept[stage], tool.bias).groups
+                groups += repair(sampled, weight, values, phase, errors, sign, past, kept[stage], tool.bias).groups
         if groups:
             kept[stage], found, left_out = agreed(weight, origin[stage], kept[stage], groups)
             changed |= len(left_out) < len(groups)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmscad.blend.census import Phase, solid_phase, void_phase
 from tpmscad.blend.composition import BlendedField, Weighting
@@ -21,7 +22,9 @@ class Scene:
     grid: Grid
     structures: tuple[Array, ...]
     blending: tuple[Mask, ...]
-    owner: Ints
+    owner: NDArray[np.int16]
+    shifts: tuple[Array | None, ...] = ()
+    """Of each stage what is added where it mixes, on its window."""
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
@@ -46,10 +49,10 @@ class Scene:
             if k == stage:
                 slope = np.zeros(self.grid.shape)
                 slope[part][here] = step
-                joined[part][here] = value[part][here]
+                joined[part][here] = value[part][here] + self._shift(k, here)
             else:
                 w = self._weight(weights[k], part)[here]
-                joined[part][here] = value[part][here] + w * step
+                joined[part][here] = value[part][here] + w * step + self._shift(k, here)
                 if k > stage:
                     kept = slope[part][here] * (1 - w)
                     slope = np.where(later, 0.0, slope)
@@ -65,7 +68,8 @@ class Scene:
             here = mask[part]
             before = value[part][here]
             value = np.where(self.owner > k, following, value)
-            value[part][here] = before + self._weight(weights[k], part)[here] * (following[part][here] - before)
+            w = self._weight(weights[k], part)[here]
+            value[part][here] = before + w * (following[part][here] - before) + self._shift(k, here)
         return value
 
     def movable(self) -> Mask:
@@ -104,6 +108,16 @@ class Scene:
         )
         return phase.errors[((outside > 0) & (outside == inherited)) | ((isolated > 0) & (joined == 0))]
 
+    def with_shifts(self, shifts: Sequence[Weighting | None]) -> Scene:
+        """The scene with these added where the stages mix."""
+        return replace(
+            self, shifts=tuple(None if s is None else self._weight(s, self.windows[k]) for k, s in enumerate(shifts))
+        )
+
+    def _shift(self, stage: int, here: Mask) -> Array | float:
+        shift = self.shifts[stage] if self.shifts else None
+        return 0.0 if shift is None else shift[here]
+
     def _weight(self, weight: Weighting, part: Window) -> Array:
         x, y, z = (axis[s] for axis, s in zip(self.grid.axes, part, strict=True))
         return weight.on_grid(x, y, z)
@@ -113,5 +127,10 @@ def scene(field: BlendedField, grid: Grid) -> Scene:
     """Samples of a composition. Raises InvalidRequest for fields that are not finite or not vectorised."""
     structures = tuple(sample(f, grid, f"structure {k}") for k, f in enumerate(field.structures))
     blending = tuple(sample(f, grid, f"blending region {k}") <= 0 for k, f in enumerate(field.blending))
-    regions = np.stack([sample(f, grid, f"region {k}") for k, f in enumerate(field.regions)])
-    return Scene(grid, structures, blending, np.argmin(regions, axis=0))
+    least = sample(field.regions[0], grid, "region 0")
+    owner = np.zeros(grid.shape, np.int16)
+    for k, region in enumerate(field.regions[1:], 1):
+        value = sample(region, grid, f"region {k}")
+        owner[value < least] = k
+        np.minimum(least, value, out=least)
+    return Scene(grid, structures, blending, owner)

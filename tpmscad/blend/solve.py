@@ -13,6 +13,7 @@ from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
+from tpmscad.blend.fraction import fraction_error, fraction_shift
 from tpmscad.blend.grid import Box, Field, Grid
 from tpmscad.blend.initial import Spec, initial_weight, zones
 from tpmscad.blend.necks import Neck
@@ -23,6 +24,7 @@ from tpmscad.blend.result import BlendResult, result_of
 from tpmscad.blend.scene import Scene, scene
 from tpmscad.blend.thicken import thicken
 from tpmscad.blend.weight import Weight
+from tpmscad.blend.weights_line import LineWeight
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import as_field
 
@@ -45,6 +47,7 @@ def blend(
     max_iterations: int = 60,
     minimum_neck: float | None = None,
     max_change: float = 1.0,
+    keep_fraction: bool = False,
     progress: Progress | None = None,
 ) -> BlendResult:
     """Structures joined in the blending regions; outside of these each keeps its values to the last bit.
@@ -55,6 +58,7 @@ def blend(
     the structures if None; errors are counted there and at twice as many. domain: the box of the regions if None. minimum_neck:
     the width, in model units, under which no solid and no void is to be at a saddle inside a blending region; `necks` of the
     result has those for which that could not be had. max_change: how far any weight may move from its initial value, of 1.
+    keep_fraction: add to the field, inside the layers, what keeps the solid fraction between those of the two structures.
     Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
     then False.
     """
@@ -76,12 +80,16 @@ def blend(
     check_sampling(field, *scenes)
     clock.lap("sampling")
     if method in EARLIER:
-        made = [earlier_weight(method, spec, field, scenes, stage) for stage, spec in enumerate(specs)]
+        earlier = [earlier_weight(method, spec, field, scenes, stage) for stage, spec in enumerate(specs)]
         clock.lap("weights")
-        views = [view(s, k, made) for k, s in enumerate(scenes)]
+        views = [view(s, k, earlier) for k, s in enumerate(scenes)]
         clock.lap("check")
-        return result_of(field.with_weights(made), method, scenes, views, views, 0, (), clock.seconds)
-    start = look(scenes, _started(specs, field, scenes, max_change))
+        return result_of(field.with_weights(earlier), method, scenes, views, views, 0, (), clock.seconds)
+    made = _started(specs, field, scenes, max_change)
+    if keep_fraction:
+        shifts = [fraction_shift(scenes[0], made, stage) for stage in range(len(made))]
+        field, scenes = field.with_shifts(shifts), (scenes[0].with_shifts(shifts), scenes[1].with_shifts(shifts))
+    start = look(scenes, made)
     clock.lap("weights")
     outcome = _optimised(method, scenes, start, max_iterations)
     clock.lap("optimisation")
@@ -89,10 +97,24 @@ def blend(
     if minimum_neck is not None:
         outcome, missed = _thickened(field, scenes, outcome, minimum_neck, max_iterations)
         clock.lap("necks")
+    if keep_fraction:
+        outcome = replace(outcome, log=(*outcome.log, *_fractions(scenes[0], made, outcome.state.weights)))
     before, after = all_views(scenes, start), all_views(scenes, outcome.state)
     clock.lap("check")
     blended = field.with_weights(outcome.state.weights)
     return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed)
+
+
+def _fractions(seen: Scene, start: Sequence[Weight], weights: Sequence[Weight]) -> list[str]:
+    told = []
+    for stage, line in enumerate(start):
+        if isinstance(line, LineWeight):
+            bare = fraction_error(seen.with_shifts([None] * len(start)), start, line, stage)
+            kept = fraction_error(seen, weights, line, stage)
+            told.append(
+                f"solid fraction {kept:.3f} from the interpolated one in the mean, {bare:.3f} without the shift"
+            )
+    return told
 
 
 def _specs(weight: Spec | Sequence[Spec], stages: int) -> list[Spec]:

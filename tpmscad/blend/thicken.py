@@ -106,7 +106,7 @@ def _widened(
     weights, kept, origin = list(state.weights), list(kept), list(origin)
     changed = False
     movable = scene.movable()
-    clear = CLEARANCE * float(np.sqrt(np.mean(state.views[0].values[movable] ** 2)))
+    clear = CLEARANCE * float(np.sqrt(np.mean(scene.values(state.weights)[movable] ** 2)))
     for stage in range(len(weights)):
         balls = [_ball(field, scene, found.points[k], toward[k], AIM * width / 2) for k in narrow]
         keep = [-1.0 if found.values[k] < 0 else 1.0 for k in narrow]
