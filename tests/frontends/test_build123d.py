@@ -1,0 +1,171 @@
+"""Tpms in build123d: it is a part object like any other, and holds what tpmscad.lattice makes."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import pytest
+
+import tpmscad
+from tpmscad.build123d import Tpms
+
+pytestmark = pytest.mark.kernel
+
+P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
+PIECES: dict[str, Any] = {"surface": "gyroid", "cell": 10, "thickness": 1, "tol": 0.1}
+"""One cell of a gyroid sheet in its box falls into three pieces."""
+
+
+@pytest.fixture(scope="module")
+def gyroid() -> Tpms:
+    return Tpms(**PIECES)
+
+
+@pytest.fixture(scope="module")
+def schwarz() -> Tpms:
+    return Tpms(**P)
+
+
+def box_of_caps(part: bd.Shape) -> tuple[list[float], list[float]]:
+    """Corners of the box of the part's vertices: what the caps span, without the slack of a kernel bounding box."""
+    corners = [tuple(v) for v in part.vertices()]
+    return [min(c) for c in zip(*corners, strict=True)], [max(c) for c in zip(*corners, strict=True)]
+
+
+def test_the_keywords_are_those_of_lattice_with_rotation_align_and_mode() -> None:
+    ours = inspect.signature(Tpms.__init__).parameters
+    theirs = inspect.signature(tpmscad.lattice).parameters
+    assert [*theirs, "rotation", "align", "mode"] == list(ours)[1:]
+    assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
+
+
+def test_every_parameter_becomes_an_attribute_under_its_name(schwarz: Tpms) -> None:
+    given = P | {"cells": (1, 1, 1), "kind": "sheet", "phase": (0.0, 0.0, 0.0), "align": bd.Align.CENTER, "map": None}
+    assert {name: getattr(schwarz, name) for name in given} == given
+    assert schwarz.mode is bd.Mode.ADD
+
+
+@pytest.mark.parametrize("request_", [P, PIECES], ids=["one piece", "several pieces"])
+def test_the_part_is_the_lattice_about_the_origin(request_: dict[str, Any]) -> None:
+    part, model = Tpms(**request_), tpmscad.lattice(**request_)
+    assert part.is_valid
+    assert part.certificate.met
+    assert part.model.name == part.label == model.name
+    assert len(part.solids()) == len(model.solid.solids()) == part.certificate.betti[0]
+    assert part.volume == pytest.approx(model.solid.volume, rel=1e-12)
+    assert tuple(part.center()) == pytest.approx(tuple(model.solid.center() - bd.Vector(5, 5, 5)), abs=1e-9)
+
+
+def test_alignment_is_of_the_box_of_cells_exactly() -> None:
+    part = Tpms(**P | {"cells": (1, 2, 3)}, align=(bd.Align.MIN, bd.Align.CENTER, bd.Align.MAX))
+    low, high = box_of_caps(part)
+    assert low == pytest.approx([0, -10, -30], abs=1e-9)
+    assert high == pytest.approx([10, 10, 0], abs=1e-9)
+
+
+def test_a_natural_boundary_is_aligned_by_the_same_box() -> None:
+    part = Tpms(**P, boundary="natural")
+    left = tpmscad.lattice(**P, boundary="natural").solid
+    assert tuple(part.center()) == pytest.approx(tuple(left.center() - bd.Vector(5, 5, 5)), abs=1e-9)
+
+
+def test_without_align_the_lattice_stays_where_it_is_made() -> None:
+    low, high = box_of_caps(Tpms(**P, align=None))
+    assert low == pytest.approx([0, 0, 0], abs=1e-9)
+    assert high == pytest.approx([10, 10, 10], abs=1e-9)
+
+
+@pytest.mark.slow
+def test_a_mapped_lattice_is_aligned_by_the_image_of_its_box() -> None:
+    part = Tpms(**P | {"tol": 0.5}, map=lambda points: points * [1, 1, 1.2] + [3, 0, 0])
+    low, high = box_of_caps(part)
+    assert low == pytest.approx([-5, -5, -6], abs=1e-6)
+    assert high == pytest.approx([5, 5, 6], abs=1e-6)
+
+
+def test_rotation_turns_the_aligned_lattice() -> None:
+    part = Tpms(**P | {"cells": (1, 1, 2)}, align=bd.Align.MIN, rotation=(90, 0, 0))
+    low, high = box_of_caps(part)
+    assert low == pytest.approx([0, -20, 0], abs=1e-9)
+    assert high == pytest.approx([10, 0, 10], abs=1e-9)
+    assert part.is_valid
+
+
+class TestAlgebraMode:
+    def test_a_placed_lattice_keeps_its_certificate(self, gyroid: Tpms) -> None:
+        for placed in (bd.Pos(1, 2, 3) * gyroid, bd.Rot(0, 0, 30) * gyroid, copy.copy(gyroid), copy.deepcopy(gyroid)):
+            assert placed.is_valid
+            assert placed.volume == pytest.approx(gyroid.volume, rel=1e-9)
+            assert placed.certificate is gyroid.certificate
+            assert placed.model is gyroid.model
+
+    def test_placing_moves_a_copy(self, schwarz: Tpms) -> None:
+        moved = bd.Pos(1, 2, 3) * schwarz
+        assert tuple(moved.center() - schwarz.center()) == pytest.approx((1, 2, 3), abs=1e-9)
+        assert tuple(schwarz.center()) == pytest.approx((0, 0, 0), abs=1e-6)
+
+    @pytest.mark.parametrize("which", ["gyroid", "schwarz"])
+    def test_booleans_share_the_volume_out(self, which: str, request: pytest.FixtureRequest) -> None:
+        part, tool = request.getfixturevalue(which), bd.Cylinder(radius=4, height=12)
+        cut, common = part - tool, part & tool
+        assert cut.is_valid
+        assert common.is_valid
+        assert cut.volume + common.volume == pytest.approx(part.volume, rel=1e-6)
+
+    def test_it_joins_a_plate(self, schwarz: Tpms) -> None:
+        joined = schwarz + bd.Pos(0, 0, -6) * bd.Box(14, 14, 2)
+        assert joined.is_valid
+        assert len(joined.solids()) == 1
+        assert joined.volume == pytest.approx(schwarz.volume + 14 * 14 * 2, rel=1e-6)
+
+
+class TestBuilderMode:
+    def test_it_is_added_at_every_location(self, schwarz: Tpms) -> None:
+        with bd.BuildPart() as built, bd.GridLocations(20, 30, 2, 1):
+            part = Tpms(**P)
+        assert built.part.is_valid
+        assert len(built.part.solids()) == 2
+        assert built.part.volume == pytest.approx(2 * schwarz.volume, rel=1e-9)
+        assert sorted(round(s.center().X, 4) for s in built.part.solids()) == [-10, 10]
+        assert part.certificate.met
+
+    def test_it_is_subtracted_in_that_mode(self, schwarz: Tpms) -> None:
+        with bd.BuildPart() as built:
+            bd.Box(12, 12, 12)
+            Tpms(**P, mode=bd.Mode.SUBTRACT)
+        assert built.part.is_valid
+        assert built.part.volume == pytest.approx(12**3 - schwarz.volume, rel=1e-6)
+
+    def test_it_takes_no_part_in_a_sketch(self) -> None:
+        with bd.BuildSketch(), pytest.raises(RuntimeError, match="Tpms"):
+            Tpms(**P)
+
+
+def test_selectors_find_caps_edges_and_pieces(gyroid: Tpms) -> None:
+    caps = gyroid.faces().filter_by(bd.GeomType.PLANE)
+    top = caps.group_by(bd.Axis.Z)[-1]
+    assert len(caps) == 6 * len(top)
+    assert [face.center().Z for face in top] == pytest.approx([5] * len(top), abs=1e-9)
+    assert len(gyroid.edges().filter_by(bd.Axis.Z)) == 12
+    assert len(gyroid.solids().sort_by(bd.SortBy.VOLUME)) == 3
+
+
+def test_build123d_writes_and_reads_it(gyroid: Tpms, tmp_path: Path) -> None:
+    bd.export_step(gyroid, tmp_path / "gyroid.step")
+    back = bd.import_step(tmp_path / "gyroid.step")
+    assert back.is_valid
+    assert back.volume == pytest.approx(gyroid.volume, rel=1e-9)
+    assert len(back.solids()) == 3
+    bd.export_stl(gyroid, tmp_path / "gyroid.stl", tolerance=0.1)
+    assert (tmp_path / "gyroid.stl").stat().st_size > 1000
+
+
+def test_what_cannot_be_made_is_refused_by_name() -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="thickness"):
+        Tpms("P", cell=10, thickness=50)
+    with pytest.raises(tpmscad.InvalidRequest, match="align=None"):
+        Tpms("P", cell=10, thickness=1, boundary="natural", map=lambda points: points)
