@@ -159,12 +159,19 @@ def _along(poles: Array, side: int) -> tuple[Array, Array]:
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
     tangents = np.stack([d[1, 0], d[0, 1]], axis=-1)
     first = np.swapaxes(tangents, -1, -2) @ tangents
-    dual = tangents @ np.linalg.pinv(first)
+    dual = tangents @ _inverse(first)
     second = np.empty(first.shape)
     for (i, j), key in (((0, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 0), (1, 1)), ((1, 1), (0, 2))):
         second[..., i, j] = np.einsum("nmi,nmi->nm", d[key], normal)
     bend = dual @ second @ np.swapaxes(dual, -1, -2)
     return (normal, bend) if side in (0, 1) else (normal[:, ::-1], bend[:, ::-1])
+
+
+def _inverse(first: Array) -> Array:
+    """Inverses of symmetric 2 x 2 matrices, huge where there is none."""
+    a, b, c = first[..., 0, 0], first[..., 0, 1], first[..., 1, 1]
+    adjugate = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
+    return adjugate / np.maximum(a * c - b * b, 1e-300)[..., None, None]
 
 
 def _joints(net: Net, normals: Array, bends: Array) -> tuple[Ints, Array, Array, Array]:

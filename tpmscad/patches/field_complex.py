@@ -174,12 +174,16 @@ def _laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) ->
             return layer
     counts = np.maximum(2, np.ceil((hi - lo) / first - 1e-6)).astype(int)
     tree = _refined(octree.uniform(lo, hi, counts), field, CONE)
+    idle = 0
     for _ in range(ROUNDS):
         layer = _fitted(field, tree, tol, samples)
         if not len(layer.bad):
             return layer
-        if best is None or len(layer.bad) < len(best.bad):
+        idle = 0 if best is None or len(layer.bad) < len(best.bad) else idle + 1
+        if idle == 0:
             best = layer
+        elif idle == 2:
+            break
         deep = tree.size[layer.bad] * 2**DEPTH > tree.size.max()
         if not deep.any():
             break
@@ -203,7 +207,7 @@ def _refusal(field: Field, layer: _Layer, where: Array) -> str:
 
 def _fitted(field: Field, tree: Octree, tol: float, samples: Array) -> _Layer:
     """Lay out, relax and fit on a tree; degrees are raised where patches miss, then what still misses names its leaves."""
-    mesh = relaxed(dual_mesh(tree, field), field)
+    mesh = relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi)
     net = net_of(mesh, field)
     twice = _doubled(mesh)
     curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])

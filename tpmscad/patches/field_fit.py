@@ -258,7 +258,7 @@ def _evenly(points: Array, t: Array) -> Array:
     """Polylines (n, m, 3) resampled at fractions t of their length."""
     step = np.linalg.norm(np.diff(points, axis=1), axis=2)
     along = np.concatenate([np.zeros((len(points), 1)), np.cumsum(step, axis=1)], axis=1)
-    along /= along[:, -1:]
+    along /= np.maximum(along[:, -1:], 1e-300)
     at = np.clip((along[:, None, :] <= t[None, :, None]).sum(axis=2) - 1, 0, points.shape[1] - 2)
     low, high = np.take_along_axis(along, at, 1), np.take_along_axis(along, at + 1, 1)
     s = ((t - low) / np.maximum(high - low, 1e-300))[..., None]

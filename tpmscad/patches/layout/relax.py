@@ -1,8 +1,8 @@
 """Vertices of a layout moved along the level set until the polygons are near regular.
 
 Each polygon pulls its corners towards the regular polygon that fits it best, the harder the worse it is; each vertex goes to the
-mean of what its polygons ask for, less what leaves the surface, and is brought back onto it by Newton's method. Vertices on the box slide in its faces;
-those on its edges stay where the field vanishes.
+mean of what its polygons ask for, less what leaves the surface, and is brought back onto it by Newton's method. Vertices on the
+box slide in its faces; those on its edges stay where the field vanishes.
 """
 
 from __future__ import annotations
@@ -18,12 +18,16 @@ from tpmscad.patches.layout.octree import Array, Ints, Mask
 SWEEPS = 60
 """Sweeps of the relaxation; the worst corner of single-period layouts no longer changes after 40."""
 
+BALANCE = 0.3
+"""A vertex in a face of the box keeps the shorter of its two sides there at least this part of the longer: where the surface cuts off
+a small corner of the box, the large polygons beside would else pull the vertex out of it."""
+
 NEWTON = 12
 WORST, POWER = 0.1, 2
 """A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
 
 STEP = 0.25
-"""Greatest move of a vertex in one step, in sizes of its cell."""
+"""Greatest move of a vertex in one step, in sizes of its cell and in lengths of its shortest side."""
 
 
 def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int = NEWTON) -> Array:
@@ -47,35 +51,68 @@ def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int
     return points
 
 
-def relaxed(mesh: Mesh, field: Field, sweeps: int = SWEEPS) -> Mesh:
-    """The mesh with its vertices on the level set, polygons as regular as the sweeps make them."""
+def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS) -> Mesh:
+    """The mesh with its vertices on the level set in the box, polygons as regular as the sweeps make them."""
     on_edge = mesh.fixed.sum(axis=1) == 2
-    reach = STEP * mesh.size
-    vertices = onto(field, mesh.vertices, mesh.fixed, reach, 30)
-    free = ~on_edge
     corners = mesh.corners
     three = corners[:, 3] < 0
     groups = [(corners[~three], 4), (corners[three][:, :3], 3)]
+
+    def kept_inside(old: Array, new: Array) -> Array:
+        """New positions, but old ones where the new would leave the box: there the surface goes on, the layout does not."""
+        return np.where(((new < lo) | (new > hi)).any(axis=1)[:, None], old, new)
+
+    rim, beside = _on_faces(mesh)
+
+    def balance(points: Array, neighbours: Ints) -> Array:
+        one, other = (np.linalg.norm(points - vertices[neighbours[:, i]], axis=1) for i in (0, 1))
+        return np.minimum(one, other) / np.maximum(np.maximum(one, other), 1e-300)
+
+    reach = STEP * mesh.size
+    vertices = kept_inside(mesh.vertices, onto(field, mesh.vertices, mesh.fixed, reach, 30))
     for sweep in range(sweeps):
         full = field.gradient(vertices)
+        unit = full / np.maximum(np.linalg.norm(full, axis=1, keepdims=True), 1e-300)
         wanted, share = np.zeros_like(vertices), np.zeros(len(vertices))
         for of, n in groups:
             target = _regular(vertices[of], n)
-            sines = corner_sines(vertices, of, full / np.linalg.norm(full, axis=1, keepdims=True))
+            sines = corner_sines(vertices, of, unit)
             pull = np.repeat(1.0 / np.clip(sines.min(axis=1), WORST, 1.0) ** POWER, n)
             share += np.bincount(of.ravel(), pull, minlength=len(vertices))
             for axis in range(3):
                 wanted[:, axis] += np.bincount(of.ravel(), pull * target[..., axis].ravel(), minlength=len(vertices))
-        move = wanted / share[:, None] - vertices
         slope = np.where(mesh.fixed, 0.0, full)
         normal = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
-        move = np.where(mesh.fixed, 0.0, move)
+        move = np.where(mesh.fixed | on_edge[:, None], 0.0, wanted / share[:, None] - vertices)
         move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
+        room = np.minimum(reach, STEP * _shortest(vertices, mesh.side_ends))
         length = np.linalg.norm(move, axis=1)
-        move *= np.minimum(1.0, reach / np.maximum(length, 1e-300))[:, None]
-        vertices = np.where(free[:, None], vertices + move, vertices)
-        vertices = onto(field, vertices, mesh.fixed, reach, 2 if sweep + 1 < sweeps else NEWTON)
+        move *= np.minimum(1.0, room / np.maximum(length, 1e-300))[:, None]
+        last = sweep + 1 == sweeps
+        moved = kept_inside(vertices, onto(field, vertices + move, mesh.fixed, reach, NEWTON if last else 2))
+        before, after = (balance(x, beside) for x in (vertices[rim], moved[rim]))
+        moved[rim] = np.where(((after < BALANCE) & (after < before))[:, None], vertices[rim], moved[rim])
+        vertices = moved
     return replace(mesh, vertices=vertices)
+
+
+def _on_faces(mesh: Mesh) -> tuple[Ints, Ints]:
+    """Vertices inside faces of the box, (n,), and their two neighbours in the same face, (n, 2)."""
+    ends = mesh.side_ends[mesh.side_plane >= 0]
+    start, end = np.concatenate([ends, ends[:, ::-1]]).T
+    order = np.argsort(start, kind="stable")
+    start, end = start[order], end[order]
+    first = np.flatnonzero((start[:-1] == start[1:]) & (mesh.fixed[start[:-1]].sum(axis=1) == 1))
+    return start[first], np.stack([end[first], end[first + 1]], axis=1)
+
+
+def _shortest(vertices: Array, ends: Ints) -> Array:
+    """The length of the shortest side at each vertex."""
+    length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
+    shortest = np.full(len(vertices), np.inf)
+    np.minimum.at(shortest, ends[:, 0], length)
+    np.minimum.at(shortest, ends[:, 1], length)
+    return shortest
 
 
 def _regular(points: Array, n: int) -> Array:
