@@ -82,10 +82,12 @@ def test_one_lattice_stands_at_every_point(cq: Any) -> None:
 
 
 def test_it_follows_the_workplane(cq: Any) -> None:
-    work = cq.Workplane("XZ", origin=(1, 2, 3)).tpms(**P | {"cells": (1, 2, 3)})
-    low, high = box_of_caps(work.val())
+    plane = cq.Workplane("XZ", origin=(1, 2, 3))
+    low, high = box_of_caps(plane.tpms(**P | {"cells": (1, 2, 3)}).val())
     assert low == pytest.approx([1, 2 - 30, 3], abs=1e-9)
     assert high == pytest.approx([11, 2, 23], abs=1e-9)
+    pushed = plane.pushPoints([(0, 0), (30, 40)]).tpms(**P).vals()
+    assert [box_of_caps(v)[0] for v in pushed] == [pytest.approx([1 + x, 2 - 10, 3 + z]) for x, z in ((0, 0), (30, 40))]
 
 
 @pytest.mark.parametrize(("centered", "low"), [(True, [-5, -10, -15]), ((True, False, True), [-5, 0, -15])])
