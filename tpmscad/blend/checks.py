@@ -109,10 +109,14 @@ def _own(scene: Scene, index: int) -> tuple[int, float]:
     count = whole.n0 + whole.n2
     if count < ALIASED:
         return count, 0.0
-    solid, void = scene.own_errors(index)
-    below = values <= 0
-    share = max(solid.sum() / max(below.sum(), 1), void.sum() / max((~below).sum(), 1))
-    return count, float(share)
+    phases = values <= 0, values > 0
+    part = (scene.owner == index) | scene.movable()
+    shares = [
+        np.sum(mask & part) / max(np.sum(phase), 1)
+        for mask, phase in zip(scene.own[index], phases, strict=True)
+        if mask is not None
+    ]
+    return count, float(max(shares))
 
 
 def _enough(structure: Field, grid: Grid, count: int) -> str:

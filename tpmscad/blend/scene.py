@@ -32,6 +32,11 @@ class Scene:
         return tuple(block(mask) for mask in self.mixing)
 
     @cached_property
+    def unmixed(self) -> Array:
+        """The first stage's field without its mixing: it does not change with the weights."""
+        return np.where(self.owner > 0, self.structures[1], self.structures[0])
+
+    @cached_property
     def mixing(self) -> tuple[Mask, ...]:
         """The samples where the weight of each stage counts: its blending region and the later regions."""
         return tuple(mask | (self.owner > k + 1) for k, mask in enumerate(self.blending))
@@ -67,7 +72,7 @@ class Scene:
             following, part = self.structures[k + 1], self.windows[k]
             here = mask[part]
             before = value[part][here]
-            value = np.where(self.owner > k, following, value)
+            value = self.unmixed.copy() if k == 0 else np.where(self.owner > k, following, value)
             w = self._weight(weights[k], part)[here]
             value[part][here] = before + w * (following[part][here] - before) + self._shift(k, here)
         return value
@@ -76,14 +81,18 @@ class Scene:
         """Samples in any blending region."""
         return np.logical_or.reduce(self.blending)
 
-    def own_errors(self, index: int) -> tuple[Mask, Mask]:
-        """Samples of the isolated components and of the cavities that a structure has by itself, where it takes part.
+    @cached_property
+    def own(self) -> tuple[tuple[Mask | None, Mask | None], ...]:
+        """Of each structure by itself, samples of its isolated components and of its cavities; None where it has none.
 
         By itself, that is over the whole domain: cut to its region a sound structure falls apart where the region does.
         """
-        part = (self.owner == index) | self.movable()
-        solid, void = solid_phase(self.structures[index]), void_phase(self.structures[index])
-        return solid.of(solid.errors) & part, void.of(void.errors) & part
+        found = []
+        for values in self.structures:
+            phases = solid_phase(values), void_phase(values)
+            solid, void = (phase.of(phase.errors) if len(phase.errors) else None for phase in phases)
+            found.append((solid, void))
+        return tuple(found)
 
     def intrinsic(self, phase: Phase, sign: int) -> Ints:
         """The error labels of a phase that the inputs bring with them.
@@ -91,17 +100,20 @@ class Scene:
         Outside the blending regions these hold samples of the isolated parts of their own structure only, and do hold some; or
         anywhere they hold samples of such parts and none of the sound parts of any structure (chips at the skin of a model).
         """
-        if len(phase.errors) == 0:
-            return phase.errors
+        which = 0 if sign > 0 else 1
+        if len(phase.errors) == 0 or all(masks[which] is None for masks in self.own):
+            return phase.errors[:0]
         movable = self.movable()
         own, sound = np.zeros(self.grid.shape, bool), np.zeros(self.grid.shape, bool)
         own_outside = np.zeros(self.grid.shape, bool)
         for index, values in enumerate(self.structures):
-            errors = self.own_errors(index)[0 if sign > 0 else 1]
             owned = self.owner == index
-            own |= errors
-            own_outside |= errors & owned & ~movable
-            sound |= ((values <= 0) == (sign > 0)) & ~errors & (owned | movable)
+            part = ((values <= 0) == (sign > 0)) & (owned | movable)
+            if (errors := self.own[index][which]) is not None:
+                own |= errors & part
+                own_outside |= errors & owned & ~movable
+                part &= ~errors
+            sound |= part
         outside, inherited, isolated, joined = (
             np.bincount(phase.labels[mask], minlength=phase.count)[phase.errors]
             for mask in (~movable, own_outside, own, sound)
