@@ -33,7 +33,7 @@ DEGREES = (5, 7, 9)
 TURN = 1.25
 """Size of the first leaves times the median of the greatest curvature: four leaves to a period of the gyroid."""
 
-TRIED = ((1.0, False), (1.25, False), (1.6, False), (1.0, True), (2.0, False), (2.5, False))
+TRIED = ((1.0, False), (1.25, False), (1.6, False), (1.0, True), (2.0, False))
 """First layouts tried, in leaves per length of the first: uniform, or with leaves split where they hide crossings."""
 
 CONE = 0.5
@@ -43,7 +43,10 @@ DEPTH = 4
 """Greatest refinement of a first leaf: sixteen to one."""
 
 REPAIRS = 2
-ROUNDS = 6
+ROUNDS = 4
+SINGULAR = 0.15
+"""Slopes below this part of the usual one are named as the cause of a failure."""
+
 JUMP_DEG = 2.0
 COSINE = 0.95
 """Least cosine of a patch's normal with the gradient: far from folded."""
@@ -194,14 +197,19 @@ def _laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) ->
 
 
 def _refusal(field: Field, layer: _Layer, where: Array) -> str:
-    slope = np.linalg.norm(field.gradient(where), axis=1)
+    gradient = field.gradient(where)
+    slope = np.linalg.norm(gradient, axis=1)
+    size = layer.tree.size[layer.bad][:, None] * layer.tree.step
+    at_box = (where - size < layer.tree.lo) | (where + size > layer.tree.hi)
+    level = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
     usual = np.median(np.linalg.norm(field.gradient(layer.net.vertices), axis=1))
     places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in where[np.argsort(slope)][:3])
-    cause = (
-        "the field is nearly singular there: change the level, the transition or the minimum neck"
-        if slope.min() < 0.15 * usual
-        else "the surface turns too fast for the depth allowed: use a looser tol, or a smoother field"
-    )
+    if slope.min() < SINGULAR * usual:
+        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
+    elif (at_box.any(axis=1) & (level < SINGULAR * usual)).any():
+        cause = "the surface touches the box there without crossing it: move the domain or change the level"
+    else:
+        cause = "the surface turns too fast for the depth allowed: use a looser tol, or a smoother field"
     return f"{len(where)} places could not be fitted within the request ({layer.why}), near {places}; {cause}"
 
 

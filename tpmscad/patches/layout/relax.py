@@ -19,8 +19,8 @@ SWEEPS = 60
 """Sweeps of the relaxation; the worst corner of single-period layouts no longer changes after 40."""
 
 BALANCE = 0.3
-"""A vertex in a face of the box keeps the shorter of its two sides there at least this part of the longer: where the surface cuts off
-a small corner of the box, the large polygons beside would else pull the vertex out of it."""
+"""A vertex in a face of the box keeps the shorter of its two sides there at least this part of the longer: where the surface cuts
+off a small corner of the box, the large polygons beside would else pull the vertex out of it."""
 
 NEWTON = 12
 WORST, POWER = 0.1, 2
@@ -58,9 +58,17 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
     three = corners[:, 3] < 0
     groups = [(corners[~three], 4), (corners[three][:, :3], 3)]
 
-    def kept_inside(old: Array, new: Array) -> Array:
-        """New positions, but old ones where the new would leave the box: there the surface goes on, the layout does not."""
-        return np.where(((new < lo) | (new > hi)).any(axis=1)[:, None], old, new)
+    def onto_inside(old: Array, new: Array, steps: int) -> Array:
+        """`new` brought onto the surface; a point that would leave the box is brought there from `old` parallel to the face it
+        would leave by, or stays: the surface goes on beyond the box, the layout does not."""
+        points = onto(field, new, mesh.fixed, reach, steps)
+        out = (points < lo) | (points > hi)
+        at = np.flatnonzero(out.any(axis=1))
+        if len(at):
+            beside_face = onto(field, old[at], mesh.fixed[at] | out[at], reach[at], NEWTON)
+            stays = ((beside_face < lo) | (beside_face > hi)).any(axis=1)
+            points[at] = np.where(stays[:, None], old[at], beside_face)
+        return points
 
     rim, beside = _on_faces(mesh)
 
@@ -69,7 +77,7 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
         return np.minimum(one, other) / np.maximum(np.maximum(one, other), 1e-300)
 
     reach = STEP * mesh.size
-    vertices = kept_inside(mesh.vertices, onto(field, mesh.vertices, mesh.fixed, reach, 30))
+    vertices = onto_inside(mesh.vertices, mesh.vertices, 30)
     for sweep in range(sweeps):
         full = field.gradient(vertices)
         unit = full / np.maximum(np.linalg.norm(full, axis=1, keepdims=True), 1e-300)
@@ -89,7 +97,7 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
         length = np.linalg.norm(move, axis=1)
         move *= np.minimum(1.0, room / np.maximum(length, 1e-300))[:, None]
         last = sweep + 1 == sweeps
-        moved = kept_inside(vertices, onto(field, vertices + move, mesh.fixed, reach, NEWTON if last else 2))
+        moved = onto_inside(vertices, vertices + move, NEWTON if last else 2)
         before, after = (balance(x, beside) for x in (vertices[rim], moved[rim]))
         moved[rim] = np.where(((after < BALANCE) & (after < before))[:, None], vertices[rim], moved[rim])
         vertices = moved

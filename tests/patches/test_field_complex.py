@@ -1,0 +1,113 @@
+"""Laws of solids made of fields, against closed forms and independent quadrature: no kernel."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.errors import InvalidRequest
+from tpmscad.patches import field_reference
+from tpmscad.patches.connectivity import is_closed
+from tpmscad.patches.field_caps import LayoutError
+from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.joints import joints
+from tpmscad.patches.summary import Summary, summary
+
+LO, HI, TOL = np.zeros(3), np.full(3, 10.0), 1e-2
+GYROID = fields.tpms("gyroid", 10.0)
+FIELDS = {
+    "rod": (fields.rod(GYROID, -0.3), (1, 2, 0)),
+    "sheet": (fields.sheet(GYROID, -0.3, 0.3), (3, 4, 0)),
+    "corner on the level": (fields.rod(GYROID, 0.0), (2, 2, 0)),
+    "ball": (fields.sphere((5.0, 5.2, 4.9), 4.0), (1, 0, 0)),
+    "block with a hollow": (-fields.sphere((5.0, 5.2, 4.9), 4.0), (1, 0, 1)),
+}
+
+
+@cache
+def made(name: str) -> tuple[FieldSolid, Summary]:
+    solid = field_complex(FIELDS[name][0], LO, HI, TOL)
+    return solid, summary(solid.complex)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+class TestEverySolid:
+    def test_is_closed_with_the_fields_betti_numbers(self, name: str) -> None:
+        solid, shape = made(name)
+        assert is_closed(solid.complex)
+        assert shape.betti == FIELDS[name][1]
+
+    def test_has_the_volume_of_the_field(self, name: str) -> None:
+        volume, uncertainty = field_reference.volume(FIELDS[name][0], LO, HI, 0.25)
+        assert abs(made(name)[1].volume - volume) < 1e-3 * volume + uncertainty
+
+    def test_keeps_within_tol_and_smooth(self, name: str) -> None:
+        solid, _ = made(name)
+        assert max(solid.to_field, solid.from_field) <= TOL
+        assert solid.jump_deg <= 2.0
+        assert solid.jump_p95_deg <= 0.5
+
+    def test_joints_measured_by_the_complex_agree(self, name: str) -> None:
+        solid, _ = made(name)
+        found = joints(solid.complex, ("surface",))
+        assert found.gap < 1e-12
+        assert abs(found.tangent_jump_deg - solid.jump_deg) < 0.1
+
+
+def test_a_balls_volume_and_area_are_those_of_the_closed_form() -> None:
+    _, shape = made("ball")
+    assert shape.volume == pytest.approx(4 / 3 * np.pi * 4**3, rel=1e-4)
+    assert shape.area == pytest.approx(4 * np.pi * 4**2, rel=1e-4)
+
+
+def test_patches_lie_on_the_field_at_points_of_their_own() -> None:
+    field, (solid, _) = FIELDS["rod"][0], made("rod")
+    rng = np.random.default_rng(0)
+    worst = 0.0
+    for carrier in solid.complex.carriers:
+        if hasattr(carrier, "poles"):
+            value, slope = field.value_and_gradient(carrier(*rng.uniform(0, 1, (2, 20))))
+            worst = max(worst, float((np.abs(value) / np.linalg.norm(slope, axis=1)).max()))
+    assert 0 < worst <= 1.2 * solid.to_field
+
+
+def test_a_thin_sheet_has_as_many_faces_as_a_thick_one() -> None:
+    thin = field_complex(fields.sheet(GYROID, -0.03, 0.03), LO, HI, TOL)
+    assert thin.wall == pytest.approx(0.055, rel=0.05)
+    assert abs(len(thin.complex.faces) - len(made("sheet")[0].complex.faces)) <= 0.2 * len(thin.complex.faces)
+
+
+def test_a_level_through_a_corner_of_the_box_is_told() -> None:
+    assert "corner" in made("corner on the level")[0].notes[0]
+    assert made("rod")[0].notes == ()
+
+
+@pytest.mark.parametrize(
+    ("field", "tol", "message"),
+    [
+        (fields.sheet(GYROID, -0.02, 0.02), 0.1, "thick near"),
+        (fields.rod(GYROID, 0.1) & fields.sphere((5, 5, 5), 4.0), 1e-2, "cross near"),
+        (fields.sphere((50, 5, 5), 4.0), 1e-2, "no surface"),
+    ],
+)
+def test_what_cannot_be_laid_out_says_why(field: fields.Field, tol: float, message: str) -> None:
+    with pytest.raises(LayoutError, match=message):
+        field_complex(field, LO, HI, tol)
+
+
+@pytest.mark.parametrize(("lo", "hi", "tol"), [(LO, LO, TOL), (LO, HI[:2], TOL), (LO, HI, 0.0), (LO, HI, 20.0)])
+def test_bad_requests_are_refused(lo: np.ndarray, hi: np.ndarray, tol: float) -> None:
+    with pytest.raises(InvalidRequest):
+        field_complex(GYROID, lo, hi, tol)
+
+
+def test_volumes_by_columns_converge_to_closed_forms() -> None:
+    ball, shell = fields.sphere((5, 5.1, 5.2), 3.0), fields.sheet(fields.sphere((5, 5.1, 5.2), 3.0), -0.02, 0.02)
+    volume, uncertainty = field_reference.volume(ball, LO, HI, 0.2)
+    assert volume == pytest.approx(36 * np.pi, rel=1e-4)
+    assert uncertainty < 1e-2
+    exact = 4 / 3 * np.pi * (3.02**3 - 2.98**3)
+    assert field_reference.volume(shell, LO, HI, 0.2)[0] == pytest.approx(exact, rel=1e-3)
