@@ -221,3 +221,14 @@ def test_keep_fraction_brings_the_solid_between_that_of_the_structures_and_leave
     where, step = points[:300], 1e-6
     quotients = [(result.field(where + step * e) - result.field(where - step * e)) / (2 * step) for e in np.eye(3)]
     assert np.allclose(result.field.gradient(where), np.stack(quotients, -1), atol=2e-4)
+
+
+def test_a_level_margin_leaves_no_more_isolated_parts_at_levels_near_zero():
+    axes = [np.linspace(0, length, 50) for length in (1, 0.25, 0.25)]
+    pair, near = RECOMMENDED["sheets, both kinds of error"], []
+    for margin in (0.0, 0.06):
+        result = blend(pair, [LEFT, RIGHT], [MIDDLE], resolution=SIZE, level_margin=margin)
+        assert result.converged
+        values = result.field.on_grid(*axes)
+        near.append(sum(ndimage.label(values <= level)[1] - 1 for level in (-0.03, 0.03)))
+    assert near[1] <= near[0]

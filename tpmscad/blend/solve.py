@@ -13,6 +13,7 @@ from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
+from tpmscad.blend.firm import firmed
 from tpmscad.blend.fraction import fraction_error, fraction_shift
 from tpmscad.blend.grid import Box, Field, Grid
 from tpmscad.blend.initial import Spec, initial_weight, zones
@@ -48,6 +49,7 @@ def blend(
     minimum_neck: float | None = None,
     max_change: float = 1.0,
     keep_fraction: bool = False,
+    level_margin: float = 0.0,
     progress: Progress | None = None,
 ) -> BlendResult:
     """Structures joined in the blending regions; outside of these each keeps its values to the last bit.
@@ -59,6 +61,8 @@ def blend(
     the width, in model units, under which no solid and no void is to be at a saddle inside a blending region; `necks` of the
     result has those for which that could not be had. max_change: how far any weight may move from its initial value, of 1.
     keep_fraction: add to the field, inside the layers, what keeps the solid fraction between those of the two structures.
+    level_margin: part of the field's rms (0.06, say) by which a change of level is to make no isolated parts either, as far as a
+    few rounds reach.
     Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
     then False.
     """
@@ -93,6 +97,9 @@ def blend(
     clock.lap("weights")
     outcome = _optimised(method, scenes, start, max_iterations)
     clock.lap("optimisation")
+    if level_margin > 0 and outcome.state.clean:
+        state, rounds = firmed(scenes, outcome.state, level_margin)
+        outcome = replace(outcome, state=state, rounds=outcome.rounds + rounds)
     missed: tuple[Neck, ...] = ()
     if minimum_neck is not None:
         outcome, missed = _thickened(field, scenes, outcome, minimum_neck, max_iterations)
