@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -75,11 +78,17 @@ def test_the_kernels_writer_writes_one_shape_twice_alike(tmp_path) -> None:
 @pytest.mark.xfail(
     strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: the translators print to standard output"
 )
-def test_the_kernels_writer_is_silent(tmp_path, capfd: pytest.CaptureFixture[str]) -> None:
-    writer = STEPControl_Writer()
-    writer.Transfer(kernel.build(plane_box()).shape, STEPControl_AsIs)
-    writer.Write(str(tmp_path / "a"))
-    assert capfd.readouterr().out == ""
+def test_the_kernels_writer_is_silent(tmp_path) -> None:
+    script = f"""
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+writer = STEPControl_Writer()
+writer.Transfer(BRepPrimAPI_MakeBox(1.0, 1.0, 1.0).Shape(), STEPControl_AsIs)
+writer.Write({str(tmp_path / "a")!r})
+"""
+    # A process of its own: what other code has done to the kernel's messenger in this one must not matter.
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
 
 
 @pytest.mark.xfail(
