@@ -80,6 +80,7 @@ def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> No
         np.testing.assert_allclose(np.einsum("ni,ni->n", (high - middle) / 0.4, along) / (2 * h), 0, rtol=0, atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stretched", "cylinder", "of the user"])
 def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> None:
     surface = mid(MAPS[name])
@@ -94,6 +95,7 @@ def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> N
     assert len(shape.pieces) == 1
 
 
+@pytest.mark.slow
 def test_the_identity_map_gives_the_lattice_itself() -> None:
     surface = mid(maps.stretched((1.0, 1.0, 1.0)))
     lower, upper, _ = mapped.fit_layers(surface, (-0.3, 0.3), 1e-3)
