@@ -30,8 +30,8 @@ from tpmscad.patches.layout.relax import relaxed
 Progress = Callable[[float], None]
 
 DEGREES = (5, 7, 9)
-TURN = 1.25
-"""Size of the first leaves times the median of the greatest curvature: four leaves to a period of the gyroid."""
+TURN, USUAL = 1.5, 0.7
+"""Size of the first leaves times the curvature that this part of the surface stays below: four leaves to a gyroid's period."""
 
 TRIED = ((1.0, False), (1.25, False), (1.6, False), (1.0, True), (2.0, False))
 """First layouts tried, in leaves per length of the first: uniform, or with leaves split where they hide crossings."""
@@ -266,7 +266,7 @@ def _refined(tree: Octree, field: Field, cosine: float | None) -> Octree:
 
 
 def _first_spacing(field: Field, samples: Array) -> float:
-    """The size of leaf for the surface's usual curvature."""
+    """The size of leaf for the curvature of most of the surface."""
     step = 1e-3 * float(np.ptp(samples, axis=0).max())
     slope = field.gradient(samples)
     length = np.linalg.norm(slope, axis=1, keepdims=True)
@@ -276,7 +276,7 @@ def _first_spacing(field: Field, samples: Array) -> float:
     )
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     bend = across @ hessian @ across / np.maximum(length, 1e-300)[..., None]
-    return TURN / float(np.median(np.linalg.norm(bend, ord=2, axis=(1, 2))))
+    return TURN / float(np.quantile(np.linalg.norm(bend, ord=2, axis=(1, 2)), USUAL))
 
 
 def _off_corners(

@@ -86,24 +86,20 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int)
     points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
 
     values, slopes = bezier(degree, t), bezier(degree, t, 1)
-    poles = np.zeros((len(start), degree + 1, 3))
-    poles[:, 0], poles[:, -1] = start, end
-    normal = _normals(field, points)
-    ends = normal[:, [0, -1]]
+    share = np.arange(degree + 1)[:, None] / degree
+    poles = (1 - share) * start[:, None] + share * end[:, None]
     inner = slice(1, degree)
     for turn in range(PASSES):
         if turn:
             points = values @ poles
             points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
-            normal = _normals(field, points)
-        rim = np.zeros_like(poles)
-        rim[:, [0, -1]] = poles[:, [0, -1]]
-        known_value, known_slope = values @ rim, slopes @ rim
+        normal = _normals(field, points)
+        slope = slopes @ poles
         system = _System(degree - 1, len(start))
-        system.near(values[:, inner], normal, points - known_value, SLIDE)
-        system.along(slopes[:, inner], normal, -known_slope, CURVE_TANGENT / len(t))
-        system.along(slopes[[0, -1]][:, inner], ends, -known_slope[:, [0, -1]], END_TANGENT)
-        poles[:, inner] = system.solved()
+        system.near(values[:, inner], normal, points - values @ poles, SLIDE)
+        system.along(slopes[:, inner], normal, -slope, CURVE_TANGENT / len(t))
+        system.along(slopes[[0, -1]][:, inner], normal[:, [0, -1]], -slope[:, [0, -1]], END_TANGENT)
+        poles[:, inner] += system.solved()
     rows, axis = np.nonzero(fixed)
     poles[rows, :, axis] = start[rows, axis][:, None]
     return poles
@@ -114,36 +110,29 @@ def fit_patches(field: Field, border: list[Array], joined: Mask) -> Array:
 
     `joined` (n, 4): sides across which the surface goes on; on the others, in the box's faces, nothing is asked of the slope.
     """
-    p, q = border[0].shape[1] - 1, border[1].shape[1] - 1
-    poles = np.zeros((len(border[0]), p + 1, q + 1, 3))
-    poles[:, :, 0], poles[:, -1] = border[0], border[1]
-    poles[:, :, -1], poles[:, 0] = border[2][:, ::-1], border[3][:, ::-1]
-    rim = poles.copy()
-
+    poles = _coons(border)
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bezier(p, u), bezier(q, v)
     inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
     size = np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
-    known = tensor(bu, rim, bv)
-    chart = _coons(rim, u, v)
     free = np.zeros((len(poles), 3), bool)
-    crossing = [_crossing(field, rim, s) for s in range(4)]
-    for turn in range(PASSES):
-        if turn:
-            chart = tensor(bu, poles, bv)
-        target = _onto(field, chart, free, 0.3 * size)
-        normal = _normals(field, target)
+    for _ in range(PASSES):
+        # corrections are solved for, not poles: small next to the coordinates, they keep all their digits
+        points = tensor(bu, poles, bv)
+        target = _onto(field, points, free, 0.3 * size)
         system = _System((p - 1) * (q - 1), len(poles))
-        system.near(inner, normal, target - known, SLIDE)
-        for (basis, given, normals), inside in zip(crossing, joined.T, strict=True):
-            system.along(basis, normals * inside[:, None, None], -given, CROSS / np.sqrt(len(basis)))
-        poles[:, 1:-1, 1:-1] = system.solved().reshape(len(poles), p - 1, q - 1, 3)
+        system.near(inner, _normals(field, target), target - points, SLIDE)
+        for side, inside in enumerate(joined.T):
+            basis, slope, normal = _crossing(field, poles, side)
+            system.along(basis, normal * inside[:, None, None], -slope, CROSS / np.sqrt(len(basis)))
+        poles[:, 1:-1, 1:-1] += system.solved().reshape(len(poles), p - 1, q - 1, 3)
     return poles
 
 
-def _crossing(field: Field, rim: Array, side: int) -> tuple[Array, Array, Array]:
-    """Along a side: the inner poles' part in the derivative across it (m, inner), the rim's (n, m, 3), and normals (n, m, 3)."""
-    p, q = rim.shape[1] - 1, rim.shape[2] - 1
+def _crossing(field: Field, poles: Array, side: int) -> tuple[Array, Array, Array]:
+    """Along a side: the inner poles' part in the derivative across it (m, inner), that derivative and the normals (n, m, 3)."""
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
     along, across = (p, q) if side in (0, 2) else (q, p)
     t = np.linspace(0.0, 1.0, along + 5)[1:-1]
     values = bezier(along, t)
@@ -151,11 +140,11 @@ def _crossing(field: Field, rim: Array, side: int) -> tuple[Array, Array, Array]
     ends = bezier(across, np.array([1.0 if side in (1, 2) else 0.0]))
     if side in (0, 2):
         basis = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
-        given, points = tensor(values, rim, slope), tensor(values, rim, ends)
+        across_it, points = tensor(values, poles, slope), tensor(values, poles, ends)
     else:
         basis = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
-        given, points = tensor(slope, rim, values), tensor(ends, rim, values)
-    return basis.reshape(len(t), -1), given, _normals(field, points)
+        across_it, points = tensor(slope, poles, values), tensor(ends, poles, values)
+    return basis.reshape(len(t), -1), across_it, _normals(field, points)
 
 
 class _System:
@@ -201,21 +190,17 @@ def tensor(rows: Array, poles: Array, columns: Array) -> Array:
     return (columns @ half).reshape(n, -1, 3)
 
 
-def _coons(rim: Array, u: Array, v: Array) -> Array:
-    """The bilinearly blended Coons patch of the border poles at the grid of u and v: (n, len(u) * len(v), 3)."""
-    p, q = rim.shape[1] - 1, rim.shape[2] - 1
-    bu, bv = bezier(p, u), bezier(q, v)
-    low, high = bu @ rim[:, :, 0], bu @ rim[:, :, -1]  # (n, a, 3)
-    left, right = bv @ rim[:, 0], bv @ rim[:, -1]  # (n, b, 3)
-    s, t = u[:, None, None], v[None, :, None]
-    corners = (
-        (1 - s) * (1 - t) * rim[:, None, None, 0, 0]
-        + s * (1 - t) * rim[:, None, None, -1, 0]
-        + (1 - s) * t * rim[:, None, None, 0, -1]
-        + s * t * rim[:, None, None, -1, -1]
-    )
-    blend = (1 - t) * low[:, :, None] + t * high[:, :, None] + (1 - s) * left[:, None] + s * right[:, None] - corners
-    return np.asarray(blend.reshape(len(rim), -1, 3))
+def _coons(border: list[Array]) -> Array:
+    """The poles of the bilinearly blended Coons patches of four borders run counter-clockwise: (n, p + 1, q + 1, 3)."""
+    low, high = border[0][:, :, None], border[2][:, ::-1, None]
+    left, right = border[3][:, None, ::-1], border[1][:, None]
+    s = np.linspace(0.0, 1.0, low.shape[1])[:, None, None]
+    t = np.linspace(0.0, 1.0, left.shape[2])[:, None]
+    corners = (1 - s) * ((1 - t) * low[:, :1] + t * high[:, :1]) + s * ((1 - t) * low[:, -1:] + t * high[:, -1:])
+    poles = (1 - t) * low + t * high + (1 - s) * left + s * right - corners
+    poles[:, :, 0], poles[:, :, -1] = low[:, :, 0], high[:, :, 0]
+    poles[:, 0], poles[:, -1] = left[:, 0], right[:, 0]
+    return np.asarray(poles)
 
 
 def _borders(net: Net, curves: list[Array], patches: Ints, side: int, degree: int) -> Array:
