@@ -57,6 +57,18 @@ def test_the_gradient_of_the_objective_is_the_limit_of_difference_quotients(weig
         assert quotient == pytest.approx(float(np.sum(gradient * way)), rel=1e-4, abs=1e-6)
 
 
+@pytest.mark.parametrize("strict", [True, False])
+def test_the_objective_falls_along_its_gradient_by_samples_in_both_regions_of_the_diagram(strict):
+    rng = np.random.default_rng(6)
+    values = ndimage.gaussian_filter(rng.normal(size=(16, 13, 11)), 0.9)
+    movable = rng.random(values.shape) < 0.8
+    seen = objective(values, movable, strict=strict)
+    assert {-1.0, 1.0} == set(seen.by)
+    way, step = rng.normal(size=values.shape), 1e-8
+    ends = [objective(values + side * step * way, movable, strict=strict).value for side in (1, -1)]
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(float(np.sum(seen.on(values.shape) * way)), rel=1e-5)
+
+
 def test_the_objective_counts_the_pairs_that_persistence_has_inside_the_blending_region():
     sampled = SCENES[0].sampled([LINE], 0)
     values, everywhere = sampled.values(LINE), np.ones(SCENES[0].grid.shape, bool)
