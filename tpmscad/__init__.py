@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tpmscad import fields, surfaces
+    from tpmscad import blend, fields, surfaces
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
     from tpmscad.model import Model
     from tpmscad.patches import maps
@@ -23,6 +23,7 @@ __all__ = [
     "Model",
     "NotMet",
     "TpmscadError",
+    "blend",
     "check_step",
     "export_step",
     "fields",
@@ -44,7 +45,12 @@ _HOMES = {
     "lattice": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",
 }
-_ROOMS = {"fields": "tpmscad.fields", "maps": "tpmscad.patches.maps", "surfaces": "tpmscad.surfaces"}
+_ROOMS = {
+    "blend": "tpmscad.blend",
+    "fields": "tpmscad.fields",
+    "maps": "tpmscad.patches.maps",
+    "surfaces": "tpmscad.surfaces",
+}
 
 
 def __getattr__(name: str) -> Any:
