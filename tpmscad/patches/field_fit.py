@@ -180,7 +180,7 @@ class _System:
         count, _, _, k, _ = self.matrix.shape
         full = self.matrix.transpose(0, 1, 3, 2, 4).reshape(count, 3 * k, 3 * k)
         right = self.right.transpose(0, 2, 1).reshape(count, 3 * k, 1)
-        return np.linalg.solve(full, right).reshape(count, 3, k).transpose(0, 2, 1)
+        return np.asarray(np.linalg.solve(full, right).reshape(count, 3, k).transpose(0, 2, 1), float)
 
 
 def tensor(rows: Array, poles: Array, columns: Array) -> Array:

@@ -26,7 +26,8 @@ def assemble(
     """The complex that the layers and the box's faces bound. fixed: which coordinates of each net's vertices lie on the box."""
     carriers: list[Surface] = []
     curves: list[Curve] = []
-    vertices, edge_rows, spans = [], [], []
+    edge_rows: list[tuple[int, int, int]] = []
+    vertices, spans = [], []
     use_rows: list[tuple[int, int, int]] = []
     use_start = [0]
     open_rows: list[tuple[int, int, int, int, int]] = []

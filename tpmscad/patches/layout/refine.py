@@ -42,7 +42,7 @@ def _hidden(solid: Mask) -> Mask:
     for axis in (1, 2, 3):
         lines = np.moveaxis(solid, axis, 3)[:, :: PROBES - 1, :: PROBES - 1]
         flagged |= ((lines[..., 1:] != lines[..., :-1]).sum(axis=-1) > 1).any(axis=(1, 2))
-    return flagged
+    return np.asarray(flagged, bool)
 
 
 def _turning(field: Field, points: Array, values: Array, size: Array, cosine: float) -> Mask:

@@ -66,7 +66,7 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
         at = np.flatnonzero(out.any(axis=1))
         if len(at):
             beside_face = onto(field, old[at], mesh.fixed[at] | out[at], reach[at], NEWTON)
-            stays = ((beside_face < lo) | (beside_face > hi)).any(axis=1)
+            stays = np.asarray(((beside_face < lo) | (beside_face > hi)).any(axis=1))
             points[at] = np.where(stays[:, None], old[at], beside_face)
         return points
 
