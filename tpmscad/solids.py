@@ -56,7 +56,7 @@ def solidify(
         built = kernel.build(made.complex)
     with stages("check"):
         found = kernel.check_shape(built.shape)
-        expected = betti_numbers(field, lo, hi)
+        expected = betti_numbers(made.field, lo, hi)
         volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
         certificate = field_certificate(made, summary(made.complex), expected, volume, spread, found)
     return Model("field solid", made.complex, replace(certificate, seconds=dict(stages.seconds)), built)

@@ -21,7 +21,7 @@ GYROID = fields.tpms("gyroid", 10.0)
 FIELDS = {
     "rod": (fields.rod(GYROID, -0.3), (1, 2, 0)),
     "sheet": (fields.sheet(GYROID, -0.3, 0.3), (3, 4, 0)),
-    "corner on the level": (fields.rod(GYROID, 0.0), (2, 2, 0)),
+    "corner on the level": (fields.rod(GYROID, 0.0), (1, 2, 0)),
     "ball": (fields.sphere((5.0, 5.2, 4.9), 4.0), (1, 0, 0)),
     "block with a hollow": (-fields.sphere((5.0, 5.2, 4.9), 4.0), (1, 0, 1)),
 }

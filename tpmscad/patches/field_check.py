@@ -19,7 +19,7 @@ from tpmscad.patches.layout.relax import onto
 SAMPLES = 13
 """Samples along each parameter of a patch, borders included."""
 
-HALF = 9
+HALF = 17
 """Samples along half a side: joints are measured half by half, so that a side meets the two beyond a T-vertex."""
 
 FEET = 6

@@ -18,7 +18,7 @@ from tpmscad.patches import field_check
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_fit import NetFit, fit_net
-from tpmscad.patches.field_layers import check_apart, layers
+from tpmscad.patches.field_layers import check_apart, layers, rejoined
 from tpmscad.patches.field_solid import assemble
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
@@ -62,10 +62,12 @@ FEW = 0.25
 class FieldSolid:
     """A field's solid as a complex, with what was measured on it; lengths in model units, angles in degrees.
 
+    `field` is what was laid out: the one asked for, but for levels moved off the box's corners, which `notes` tell.
     `to_field` and `from_field`: greatest distances from the patches to the level sets and back; `jump_p95_deg` over all joints.
     """
 
     complex: PatchComplex
+    field: Field
     tol: float
     to_field: float
     from_field: float
@@ -104,13 +106,12 @@ def field_complex(
     hi: Array,
     tol: float,
     *,
-    betti: tuple[int, int, int] | None = None,
     progress: Progress | None = None,
 ) -> FieldSolid:
     """The solid {field < 0} inside the box [lo, hi], within tol of the field's level set in both directions.
 
-    betti: the solid's Betti numbers, where known: the result is held against them by the caller's summary. LayoutError names
-    where the field can't be laid out, and why; InvalidRequest what is wrong with the request.
+    LayoutError names where the field can't be laid out, and why; InvalidRequest what is wrong with the request. Betti numbers
+    and volume are the caller's to compare (`tpmscad.solids`).
     """
     lo, hi = _box(lo, hi)
     if not 0 < tol < (hi - lo).min():
@@ -126,8 +127,8 @@ def field_complex(
     if not any(len(s) for s in samples):
         raise LayoutError("the field has no surface inside the box: check the level and the domain")
     notes: list[str] = []
-    parts, samples = _off_corners(parts, samples, lo, hi, tol, notes)
-    shown = field if len(parts) > 1 else parts[0]
+    parts, samples = _off_corners(parts, samples, lo, hi, tol, spacing, notes)
+    shown = rejoined(field, parts)
     wall = check_apart(shown, parts, samples, tol)
 
     fitted = []
@@ -142,6 +143,7 @@ def field_complex(
     steepest = max(float(f.measured.curvature.max(initial=0.0)) for f in fitted)
     return FieldSolid(
         complex=complex,
+        field=shown,
         tol=tol,
         to_field=max(float(f.measured.distance.max()) for f in fitted),
         from_field=max(float(f.missed.max(initial=0.0)) for f in fitted),
@@ -280,22 +282,23 @@ def _first_spacing(field: Field, samples: Array) -> float:
 
 
 def _off_corners(
-    parts: tuple[Field, ...], samples: list[Array], lo: Array, hi: Array, tol: float, notes: list[str]
+    parts: tuple[Field, ...], samples: list[Array], lo: Array, hi: Array, tol: float, spacing: float, notes: list[str]
 ) -> tuple[tuple[Field, ...], list[Array]]:
     """Levels moved by at most a tenth of tol where the surface passes through a corner of the box."""
     corners = np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
-    result = []
+    result, moved = [], []
     for part, points in zip(parts, samples, strict=True):
         value, slope = part.value_and_gradient(corners)
-        steep = np.linalg.norm(slope, axis=1)
-        near = np.abs(value) < 1e-2 * tol * steep
+        near = np.abs(value) < 1e-2 * tol * np.linalg.norm(slope, axis=1)
         if near.any() and len(points):
             shift = 0.1 * tol * float(np.linalg.norm(part.gradient(points), axis=1).min())
             where = ", ".join(f"{x:g}" for x in corners[near][0])
             notes.append(f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}")
             part = part + shift
+            points = field_check.samples_of(part, lo, hi, spacing)
         result.append(part)
-    return tuple(result), samples
+        moved.append(points)
+    return tuple(result), moved
 
 
 def _fixed(layer: _Layer) -> Mask:

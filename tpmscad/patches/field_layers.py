@@ -22,6 +22,14 @@ def layers(field: Field) -> tuple[Field, ...]:
     return (field,)
 
 
+def rejoined(field: Field, parts: tuple[Field, ...]) -> Field:
+    """`field` with its layers, as `layers` takes them apart, replaced by others."""
+    if isinstance(field, Extreme):
+        n = len(layers(field.first))
+        return Extreme(rejoined(field.first, parts[:n]), rejoined(field.second, parts[n:]), field.sign)
+    return parts[0]
+
+
 def check_apart(field: Field, parts: tuple[Field, ...], points: list[Array], tol: float) -> float:
     """The least distance between the layers, to first order, at `points` (n, 3) of each; LayoutError unless above 2 tol.
 
