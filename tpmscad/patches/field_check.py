@@ -168,10 +168,10 @@ def _along(poles: Array, side: int) -> tuple[Array, Array]:
 
 
 def _inverse(first: Array) -> Array:
-    """Inverses of symmetric 2 x 2 matrices, huge where there is none."""
+    """Inverses of symmetric 2 x 2 matrices, large but finite where there is none: folded patches are measured, too."""
     a, b, c = first[..., 0, 0], first[..., 0, 1], first[..., 1, 1]
     adjugate = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
-    return adjugate / np.maximum(a * c - b * b, 1e-300)[..., None, None]
+    return adjugate / np.maximum(a * c - b * b, 1e-12 * (a + c) ** 2 + 1e-100)[..., None, None]
 
 
 def _joints(net: Net, normals: Array, bends: Array) -> tuple[Ints, Array, Array, Array]:
