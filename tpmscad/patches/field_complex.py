@@ -163,7 +163,7 @@ def _laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) ->
     first = _first_spacing(field, samples)
     best: _Layer | None = None
     for finer, searched in TRIED:
-        counts = np.maximum(2, np.ceil((hi - lo) * finer / first - 1e-6)).astype(int)
+        counts = _counts(field, lo, hi, first / finer)
         tree = octree.uniform(lo, hi, counts)
         if searched:
             tree = _refined(tree, field, None)
@@ -177,7 +177,7 @@ def _laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) ->
             layer = _fitted(field, tree, tol, samples)
         if not len(layer.bad):
             return layer
-    counts = np.maximum(2, np.ceil((hi - lo) / first - 1e-6)).astype(int)
+    counts = _counts(field, lo, hi, first)
     tree = _refined(octree.uniform(lo, hi, counts), field, CONE)
     idle = 0
     for _ in range(ROUNDS):
@@ -279,6 +279,15 @@ def _first_spacing(field: Field, samples: Array) -> float:
     across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     bend = across @ hessian @ across / np.maximum(length, 1e-300)[..., None]
     return TURN / float(np.quantile(np.linalg.norm(bend, ord=2, axis=(1, 2)), USUAL))
+
+
+def _counts(field: Field, lo: Array, hi: Array, size: float) -> Ints:
+    """Leaves along each axis, none longer than size; a whole number to a period, so that periods are laid out alike."""
+    leaf = np.full(3, size)
+    periods = field.periods()
+    if periods is not None:
+        leaf = np.array(periods) / np.ceil(np.array(periods) / size - 1e-6)
+    return np.maximum(2, np.ceil((hi - lo) / leaf - 1e-6)).astype(np.int64)
 
 
 def _off_corners(
