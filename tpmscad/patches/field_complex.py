@@ -43,7 +43,7 @@ DEPTH = 4
 """Greatest refinement of a first leaf: sixteen to one."""
 
 REPAIRS = 2
-ROUNDS = 4
+ROUNDS = 6
 SINGULAR = 0.15
 """Slopes below this part of the usual one are named as the cause of a failure."""
 
@@ -94,6 +94,11 @@ class _Layer:
     missed: Array
     bad: Ints
     why: str
+
+    @property
+    def doubtful(self) -> float:
+        """The volume of the bad leaves: their number grows with every split."""
+        return float((self.tree.size[self.bad] ** 3).sum() * np.prod(self.tree.step))
 
     @property
     def share(self) -> float:
@@ -184,7 +189,7 @@ def _laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) ->
         layer = _fitted(field, tree, tol, samples)
         if not len(layer.bad):
             return layer
-        idle = 0 if best is None or len(layer.bad) < len(best.bad) else idle + 1
+        idle = 0 if best is None or layer.doubtful < best.doubtful else idle + 1
         if idle == 0:
             best = layer
         elif idle == 2:
