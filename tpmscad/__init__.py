@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tpmscad.model import Model
     from tpmscad.patches import maps
     from tpmscad.patches.certificate import Certificate
+    from tpmscad.solids import solidify
     from tpmscad.workflows import check_step, export_step, lattice, render_step
 
 __all__ = [
@@ -30,6 +31,7 @@ __all__ = [
     "lattice",
     "maps",
     "render_step",
+    "solidify",
     "surfaces",
 ]
 
@@ -44,6 +46,7 @@ _HOMES = {
     "export_step": "tpmscad.workflows",
     "lattice": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",
+    "solidify": "tpmscad.solids",
 }
 _ROOMS = {
     "blend": "tpmscad.blend",
