@@ -1,6 +1,6 @@
 """Arrays in, OCC shapes and STEP files out: the only room that imports OCP."""
 
-from tpmscad.kernel.build import Built, build, build_solid
+from tpmscad.kernel.build import Built, build
 from tpmscad.kernel.check import ShapeReport, StepReport, check_shape, check_step, is_valid
 from tpmscad.kernel.read import StepContent, read_step
 from tpmscad.kernel.render import render
@@ -16,7 +16,6 @@ __all__ = [
     "StepContent",
     "StepReport",
     "build",
-    "build_solid",
     "check_shape",
     "check_step",
     "is_valid",

@@ -84,11 +84,6 @@ def build(complex: PatchComplex) -> Built:
     return Built(solids[0] if len(solids) == 1 else compound(solids), solids, faces, nested)
 
 
-def build_solid(complex: PatchComplex) -> Any:
-    """The build123d Solid, or Compound of Solids, that a closed complex bounds; errors as `build`."""
-    return build(complex).solid
-
-
 def compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:
     """The shapes side by side as one."""
     builder, result = BRep_Builder(), TopoDS_Compound()
