@@ -17,6 +17,7 @@ import pytest
 
 import tpmscad
 from tpmscad import cli
+from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -235,12 +236,12 @@ class Terminal(io.StringIO):
 def test_the_bar_shows_on_a_terminal_only_after_its_delay(
     monkeypatch: pytest.MonkeyPatch, delay: float, shown: bool
 ) -> None:
-    monkeypatch.setattr(cli, "BAR_DELAY", delay)
+    monkeypatch.setattr(output, "BAR_DELAY", delay)
     monkeypatch.setenv("TERM", "xterm")
     terminal = Terminal()
     with monkeypatch.context() as patch:
         patch.setattr(sys, "stderr", terminal)
-        with cli._progress_bar("weaving", quiet=False) as progress:
+        with output.progress_bar("weaving", quiet=False) as progress:
             assert progress is not None
             progress("knotting", 0.5)
     text = terminal.getvalue()
@@ -249,5 +250,5 @@ def test_the_bar_shows_on_a_terminal_only_after_its_delay(
 
 
 def test_no_bar_where_nobody_watches() -> None:
-    with cli._progress_bar("weaving", quiet=False) as progress:
+    with output.progress_bar("weaving", quiet=False) as progress:
         assert progress is None

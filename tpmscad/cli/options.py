@@ -1,0 +1,44 @@
+"""The options and arguments that commands share, with their help."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import typer
+
+
+def numbers(text: str) -> float | tuple[float, ...]:
+    """One number, or several with commas between."""
+    try:
+        values = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a number, nor numbers with commas between") from None
+    return values if len(values) > 1 else values[0]
+
+
+Surface = Annotated[str, typer.Argument(help="Name of the surface, see `tpmscad surfaces`.")]
+Cell = Annotated[Any, typer.Option(parser=numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm.")]
+Cells = Annotated[Any, typer.Option(parser=numbers, metavar="N|X,Y,Z", help="Number of cells along each axis.")]
+Thickness = Annotated[float | None, typer.Option(metavar="MM", help="Wall thickness along the normal, mm.")]
+Offset = Annotated[
+    Any, typer.Option(parser=numbers, metavar="LO,HI", help="Signed normal distances of the two sides, mm.")
+]
+VolumeFraction = Annotated[float | None, typer.Option(metavar="0..1", help="Solid share of the box; sets thickness.")]
+Tol = Annotated[float | None, typer.Option(metavar="MM", help="Greatest deviation from the reference, mm.")]
+Kind = Annotated[Literal["sheet", "skeletal"], typer.Option(help="Between two offset surfaces, or on one side of one.")]
+Side = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
+Reference = Annotated[
+    Literal["minimal", "nodal"], typer.Option(help="The exact minimal surface, or the trigonometric one of its name.")
+]
+Boundary = Annotated[
+    Literal["box", "natural"], typer.Option(help="Flat caps in the planes of the box, or whole patches bridged.")
+]
+Phase = Annotated[Any, typer.Option(parser=numbers, metavar="X,Y,Z", help="Shift of the lattice, in cells.")]
+Instanced = Annotated[bool, typer.Option("--instanced", help="Store one cell and place it, as an assembly.")]
+Schema = Annotated[Literal["ap242", "ap214"], typer.Option(help="STEP application protocol.")]
+Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")]
+Picture = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")]
+Report = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write what was measured as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
+StepFile = Annotated[Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")]
