@@ -1,4 +1,4 @@
-"""The surfaces that faces lie on, apart from B-splines: the plane."""
+"""The surfaces that faces lie on and the curves that edges run on: B-splines, planes, quadrics, circles, ellipses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tpmscad.splines.bspline import Surface
+from tpmscad.patches.conics import Circle, Ellipse
+from tpmscad.patches.quadrics import Cone, Cylinder, Sphere, Torus
+from tpmscad.splines.bspline import Curve, Surface
+
+__all__ = ["Carrier", "Circle", "Cone", "Cylinder", "EdgeCurve", "Ellipse", "Plane", "Quadric", "Sphere", "Torus"]
 
 Array = NDArray[np.float64]
 
@@ -24,9 +28,17 @@ class Plane:
     def y_axis(self) -> Array:
         return np.cross(self.normal, self.x_axis)
 
-    def __call__(self, u: ArrayLike, v: ArrayLike) -> Array:
-        u, v = np.asarray(u, float)[..., None], np.asarray(v, float)[..., None]
-        return self.origin + u * self.x_axis + v * self.y_axis
+    @property
+    def period(self) -> tuple[float, float]:
+        return 0.0, 0.0
+
+    def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
+        """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., 3)."""
+        u, v = np.broadcast_arrays(np.asarray(u, float)[..., None], np.asarray(v, float)[..., None])
+        if du + dv == 0:
+            return np.asarray(self.origin + u * self.x_axis + v * self.y_axis)
+        constant = {(1, 0): self.x_axis, (0, 1): self.y_axis}.get((du, dv), np.zeros(3))
+        return np.zeros_like(u) + constant
 
     def parameters(self, points: ArrayLike) -> Array:
         """(u, v) of the points' feet: (..., 2)."""
@@ -36,8 +48,22 @@ class Plane:
         """Signed distance along the normal: (...)."""
         return (np.asarray(points, float) - self.origin) @ self.normal
 
+    def gradient(self, points: ArrayLike) -> Array:
+        """Of the distance: (..., 3)."""
+        return np.zeros_like(np.asarray(points, float)) + self.normal
+
+    def hessian(self, points: ArrayLike) -> Array:
+        """Of the distance: zeros (..., 3, 3)."""
+        return np.zeros((*np.shape(points), 3))
+
     def scaled(self, factor: float) -> Plane:
         return Plane(factor * self.origin, self.x_axis, self.normal)
 
+    def moved(self, rotation: Array, translation: Array) -> Plane:
+        """The plane moved, with its side; under a mirror the parameter v turns round."""
+        return Plane(rotation @ self.origin + translation, rotation @ self.x_axis, rotation @ self.normal)
 
-Carrier = Surface | Plane
+
+Quadric = Cylinder | Cone | Sphere | Torus
+Carrier = Surface | Plane | Quadric
+EdgeCurve = Curve | Circle | Ellipse

@@ -1,8 +1,8 @@
 """The patch complex: a boundary representation in arrays, the waist of the program. No kernel object is in it.
 
-Geometry is stored once and placed by rigid motions: a *carrier* (B-spline primitive or plane), a 3-D *curve* and a parameter
-curve serve every face, edge and edge use that is a copy of another. A motion is x -> R x + t with R orthogonal, mirrors
-included; a mirrored copy keeps its parameters, and its own S_u x S_v is taken after the motion.
+Geometry is stored once and placed by rigid motions: a *carrier* (B-spline primitive, plane or quadric), a 3-D *curve* (B-spline,
+circle or ellipse) and a parameter curve serve every face, edge and edge use that is a copy of another. A motion is x -> R x + t
+with R orthogonal, mirrors included; a mirrored copy keeps its parameters, and its own S_u x S_v is taken after the motion.
 
     vertices        (V, 3)
     edges           one curve each, the piece of it between two parameters, from a start vertex to an end vertex
@@ -12,6 +12,12 @@ included; a mirrored copy keeps its parameters, and its own S_u x S_v is taken a
 
 A use's parameter curve and its edge's curve take the same parameter: carrier(pcurve(t)) = curve(t) for t in the edge's range,
 whichever way the use runs. On a plane there is none (index -1), the edge's projection serves.
+
+On a quadric there is always one, a `Curve` in its (u, v). A face on a quadric has no seam: its loops close in (u, v) without a
+period's step (angles may lie anywhere, so long as the loop is in one piece), and a surface that closes on itself is at least two
+faces. A sphere's pole and a cone's apex are vertices where a face reaches them, never edges: two uses that meet there end at
+different u on the line v = const which is the pole, and the loop is understood to run straight along this line from one to the
+next. No edge belongs to that step, its length and its `dv` are zero; the kernel gets its degenerated edge there.
 """
 
 from __future__ import annotations
@@ -21,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmscad.patches.carriers import Carrier
+from tpmscad.patches.carriers import Carrier, EdgeCurve
 from tpmscad.splines.bspline import Curve
 
 Array = NDArray[np.float64]
@@ -50,7 +56,7 @@ class Edges:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Uses:
-    """K edge uses in loop order: the edge, +1 or -1 along its parameter, the parameter curve's index or -1 on planes."""
+    """K edge uses in loop order: the edge, +1 or -1 along its parameter, the parameter curve's index, -1 on planes."""
 
     edge: Ints
     sense: Ints
@@ -84,7 +90,7 @@ class PatchComplex:
     """Faces on shared edges and vertices, in model units."""
 
     carriers: tuple[Carrier, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[EdgeCurve, ...]
     pcurves: tuple[Curve, ...]
     vertices: Array
     edges: Edges
