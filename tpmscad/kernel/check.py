@@ -93,9 +93,9 @@ class StepReport:
         return f"{self.file}: {names}, in {', '.join(self.units)}\n{self.shape}"
 
 
-def check_step(path: str | os.PathLike[str]) -> StepReport:
-    """Read a STEP file and look at what is in it; errors as `read_step`."""
-    content = read_step(path)
+def check_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepReport:
+    """Read a STEP file, mended by the kernel's reader or not, and look at what is in it; errors as `read_step`."""
+    content = read_step(path, healed=healed)
     return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
 
 

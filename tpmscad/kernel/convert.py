@@ -6,7 +6,7 @@ TopoDS.Face); everything else here is common to both. Poles go in and out at abo
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface, Geom_Curve, Geom_Line, Geom_Plane, Geom_Surface
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve
 from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.TCollection import TCollection_AsciiString
 from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS
 
@@ -26,6 +27,7 @@ try:
     from OCP.collections import Array1_gp_Pnt2d as PointArray2d
     from OCP.collections import Array1_int as IntArray
     from OCP.collections import Array2_gp_Pnt as PointGrid
+    from OCP.collections import DataMap_TCollection_AsciiString_TCollection_AsciiString as StringMap
     from OCP.collections import IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
     from OCP.collections import List_TopoDS_Shape as ShapeList
     from OCP.collections import Sequence_TCollection_AsciiString as StringSequence
@@ -33,6 +35,7 @@ try:
     as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
     as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
 except ImportError:
+    from OCP.Resource import Resource_DataMapOfAsciiStringAsciiString as StringMap
     from OCP.TColgp import TColgp_Array1OfPnt as PointArray
     from OCP.TColgp import TColgp_Array1OfPnt2d as PointArray2d
     from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
@@ -156,6 +159,14 @@ def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> Curve:
 def string_sequence() -> Any:
     """An empty sequence of OCC strings."""
     return StringSequence()
+
+
+def string_map(entries: Mapping[str, str]) -> Any:
+    """OCC strings by OCC strings."""
+    made = StringMap()
+    for key, value in entries.items():
+        made.Bind(TCollection_AsciiString(key), TCollection_AsciiString(value))
+    return made
 
 
 def ancestors(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:

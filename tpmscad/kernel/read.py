@@ -20,6 +20,24 @@ from tpmscad.kernel import convert
 
 MAGIC = b"ISO-10303-21;"
 
+REPAIRS = (
+    "FixSelfIntersectionMode",
+    "FixIntersectingWiresMode",
+    "FixLoopWiresMode",
+    "FixNotchedEdgesMode",
+    "FixTailMode",
+    "FixSplitFaceMode",
+    "FixSmallMode",
+    "FixSmallAreaWireMode",
+    "FixOrientationMode",
+    "FixFaceOrientationMode",
+    "FixShellOrientationMode",
+    "FixSameParameterMode",
+    "FixEdgeSameParameterMode",
+)
+"""What the kernel's reader mends in other people's files, and what takes more than half of its time. Parameter curves,
+seams and degenerated edges are not among these: a STEP file need not have them, the kernel must."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepContent:
@@ -36,8 +54,8 @@ class StepContent:
         return self.shape
 
 
-def read_step(path: str | os.PathLike[str]) -> StepContent:
-    """Read a STEP file, in mm whatever its unit.
+def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepContent:
+    """Read a STEP file, in mm whatever its unit; as the kernel's readers do, or with none of their `REPAIRS`.
 
     InvalidRequest if there is no such file, or it is no STEP file; KernelError if the kernel can't read it or finds no solid.
     """
@@ -52,6 +70,8 @@ def read_step(path: str | os.PathLike[str]) -> StepContent:
         status = reader.ReadFile(str(path))
         if status != IFSelect_RetDone:
             raise KernelError("read STEP", f"{path} can't be parsed ({status})")
+        if not healed:  # not before the file is read: that sets them anew
+            reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in REPAIRS}))
         if reader.TransferRoots() == 0:
             raise KernelError("read STEP", f"{path} holds no shape")
         shape = reader.OneShape()
