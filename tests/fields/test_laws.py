@@ -57,6 +57,7 @@ KINDS = {
     "constant": fields.constant(0.25),
     "mapped": fields.mapped(GYROID, bend, bend_jacobian),
     "mapped without Jacobian": fields.mapped(UNIT, bend),
+    "cell sizes": fields.cell_sizes(GYROID, x=((-1, 0.5, 2), (2.5, 2.5, 1.5)), z=((-0.7, 1.1), (1.2, 2.4))),
     "rotated": fields.rotated(GYROID | UNIT, (1, 2, 3), 31, (1, 0, 0)),
     "translated": fields.translated(UNIT, (1, 0, 2)),
     "scaled": fields.scaled(GYROID, 2.0, (1, 1, 1)),

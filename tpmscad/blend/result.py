@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 from tpmscad.blend.composition import BlendedField, StageWeight, Weighting
-from tpmscad.blend.grid import Array
+from tpmscad.blend.grid import Array, Box
 from tpmscad.blend.necks import Neck
 from tpmscad.blend.optimise import View
 from tpmscad.blend.scene import Scene
@@ -66,8 +67,24 @@ class BlendResult:
     method: str
     resolution: tuple[int, int, int]
     seconds: Mapping[str, float]
+    domain: Box
+    """The box that was blended and checked: ((x0, y0, z0), (x1, y1, z1))."""
     necks: tuple[Neck, ...] = ()
     """Necks inside the blending regions that stay narrower than `minimum_neck` asked for."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was counted and measured, as plain values ready for JSON."""
+        return {
+            "converged": self.converged,
+            "message": self.message,
+            "method": self.method,
+            "resolution": list(self.resolution),
+            "domain": [list(corner) for corner in self.domain],
+            "iterations": self.iterations,
+            "errors": self.errors.to_dict(),
+            "necks": [asdict(neck) for neck in self.necks],
+            "seconds": dict(self.seconds),
+        }
 
 
 def result_of(
@@ -101,6 +118,7 @@ def result_of(
         method=method,
         resolution=scenes[0].grid.shape,
         seconds=dict(seconds),
+        domain=(scenes[0].grid.low, scenes[0].grid.high),
         necks=necks,
     )
 

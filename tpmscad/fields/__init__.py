@@ -16,6 +16,7 @@ from tpmscad.fields.booleans import (
 )
 from tpmscad.fields.bspline import bspline_unit
 from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
+from tpmscad.fields.cell_sizes import cell_sizes
 from tpmscad.fields.field import Field, as_field, constant
 from tpmscad.fields.fraction import threshold_for, volume_fraction
 from tpmscad.fields.function import from_function
@@ -33,6 +34,7 @@ __all__ = [
     "as_field",
     "box",
     "bspline_unit",
+    "cell_sizes",
     "complement",
     "constant",
     "coordinate",

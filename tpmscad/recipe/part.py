@@ -1,0 +1,54 @@
+"""Recipes of solids: any field in a box, from a TOML file.
+
+tol = 0.02
+domain = [[0, 0, 0], [10, 10, 20]]
+
+[field]
+kind = "rod"
+surface = "gyroid"
+period = 10
+level = { kind = "ramp", by = "z", span = [0, 20], values = [-0.6, 0.2] }
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields import Field, volume_fraction
+from tpmscad.recipe.entry import Entry, document
+from tpmscad.recipe.reader import reader_of
+from tpmscad.recipe.scaffold import Box, box
+
+SAMPLES = 48
+"""Per axis, for a first look at the volume fraction: good to a per cent where cells are ten samples wide."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A field to be made a solid in a box, and the tolerance (model units)."""
+
+    recipe: Entry
+    field: Field
+    domain: Box
+    tol: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """What can be said before anything is made. Raises RecipeError if the field is not finite in the box."""
+        try:
+            share = volume_fraction(self.field, self.domain, samples=SAMPLES)
+        except InvalidRequest as error:
+            raise self.recipe["field"].error(str(error)) from error
+        return {"domain": [list(corner) for corner in self.domain], "tol": self.tol, "volume_fraction": share}
+
+    def __str__(self) -> str:
+        low, high = self.domain
+        return f"{low} to {high}, about {100 * self.to_dict()['volume_fraction']:.1f} % solid, to be held within {self.tol:g}"
+
+
+def read_part(path: Path) -> Part:
+    """The field of a TOML file. Raises RecipeError with the line of what is wrong."""
+    recipe = document(path).table("fields", "field", "domain", "tol")
+    return Part(recipe, reader_of(recipe)(recipe["field"]), box(recipe["domain"]), recipe["tol"].positive())
