@@ -41,14 +41,14 @@ class EdgeNodes:
 
     def __call__(self, edge: TopoDS_Edge) -> tuple[Nodes, float]:
         """The nodes, and -1 where the edge is used against its curve, else 1."""
-        key = _Key(edge)
+        key = EdgeKey(edge)
         nodes = self._known.get(key)
         if nodes is None:
             nodes = self._known[key] = _nodes(edge)
         return nodes, -1.0 if edge.Orientation() == TopAbs_REVERSED else 1.0
 
 
-class _Key:
+class EdgeKey:
     """An edge as a key, whichever way it is used."""
 
     __slots__ = ("edge",)
@@ -60,7 +60,7 @@ class _Key:
         return hash(self.edge)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and bool(self.edge.IsSame(other.edge))
+        return isinstance(other, EdgeKey) and bool(self.edge.IsSame(other.edge))
 
 
 def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
