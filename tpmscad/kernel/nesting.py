@@ -6,10 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tpmscad.errors import KernelError
 from tpmscad.patches import connectivity, measure
+from tpmscad.patches.carriers import Plane, Quadric, Sphere, Torus
 from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.splines.bspline import Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +35,8 @@ def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nest
     """Sort the shells of a closed complex into solids.
 
     A shell that bounds its inside has positive volume, a void's negative. A void belongs to the smallest outer shell around it:
-    the only one whose box reaches around the void's, or, where boxes leave a choice, the smallest of which
-    `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
+    the only one whose box reaches around the void's, or, where boxes leave a choice or are generous (on quadrics), the smallest
+    of which `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
     """
     count, shell = connectivity.shells(complex)
     moments = measure.face_moments(complex)
@@ -44,9 +47,11 @@ def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nest
     voids = np.flatnonzero(volume <= 0)
     if len(voids):
         low, high, point = _boxes(complex, shell, count)
+        least, most, round_shell = _bulged(complex, shell, low, high)
         for void in voids:
-            around = [int(s) for s in outer if (low[s] < low[void]).all() and (high[s] > high[void]).all()]
-            if len(around) > 1:
+            reach = low[void], high[void]
+            around = [int(s) for s in outer if (least[s] < reach[0]).all() and (most[s] > reach[1]).all()]
+            if len(around) > 1 or any(round_shell[s] for s in around):
                 around = [s for s in around if inside(s, point[void])]
             if not around:
                 raise KernelError(
@@ -74,3 +79,31 @@ def _boxes(complex: PatchComplex, shell: Ints, count: int) -> tuple[Array, Array
     np.maximum.at(highest, of, points)
     _, first = np.unique(of, return_index=True)
     return lowest, highest, points[first]
+
+
+def _bulged(complex: PatchComplex, shell: Ints, low: Array, high: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The boxes widened to hold each shell's faces on quadrics, somewhat too wide, and which shells have such faces."""
+    low, high, has = low.copy(), high.copy(), np.zeros(len(low), bool)
+    faces, uses, face = complex.faces, complex.uses, complex.face_of_use
+    for i, index in enumerate(faces.carrier.tolist()):
+        carrier = complex.carriers[index]
+        if isinstance(carrier, Surface | Plane):
+            continue
+        v = np.concatenate([complex.pcurves[p].poles[:, 1] for p in np.unique(uses.pcurve[face == i]).tolist()])
+        centre, radius = _ball(carrier, float(v.min()), float(v.max()))
+        centre = faces.rotation[i] @ centre + faces.translation[i]
+        s = shell[i]
+        low[s], high[s], has[s] = np.minimum(low[s], centre - radius), np.maximum(high[s], centre + radius), True
+    return low, high, has
+
+
+def _ball(quadric: Quadric, low: float, high: float) -> tuple[Array, float]:
+    """Centre and radius of a ball around the part of a quadric between two values of v."""
+    if isinstance(quadric, Sphere):
+        return quadric.origin, quadric.radius
+    if isinstance(quadric, Torus):
+        return quadric.origin, quadric.major + quadric.minor
+    rims = quadric(np.zeros(2), np.array([low, high]))
+    heights = (rims - quadric.origin) @ quadric.axis
+    middle = quadric.origin + heights.mean() * quadric.axis
+    return middle, float(np.linalg.norm(rims - middle, axis=1).max())

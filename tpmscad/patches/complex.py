@@ -27,7 +27,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmscad.patches.carriers import Carrier, EdgeCurve
+from tpmscad.patches.carriers import Carrier, Cone, Cylinder, EdgeCurve
 from tpmscad.splines.bspline import Curve
 
 Array = NDArray[np.float64]
@@ -111,13 +111,33 @@ class PatchComplex:
 
 
 def scaled(complex: PatchComplex, factor: float) -> PatchComplex:
-    """The complex enlarged about the origin."""
+    """The complex enlarged about the origin. Parameters of carriers scale where they are lengths on quadrics, others stay."""
     edges, faces = complex.edges, complex.faces
+    pcurves, uses = _scaled_heights(complex, factor)
     return replace(
         complex,
         carriers=tuple(c.scaled(factor) for c in complex.carriers),
         curves=tuple(c.scaled(factor) for c in complex.curves),
+        pcurves=pcurves,
         vertices=factor * complex.vertices,
         edges=replace(edges, translation=factor * edges.translation, deviation=factor * edges.deviation),
+        uses=uses,
         faces=replace(faces, translation=factor * faces.translation),
     )
+
+
+def _scaled_heights(complex: PatchComplex, factor: float) -> tuple[tuple[Curve, ...], Uses]:
+    """Parameter curves with v scaled where it is a length, on cylinders and cones; one that others use as well is kept beside."""
+    uses, pcurves = complex.uses, list(complex.pcurves)
+    has_length = np.array([isinstance(c, Cylinder | Cone) for c in complex.carriers], bool)
+    by_length = has_length[complex.faces.carrier[complex.face_of_use]]
+    index, elsewhere = uses.pcurve.copy(), set(uses.pcurve[~by_length].tolist())
+    for p in np.unique(uses.pcurve[by_length]).tolist():
+        old = complex.pcurves[p]
+        new = Curve(old.poles * np.array([1.0, factor]), old.knots, old.degree)
+        if p in elsewhere:
+            index[by_length & (uses.pcurve == p)] = len(pcurves)
+            pcurves.append(new)
+        else:
+            pcurves[p] = new
+    return tuple(pcurves), replace(uses, pcurve=index)
