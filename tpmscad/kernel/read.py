@@ -110,6 +110,6 @@ def _units(reader: STEPControl_Reader) -> tuple[str, ...]:
 
 
 def _products(reader: STEPControl_Reader) -> tuple[str, ...]:
-    model = reader.StepModel()
-    kinds = (model.Value(i) for i in range(1, model.NbEntities() + 1))
+    found = reader.GiveList("step-type(PRODUCT)")  # and other types that begin so; looked up in the kernel, not entity by entity
+    kinds = (found.Value(i) for i in range(1, found.Length() + 1))
     return tuple(e.Name().ToCString() for e in kinds if e.DynamicType().Name() == "StepBasic_Product")
