@@ -13,6 +13,9 @@ from typing import Any
 from tpmscad.errors import InvalidRequest
 from tpmscad.recipe.lines import Path, key_lines
 
+LIKENESS = 0.5
+"""How alike a word is to one that is suggested (difflib's ratio): "tolerance" is to "tol"."""
+
 
 class RecipeError(InvalidRequest):
     """What is wrong with a recipe; the message begins with the file, the line and the key."""
@@ -53,9 +56,7 @@ class Entry:
         for key in self.value:
             if known and key not in known:
                 wrong = replace(self, path=(*self.path, key))
-                near = get_close_matches(key, known, n=1)
-                hint = f"did you mean {near[0]!r}?" if near else f"known here: {', '.join(known)}"
-                raise wrong.error(f"unknown key; {hint}")
+                raise wrong.error(f"unknown key; {_hint(key, known)}")
         return self
 
     def number(self) -> float:
@@ -86,9 +87,7 @@ class Entry:
         if not isinstance(self.value, str):
             raise self.error(f"must be a string, not {self.shown}")
         if choices and self.value not in choices:
-            near = get_close_matches(self.value, choices, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(choices)}"
-            raise self.error(f"{self.value!r} is unknown; {hint}")
+            raise self.error(f"{self.value!r} is unknown; {_hint(self.value, choices)}")
         return self.value
 
     def numbers(self, count: int) -> tuple[float, ...]:
@@ -130,6 +129,11 @@ class Entry:
             known = known[:-1]
         where = f"{self.file.name}, line {self.lines[known]}" if known else self.file.name
         return RecipeError(": ".join(part for part in (", ".join((where, self.key)) if self.key else where, message)))
+
+
+def _hint(word: str, known: Sequence[str]) -> str:
+    near = get_close_matches(word, known, n=1, cutoff=LIKENESS)
+    return f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(known)}"
 
 
 def document(file: FilePath) -> Entry:

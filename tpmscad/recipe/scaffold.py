@@ -1,10 +1,18 @@
 """Recipes of blends: what `tpmscad.blend` takes, from a TOML file, and the solid of the result.
 
     tol = 0.02
+
     [[structures]]
-    kind = "rod", surface = "gyroid", period = 5, level = -0.3       # (one key a line)
+    kind = "rod"
+    surface = "gyroid"
+    period = 5
+    level = -0.3
+
     [[regions]]
-    kind = "box", lo = [0, 0, 0], hi = [10, 10, 10]
+    kind = "box"
+    lo = [0, 0, 0]
+    hi = [10, 10, 10]
+
     [[blending_regions]]
     ...
 
@@ -124,12 +132,10 @@ def _three(entry: Entry | None) -> tuple[int, int, int] | None:
 
 def _located(recipe: Entry, message: str) -> RecipeError:
     """The error with the line of the structure or region its message begins with, or of the key it begins with."""
-    first = message.split(" ", 1)[0].rstrip(":")
-    if first in recipe.value:
-        return recipe[first].error(message)
     found = _NAMED.match(message)
     if found is None:
-        return recipe.error(message)
+        first = message.split(" ", 1)[0].rstrip(":")
+        return (recipe[first] if first in recipe.value else recipe).error(message)
     items = recipe[found[1].replace(" ", "_") + "s"].items()
     number = int(found[2])
-    return items[number].error(message) if number < len(items) else recipe.error(message)
+    return (items[number] if number < len(items) else recipe).error(message)
