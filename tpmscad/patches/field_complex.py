@@ -18,6 +18,7 @@ from tpmscad.patches import field_check
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_fit import NetFit, fit_net
+from tpmscad.patches.field_inside import inside
 from tpmscad.patches.field_layers import check_apart, layers, rejoined
 from tpmscad.patches.field_solid import assemble
 from tpmscad.patches.layout import octree
@@ -122,7 +123,7 @@ def field_complex(
     if not 0 < tol < (hi - lo).min():
         raise InvalidRequest(f"tol {tol!r} must be above zero and below the box's least edge, {(hi - lo).min():g}")
     done = progress or (lambda share: None)
-    parts = layers(field)
+    parts = tuple(inside(part, lo, hi) for part in layers(field))
     spacing = float((hi - lo).max()) / PROBE_SIDE
     samples = []
     for part in parts:
