@@ -1,6 +1,6 @@
 """A field as a box sees it: inside the field's own values, beyond the faces their continuation along the slope at the face.
 
-What is fitted at a face of the box is evaluated a little beyond it, too, and there a field may be another one altogether: a blended
+What is fitted at a face of the box is evaluated a little beyond it, too, and there a field may be another altogether: a blended
 field's blending region often ends at the very face.
 """
 
