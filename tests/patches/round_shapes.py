@@ -107,7 +107,7 @@ def revolved(
             if z0 == z1:
                 carrier = Plane(z0 * Z, direction(0), Z if r1 < r0 else -Z)
                 v0, v1 = 0.0, length
-            elif r0 == r1:
+            elif abs(r1 - r0) < 1e-12:
                 carrier, v0, v1 = Cylinder(0 * Z, direction(0), Z, r0), z0, z1
             else:
                 carrier = Cone(z0 * Z, direction(0), Z, r0, float(np.arcsin(up * (r1 - r0) / length)))

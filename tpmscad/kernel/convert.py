@@ -12,13 +12,27 @@ from typing import Any
 import numpy as np
 import OCP
 from numpy.typing import NDArray
-from OCP.Geom import Geom_BSplineCurve, Geom_BSplineSurface, Geom_Curve, Geom_Line, Geom_Plane, Geom_Surface
-from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve
-from OCP.gp import gp_Ax3, gp_Dir, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.Geom import (
+    Geom_BSplineCurve,
+    Geom_BSplineSurface,
+    Geom_Circle,
+    Geom_ConicalSurface,
+    Geom_Curve,
+    Geom_CylindricalSurface,
+    Geom_Ellipse,
+    Geom_Line,
+    Geom_Plane,
+    Geom_SphericalSurface,
+    Geom_Surface,
+    Geom_ToroidalSurface,
+)
+from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
 from OCP.TCollection import TCollection_AsciiString
 from OCP.TopExp import TopExp
 from OCP.TopoDS import TopoDS
 
+from tpmscad.patches.carriers import Circle, Cone, Cylinder, EdgeCurve, Ellipse, Quadric, Sphere
 from tpmscad.splines.bspline import Curve, Surface
 
 try:
@@ -87,8 +101,25 @@ def surface(value: Surface) -> Geom_Surface:
     return Geom_BSplineSurface(point_grid(value.poles), uk, vk, um, vm, value.degree_u, value.degree_v)
 
 
-def curve(value: Curve) -> Geom_Curve:
-    """The B-spline curve in space."""
+def quadric(value: Quadric) -> Geom_Surface:
+    """The same surface with the same parameters."""
+    frame = gp_Ax3(point(value.origin), direction(value.axis), direction(value.x_axis))
+    if isinstance(value, Cylinder):
+        return Geom_CylindricalSurface(frame, value.radius)
+    if isinstance(value, Cone):
+        return Geom_ConicalSurface(frame, value.angle, value.radius)
+    if isinstance(value, Sphere):
+        return Geom_SphericalSurface(frame, value.radius)
+    return Geom_ToroidalSurface(frame, value.major, value.minor)
+
+
+def curve(value: EdgeCurve) -> Geom_Curve:
+    """The curve in space with the same parameter."""
+    if isinstance(value, Circle | Ellipse):
+        frame = gp_Ax2(point(value.origin), direction(value.normal), direction(value.x_axis))
+        if isinstance(value, Circle):
+            return Geom_Circle(frame, value.radius)
+        return Geom_Ellipse(frame, value.major, value.minor)
     poles = PointArray(1, len(value.poles))
     for i, (x, y, z) in enumerate(value.poles.tolist(), 1):
         poles.SetValue(i, gp_Pnt(x, y, z))
@@ -101,6 +132,12 @@ def curve_2d(value: Curve) -> Geom2d_Curve:
     for i, (u, v) in enumerate(value.poles.tolist(), 1):
         poles.SetValue(i, gp_Pnt2d(u, v))
     return Geom2d_BSplineCurve(poles, *_knots(value.knots), value.degree)
+
+
+def straight_2d(start: Array, end: Array) -> Geom2d_Curve:
+    """The line through two points of a surface's parameters, at unit speed from the first."""
+    along = end - start
+    return Geom2d_Line(gp_Pnt2d(*start.tolist()), gp_Dir2d(*along.tolist()))
 
 
 def straight(start: Array, end: Array) -> Geom_Curve:
