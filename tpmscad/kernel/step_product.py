@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.kernel.step_brep import placement
+from tpmscad.kernel.step_geometry import placement
 from tpmscad.kernel.step_text import Entities, real, reals, references, string
 from tpmscad.patches.complex import Array
 

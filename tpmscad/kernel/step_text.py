@@ -9,7 +9,7 @@ from tpmscad.errors import InvalidRequest
 
 def real(value: float) -> str:
     """The shortest text that reads back as this float; Part 21 wants a point, and a capital E."""
-    return reals([value])[0]
+    return reals([float(value)])[0]
 
 
 def reals(values: Sequence[float]) -> list[str]:
