@@ -15,11 +15,11 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.model import Cells, Model, Progress, Stages
 from tpmscad.patches import lattice as lattices
 from tpmscad.patches import mapped as mappings
+from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex, scaled
 from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.maps import Map, as_map, composed, stretched
 from tpmscad.patches.primitive import fit_sheet
-from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest, lattice_request
 from tpmscad.trimming import box, trim
 
@@ -118,7 +118,7 @@ def export_model(model: Model, path: str | Path, *, instanced: bool, schema: str
         complex = model.cells.make()
         nesting = kernel.build(complex).nesting
         instances, copies = kernel.Instances.shifted(model.cells.translations), len(model.cells.translations)
-    expected = copies * summary(complex).volume
+    expected = copies * float(measure.volume(nesting.moments)[0])
 
     def verify(written: Path) -> None:
         found = kernel.check_step(written, healed=False)
