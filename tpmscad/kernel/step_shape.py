@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
@@ -19,6 +20,7 @@ from tpmscad.kernel.read import quiet
 
 OCC_SCHEMAS = {"ap242": "AP242DIS", "ap214": "AP214IS"}
 SOFTWARE = "tpmscad"
+SOLID_ENTITIES = ("StepShape_ManifoldSolidBrep", "StepShape_BrepWithVoids")
 
 
 def write_shape(
@@ -28,10 +30,12 @@ def write_shape(
     schema: str = "ap242",
     name: str | None = None,
     time_stamp: str | None = None,
+    names: Sequence[str] = (),
+    verify: Callable[[Path], None] | None = None,
 ) -> None:
     """Write a TopoDS shape, or anything that wraps one, as one STEP product in mm; arguments and errors as `write_step`.
 
-    KernelError if OCC refuses the shape.
+    names: of its solids, in their order. KernelError if OCC refuses the shape.
     """
     target = step_path(path)
     if schema not in OCC_SCHEMAS:
@@ -44,9 +48,12 @@ def write_shape(
         if writer.Transfer(topods, STEPControl_AsIs) != IFSelect_RetDone:
             raise KernelError("write STEP", "OCC can't translate the shape", topods)
         _rename(writer, title, target.name, time_stamp)
+        _name_solids(writer, names)
         with written_aside(target) as aside:
             if writer.Write(str(aside)) != IFSelect_RetDone:
                 raise KernelError("write STEP", f"OCC can't write {target}", topods)
+            if verify is not None:
+                verify(aside)
 
 
 @contextmanager
@@ -79,3 +86,15 @@ def _rename(writer: STEPControl_Writer, title: str, file: str, time_stamp: str |
     header.SetPreprocessorVersion(text(SOFTWARE))
     if time_stamp is not None:
         header.SetTimeStamp(text(time_stamp))
+
+
+def _name_solids(writer: STEPControl_Writer, names: Sequence[str]) -> None:
+    if not names:
+        return
+    model = writer.Model()
+    entities = [model.Value(i) for i in range(1, model.NbEntities() + 1)]
+    solids = [e for e in entities if e.DynamicType().Name() in SOLID_ENTITIES]
+    if len(solids) != len(names):
+        raise KernelError("write STEP", f"OCC translated {len(solids)} solids, {len(names)} were to be named")
+    for solid, name in zip(solids, names, strict=True):
+        solid.SetName(TCollection_HAsciiString(name))

@@ -1,0 +1,62 @@
+"""Trimming by the kernel's own boolean: slow and general. Its results are checked, whatever it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepAlgoAPI import BRepAlgoAPI_BooleanOperation, BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+from tpmscad.errors import KernelError
+from tpmscad.kernel import convert
+from tpmscad.kernel.check import ShapeReport, check_shape
+from tpmscad.kernel.read import solids_of
+
+
+def common(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
+    """The solids that two solids have in common, largest first; none where they do not meet. KernelError if it gives up."""
+    return _solids(BRepAlgoAPI_Common(first, second), "common of lattice and body")
+
+
+def difference(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
+    """The solids that are left of the first where the second is taken away, largest first."""
+    return _solids(BRepAlgoAPI_Cut(first, second), "body without lattice")
+
+
+def _solids(operation: BRepAlgoAPI_BooleanOperation, name: str) -> tuple[TopoDS_Solid, ...]:
+    if not operation.IsDone():
+        raise KernelError(name, "the kernel's boolean failed", operation.Shape())
+    return sorted_solids(solids_of(operation.Shape()))
+
+
+def sorted_solids(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:
+    """Largest first."""
+    measured = [(check_shape(solid).volume, solid) for solid in solids]
+    return tuple(solid for _, solid in sorted(measured, key=lambda pair: -pair[0]))
+
+
+def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
+    """Pieces, tunnels and voids of solids, from their shells' Euler characteristics."""
+    pieces = voids = euler = 0
+    for solid in solids:
+        shells = _count(solid, TopAbs_SHELL)
+        pieces, voids = pieces + 1, voids + shells - 1
+        edges = [e for e, _ in convert.ancestors(solid, TopAbs_EDGE, TopAbs_FACE)]
+        proper = sum(not BRep_Tool.Degenerated_s(convert.as_edge(e)) for e in edges)
+        vertices = len(convert.ancestors(solid, TopAbs_VERTEX, TopAbs_EDGE))
+        faces = _count(solid, TopAbs_FACE)
+        wires = _count(solid, TopAbs_WIRE)
+        euler += vertices - proper + 2 * faces - wires  # a face with h holes counts as 1 - h
+    return pieces, pieces + voids - euler // 2, voids
+
+
+def _count(shape: TopoDS_Shape, kind: object) -> int:
+    explorer, count = TopExp_Explorer(shape, kind), 0
+    while explorer.More():
+        count += 1
+        explorer.Next()
+    return count

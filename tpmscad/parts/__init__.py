@@ -1,0 +1,6 @@
+"""What engineers do with a part: fill it with a lattice, keep a skin, get the fluid volumes too."""
+
+from tpmscad.parts.infill import infill
+from tpmscad.parts.part import Part
+
+__all__ = ["Part", "infill"]

@@ -1,0 +1,126 @@
+"""What comes of filling a body: a model of kernel solids, with the patches it is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad import kernel
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.boolean import betti_numbers
+from tpmscad.kernel.build import compound
+from tpmscad.kernel.check import bounding_box
+from tpmscad.model import Model
+from tpmscad.parts.block import Block
+from tpmscad.patches.certificate import Certificate
+from tpmscad.splines.bspline import Surface
+
+STORED_VOLUME = 1e-7
+"""Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""
+
+CHIP = 1e-2
+"""A piece below this fraction of the largest is named a chip in the notes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """Kernel solids, largest first, that no complex stands for. `shape` is the one solid, or a compound of several."""
+
+    solids: tuple[Any, ...]
+
+    @property
+    def shape(self) -> Any:
+        return self.solids[0] if len(self.solids) == 1 else compound(self.solids)
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        from build123d import Compound, Solid  # takes seconds to import, and files are written without it
+
+        shape = self.shape
+        return Solid(shape) if len(self.solids) == 1 else Compound(shape)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part(Model):
+    """A body with a lattice in it. `patches` are the lattice's, before the body trims them, where `trimmed_by` is "kernel";
+    otherwise they bound the solid."""
+
+    trimmed_by: str = "kernel"
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape, by the name that build123d and CadQuery give it."""
+        return self.built.shape
+
+    def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
+        """Write the part as STEP, read it back and check it; KernelError if the file does not hold what was written."""
+        if instanced:
+            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
+        write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
+
+
+def write_checked(shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()) -> None:
+    """Write a kernel shape as STEP; the file is there whole and read back as what was written, or not at all."""
+
+    def verify(written: Path) -> None:
+        found = kernel.check_step(written)
+        if not found.ok or abs(found.shape.volume - volume) > STORED_VOLUME * volume:
+            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {found}")
+
+    kernel.write_shape(shape, path, schema=schema, name=name, verify=verify, names=tuple(names))
+
+
+def part_certificate(solids: tuple[Any, ...], block: Block, notes: tuple[str, ...]) -> Certificate:
+    """Measure kernel solids and hold them against the request; the block knows what was measured on the lattice's patches."""
+    tol, deviation, smooth = block.tol, block.deviation, block.joints
+    splines = [c for c in block.patches.carriers if isinstance(c, Surface)]
+    shortfalls = block.shortfalls
+    report = kernel.check_shape(compound(solids))
+    for wrong, what in (
+        (deviation.max > tol, f"deviation {deviation.max:.3g} exceeds tol {tol:g}"),
+        (not report.closed, "the faces do not close"),
+        (not report.valid, "the kernel's check rejects the solid"),
+        (not report.outward, "a solid is inside out"),
+        (report.max_tolerance > tol, f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}"),
+    ):
+        if wrong:
+            shortfalls = (*shortfalls, what)
+    return Certificate(
+        met=not shortfalls,
+        shortfalls=shortfalls,
+        tol=tol,
+        max_deviation=deviation.max,
+        rms_deviation=deviation.rms,
+        reference=block.reference,
+        gap=max(smooth.gap, report.max_tolerance),
+        tangent_jump_deg=smooth.tangent_jump_deg,
+        curvature_jump=smooth.curvature_jump,
+        valid=report.valid,
+        closed=report.closed,
+        volume=report.volume,
+        area=report.area,
+        betti=betti_numbers(solids),
+        pieces=report.volumes,
+        n_faces=report.faces,
+        n_primitives=len(splines),
+        n_poles=sum(c.poles.shape[0] * c.poles.shape[1] for c in splines),
+        bounds=dict(block.bounds),
+        notes=(*block.notes, *notes, *piece_notes(solids, report.volumes)),
+    )
+
+
+def piece_notes(solids: tuple[Any, ...], volumes: tuple[float, ...]) -> tuple[str, ...]:
+    """A line on each piece beside the first: a body's faces can cut off chips."""
+    if len(solids) < 2:
+        return ()
+    notes = [f"{len(solids)} separate pieces; another phase may join or shed the small ones"]
+    for solid, volume in zip(solids[1:], volumes[1:], strict=True):
+        kind = "chip" if volume < CHIP * volumes[0] else "piece"
+        x, y, z = np.mean(bounding_box(solid), axis=0)
+        notes.append(f"{kind} of volume {volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
+    return tuple(notes)
