@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tpmscad import blend, fields, surfaces
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
+    from tpmscad.metrics import Metrics, measure
     from tpmscad.model import Model
+    from tpmscad.parts import infill
     from tpmscad.patches import maps
     from tpmscad.patches.certificate import Certificate
     from tpmscad.solids import solidify
@@ -21,6 +23,7 @@ __all__ = [
     "Certificate",
     "InvalidRequest",
     "KernelError",
+    "Metrics",
     "Model",
     "NotMet",
     "TpmscadError",
@@ -28,8 +31,10 @@ __all__ = [
     "check_step",
     "export_step",
     "fields",
+    "infill",
     "lattice",
     "maps",
+    "measure",
     "render_step",
     "solidify",
     "surfaces",
@@ -39,11 +44,14 @@ _HOMES = {
     "Certificate": "tpmscad.patches.certificate",
     "InvalidRequest": "tpmscad.errors",
     "KernelError": "tpmscad.errors",
+    "Metrics": "tpmscad.metrics",
     "Model": "tpmscad.model",
     "NotMet": "tpmscad.errors",
     "TpmscadError": "tpmscad.errors",
     "check_step": "tpmscad.workflows",
     "export_step": "tpmscad.workflows",
+    "measure": "tpmscad.metrics",
+    "infill": "tpmscad.parts",
     "lattice": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",
     "solidify": "tpmscad.solids",

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from tpmscad.cli.options import Picture, Quiet, Report, StepFile
+from tpmscad.cli.options import Measured, Picture, Quiet, Report, StepFile, Within
 from tpmscad.cli.output import progress_bar, reported, writable, write_report
 from tpmscad.errors import TpmscadError
 
 
-def check(file: StepFile, report: Report = None, quiet: Quiet = False) -> None:
+def check(
+    file: StepFile, metrics: Measured = False, within: Within = None, report: Report = None, quiet: Quiet = False
+) -> None:
     """Read a STEP file back with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
     if report is not None:
         writable(report, (".json",))
@@ -15,9 +17,17 @@ def check(file: StepFile, report: Report = None, quiet: Quiet = False) -> None:
 
     with progress_bar(f"reading {file.name}", quiet):
         found = workflows.check_step(file)
-    write_report(report, found.to_dict())
+    content, text = found.to_dict(), str(found)
+    if found.ok and (metrics or within):
+        from tpmscad.metrics import measure
+
+        with progress_bar(f"measuring {file.name}", quiet):
+            measured = measure(file, within=within)
+        content["metrics"] = measured.to_dict()
+        text += f"\n{measured}"
+    write_report(report, content)
     if not quiet:
-        print(found)
+        print(text)
     if not found.ok:
         raise TpmscadError(f"{file} does not hold valid closed solids: {found}" if quiet else f"{file} fails the check")
 

@@ -42,3 +42,15 @@ Picture = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", hel
 Report = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write what was measured as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
 StepFile = Annotated[Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")]
+Measured = Annotated[
+    bool, typer.Option("--metrics", help="Also volume fraction, surface, hydraulic diameter, smallest wall and pore.")
+]
+Within = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="BODY.step",
+        exists=True,
+        dir_okay=False,
+        help="Metrics within this body, instead of the box around all.",
+    ),
+]

@@ -1,0 +1,251 @@
+"""Points with outward normals spread over the faces of a shape, and where faces meet in sharp edges.
+
+Faces are sampled on a grid of their own parameters, fine enough for the spacing asked; of trimmed faces those nodes stay that an
+even-odd count along each row of the grid puts inside the loops. Points and normals are the surface's own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.Geom import Geom_BSplineSurface, Geom_Surface
+from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopAbs import TopAbs_FACE, TopAbs_ON, TopAbs_REVERSED
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tpmscad.kernel import convert
+from tpmscad.kernel.edge_nodes import EdgeKey, edges_of
+from tpmscad.kernel.read import solids_of
+from tpmscad.patches.complex import Array, Ints
+from tpmscad.splines.bspline import Surface
+
+SHARP = np.cos(np.radians(15.0))
+"""Faces whose normals differ by more at an edge meet sharply there; certified joints differ by 2 degrees at most."""
+
+PROBE = 17
+"""Lines along u and along v on which a face's extent is measured."""
+
+CHORDS = 32
+"""Straight pieces that stand for a trimming curve, per knot span 4: nodes nearer to it than those are kept or left by chance."""
+
+
+TURN = np.radians(4.0)
+"""Normals of neighbouring nodes turn by no more: sides that face each other at one line only are seen to."""
+
+WITNESSES = 5
+"""Samples asked whether their face lies on a surface: one that crosses it does so in a line."""
+
+NEIGHBOURS = 9
+"""Two even sets of samples on one plane, as many of each: one of the other set is among the nearest nine."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Samples:
+    """Points (n, 3), unit normals out of the solid (n, 3), and the face each lies on (n,)."""
+
+    points: Array
+    normals: Array
+    face: Ints
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Creases:
+    """Faces in smooth groups, `group` (F,); points on sharp edges (n, 3), the two faces that meet there and their normals."""
+
+    group: Ints
+    points: Array
+    faces: Ints
+    normals: Array
+
+
+def faces_of(shape: Any) -> list[TopoDS_Face]:
+    """The faces of a shape as its solids use them, in the explorer's order."""
+    explorer, found = TopExp_Explorer(getattr(shape, "wrapped", shape), TopAbs_FACE), []
+    while explorer.More():
+        found.append(convert.as_face(explorer.Current()))
+        explorer.Next()
+    return found
+
+
+def samples(faces: Sequence[TopoDS_Face], spacing: float) -> Samples:
+    """Nodes at most `spacing` and 4 degrees apart along u and along v; faces narrower have one row, slivers perhaps none."""
+    found = [_sampled(face, spacing) for face in faces]
+    return Samples(
+        np.concatenate([points for points, _ in found]),
+        np.concatenate([normals for _, normals in found]),
+        np.repeat(np.arange(len(found)), [len(points) for points, _ in found]),
+    )
+
+
+def creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
+    """Which faces go on smoothly into each other, and points along the sharp edges at most `spacing` apart."""
+    uses: dict[EdgeKey, list[tuple[TopoDS_Edge, int]]] = {}
+    for i, face in enumerate(faces):
+        for edge in edges_of(face):
+            if not BRep_Tool.Degenerated_s(edge):
+                uses.setdefault(EdgeKey(edge), []).append((edge, i))
+    surfaces = [_Surface(face) for face in faces]
+    smooth, sharp = [(0, 0)], [(np.zeros((0, 3)), np.zeros((0, 2, 3)), 0, 0)]
+    for users in uses.values():
+        if len(users) != 2:
+            continue
+        (edge, i), (other, j) = users
+        points, first = _along(edge, faces[i], surfaces[i], spacing)
+        _, second = _along(other, faces[j], surfaces[j], spacing, len(points))
+        turned = (first * second).sum(axis=1) < SHARP
+        if turned.any():
+            sharp.append((points[turned], np.stack([first, second], axis=1)[turned], i, j))
+        else:
+            smooth.append((i, j))
+    one, two = np.transpose(smooth)
+    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(faces), len(faces)))
+    return Creases(
+        connected_components(graph, directed=False)[1].astype(np.int64),
+        np.concatenate([points for points, *_ in sharp]),
+        np.concatenate([np.tile([i, j], (len(points), 1)) for points, _, i, j in sharp]),
+        np.concatenate([normals for _, normals, *_ in sharp]),
+    )
+
+
+def on_surface(solid: TopoDS_Solid, samples: Samples, near: float) -> NDArray[np.bool_]:
+    """Which samples lie within `near` of a solid's surface, as told by a few of each face: the others follow them."""
+    classifier = BRepClass3d_SolidClassifier(solid)
+    result = np.zeros(len(samples.points), bool)
+    for face in np.unique(samples.face):
+        mine = np.flatnonzero(samples.face == face)
+        for i in mine[np.linspace(0, len(mine) - 1, min(len(mine), WITNESSES)).astype(int)]:
+            classifier.Perform(convert.point(samples.points[i]), near)
+            if classifier.State() != TopAbs_ON:
+                break
+        else:
+            result[mine] = True
+    return result
+
+
+def touching(shape: Any, samples: Samples, near: float, spacing: float) -> bool:
+    """Whether faces of different solids lie on each other, back to back."""
+    solids = [faces_of(solid) for solid in solids_of(getattr(shape, "wrapped", shape))]
+    if len(solids) < 2:
+        return False
+    owner = np.repeat(np.arange(len(solids)), [len(faces) for faces in solids])[samples.face]
+    tree = cKDTree(samples.points)
+    _, next_to = tree.query(samples.points, k=min(NEIGHBOURS, len(samples.points)), distance_upper_bound=spacing)
+    for column in next_to.T:
+        i = np.flatnonzero(column < len(samples.points))
+        j = column[i]
+        back = (samples.normals[i] * samples.normals[j]).sum(axis=1) < -1.0 + 1e-6
+        level = np.abs(((samples.points[i] - samples.points[j]) * samples.normals[i]).sum(axis=1)) < near
+        if (back & level & (owner[i] != owner[j])).any():
+            return True
+    return False
+
+
+class _Surface:
+    """Points and outward normals of a face's surface at parameters."""
+
+    def __init__(self, face: TopoDS_Face) -> None:
+        self.geometry: Geom_Surface = BRep_Tool.Surface_s(face)
+        self.sign = -1.0 if face.Orientation() == TopAbs_REVERSED else 1.0
+
+    def spline(self) -> Surface | None:
+        """The surface as arrays, if it is a plain B-spline."""
+        g = self.geometry
+        if not isinstance(g, Geom_BSplineSurface):
+            return None
+        if g.IsURational() or g.IsVRational() or g.IsUPeriodic() or g.IsVPeriodic():
+            return None
+        return convert.surface_from(g)
+
+    def __call__(self, uv: Array) -> tuple[Array, Array]:
+        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
+        rows = []
+        for u, v in uv.tolist():
+            self.geometry.D1(u, v, point, du, dv)
+            rows.append(point.Coord() + du.Coord() + dv.Coord())
+        table = np.array(rows).reshape(-1, 9)
+        return table[:, :3], self.unit(table[:, 3:6], table[:, 6:])
+
+    def unit(self, du: Array, dv: Array) -> Array:
+        normals = np.cross(du, dv)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+
+
+def _sampled(face: TopoDS_Face, spacing: float) -> tuple[Array, Array]:
+    surface = _Surface(face)
+    loops = _loops(face)
+    low, high = loops.reshape(-1, 2).min(axis=0), loops.reshape(-1, 2).max(axis=0)
+    spline = surface.spline()
+    if spline is not None:  # a pole outside the rectangle may stand for a curve inside it
+        low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
+    us, vs = (np.linspace(a, b, PROBE) for a, b in zip(low, high, strict=True))
+    net = np.stack([part.reshape(PROBE, PROBE, 3) for part in surface(_pairs(us, vs))])
+    counts = []
+    for axis in (0, 1):
+        length, turn = np.linalg.norm(np.diff(net, axis=1 + axis), axis=-1).sum(axis=1 + axis).max(axis=-1)
+        counts.append(max(1, int(np.ceil(max(length / spacing, turn / TURN)))))
+    u, v = (a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, counts, strict=True))
+    inside = _inside(loops, u, v)
+    if spline is None:
+        return surface(_pairs(u, v)[inside.ravel()])
+    normals = surface.unit(spline.grid(u, v, 1, 0)[inside], spline.grid(u, v, 0, 1)[inside])
+    return spline.grid(u, v)[inside], normals
+
+
+def _pairs(u: Array, v: Array) -> Array:
+    return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _loops(face: TopoDS_Face) -> Array:
+    """The face's border in its parameters as segments: (n, 2, 2)."""
+    pieces = []
+    for edge in edges_of(face):
+        curve = BRepAdaptor_Curve2d(edge, face)
+        kind = curve.GetType()
+        chords = 1 if kind == GeomAbs_Line else CHORDS
+        if kind == GeomAbs_BSplineCurve:
+            chords = max(CHORDS, 4 * (curve.BSpline().NbKnots() - 1))
+        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), chords + 1)
+        line = np.array([curve.Value(s).Coord() for s in t.tolist()])
+        pieces.append(np.stack([line[:-1], line[1:]], axis=1))
+    return np.concatenate(pieces)
+
+
+def _inside(loops: Array, u: Array, v: Array) -> Array:
+    """Which nodes (u_i, v_j) are inside: an odd number of segments crosses the row u = u_i below v_j."""
+    start, end = loops[:, 0], loops[:, 1]
+    first = np.searchsorted(u, np.minimum(start[:, 0], end[:, 0]), side="right")
+    last = np.searchsorted(u, np.maximum(start[:, 0], end[:, 0]), side="right")
+    hits = last - first
+    segment = np.repeat(np.arange(len(loops)), hits)
+    row = np.arange(len(segment)) - np.repeat(np.cumsum(hits) - hits, hits) + first[segment]
+    a, b = start[segment], end[segment]
+    crossing = a[:, 1] + (b[:, 1] - a[:, 1]) * (u[row] - a[:, 0]) / (b[:, 0] - a[:, 0])
+    below = np.zeros((len(u), len(v) + 1), np.int64)
+    np.add.at(below, (row, np.searchsorted(v, crossing)), 1)
+    return np.cumsum(below, axis=1)[:, :-1] % 2 == 1
+
+
+def _along(
+    edge: TopoDS_Edge, face: TopoDS_Face, surface: _Surface, spacing: float, count: int | None = None
+) -> tuple[Array, Array]:
+    """Points of an edge and the face's normals there, evenly in the edge's parameter."""
+    curve = BRepAdaptor_Curve2d(edge, face)
+    low, high = curve.FirstParameter(), curve.LastParameter()
+    if count is None:
+        probe, _ = surface(np.array([curve.Value(s).Coord() for s in np.linspace(low, high, PROBE).tolist()]))
+        count = max(3, int(np.ceil(np.linalg.norm(np.diff(probe, axis=0), axis=1).sum() / spacing)) + 1)
+    t = np.linspace(low, high, count)
+    return surface(np.array([curve.Value(s).Coord() for s in t.tolist()]))
