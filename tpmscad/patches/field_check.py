@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from tpmscad.fields.field import Field
 from tpmscad.patches.field_fit import NetFit, bezier, tensor
 from tpmscad.patches.layout.net import Net
-from tpmscad.patches.layout.octree import Array, Ints
+from tpmscad.patches.layout.octree import Array, Ints, Mask
 from tpmscad.patches.layout.relax import onto
 
 SAMPLES = 13
@@ -21,6 +21,9 @@ SAMPLES = 13
 
 HALF = 17
 """Samples along half a side: joints are measured half by half, so that a side meets the two beyond a T-vertex."""
+
+CHUNK = 1024
+"""Patches sampled at a time: 170 000 points."""
 
 FEET = 6
 """Newton steps of a foot on a patch."""
@@ -31,28 +34,54 @@ nearest samples may all be of patches beyond it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
-    """Per patch (Q,): greatest and mean square distance, least cosine of its normal with the gradient, and (Q, 3) where the
-    distance is greatest. Per half side (n,) of curves `curve`: tangent jump in degrees, curvature jump and greatest curvature.
+class Sampled:
+    """Patches sampled: greatest and mean square distance (Q,), least cosine of the normal with the gradient (Q,), where the
+    distance is greatest (Q, 3), and normals (Q, 4, m, 3) and curvature tensors (Q, 4, m, 3, 3) along their sides.
     """
 
     distance: Array
     square: Array
     cosine: Array
     where: Array
+    normals: Array
+    bends: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What each patch is worth, and per half side (n,) of curves `curve`: tangent jump in degrees, curvature jump and greatest
+    curvature.
+    """
+
+    of: Sampled
     curve: Ints
     jump: Array
     bend: Array
     curvature: Array
 
 
-def measure(net: Net, fit: NetFit, field: Field) -> Measured:
-    """Measure every patch and every joint inside the box."""
+def measure(net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None) -> Measured:
+    """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
     count = len(fit.patches)
-    distance, square, cosine, where = np.empty(count), np.empty(count), np.empty(count), np.empty((count, 3))
-    normals, bends = np.empty((count, 4, 2 * HALF - 1, 3)), np.empty((count, 4, 2 * HALF - 1, 3, 3))
+    wanted = np.arange(count)
+    if before is None:
+        m = 2 * HALF - 1
+        of = Sampled(*(np.empty((count, *s)) for s in ((), (), (), (3,), (4, m, 3), (4, m, 3, 3))))
+    else:
+        of, wanted = Sampled(*(array.copy() for array in _arrays(before[0]))), np.flatnonzero(before[1])
+    for at in np.array_split(wanted, -(-len(wanted) // CHUNK)) if len(wanted) else ():
+        _sample(fit, field, at, of)
+    return Measured(of, *_joints(net, of.normals, of.bends))
+
+
+def _arrays(sampled: Sampled) -> tuple[Array, ...]:
+    return sampled.distance, sampled.square, sampled.cosine, sampled.where, sampled.normals, sampled.bends
+
+
+def _sample(fit: NetFit, field: Field, patches: Ints, of: Sampled) -> None:
+    """Measures of the patches, written to their rows of `of`."""
     t = np.linspace(0.0, 1.0, SAMPLES)
-    for (p, q), at in shapes(fit):
+    for (p, q), at in shapes(fit, patches):
         poles = np.stack([fit.patches[i] for i in at])
         bu, bv, du, dv = bezier(p, t), bezier(q, t), bezier(p, t, 1), bezier(q, t, 1)
         points = tensor(bu, poles, bv)
@@ -61,19 +90,19 @@ def measure(net: Net, fit: NetFit, field: Field) -> Measured:
         steep = np.linalg.norm(slope, axis=-1)
         d = np.abs(value) / np.maximum(steep, 1e-300)
         worst = d.argmax(axis=1)
-        distance[at], square[at] = d.max(axis=1), (d**2).mean(axis=1)
-        where[at] = points[np.arange(len(at)), worst]
+        of.distance[at], of.square[at] = d.max(axis=1), (d**2).mean(axis=1)
+        of.where[at] = points[np.arange(len(at)), worst]
         length = np.linalg.norm(normal, axis=-1) * steep
-        cosine[at] = (np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1)
+        of.cosine[at] = (np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1)
         for s in range(4):
-            normals[at, s], bends[at, s] = _along(poles, s)
-    return Measured(distance, square, cosine, where, *_joints(net, normals, bends))
+            of.normals[at, s], of.bends[at, s] = _along(poles, s)
 
 
-def shapes(fit: NetFit) -> list[tuple[tuple[int, int], Ints]]:
-    """The degrees that occur among the patches, each with the patches that have them."""
-    each = np.array([p.shape[:2] for p in fit.patches]) - 1
-    return [((int(p), int(q)), np.flatnonzero((each == (p, q)).all(axis=1))) for p, q in np.unique(each, axis=0)]
+def shapes(fit: NetFit, patches: Ints | None = None) -> list[tuple[tuple[int, int], Ints]]:
+    """The degrees that occur among the patches (all of the fit's if None), each with the patches that have them."""
+    of = np.arange(len(fit.patches)) if patches is None else patches
+    each = np.array([fit.patches[i].shape[:2] for i in of]) - 1
+    return [((int(p), int(q)), of[(each == (p, q)).all(axis=1)]) for p, q in np.unique(each, axis=0)]
 
 
 def missed(fit: NetFit, points: Array, tol: float) -> Array:

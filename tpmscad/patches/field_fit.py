@@ -8,7 +8,6 @@ along the normal count fully, along the surface (where a point of the patch lies
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
@@ -43,15 +42,21 @@ def bezier(degree: int, t: Array, order: int = 0) -> Array:
     return design(np.repeat([0.0, 1.0], degree + 1), degree, t, order)
 
 
-def fit_net(net: Net, field: Field, curve_degree: Ints, patch_degree: Ints) -> NetFit:
-    """Fit every curve with its degree (C,), then every patch with its degree (Q,), raised where its sides' are higher."""
-    curves: list[Array] = [np.empty(0)] * len(net.ends)
-    main, spokes = np.arange(net.n_sides), np.arange(net.n_sides, len(net.ends))
+def fit_net(
+    net: Net, field: Field, curve_degree: Ints, patch_degree: Ints, before: tuple[NetFit, Mask, Mask] | None = None
+) -> NetFit:
+    """Fit every curve with its degree (C,), then every patch with its degree (Q,), raised where its sides' are higher.
+
+    `before`: an earlier fit of the net, and the curves (C,) and patches (Q,) of it to be fitted anew; the others are kept.
+    """
+    curves = list(before[0].curves) if before else [np.empty(0)] * len(net.ends)
+    anew = before[1] if before else np.ones(len(net.ends), bool)
+    main, spokes = np.flatnonzero(anew[: net.n_sides]), net.n_sides + np.flatnonzero(anew[net.n_sides :])
     start = net.vertices[net.ends[:, 0]]
     end = net.vertices[net.ends[:, 1]]
     for group in (main, spokes):
         if group is spokes and len(spokes):
-            start[spokes] = [_middle(curves[c]) for c in net.middle_of]
+            start[spokes] = [_middle(curves[c]) for c in net.middle_of[spokes - net.n_sides]]
         for degree in np.unique(curve_degree[group]):
             at = group[curve_degree[group] == degree]
             fixed = np.zeros((len(at), 3), bool)
@@ -65,9 +70,10 @@ def fit_net(net: Net, field: Field, curve_degree: Ints, patch_degree: Ints) -> N
         [np.maximum(patch_degree, side_degree[:, 0::2].max(1)), np.maximum(patch_degree, side_degree[:, 1::2].max(1))],
         1,
     )
-    patches: list[Array] = [np.empty(0)] * len(net.curve)
-    for degree_u, degree_v in np.unique(degrees, axis=0):
-        at = np.flatnonzero((degrees == (degree_u, degree_v)).all(axis=1))
+    patches = list(before[0].patches) if before else [np.empty(0)] * len(net.curve)
+    wanted = np.flatnonzero(before[2]) if before else np.arange(len(net.curve))
+    for degree_u, degree_v in np.unique(degrees[wanted], axis=0):
+        at = wanted[(degrees[wanted] == (degree_u, degree_v)).all(axis=1)]
         for part in np.array_split(at, -(-len(at) // CHUNK)):
             border = [_borders(net, curves, part, s, int((degree_u, degree_v)[s % 2])) for s in range(4)]
             for i, poles in zip(part, fit_patches(field, border, net.plane[net.curve[part]] < 0), strict=True):
@@ -260,6 +266,3 @@ def _onto(field: Field, points: Array, fixed: Mask, reach: Array) -> Array:
 def _normals(field: Field, points: Array) -> Array:
     slope = field.gradient(points)
     return slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
-
-
-Progress = Callable[[float], None]

@@ -1,0 +1,142 @@
+"""One level set laid out on an octree, fitted and measured: what passes, and which leaves are too coarse for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad.fields.field import Field
+from tpmscad.patches import field_check
+from tpmscad.patches.field_fit import NetFit, fit_net
+from tpmscad.patches.layout import octree
+from tpmscad.patches.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.layout.net import Net, net_of
+from tpmscad.patches.layout.octree import Array, Ints, Mask, Octree
+from tpmscad.patches.layout.relax import corner_sines, relaxed
+
+DEGREES = (5, 7, 9)
+
+JUMP_DEG = 2.0
+COSINE = 0.95
+"""Least cosine of a patch's normal with the gradient: far from folded."""
+
+SINE, TURN = 0.02, -0.8
+"""Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""
+
+MANY = 0.1
+"""Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """One level set, fitted and measured; `bad` leaves of its tree are too coarse, and `why` says what was seen there."""
+
+    field: Field
+    tree: Octree
+    mesh: Mesh
+    net: Net
+    fit: NetFit
+    measured: field_check.Measured
+    missed: Array
+    bad: Ints
+    why: str
+
+    @property
+    def doubtful(self) -> float:
+        """The volume of the bad leaves: their number grows with every split."""
+        return float((self.tree.size[self.bad] ** 3).sum() * np.prod(self.tree.step))
+
+    @property
+    def share(self) -> float:
+        return len(self.bad) / max(1, len(np.unique(self.net.cell)))
+
+    @property
+    def fixed(self) -> Mask:
+        """Which coordinates of the net's vertices (V, 3) lie on the box."""
+        fixed = np.zeros((len(self.net.vertices), 3), bool)
+        fixed[: len(self.mesh.fixed)] = self.mesh.fixed
+        return fixed
+
+
+def laid(tree: Octree, field: Field) -> tuple[Mesh, Ints]:
+    """The relaxed layout on a tree, and the leaves whose polygons no fit could save: turned over, or two sides in one."""
+    mesh = relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi)
+    slope = field.gradient(mesh.vertices)
+    normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    bad = [_doubled(mesh)]
+    three = mesh.corners[:, 3] < 0
+    for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
+        if len(corners):
+            wrong = corner_sines(mesh.vertices, corners, normal).min(axis=1) < SINE
+            each = normal[corners]
+            wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=(1, 2)) < TURN
+            bad.append(mesh.cell[corners[wrong]].ravel())
+    return mesh, np.unique(np.concatenate(bad))
+
+
+def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array) -> Layer:
+    """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves."""
+    net = net_of(mesh, field)
+    curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
+    fit = fit_net(net, field, curve_degree, patch_degree)
+    measured = field_check.measure(net, fit, field)
+    for degree in DEGREES[1:]:
+        folded, coarse, rough = _wrong(net, measured, tol)
+        weak = folded | coarse | rough
+        if not weak.any() or weak.mean() > MANY:
+            break
+        patch_degree = np.where(weak, degree, patch_degree)
+        raised = np.zeros(len(net.ends), bool)
+        raised[net.curve[weak].ravel()] = True
+        curve_degree = np.where(raised, degree, curve_degree)
+        raised[net.n_sides :] |= raised[net.middle_of]
+        changed = weak | raised[net.curve].any(axis=1)
+        fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed))
+        measured = field_check.measure(net, fit, field, (measured.of, changed))
+    folded, coarse, rough = _wrong(net, measured, tol)
+    missed = np.zeros(0)
+    leaves = np.unique(net.cell[folded | coarse | rough])
+    why = ", ".join(
+        f"{np.count_nonzero(m)} {word}"
+        for m, word in ((folded, "folded"), (coarse, "too far off"), (rough, "not smooth"))
+        if m.any()
+    )
+    if not len(leaves):
+        missed = field_check.missed(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
+        leaves = np.unique(_leaves_at(tree, samples[missed > tol]))
+        why = f"{len(leaves)} parts of the surface missed" if len(leaves) else why
+    twice = _doubled(mesh)
+    if len(twice):
+        leaves = np.union1d(leaves, twice)
+        why = "two edges between the same vertices" + (f", {why}" if why else "")
+    return Layer(field, tree, mesh, net, fit, measured, missed, leaves, why)
+
+
+def split(tree: Octree, leaves: Ints) -> Octree:
+    """The tree with the leaves of these numbers split."""
+    chosen = np.zeros(len(tree.size), bool)
+    chosen[leaves] = True
+    return octree.split(tree, chosen)
+
+
+def _wrong(net: Net, measured: field_check.Measured, tol: float) -> tuple[Mask, Mask, Mask]:
+    """Patches (Q,) that are folded, too far off, or meet another of the rest with a kink."""
+    folded, coarse = measured.of.cosine < COSINE, measured.of.distance > tol
+    steep = np.zeros(len(net.ends), bool)
+    steep[measured.curve[measured.jump > JUMP_DEG]] = True
+    steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
+    return folded, coarse, steep[net.curve].any(axis=1)
+
+
+def _doubled(mesh: Mesh) -> Ints:
+    """Leaves of the ends of sides that join the same two vertices as another, or one with itself."""
+    ends = np.sort(mesh.side_ends, axis=1)
+    _, index, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    odd = (count[index.ravel()] > 1) | (ends[:, 0] == ends[:, 1])
+    return np.unique(mesh.cell[ends[odd]])
+
+
+def _leaves_at(tree: Octree, points: Array) -> Ints:
+    cell = np.clip(((points - tree.lo) / tree.step).astype(int), 0, tree.shape - 1)
+    return tree.leaf[tuple(cell.T)].astype(np.int64)
