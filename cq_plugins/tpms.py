@@ -1,4 +1,4 @@
-"""Lattices on the CadQuery stack: `import cq_plugins.tpms` gives every Workplane the method `tpms`."""
+"""Lattices on the CadQuery stack: `import cq_plugins.tpms` gives every Workplane the methods `tpms` and `tpmsInfill`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from typing import Any, Literal
 import cadquery as cq
 
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.workflows import lattice
+from tpmscad.parts import infill
+from tpmscad.workflows import lattice, lattice_size
 
 
 def tpms(
@@ -61,33 +62,74 @@ def tpms(
         tol=tol,
         progress=progress,
     )
+    shift = (-length / 2 if half else 0.0 for length, half in zip(lattice_size(cell, cells), middle, strict=True))
+    shape = cq.Shape.cast(_met(model).built.shape).move(cq.Location(cq.Vector(*shift)))
+    return self.eachpoint(shape, True, combine, clean and bool(combine))
+
+
+def tpmsInfill(  # noqa: N802  # Workplane's methods are written this way
+    self: cq.Workplane,
+    surface: Any,
+    *,
+    cell: float | Sequence[float] | None = None,
+    thickness: float | None = None,
+    offset: float | Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    kind: str = "sheet",
+    side: str = "-",
+    reference: str = "minimal",
+    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    rotation: Sequence[float] = (0.0, 0.0, 0.0),
+    skin: float | None = None,
+    tol: float | None = None,
+    progress: Callable[[str, float], None] | None = None,
+) -> cq.Workplane:
+    """The solid on the stack, or the nearest up the chain, filled with a lattice; it is the new stack.
+
+    Takes the keywords of `tpmscad.infill`, in global coordinates: the lattice is anchored at their origin.
+
+    InvalidRequest names what can't be had and what would do; NotMet carries the certificate of a result that misses the
+    request. To read the certificate of one that keeps it, call `tpmscad.infill` with the workplane and put the result on a
+    stack: `newObject([cq.Shape.cast(model.wrapped)])`.
+    """
+    model = infill(
+        self,
+        surface,
+        cell=cell,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        kind=kind,
+        side=side,
+        reference=reference,
+        phase=phase,
+        rotation=rotation,
+        skin=skin,
+        tol=tol,
+        progress=progress,
+    )
+    return self.newObject([cq.Shape.cast(_met(model).built.shape)])
+
+
+def _met(model: Any) -> Any:
     if not model.certificate.met:
         raise NotMet(
             f"the {model.name} misses the request: {'; '.join(model.certificate.shortfalls)}", model.certificate
         )
-    size = (n * edge for n, edge in zip(_triple(cells), _triple(cell), strict=True))
-    shift = (-length / 2 if half else 0.0 for length, half in zip(size, middle, strict=True))
-    shape = cq.Shape.cast(model.built.shape).move(cq.Location(cq.Vector(*shift)))
-    return self.eachpoint(shape, True, combine, clean and bool(combine))
-
-
-def _triple(value: Any) -> tuple[float, float, float]:
-    """One number for each axis."""
-    try:
-        x, y, z = value
-    except TypeError:
-        x = y = z = value
-    return float(x), float(y), float(z)
+    return model
 
 
 def _register() -> None:
-    """Make `tpms` a method of Workplane; ImportError if some other plug-in has taken the name."""
-    taken = getattr(cq.Workplane, "tpms", tpms)
-    if taken.__module__ != __name__:
-        raise ImportError(
-            f"cadquery.Workplane already has a method tpms, from {taken.__module__}: import only one of the two"
-        )
+    """Make `tpms` and `tpmsInfill` methods of Workplane; ImportError if some other plug-in has taken a name."""
+    for method in (tpms, tpmsInfill):
+        taken = getattr(cq.Workplane, method.__name__, method)
+        if taken.__module__ != __name__:
+            raise ImportError(
+                f"cadquery.Workplane already has a method {method.__name__}, from {taken.__module__}: "
+                "import only one of the two"
+            )
     cq.Workplane.tpms = tpms
+    cq.Workplane.tpmsInfill = tpmsInfill
 
 
 _register()

@@ -100,6 +100,12 @@ def lattice(
     )
 
 
+def lattice_size(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
+    """Edge lengths of the box of `cells` x `cell` that a lattice fills."""
+    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * np.broadcast_to(np.asarray(cells, float), 3)).tolist()
+    return x, y, z
+
+
 def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
     """Write a Model, or any build123d or CadQuery shape, as STEP, in one step: the file is there whole or not at all."""
     if isinstance(model, Model):

@@ -50,11 +50,11 @@ def test_the_keywords_are_those_of_lattice_with_centered_combine_and_clean(cq: A
     assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
 
 
-def test_the_import_adds_one_method_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_import_adds_two_methods_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import cq_plugins.tpms as plugin
 
     ours = [name for name, value in vars(cq.Workplane).items() if getattr(value, "__module__", "") == plugin.__name__]
-    assert ours == ["tpms"]
+    assert ours == ["tpms", "tpmsInfill"]
     importlib.reload(plugin)
     monkeypatch.setattr(cq.Workplane, "tpms", lambda self: self)
     with pytest.raises(ImportError, match="already has a method tpms"):

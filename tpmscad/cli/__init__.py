@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from tpmscad.cli import files, lattice, recipe, surfaces
+from tpmscad.cli import files, infill, lattice, recipe, surfaces
 from tpmscad.errors import InvalidRequest, TpmscadError
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app = typer.Typer(
 
 app.command()(surfaces.surfaces)
 app.command()(lattice.lattice)
+app.command()(infill.infill)
 app.command()(recipe.blend)
 app.command()(recipe.solidify)
 app.command()(files.check)

@@ -43,8 +43,14 @@ def read_body(source: Any) -> Body:
     shape, name = _shape_of(source)
     solids = tuple(solids_of(shape))
     if len(solids) != 1:
-        found = f"{len(solids)} solids" if solids else f"no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})"
-        raise InvalidRequest(f"{name} holds {found}: a body is one solid; fill several one at a time, or unite them first")
+        found = (
+            f"{len(solids)} solids"
+            if solids
+            else f"no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})"
+        )
+        raise InvalidRequest(
+            f"{name} holds {found}: a body is one solid; fill several one at a time, or unite them first"
+        )
     low, high = bounds_of(solids[0])
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > LARGEST:
         raise InvalidRequest(f"{name} reaches beyond {LARGEST:g}: a body has to be finite")

@@ -95,7 +95,9 @@ def _nothing_else(given: dict[str, Any]) -> None:
     defaults = signature(infill).parameters
     extra = [name for name, value in given.items() if value is not defaults[name].default]
     if extra:
-        raise InvalidRequest(f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself")
+        raise InvalidRequest(
+            f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself"
+        )
 
 
 def _turn(rotation: Sequence[float]) -> Array:
@@ -105,5 +107,3 @@ def _turn(rotation: Sequence[float]) -> Array:
     turn = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
     quarter = np.rint(turn)
     return np.asarray(quarter if np.abs(turn - quarter).max() < 1e-15 else turn)
-
-

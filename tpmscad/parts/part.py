@@ -64,7 +64,9 @@ class Part(Model):
         write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
 
 
-def write_checked(shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()) -> None:
+def write_checked(
+    shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()
+) -> None:
     """Write a kernel shape as STEP; the file is there whole and read back as what was written, or not at all."""
 
     def verify(written: Path) -> None:
@@ -86,7 +88,10 @@ def part_certificate(solids: tuple[Any, ...], block: Block, notes: tuple[str, ..
         (not report.closed, "the faces do not close"),
         (not report.valid, "the kernel's check rejects the solid"),
         (not report.outward, "a solid is inside out"),
-        (report.max_tolerance > tol, f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}"),
+        (
+            report.max_tolerance > tol,
+            f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}",
+        ),
     ):
         if wrong:
             shortfalls = (*shortfalls, what)
