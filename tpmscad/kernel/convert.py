@@ -206,6 +206,16 @@ def string_map(entries: Mapping[str, str]) -> Any:
     return made
 
 
+def first_vertex(edge: Any) -> Any:
+    """Where the edge's curve begins."""
+    return TopExp.FirstVertex_s(edge)
+
+
+def last_vertex(edge: Any) -> Any:
+    """Where the edge's curve ends."""
+    return TopExp.LastVertex_s(edge)
+
+
 def ancestors(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:
     """Every distinct sub-shape of a kind, and how often it occurs in sub-shapes of the owning kind."""
     found = ShapeMap()

@@ -1,0 +1,212 @@
+"""The edges of a CAD body as curves that lie on the faces' own surfaces to round-off, and their parameter curves there.
+
+Lines, circles and ellipses are taken as they are, splines that run along a line or a circle as these. Any other edge (a cylinder
+through a cone, say) is only as good as the kernel's tolerance: its points are brought onto both surfaces by Newton, spaced by
+length of arc and interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+from scipy.interpolate import make_interp_spline
+
+from tpmscad.patches.carriers import Circle, Cone, EdgeCurve, Ellipse, Plane, Quadric, Sphere
+from tpmscad.patches.complex import Array
+from tpmscad.patches.conics import TURN
+from tpmscad.splines.bspline import Curve, design, line
+
+DEGREE = 7
+MOST_SPANS = 256
+"""Degree and greatest number of spans of fitted curves; half an ellipse on a cylinder takes 8 for 1e-10 of its size."""
+
+SAMPLES = 65
+"""Points along an edge at which angles are followed: they may turn by less than half a turn from one to the next."""
+
+DENSE = 257
+"""Points of the kernel's curve that are brought onto both surfaces before it is spaced anew."""
+
+CHECKS = 5
+"""Points between knots where a fit's error is measured."""
+
+AFFINE = 1e-11
+"""Radians, or body sizes: parameters that are a linear function of the curve's own to that are taken for one."""
+
+POLE = 1e-7
+"""Of the body's size: nearer to the axis than this, a point is a pole of a sphere or the apex of a cone."""
+
+
+class NoFit(Exception):
+    """A curve that can't be fitted: it passes a pole, or turns too sharply."""
+
+
+def at_pole(carrier: Plane | Quadric, points: Array, size: float) -> Array:
+    """Whether points (n, 3) of a sphere or cone are on its axis: (n,)."""
+    if not isinstance(carrier, Sphere | Cone):
+        return np.zeros(len(points), bool)
+    arm = points - carrier.origin
+    return np.asarray(np.linalg.norm(np.cross(arm, carrier.axis), axis=1) < POLE * size)
+
+
+def follow(
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array, size: float
+) -> Array:
+    """(u, v) of the curve at parameters t (n,) of the span, without jumps along it; near `near` in its middle: (n, 2)."""
+    grid = np.union1d(np.linspace(*span, SAMPLES), t)
+    points = curve(grid)
+    uv = carrier.parameters(points)
+    pole = at_pole(carrier, points, size)
+    if pole.any():  # no direction there: the nearest one
+        known = np.flatnonzero(~pole)
+        nearest = known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)]
+        uv[pole, 0] = uv[nearest, 0]
+    for axis, period in enumerate(carrier.period):
+        if period:
+            uv[:, axis] = np.unwrap(uv[:, axis], period=period)
+            if near is not None:
+                middle = np.interp(0.5 * (span[0] + span[1]), grid, uv[:, axis])
+                uv[:, axis] += period * np.round((near[axis] - middle) / period)
+    return np.asarray(uv[np.searchsorted(grid, t)])
+
+
+def pcurve(
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array, size: float, tol: float
+) -> Curve:
+    """The parameter curve on the carrier, within tol of the curve: a line wherever it is one."""
+    t = np.linspace(*span, SAMPLES)
+    uv = follow(carrier, curve, span, near, t, size)
+    slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
+    middle = uv[SAMPLES // 2]
+    straight = middle + np.multiply.outer(t - t[SAMPLES // 2], slope)
+    if (np.abs(uv - straight) < AFFINE * np.array([1.0, max(1.0, size)])).all():
+        slope = np.where(np.abs(slope - np.round(slope)) < AFFINE * max(1.0, size), np.round(slope), slope)
+        low, high = (middle + (s - t[SAMPLES // 2]) * slope for s in span)
+        return line(low, high, span)
+    inner = curve.knots if isinstance(curve, Curve) else np.zeros(0)
+    inner = inner[(inner > span[0]) & (inner < span[1])]
+
+    def error(fit: Curve, checks: Array) -> Array:
+        return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
+
+    return _fitted(lambda s: follow(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol)
+
+
+def _fitted(
+    values: Callable[[Array], Array], breaks: Array, error: Callable[[Curve, Array], Array], tol: float
+) -> Curve:
+    """The spline through values(t), with spans halved wherever the error at its checks is over tol."""
+    while len(breaks) <= MOST_SPANS:
+        knots, sites = _space(breaks)
+        fit = Curve(np.linalg.solve(design(knots, DEGREE, sites), values(sites)), knots, DEGREE)
+        worst = error(fit, _between(breaks)).reshape(-1, CHECKS).max(axis=1)
+        if (worst <= tol).all():
+            return fit
+        bad = np.flatnonzero(~(worst <= tol))
+        breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
+    raise NoFit("turns too sharply for a curve of its own")
+
+
+def _space(breaks: Array) -> tuple[Array, Array]:
+    """Knots with the breaks, and Greville sites."""
+    knots = np.concatenate([np.repeat(breaks[0], DEGREE), breaks, np.repeat(breaks[-1], DEGREE)])
+    sites = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(len(knots) - DEGREE - 1)])
+    return knots, np.clip(sites, breaks[0], breaks[-1])
+
+
+def _between(breaks: Array) -> Array:
+    inside = (np.arange(CHECKS) + 0.5) / CHECKS
+    return np.asarray((breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel())
+
+
+def onto(carriers: Sequence[Plane | Quadric], points: Array) -> Array:
+    """The points (n, 3) moved onto all the surfaces at once by Newton's least steps, where they nearly are."""
+    for _ in range(NEWTON_STEPS):
+        off = np.stack([c.distance(points) for c in carriers], axis=1)
+        slope = np.stack([c.gradient(points) for c in carriers], axis=1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=TANGENT), off)
+        points = points - step
+        if np.abs(step).max() <= 1e-15 * np.abs(points).max():
+            break
+    return points
+
+
+NEWTON_STEPS = 8
+TANGENT = 1e-5
+"""Surfaces that meet at a smaller angle (radians) are taken for tangent: one equation, not two."""
+
+
+def intersection(first: Plane | Quadric, second: Plane | Quadric, path: Array, tol: float) -> Curve:
+    """The B-spline through points (m, 3) near both surfaces, its parameter the length of arc, within tol of both."""
+    points = onto((first, second), path)
+    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for _ in range(2):  # chords, then arcs
+        dense = make_interp_spline(t, points, 5)
+        t = _lengths(dense, t)
+    dense = make_interp_spline(t, points, 5)
+
+    def values(sites: Array) -> Array:
+        through = onto((first, second), dense(sites))
+        through[[0, -1]] = points[[0, -1]]
+        return through
+
+    def error(fit: Curve, checks: Array) -> Array:
+        at = fit(checks)
+        return np.maximum(np.abs(first.distance(at)), np.abs(second.distance(at)))
+
+    return _fitted(values, np.array([0.0, t[-1]]), error, tol)
+
+
+@lru_cache(maxsize=1)
+def _rule() -> tuple[Array, Array]:
+    x, w = np.polynomial.legendre.leggauss(6)
+    return x, w
+
+
+def _lengths(dense: Callable[..., Array], t: Array) -> Array:
+    """Length of arc at t, from the first."""
+    x, w = _rule()
+    half = 0.5 * np.diff(t)
+    nodes = (t[:-1] + half)[:, None] + half[:, None] * x
+    speed = np.linalg.norm(dense(nodes.ravel(), 1), axis=1).reshape(nodes.shape)
+    return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
+
+
+def recognised(points: Array, tol: float) -> tuple[EdgeCurve, tuple[float, float]] | None:
+    """The line or circle that points (m, 3) along a curve are on, with its span from the first to the last; or None."""
+    start, end, middle = points[0], points[-1], points[len(points) // 2]
+    chord = end - start
+    length = float(np.linalg.norm(chord))
+    if length > tol:
+        off = points - start
+        off = off - np.multiply.outer(off @ chord / length**2, chord)
+        if np.linalg.norm(off, axis=1).max() <= tol:
+            return line(start, end, (0.0, length)), (0.0, length)
+    else:  # closed: three points a third apart
+        end, middle = points[2 * len(points) // 3], points[len(points) // 3]
+    a, b = middle - start, end - start
+    normal = np.cross(a, b)
+    if np.linalg.norm(normal) <= tol * max(np.linalg.norm(a), np.linalg.norm(b)):
+        return None
+    arm = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
+    arm = arm / (2.0 * normal @ normal)  # from the first point to the centre
+    centre, radius = start + arm, float(np.linalg.norm(arm))
+    circle = Circle(centre, -arm / radius, normal / np.linalg.norm(normal), radius)
+    out = points - centre
+    if max(np.abs(out @ circle.normal).max(), np.abs(np.linalg.norm(out, axis=1) - radius).max()) > tol:
+        return None
+    angle = np.unwrap(np.arctan2(out @ circle.y_axis, out @ circle.x_axis))
+    return (circle, (0.0, float(angle[-1]))) if (np.diff(angle) > 0).all() else None
+
+
+def nearest(curve: EdgeCurve, point: Array, guess: float) -> float:
+    """The parameter next to the guess at which the curve is nearest to a point close to it."""
+    if isinstance(curve, Curve):
+        slope = curve(guess, 1)
+        return guess + float((point - curve(guess)) @ slope / (slope @ slope))
+    x, y = (point - curve.origin) @ curve.x_axis, (point - curve.origin) @ curve.y_axis
+    if isinstance(curve, Ellipse):
+        x, y = x / curve.major, y / curve.minor
+    angle = float(np.arctan2(y, x))
+    return angle + TURN * round((guess - angle) / TURN)
