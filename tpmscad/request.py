@@ -60,14 +60,17 @@ def lattice_request(
     volume_fraction: float | None,
     kind: str,
     side: str,
-    reference: str,
+    reference: str | None,
     boundary: str,
     phase: Sequence[float],
     tol: float | None,
     mapped: bool,
 ) -> LatticeRequest:
     """The request with its thickness, offsets or volume fraction resolved; InvalidRequest names what is wrong."""
-    name = surfaces.find(surface).name
+    info = surfaces.find(surface)
+    name = info.name
+    if reference is None:
+        reference = info.references[0] if info.references else REFERENCES[0]
     for label, value, choices in (
         ("kind", kind, KINDS),
         ("side", side, SIDES),
@@ -76,6 +79,7 @@ def lattice_request(
     ):
         if value not in choices:
             raise InvalidRequest(f"{label} {value!r} is unknown; choose one of {', '.join(map(repr, choices))}")
+    surfaces.check_reference(info, reference)
     if kind == "skeletal" and boundary == "natural":
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
@@ -84,6 +88,11 @@ def lattice_request(
     counts = _counts(cells)
     shift = _triple("phase", phase)
     stretched = mapped or len(set(edges)) > 1
+    if stretched and surfaces.has_mirrors(name):
+        raise InvalidRequest(
+            f"a map or unequal cell edges {list(edges)} bend the {info.title}'s mirrors, between which its patches are made: "
+            "give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
+        )
     bound = DEFAULT_RELATIVE_TOL * min(edges) if tol is None else _positive("tol", tol)
     least = max(SMALLEST_TOL, SMALLEST_RELATIVE_TOL * min(edges))
     if bound < least:
@@ -93,7 +102,8 @@ def lattice_request(
         )
     walls = _walls(name, reference, kind, side, thickness, offset, volume_fraction, edges[0], stretched)
     if not stretched:
-        _within_reach(name, reference, walls, edges[0])
+        for wall in walls:
+            surfaces.within_reach(name, reference, wall, edges[0])
     return LatticeRequest(name, edges, counts, walls, kind, side, reference, boundary, shift, bound)
 
 
@@ -140,16 +150,6 @@ def _walls(
     if values.size != 2 or values[0] >= values[1]:
         raise InvalidRequest(f"offset {values.tolist()} of a sheet must be two distances, the lower first")
     return float(values[0]), float(values[1])
-
-
-def _within_reach(name: str, reference: str, walls: tuple[float, float], cell: float) -> None:
-    limit = surfaces.patch(name, reference).max_offset * cell
-    worst = max(walls, key=abs)
-    if abs(worst) >= limit:
-        raise InvalidRequest(
-            f"offset {worst:g} (thickness {2 * abs(worst):g} if symmetric) passes the {name}'s curvature radius at cell "
-            f"{cell:g}: offsets stay below {limit:.6g}, thickness below {2 * limit:.6g}; thin the wall or enlarge the cell"
-        )
 
 
 def _number(label: str, value: Any) -> float:

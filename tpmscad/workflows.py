@@ -19,7 +19,9 @@ from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex, scaled
 from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.maps import Map, as_map, composed, stretched
+from tpmscad.patches.mirror_cover import mirror_covering
 from tpmscad.patches.primitive import fit_sheet
+from tpmscad.patches.sheet import Sheet
 from tpmscad.request import LatticeRequest, lattice_request
 from tpmscad.trimming import box, trim
 
@@ -42,7 +44,7 @@ def lattice(
     volume_fraction: float | None = None,
     kind: str = "sheet",
     side: str = "-",
-    reference: str = "minimal",
+    reference: str | None = None,
     boundary: str = "box",
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     map: Map | Callable[[Array], Array] | None = None,
@@ -54,10 +56,10 @@ def lattice(
     cell: edge length, or three of them, in model units (mm). cells: how many, per axis. Exactly one of
     thickness (of the wall, along the normal), offset (signed normal distances of the wall's two sides; one distance for
     kind="skeletal") and volume_fraction. side: which side of the surface is solid, for kind="skeletal" ("-" is where the
-    nodal value is negative). reference: the exact minimal surface or the trigonometric (nodal) one of its name. boundary:
-    flat caps in the planes of the box, or whole patches bridged by gap faces. phase shifts the lattice, in cells. map: a
-    smooth function (..., 3) -> (..., 3) of lattice coordinates in model units; walls keep their thickness. tol: greatest
-    deviation in model units, by default a thousandth of the cell.
+    nodal value is negative). reference: the exact "minimal" surface, where there is one, or the trigonometric ("nodal") one of
+    its name. boundary: flat caps in the planes of the box, or whole patches bridged by gap faces. phase shifts the lattice, in
+    cells. map: a smooth function (..., 3) -> (..., 3) of lattice coordinates in model units; walls keep their thickness. tol:
+    greatest deviation in model units, by default a thousandth of the cell.
 
     InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
     """
@@ -155,10 +157,12 @@ def _map_of(request: LatticeRequest, map: Map | Callable[[Array], Array] | None)
 
 
 def _copied(
-    request: LatticeRequest, sheet: lattices.Sheet, cells: tuple[int, int, int], stages: Stages
+    request: LatticeRequest, sheet: Sheet, cells: tuple[int, int, int], stages: Stages
 ) -> tuple[PatchComplex, Notes]:
     """The complex of copied primitives, in model units, and what is to be said of its making."""
     cell, phase = request.cell[0], np.array(request.phase)
+    if surfaces.has_mirrors(request.surface):
+        return _mirrored(request, sheet, cells, stages)
     symmetry = surfaces.symmetry(request.surface)
     if request.boundary == "natural":
         with stages("assemble"):
@@ -168,6 +172,20 @@ def _copied(
         cover = scaled(lattices.covering(symmetry, sheet, cells, phase), cell)
     with stages("trim"):
         return _cut(cover, np.zeros(3), cell * np.array(cells, float), cell)
+
+
+def _mirrored(
+    request: LatticeRequest, sheet: Sheet, cells: tuple[int, int, int], stages: Stages
+) -> tuple[PatchComplex, Notes]:
+    """The complex of reflected pieces. Its natural boundary is flat too: the mirrors about the block of cells, moved with it."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    natural = request.boundary == "natural"
+    with stages("assemble"):
+        symmetry = surfaces.mirror_symmetry(request.surface)
+        cover = scaled(mirror_covering(symmetry, sheet, cells, phase, natural=natural), cell)
+    low = cell * phase if natural else np.zeros(3)
+    with stages("trim"):
+        return _cut(cover, low, low + cell * np.array(cells, float), cell)
 
 
 def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchComplex, Notes, Deviation]:

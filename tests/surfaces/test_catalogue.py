@@ -15,7 +15,8 @@ def test_every_spelling_finds_its_entry(name: str) -> None:
     for spelling in (name, info.title, *info.aliases):
         for variant in (spelling, spelling.upper(), f" {spelling.replace('_', '-')} ", spelling.replace("_", " ")):
             assert surfaces.find(variant) is info
-            assert surfaces.patch(variant).name == name
+            if info.primitives == "exact":
+                assert surfaces.patch(variant).name == name
 
 
 def test_no_spelling_names_two_surfaces() -> None:

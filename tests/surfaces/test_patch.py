@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest
 
-NAMES = list(surfaces.CATALOGUE)
+NAMES = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 BOTH = list(itertools.product(NAMES, ("minimal", "nodal")))
 U, V = np.meshgrid(np.linspace(0, 1, 23), np.linspace(0, 1, 19), indexing="ij")
 OFFSETS = (0.0, 0.12, -0.14)

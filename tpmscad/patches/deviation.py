@@ -66,13 +66,13 @@ def deviation(fitted: Surface, reference: Reference, samples: int = SAMPLES) -> 
     largest, squares = [], []
     for measure in (_to_reference, _from_reference):
         distances = measure(fitted, reference, u.ravel(), v.ravel()).reshape(u.shape)
-        fine_u, fine_v = _around_peaks(distances, u[:, 0], v[0])
+        fine_u, fine_v = around_peaks(distances, u[:, 0], v[0])
         largest.append(float(max(distances.max(), measure(fitted, reference, fine_u, fine_v).max())))
-        squares.append(_mean_square(distances))
+        squares.append(mean_square(distances))
     return Deviation(max(largest), float(np.sqrt(np.mean(squares))), largest[0], largest[1])
 
 
-def _around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
+def around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
     """Finer samples about the PEAKS highest local maxima of the sampled distances: two of (n,)."""
     rank = distances == maximum_filter(distances, size=3)
     at = np.argwhere(rank)
@@ -84,7 +84,7 @@ def _around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
     return fine_u.ravel(), fine_v.ravel()
 
 
-def _mean_square(distances: Array) -> float:
+def mean_square(distances: Array) -> float:
     """Mean over the parameter square of values on the cosine-spaced grid."""
     weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(distances)))
     return float(weight @ distances**2 @ weight / weight.sum() ** 2)
@@ -107,7 +107,11 @@ def _to_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -> 
 
 def _from_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -> Array:
     """Distances of reference points to the fitted patch alone, feet kept on it: an upper bound where it ends: (n,)."""
-    points = reference(u, v)
+    return feet(fitted, reference(u, v), u, v)[0]
+
+
+def feet(fitted: Surface, points: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
+    """Distances (n,) of points (n, 3) to the patch and their feet's parameters (n,), (n,), looked for from (u, v)."""
     (u0, u1), (v0, v1) = fitted.domain
     a, b = u, v
     for _ in range(FOOT_ITERATIONS):
@@ -119,7 +123,7 @@ def _from_reference(fitted: Surface, reference: Reference, u: Array, v: Array) -
         a, b = np.clip(a + da, u0, u1), np.clip(b + db, v0, v1)
         if max(np.abs(da).max(), np.abs(db).max()) < FOOT:
             break
-    return np.linalg.norm(points - fitted(a, b), axis=-1)
+    return np.linalg.norm(points - fitted(a, b), axis=-1), a, b
 
 
 def _ratio(tangent: Array, residual: Array) -> Array:

@@ -15,20 +15,17 @@ import numpy as np
 from tpmscad import surfaces
 from tpmscad.patches.border import incidence, unpinched
 from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.patches.mirror_cover import mirror_covering
+from tpmscad.patches.sheet import TAGS, TOUCH, Sheet
 from tpmscad.patches.weld import WELD, cluster, weld
 from tpmscad.splines.bspline import Curve, Surface
 from tpmscad.splines.knots import split
-from tpmscad.surfaces import PatchSymmetry
-
-TOUCH = 1e-9
-"""Cells: patches that reach into a box by less do not; far above round-off, far below any tolerance."""
+from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry
 
 REACH = 2
 """Cells around the box whose patches are looked at: patches of the cell's translation class lie within 1.5 cells of it."""
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
-TAGS = ("offset+", "offset-", "gap")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,18 +37,6 @@ class Placements:
 
     def __len__(self) -> int:
         return len(self.rotation)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Sheet:
-    """The bounding offset surfaces over one mid patch: a primitive each, and whether it is turned over.
-
-    `lower` and `upper` index `primitives`; None where the solid is on one side of a single surface.
-    """
-
-    primitives: tuple[Surface, ...]
-    lower: tuple[int, bool] | None
-    upper: tuple[int, bool] | None
 
 
 def whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Placements:
@@ -66,12 +51,16 @@ def whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Placeme
     return Placements(rotation[chosen[:, 0]], translation[chosen[:, 0]] + chosen[:, 1:] + phase)
 
 
-def covering(symmetry: PatchSymmetry, sheet: Sheet, cells: tuple[int, int, int], phase: Array) -> PatchComplex:
+def covering(
+    symmetry: PatchSymmetry | MirrorSymmetry, sheet: Sheet, cells: tuple[int, int, int], phase: Array
+) -> PatchComplex:
     """The offset surfaces, every patch with a part inside the box from the origin to `cells`; open, ragged outside.
 
     Where a patch's midline lies in a plane of the box (a mirror plane), patches are quartered along their midlines: then
     whole quarters end in the plane and nothing is cut there.
     """
+    if isinstance(symmetry, MirrorSymmetry):
+        return mirror_covering(symmetry, sheet, cells, phase)
     origin = np.stack(np.meshgrid(*[np.arange(-REACH, n + REACH) for n in cells], indexing="ij"), axis=-1).reshape(
         -1, 3
     )

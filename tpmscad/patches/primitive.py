@@ -15,7 +15,8 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.patches.deviation import Deviation, deviation, worst
-from tpmscad.patches.lattice import Sheet
+from tpmscad.patches.mirrored import fit_pieces
+from tpmscad.patches.sheet import Sheet
 from tpmscad.splines import bounds
 from tpmscad.splines.adaptive import Fit, Space, adapt
 from tpmscad.splines.axis import Axis
@@ -48,6 +49,10 @@ def fit_sheet(
 
     Distances of equal size share a primitive. Where no degree of the ladder meets `tol` the best comes back: compare.
     """
+    if surfaces.has_mirrors(name):
+        lower_at, upper_at = (None if d is None else d / cell for d in layers)
+        pieces, measured_pieces = fit_pieces(name, (lower_at, upper_at), tol / cell)
+        return SheetFit(pieces, measured_pieces.scaled(cell), {})
     sizes = sorted({abs(d) / cell for d in layers if d is not None})
     fits = [fit_primitive(name, reference, size, tol / cell) for size in sizes]
     # Gap faces and caps join both surfaces, so they take one spline space: the larger of the two.

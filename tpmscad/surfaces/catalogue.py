@@ -17,7 +17,10 @@ class SurfaceInfo:
 
     `formula` is the nodal function with x = 2 pi X / cell. `space_group` keeps the two sides of the surface, `full_space_group`
     may swap them; the two have the same cubic cell except where `full_space_group` says so. `genus` is that of the surface
-    modulo the primitive lattice of `space_group`, `patches_per_cell` counts in the cubic cell.
+    modulo the primitive lattice of `space_group`, `patches_per_cell` counts in the cubic cell, 0 where there are none.
+
+    `primitives` says what lattices are made of: "exact" patches of the minimal surface or its nodal namesake, "mirrored"
+    pieces of the nodal surface, or None: `solidify` makes solids of the formula.
     """
 
     name: str
@@ -29,10 +32,13 @@ class SurfaceInfo:
     genus: int
     patches_per_cell: int
     references: tuple[str, ...]
+    primitives: str | None
     source: str
 
 
 _WEIERSTRASS = "Enneper-Weierstrass with R = (tau^8 - 14 tau^4 + 1)^(-1/2), Bonnet angle "
+_NESPER = "formula as in H. G. von Schnering, R. Nesper, Z. Phys. B 83 (1991) 407"
+_SCHOEN = "A. H. Schoen, NASA TN D-5541 (1970)"
 
 CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
     {
@@ -48,6 +54,7 @@ CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
                 genus=3,
                 patches_per_cell=24,
                 references=("minimal", "nodal"),
+                primitives="exact",
                 source=_WEIERSTRASS + "arccot(K'/K) = 38.0147740 degrees; A. H. Schoen, NASA TN D-5541 (1970)",
             ),
             SurfaceInfo(
@@ -60,6 +67,7 @@ CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
                 genus=3,
                 patches_per_cell=48,
                 references=("minimal", "nodal"),
+                primitives="exact",
                 source=_WEIERSTRASS + "0; H. A. Schwarz (1865)",
             ),
             SurfaceInfo(
@@ -72,7 +80,47 @@ CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
                 genus=3,
                 patches_per_cell=12,
                 references=("minimal", "nodal"),
+                primitives="exact",
                 source=_WEIERSTRASS + "90 degrees; H. A. Schwarz (1865)",
+            ),
+            SurfaceInfo(
+                name="iwp",
+                title="I-WP",
+                aliases=("wrapped package", "schoen iwp"),
+                formula="2 (cos x cos y + cos y cos z + cos z cos x) - (cos 2x + cos 2y + cos 2z)",
+                space_group="Im-3m (229)",
+                full_space_group="Im-3m (229)",
+                genus=4,
+                patches_per_cell=48,
+                references=("nodal",),
+                primitives="mirrored",
+                source=f"{_SCHOEN}; {_NESPER}",
+            ),
+            SurfaceInfo(
+                name="neovius",
+                title="Neovius",
+                aliases=("C(P)", "neovius c(p)"),
+                formula="3 (cos x + cos y + cos z) + 4 cos x cos y cos z",
+                space_group="Pm-3m (221)",
+                full_space_group="Im-3m (229)",
+                genus=9,
+                patches_per_cell=48,
+                references=("nodal",),
+                primitives="mirrored",
+                source=f"E. R. Neovius (1883); {_NESPER}",
+            ),
+            SurfaceInfo(
+                name="frd",
+                title="F-RD",
+                aliases=("schoen frd",),
+                formula="4 cos x cos y cos z - (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x)",
+                space_group="Fm-3m (225)",
+                full_space_group="Fm-3m (225)",
+                genus=6,
+                patches_per_cell=192,
+                references=("nodal",),
+                primitives="mirrored",
+                source=f"{_SCHOEN}; {_NESPER}",
             ),
         )
     }
@@ -99,3 +147,17 @@ def find(name: str) -> SurfaceInfo:
         hint = f"did you mean {_BY_NAME[near[0]].name!r}? " if near else ""
         raise InvalidRequest(f"unknown surface {name!r}: {hint}known are {', '.join(CATALOGUE)}")
     return info
+
+
+def check_reference(info: SurfaceInfo, reference: str) -> None:
+    """InvalidRequest unless lattices of the surface can refer to it."""
+    if reference in info.references:
+        return
+    if not info.references:
+        raise InvalidRequest(
+            f"the {info.title} has no exact or mirrored primitives: make a solid of its formula, "
+            f"tpmscad.solidify(fields.sheet(fields.tpms({info.name!r}, cell), ...), box, tol=...)"
+        )
+    raise InvalidRequest(
+        f"reference {reference!r} of the {info.name} is unknown; choose one of {', '.join(info.references)}"
+    )

@@ -3,21 +3,15 @@
 The point at (u, v) is where the minimal surface's normal at (u, v) meets the level set, 1.2e-2 of the cell away at most. That
 map is smooth and commutes with every common symmetry, so both surfaces have the same neighbours, rotoinversions and transitions.
 Its derivatives, and those of the unit gradient, follow from the chain rule with exact derivatives of f up to the third.
-
-f is stored as a sum of plane waves, f(X) = Re sum amplitude exp(2 pi i wave . X), X in cells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
-
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad.surfaces import minimal
 from tpmscad.surfaces.jet import Array
+from tpmscad.surfaces.waves import WAVES
 
 NEWTON_STEPS = 5
 """From 1.2e-2 of the cell the steps go 2e-4, 4e-8, 2e-15; always as many, so that no point depends on its neighbours."""
@@ -25,30 +19,6 @@ NEWTON_STEPS = 5
 
 SECOND = {3: (1, 1), 4: (1, 2), 5: (2, 2)}
 """Which two first derivatives a second derivative's place in a jet stands for."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Waves:
-    """wave (W, 3) integers, amplitude (W,) complex."""
-
-    wave: Array
-    amplitude: Array
-
-
-def _sines(waves: ArrayLike, factor: float) -> Waves:
-    wave = np.asarray(waves, float)
-    return Waves(wave, np.full(len(wave), -1j * factor))
-
-
-WAVES: Mapping[str, Waves] = MappingProxyType(
-    {
-        # sin x cos y = (sin(x + y) + sin(x - y)) / 2, and cyclically
-        "gyroid": _sines([[1, 1, 0], [1, -1, 0], [0, 1, 1], [0, 1, -1], [1, 0, 1], [-1, 0, 1]], 0.5),
-        # sin x (sin y sin z + cos y cos z) + cos x (sin y cos z + cos y sin z)
-        "diamond": _sines([[1, 1, -1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]], 0.5),
-        "schwarz_p": Waves(np.eye(3), np.ones(3, complex)),
-    }
-)
 
 
 def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:

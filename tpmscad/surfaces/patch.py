@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces import minimal, nodal
-from tpmscad.surfaces.catalogue import find
+from tpmscad.surfaces.catalogue import check_reference, find
 from tpmscad.surfaces.curvature import least_radius
 from tpmscad.surfaces.jet import Array, Jet
 
@@ -65,10 +65,9 @@ def patch(name: str, reference: str = "minimal") -> SurfacePatch:
     InvalidRequest names what there is.
     """
     info = find(name)
-    if reference not in info.references:
-        raise InvalidRequest(
-            f"reference {reference!r} of the {info.name} is unknown; choose one of {', '.join(info.references)}"
-        )
+    check_reference(info, reference)
+    if info.primitives != "exact":
+        raise InvalidRequest(f"the {info.title} has no patch in closed form; its pieces between mirrors are fitted")
     if reference == "minimal":
         return SurfacePatch(
             info.name, reference, minimal.max_offset(info.name), partial(minimal.mid_and_normal, info.name)
