@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -73,12 +73,12 @@ def write_step(
     title = name or target.stem
     entities = Entities()
     setting = write_setting(entities, schema, TOLERANCE)
-    written = write_solids(entities, complex, nesting, replicas)
+    written = write_solids(entities, _voids_turned(complex, nesting), nesting, replicas)
     part_name = title if instances is None else f"{title} cell"
     part = write_product(entities, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
     if colours:
         tags = [complex.tags[t] for t in complex.faces.tag.tolist()]
-        write_colours(entities, setting.context, written.faces, tags, colours)
+        write_colours(entities, part.context, written.faces, tags, colours)
     mass = mass_of(nesting)
     write_validation(entities, setting, part, mass)
     if instances is not None:
@@ -89,6 +89,14 @@ def write_step(
         aside.write_text(text, encoding="ascii", newline="\n")
         if verify is not None:
             verify(aside)
+
+
+def _voids_turned(complex: PatchComplex, nesting: Nesting) -> PatchComplex:
+    """The complex with the faces of voids looking out of them, into the material: STEP turns whole shells over."""
+    voids = [v for _, *of_piece in nesting.pieces for v in of_piece]
+    faces = complex.faces
+    sense = np.where(np.isin(nesting.shell, voids), -faces.sense, faces.sense)
+    return replace(complex, faces=replace(faces, sense=sense))
 
 
 def mass_of(nesting: Nesting) -> Mass:

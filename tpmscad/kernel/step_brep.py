@@ -61,8 +61,8 @@ def write_solids(entities: Entities, complex: PatchComplex, nesting: Nesting, re
     )
     solids = []
     for outer, *voids in nesting.pieces:
-        # A void's faces look into the void already, away from the material, so its shell is taken as it stands.
-        inner = entities.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.T.)" for v in voids])
+        # A void's shell bounds the void as it would a solid, and is turned over here (advanced_brep_shape_representation, WR5).
+        inner = entities.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
         kind = f"BREP_WITH_VOIDS('',#{shells[outer]},{references(inner)})"
         solids.append(entities.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
     return Written(tuple(solids), tuple(faces.tolist()))

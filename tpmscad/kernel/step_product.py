@@ -31,21 +31,24 @@ class Mass:
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """Numbers of the entities that everything else refers to."""
+    """Numbers of the entities that everything else refers to; `owner`: an organization and its role, in AP214."""
 
     application: int
-    context: int
     millimetre: int
-    origin: int
+    units: tuple[int, ...]
+    uncertainty: int
+    owner: tuple[int, int] | None
 
 
 @dataclass(frozen=True, slots=True)
 class Product:
-    """Numbers of a product's definition, its definition shape and its shape representation."""
+    """Numbers of a product's definition, definition shape, shape representation, and the latter's context and origin."""
 
     definition: int
     shape: int
     representation: int
+    context: int
+    origin: int
 
 
 def write_setting(entities: Entities, schema: str, accuracy: float) -> Setting:
@@ -60,27 +63,36 @@ def write_setting(entities: Entities, schema: str, accuracy: float) -> Setting:
         f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({real(accuracy)}),#{millimetre},"
         "'distance_accuracy_value','confusion accuracy')"
     )
-    context = entities.add(
-        f"(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{uncertainty}))"
-        f"GLOBAL_UNIT_ASSIGNED_CONTEXT((#{millimetre},#{radian},#{steradian}))REPRESENTATION_CONTEXT('',''))"
-    )
-    origin = placement(entities, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
-    return Setting(application, context, millimetre, origin)
+    owner = None
+    if schema == "ap214":  # its rule product_requires_id_owner; who owns the names is not known here
+        owner = entities.add("ORGANIZATION($,'',$)"), entities.add("ORGANIZATION_ROLE('id owner')")
+    return Setting(application, millimetre, (millimetre, radian, steradian), uncertainty, owner)
 
 
 def write_product(entities: Entities, setting: Setting, name: str, kind: str, items: Sequence[int]) -> Product:
-    """A part or an assembly; `kind` is the entity of its shape representation, `items` what it holds beside the origin."""
+    """A part or an assembly; `kind` is the entity of its shape representation, `items` what it holds beside its origin.
+
+    Each has a context of its own: parts are moved from theirs to the assembly's, which must not be the same.
+    """
     label = string(name)
-    context = entities.add(f"PRODUCT_CONTEXT('',#{setting.application},'mechanical')")
-    product = entities.add(f"PRODUCT({label},{label},'',(#{context}))")
+    scene = entities.add(f"PRODUCT_CONTEXT('',#{setting.application},'mechanical')")
+    product = entities.add(f"PRODUCT({label},{label},'',(#{scene}))")
     entities.add(f"PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,(#{product}))")
+    if setting.owner is not None:
+        organization, role = setting.owner
+        entities.add(f"APPLIED_ORGANIZATION_ASSIGNMENT(#{organization},#{role},(#{product}))")
     formation = entities.add(f"PRODUCT_DEFINITION_FORMATION('','',#{product})")
     view = entities.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',#{setting.application},'design')")
     definition = entities.add(f"PRODUCT_DEFINITION('design','',#{formation},#{view})")
     shape = entities.add(f"PRODUCT_DEFINITION_SHAPE('','',#{definition})")
-    representation = entities.add(f"{kind}({label},{references([setting.origin, *items])},#{setting.context})")
+    context = entities.add(
+        f"(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{setting.uncertainty}))"
+        f"GLOBAL_UNIT_ASSIGNED_CONTEXT({references(setting.units)})REPRESENTATION_CONTEXT('',''))"
+    )
+    origin = placement(entities, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    representation = entities.add(f"{kind}({label},{references([origin, *items])},#{context})")
     entities.add(f"SHAPE_DEFINITION_REPRESENTATION(#{shape},#{representation})")
-    return Product(definition, shape, representation)
+    return Product(definition, shape, representation, context, origin)
 
 
 def write_validation(entities: Entities, setting: Setting, product: Product, mass: Mass) -> None:
@@ -97,7 +109,7 @@ def write_validation(entities: Entities, setting: Setting, product: Product, mas
         ("centroid", f"CARTESIAN_POINT('centre point',({x},{y},{z}))"),
     ):
         held = entities.add(item)
-        representation = entities.add(f"REPRESENTATION('{name}',(#{held}),#{setting.context})")
+        representation = entities.add(f"REPRESENTATION('{name}',(#{held}),#{product.context})")
         property_ = entities.add(f"PROPERTY_DEFINITION('geometric validation property','{name}',#{product.shape})")
         entities.add(f"PROPERTY_DEFINITION_REPRESENTATION(#{property_},#{representation})")
 
@@ -113,7 +125,7 @@ def write_instances(
             f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{i}','cell {i}','',#{assembly.definition},#{part.definition},$)"
         )
         shape = entities.add(f"PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',#{usage})")
-        motion = entities.add(f"ITEM_DEFINED_TRANSFORMATION('','',#{setting.origin},#{frame})")
+        motion = entities.add(f"ITEM_DEFINED_TRANSFORMATION('','',#{part.origin},#{frame})")
         relation = entities.add(
             f"(REPRESENTATION_RELATIONSHIP('','',#{part.representation},#{assembly.representation})"
             f"REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(#{motion})SHAPE_REPRESENTATION_RELATIONSHIP())"
