@@ -1,4 +1,4 @@
-"""A CAD body as it comes in: a build123d, CadQuery or TopoDS shape, or a STEP file, read into one solid that is fit to be filled."""
+"""A CAD body as it comes in: a build123d, CadQuery or TopoDS shape, or a STEP file, read into one solid fit to be filled."""
 
 from __future__ import annotations
 

@@ -2,41 +2,65 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
-import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAlgoAPI import BRepAlgoAPI_BooleanOperation, BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+from OCP.BRepGProp import BRepGProp
+from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel import convert
-from tpmscad.kernel.check import ShapeReport, check_shape
 from tpmscad.kernel.read import solids_of
+
+
+@contextmanager
+def guarded(operation: str, shape: Any, remedy: str = "") -> Iterator[None]:
+    """KernelError for whatever OCC throws: in Python its exceptions have no ancestor in common."""
+    try:
+        yield
+    except Exception as error:
+        if not type(error).__module__.startswith("OCP"):
+            raise
+        raise KernelError(operation, f"{type(error).__name__} {error}{remedy}", shape) from error
 
 
 def common(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
     """The solids that two solids have in common, largest first; none where they do not meet. KernelError if it gives up."""
-    return _solids(BRepAlgoAPI_Common(first, second), "common of lattice and body")
+    return _solids("common of lattice and body", BRepAlgoAPI_Common, first, second)
 
 
 def difference(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
     """The solids that are left of the first where the second is taken away, largest first."""
-    return _solids(BRepAlgoAPI_Cut(first, second), "body without lattice")
+    return _solids("body without lattice", BRepAlgoAPI_Cut, first, second)
 
 
-def _solids(operation: BRepAlgoAPI_BooleanOperation, name: str) -> tuple[TopoDS_Solid, ...]:
-    if not operation.IsDone():
-        raise KernelError(name, "the kernel's boolean failed", operation.Shape())
-    return sorted_solids(solids_of(operation.Shape()))
+def _solids(
+    name: str, kind: Callable[[TopoDS_Shape, TopoDS_Shape], Any], first: TopoDS_Shape, second: TopoDS_Shape
+) -> tuple[TopoDS_Solid, ...]:
+    with guarded(name, first):
+        operation = kind(first, second)
+        if not operation.IsDone() or operation.Shape().IsNull():
+            raise KernelError(name, "the kernel's boolean failed", first)
+        return sorted_solids(solids_of(operation.Shape()))
 
 
 def sorted_solids(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:
     """Largest first."""
-    measured = [(check_shape(solid).volume, solid) for solid in solids]
+    measured = [(rough_volume(solid), solid) for solid in solids]
     return tuple(solid for _, solid in sorted(measured, key=lambda pair: -pair[0]))
+
+
+def rough_volume(solid: TopoDS_Solid) -> float:
+    """By OCC's own quadrature, good to four digits or so."""
+    properties = GProp_GProps()
+    BRepGProp.VolumeProperties_s(solid, properties)
+    return float(properties.Mass())
 
 
 def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:

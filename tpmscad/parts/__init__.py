@@ -1,6 +1,7 @@
 """What engineers do with a part: fill it with a lattice, keep a skin, get the fluid volumes too."""
 
+from tpmscad.kernel.distance import body_field
 from tpmscad.parts.infill import infill
 from tpmscad.parts.part import Part
 
-__all__ = ["Part", "infill"]
+__all__ = ["Part", "body_field", "infill"]

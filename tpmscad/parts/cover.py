@@ -55,7 +55,9 @@ def cover(request: LatticeRequest, low: Array, high: Array, progress: Callable[[
     if len(set(request.cell)) == 1:
         cell = request.cell[0]
         fit = fit_sheet(request.surface, request.reference, request.layers, cell, request.tol)
-        patches = scaled(lattices.covering(surfaces.symmetry(request.surface), fit.sheet, cells, phase), cell)
+        name = request.surface
+        symmetry = surfaces.mirror_symmetry(name) if surfaces.has_mirrors(name) else surfaces.symmetry(name)
+        patches = scaled(lattices.covering(symmetry, fit.sheet, cells, phase), cell)
         deviation, bounds = fit.deviation, fit.bounds
     else:
         patches, deviation = _stretched(request, cells, phase, progress)

@@ -14,6 +14,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel import boolean
 from tpmscad.kernel.body import Body, read_body
+from tpmscad.kernel.offset import hollowed, shrunk
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, field_block, lattice_block
 from tpmscad.parts.part import Part, Solids, part_certificate
@@ -48,7 +49,7 @@ def infill(
     InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
     """
     stages = Stages(progress)
-    lattice = {
+    lattice: dict[str, Any] = {
         "cell": cell,
         "thickness": thickness,
         "offset": offset,
@@ -78,16 +79,33 @@ def infill(
 def filled(block: Block, body: Body, skin: float | None) -> tuple[tuple[Any, ...], tuple[str, ...]]:
     """The solids of the filled body, largest first, and what is to be said of them."""
     if skin is None:
-        solids = boolean.common(block.shape, body.shape)
-        _settle(solids, block, body)
-        return solids, ("trimmed by the kernel's boolean",)
-    raise NotImplementedError
+        return inside(block, body), ("trimmed by the kernel's boolean",)
+    inner = shrunk(body, skin)
+    voids = outside(block, inner)
+    if not voids:
+        raise InvalidRequest(f"the lattice leaves no void within the skin of {skin:g}: nothing is gained by it")
+    return (hollowed(body, voids),), ("trimmed by the kernel's boolean", *_void_notes(voids, inner))
 
 
-def _settle(solids: tuple[Any, ...], block: Block, body: Body) -> None:
-    if solids:
-        return
-    raise InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
+def inside(block: Block, body: Body) -> tuple[Any, ...]:
+    """The solids of lattice and body; InvalidRequest where they do not meet."""
+    solids = boolean.common(block.shape, body.shape)
+    if not solids:
+        raise InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
+    return solids
+
+
+def outside(block: Block, body: Body) -> tuple[Any, ...]:
+    """The solids of the body without the lattice."""
+    return boolean.difference(body.shape, block.shape)
+
+
+def _void_notes(voids: tuple[Any, ...], inner: Body) -> tuple[str, ...]:
+    count = "a channel" if len(voids) == 1 else f"{len(voids)} channels that do not meet"
+    return (
+        f"the skin closes off {count}: each void is bounded by a shell of its own inside the solid; "
+        "bore through the skin to let powder or fluid out",
+    )
 
 
 def _nothing_else(given: dict[str, Any]) -> None:
