@@ -46,6 +46,10 @@ class Sampled:
     normals: Array
     bends: Array
 
+    def taken(self, patches: Ints) -> Sampled:
+        """The measures of these patches; of any where the number is below zero."""
+        return Sampled(*(array[patches] for array in _arrays(self)))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:

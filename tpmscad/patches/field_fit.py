@@ -99,7 +99,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int)
         if turn:
             points = values @ poles
             points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
-        normal = _normals(field, points)
+        normal = _normals(field, points, fixed)
         slope = slopes @ poles
         system = _System(degree - 1, len(start))
         system.near(values[:, inner], normal, points - values @ poles, SLIDE)
@@ -263,6 +263,9 @@ def _onto(field: Field, points: Array, fixed: Mask, reach: Array) -> Array:
     return flat.reshape(points.shape)
 
 
-def _normals(field: Field, points: Array) -> Array:
+def _normals(field: Field, points: Array, fixed: Mask | None = None) -> Array:
+    """Unit normals at points (n, m, 3); those of the level set's section where coordinates (n, 3) are fixed."""
     slope = field.gradient(points)
+    if fixed is not None:
+        slope = np.where(fixed[:, None], 0.0, slope)
     return slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)

@@ -11,7 +11,7 @@ from tpmscad.patches import field_check
 from tpmscad.patches.field_fit import NetFit, fit_net
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
-from tpmscad.patches.layout.net import Net, net_of
+from tpmscad.patches.layout.net import Net, kept, net_of
 from tpmscad.patches.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.layout.relax import corner_sines, relaxed
 
@@ -23,6 +23,9 @@ COSINE = 0.95
 
 SINE, TURN = 0.02, -0.8
 """Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""
+
+SECTION = -0.3
+"""Least cosine between the normals of the surface's section with the box at the ends of a side."""
 
 MANY = 0.1
 """Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
@@ -59,9 +62,12 @@ class Layer:
         return fixed
 
 
-def laid(tree: Octree, field: Field) -> tuple[Mesh, Ints]:
-    """The relaxed layout on a tree, and the leaves whose polygons no fit could save: turned over, or two sides in one."""
-    mesh = relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi)
+def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, Ints]:
+    """The relaxed layout on a tree, and the leaves whose polygons no fit could save: turned over, or two sides in one.
+
+    `before`: the layout of a coarser tree, of which vertices are kept where the tree has not changed.
+    """
+    mesh = relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before)
     slope = field.gradient(mesh.vertices)
     normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
     bad = [_doubled(mesh)]
@@ -72,15 +78,42 @@ def laid(tree: Octree, field: Field) -> tuple[Mesh, Ints]:
             each = normal[corners]
             wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=(1, 2)) < TURN
             bad.append(mesh.cell[corners[wrong]].ravel())
+    bad.append(mesh.cell[mesh.side_ends[_turning(mesh, slope)]].ravel())
     return mesh, np.unique(np.concatenate(bad))
 
 
-def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array) -> Layer:
-    """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves."""
+def _turning(mesh: Mesh, slope: Array) -> Ints:
+    """Sides on the box along which the surface's section turns too far."""
+    on_box = np.flatnonzero(mesh.side_plane >= 0)
+    inside = slope[mesh.side_ends[on_box]]
+    inside[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
+    inside /= np.maximum(np.linalg.norm(inside, axis=2, keepdims=True), 1e-300)
+    return on_box[np.einsum("si,si->s", inside[:, 0], inside[:, 1]) < SECTION]
+
+
+def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, before: Layer | None = None) -> Layer:
+    """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves.
+
+    `before`: a layer of a coarser tree; patches between the same vertices as one of its own are not fitted again.
+    """
     net = net_of(mesh, field)
     curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
-    fit = fit_net(net, field, curve_degree, patch_degree)
-    measured = field_check.measure(net, fit, field)
+    if before is None:
+        fit = fit_net(net, field, curve_degree, patch_degree)
+        measured = field_check.measure(net, fit, field)
+    else:
+        same = kept(net, before.net)
+        old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
+        known, done = same.curve >= 0, same.patch >= 0
+        curves, patches = [np.empty(0)] * len(known), [np.empty(0)] * len(done)
+        for i, k in zip(np.flatnonzero(known), old_curves, strict=True):
+            curves[i] = before.fit.curves[k]
+        for i, k in zip(np.flatnonzero(done), old_patches, strict=True):
+            patches[i] = before.fit.patches[k]
+        curve_degree[known] = [len(before.fit.curves[k]) - 1 for k in old_curves]
+        patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
+        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches), ~known, ~done))
+        measured = field_check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done))
     for degree in DEGREES[1:]:
         folded, coarse, rough = _wrong(net, measured, tol)
         weak = folded | coarse | rough

@@ -12,6 +12,7 @@ from tpmscad.fields.field import Field
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_layer import Layer, fitted, laid, split
 from tpmscad.patches.layout import octree
+from tpmscad.patches.layout.dual import Mesh
 from tpmscad.patches.layout.octree import Array, Ints, Octree
 from tpmscad.patches.layout.refine import too_coarse
 
@@ -57,17 +58,20 @@ def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) -> 
 def _followed(field: Field, tree: Octree, tol: float, samples: Array) -> Layer | None:
     """The best layer of those that splitting leads to from a first tree; None if that is too coarse as a whole."""
     best: Layer | None = None
+    mesh: Mesh | None = None
+    layer: Layer | None = None
     coarsest, idle = int(tree.size.max()), 0
     for _ in range(ROUNDS):
         for _ in range(LAYOUTS):
-            mesh, bad = laid(tree, field)
+            mesh, bad = laid(tree, field, mesh)
             bad = _splittable(tree, bad)
             if not len(bad):
                 break
             if tree.size.max() == coarsest and len(bad) > FEW * len(np.unique(mesh.cell)):
                 return best
             tree = split(tree, bad)
-        layer = fitted(field, tree, mesh, tol, samples)
+        assert mesh is not None
+        layer = fitted(field, tree, mesh, tol, samples, layer)
         if not len(layer.bad):
             return layer
         if best is None and layer.share > FEW:

@@ -31,13 +31,15 @@ HALF_PLANE = {(2, 1): 0, (1, -1): 1, (2, -1): 2, (1, 1): 3}
 class Mesh:
     """Polygons of a level set in a box.
 
-    vertices (V, 3); `fixed` (V, 3) marks coordinates that lie on the box; `cell` (V,) is a leaf the vertex came from, `size` its
-    size in model units. corners (Q, 4): vertices, counter-clockwise seen from outside, -1 last in triangles; sides (Q, 4): the
-    side from corner i to the next, sides shared by two polygons have one number, those on the box belong to one.
+    vertices (V, 3), `start` where the tree put them; `fixed` (V, 3) marks coordinates that lie on the box; `cell` (V,) is a leaf
+    the vertex came from, `size` its size in model units. corners (Q, 4): vertices, counter-clockwise seen from outside, -1 last
+    in triangles; sides (Q, 4): the side from corner i to the next, sides shared by two polygons have one number, those on the
+    box belong to one.
     `side_ends` (S, 2); `side_plane` (S,): 2 * axis + (1 on the upper side), or -1 inside.
     """
 
     vertices: Array
+    start: Array
     fixed: Mask
     cell: Ints
     size: Array
@@ -268,7 +270,7 @@ def _polygons(tree: Octree, nodes: _Nodes, links: _Links) -> Mesh:
     number = n_links + np.arange(len(e))
     plane[number] = _box_plane(tree, start[e], others[e], k)
     size = tree.size[owner][:, None] * tree.step
-    return Mesh(vertices, fixed, owner, size.min(axis=1), corner, side, ends, plane)
+    return Mesh(vertices, vertices, fixed, owner, size.min(axis=1), corner, side, ends, plane)
 
 
 def _box_plane(tree: Octree, start: Ints, others: Ints, k: Ints) -> Ints:

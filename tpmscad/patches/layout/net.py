@@ -86,3 +86,36 @@ def net_of(mesh: Mesh, field: Field) -> Net:
         piece=joined(np.zeros((len(quads), 4), np.int64), small_piece),
         cell=joined(cell[quads], small_cell),
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Kept:
+    """Which curve and patch of an earlier net each of a net's is, -1 where it is none of them: (C,), (Q,)."""
+
+    curve: Ints
+    patch: Ints
+
+
+def kept(net: Net, before: Net) -> Kept:
+    """The parts of a net that an earlier one has, too: between the same vertices to the last bit, and split alike."""
+    known = {key: i for i, key in enumerate(_curve_keys(before))}
+    curve = np.array([known.get(key, -1) for key in _curve_keys(net)], np.int64)
+    patches = {row.tobytes(): i for i, row in enumerate(_patch_rows(before, np.arange(len(before.ends))))}
+    rows = _patch_rows(net, curve)
+    patch = np.array([patches.get(row.tobytes(), -1) for row in rows], np.int64)
+    patch[(curve[net.curve] < 0).any(axis=1)] = -1
+    return Kept(curve, patch)
+
+
+def _curve_keys(net: Net) -> list[tuple[object, ...]]:
+    """What tells a net's curves apart: their ends' coordinates, and for spokes the curve they start on."""
+    name = [v.tobytes() for v in net.vertices]
+    keys: list[tuple[object, ...]] = [
+        (name[a], name[b], int(p)) for (a, b), p in zip(net.ends[: net.n_sides], net.plane, strict=False)
+    ]
+    keys += [(keys[c], name[b]) for c, (_, b) in zip(net.middle_of, net.ends[net.n_sides :], strict=True)]
+    return keys
+
+
+def _patch_rows(net: Net, curve: Ints) -> Ints:
+    return np.concatenate([curve[net.curve], net.sense, net.piece], axis=1).astype(np.int64)

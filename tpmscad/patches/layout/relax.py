@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.layout.dual import Mesh
@@ -25,6 +26,10 @@ off a small corner of the box, the large polygons beside would else pull the ver
 NEWTON = 12
 WORST, POWER = 0.1, 2
 """A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
+
+RINGS = 2
+SAME = 1e-10
+"""Vertices of two trees are the same if they start this close, in diagonals of the box."""
 
 STEP = 0.25
 """Greatest move of a vertex in one step, in sizes of its cell and in lengths of its shortest side."""
@@ -51,8 +56,45 @@ def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int
     return points
 
 
-def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS) -> Mesh:
-    """The mesh with its vertices on the level set in the box, polygons as regular as the sweeps make them."""
+def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS, before: Mesh | None = None) -> Mesh:
+    """The mesh with its vertices on the level set in the box, polygons as regular as the sweeps make them.
+
+    `before`: a relaxed mesh of a coarser tree. Vertices that started where one of its vertices did go on from there, and stay
+    there, bit for bit, but for those within RINGS polygons of one that is new.
+    """
+    if before is None:
+        return _relaxed(mesh, np.ones(len(mesh.vertices), bool), field, lo, hi, sweeps)
+    distance, same = cKDTree(before.start).query(mesh.start)
+    old = distance <= SAME * np.linalg.norm(hi - lo)
+    mesh = replace(mesh, vertices=np.where(old[:, None], before.vertices[same], mesh.start))
+    free = ~old
+    if free.all():
+        return _relaxed(mesh, free, field, lo, hi, sweeps)
+    for _ in range(RINGS):
+        near = mesh.corners[(free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)]
+        free[near[near >= 0]] = True
+    touched = (free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)
+    part, of = _part(mesh, touched)
+    vertices = mesh.vertices.copy()
+    vertices[of] = _relaxed(part, free[of], field, lo, hi, sweeps).vertices
+    return replace(mesh, vertices=vertices)
+
+
+def _part(mesh: Mesh, polygons: Mask) -> tuple[Mesh, Ints]:
+    """The mesh of the chosen polygons, and which of the mesh's vertices it has."""
+    corners, sides = mesh.corners[polygons], mesh.sides[polygons]
+    of, place = np.unique(corners[corners >= 0], return_inverse=True)
+    used, side_place = np.unique(sides[sides >= 0], return_inverse=True)
+    small_corners, small_sides = np.full(corners.shape, -1), np.full(sides.shape, -1)
+    small_corners[corners >= 0], small_sides[sides >= 0] = place.ravel(), side_place.ravel()
+    part = Mesh(
+        mesh.vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], mesh.size[of], small_corners, small_sides,
+        np.searchsorted(of, mesh.side_ends[used]), mesh.side_plane[used],
+    )  # fmt: skip
+    return part, of
+
+
+def _relaxed(mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int) -> Mesh:
     on_edge = mesh.fixed.sum(axis=1) == 2
     corners = mesh.corners
     three = corners[:, 3] < 0
@@ -61,7 +103,8 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
     def onto_inside(old: Array, new: Array, steps: int) -> Array:
         """`new` brought onto the surface; a point that would leave the box is brought there from `old` parallel to the face it
         would leave by, or stays: the surface goes on beyond the box, the layout does not."""
-        points = onto(field, new, mesh.fixed, reach, steps)
+        points = old.copy()
+        points[free] = onto(field, new[free], mesh.fixed[free], reach[free], steps)
         out = (points < lo) | (points > hi)
         at = np.flatnonzero(out.any(axis=1))
         if len(at):
@@ -71,6 +114,7 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
         return points
 
     rim, beside = _on_faces(mesh)
+    beside, rim = beside[free[rim]], rim[free[rim]]
 
     def balance(points: Array, neighbours: Ints) -> Array:
         one, other = (np.linalg.norm(points - vertices[neighbours[:, i]], axis=1) for i in (0, 1))
@@ -78,8 +122,9 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
 
     reach = STEP * mesh.size
     vertices = onto_inside(mesh.vertices, mesh.vertices, 30)
+    full = field.gradient(vertices)
     for sweep in range(sweeps):
-        full = field.gradient(vertices)
+        full[free] = field.gradient(vertices[free])
         unit = full / np.maximum(np.linalg.norm(full, axis=1, keepdims=True), 1e-300)
         wanted, share = np.zeros_like(vertices), np.zeros(len(vertices))
         for of, n in groups:
@@ -91,7 +136,7 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
                 wanted[:, axis] += np.bincount(of.ravel(), pull * target[..., axis].ravel(), minlength=len(vertices))
         slope = np.where(mesh.fixed, 0.0, full)
         normal = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
-        move = np.where(mesh.fixed | on_edge[:, None], 0.0, wanted / share[:, None] - vertices)
+        move = np.where(mesh.fixed | (on_edge | ~free)[:, None], 0.0, wanted / share[:, None] - vertices)
         move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
         room = np.minimum(reach, STEP * _shortest(vertices, mesh.side_ends))
         length = np.linalg.norm(move, axis=1)

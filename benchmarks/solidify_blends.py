@@ -1,0 +1,62 @@
+"""Random blends as solids: accepted or refused, faces per period, CPU seconds, and the reasons of what was refused.
+
+    python benchmarks/solidify_blends.py [FIRST [LAST [2x1x1,3x1x1,...]]]
+
+Pairs are those of random_pairs.py; a period is that of the mean number of periods along x. The box has the periods stated (in
+turn), its middle on the middle of the blending region. The tolerance is 5e-3 of the period.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import numpy as np
+from random_pairs import Pair, random_pair
+
+from tpmscad.blend import blend
+from tpmscad.errors import TpmscadError
+from tpmscad.solids import solidify
+
+PERIODS = "2x1x1,2x1x1,3x1x1,2x2x1,4x2x2"
+TOL = 5e-3
+
+
+def box_of(pair: Pair, periods: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
+    """The box of so many periods about the middle of the pair's blending region, and the period."""
+    counts = [float(name.rsplit(" x", 1)[1]) for name in pair.name.split(", side")[0].split(" + ")]
+    period = 1 / float(np.mean(counts))
+    half = 0.5 * periods[0] * period
+    return np.array([0.5 - half, 0, 0]), np.array([0.5 + half, *(period * n for n in periods[1:])]), period
+
+
+def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
+    made, faces, wrong = 0, [], 0
+    for seed in range(first, last):
+        pair, periods = random_pair(seed), sizes[seed % len(sizes)]
+        lo, hi, period = box_of(pair, periods)
+        field = blend(pair.structures, pair.regions, [pair.blending]).field
+        line = f"{seed:3d} {pair.name:75s} {'x'.join(map(str, periods))}"
+        begun, cpu = time.perf_counter(), time.process_time()
+        try:
+            model = solidify(field, (lo, hi), tol=TOL * period)
+        except TpmscadError as error:
+            print(f"{line} REFUSED cpu {time.process_time() - cpu:.1f} s: {error}", flush=True)
+            continue
+        c = model.certificate
+        made += c.met
+        wrong += not c.met
+        faces.append(c.n_faces / np.prod(periods))
+        print(
+            f"{line} {'met' if c.met else 'NOT MET'} faces {c.n_faces} ({faces[-1]:.0f} a period) "
+            f"deviation {c.max_deviation / period:.1e} jump {c.tangent_jump_deg:.2f} betti {c.betti} pieces {len(c.pieces)} "
+            f"cpu {time.process_time() - cpu:.1f} s wall {time.perf_counter() - begun:.1f} s {'; '.join(c.shortfalls)}",
+            flush=True,
+        )
+    print(f"{made} of {last - first} met, {wrong} not met, faces a period: median {np.median(faces):.0f}")
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    sizes = [tuple(map(int, part.split("x"))) for part in (given[2] if len(given) > 2 else PERIODS).split(",")]
+    main(int(given[0]) if given else 0, int(given[1]) if len(given) > 1 else 20, sizes)
