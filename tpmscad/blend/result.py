@@ -35,18 +35,20 @@ class Errors:
     resolutions: tuple[tuple[int, int, int], ...]
     n0: Tally
     n2: Tally
+    hidden: int = 0
+    """Specks found between the samples, which no resolution checked has seen; looked for where those have no errors."""
 
     @property
     def left(self) -> int:
-        """Errors of the blend itself, at the resolution that has most."""
-        return max(a + b for a, b in zip(self.n0.left, self.n2.left, strict=True))
+        """Errors of the blend itself, at the resolution that has most, and those between the samples."""
+        return max(a + b for a, b in zip(self.n0.left, self.n2.left, strict=True)) + self.hidden
 
     def to_dict(self) -> dict[str, object]:
         tallies = {
             name: {"initial": t.initial, "final": t.final, "intrinsic": t.intrinsic}
             for name, t in (("n0", self.n0), ("n2", self.n2))
         }
-        return {"resolutions": self.resolutions, **tallies}
+        return {"resolutions": self.resolutions, **tallies, "hidden": self.hidden}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +99,7 @@ def result_of(
     log: tuple[str, ...],
     seconds: Mapping[str, float],
     necks: tuple[Neck, ...] = (),
+    hidden: int = 0,
 ) -> BlendResult:
     """The result from the views of all grids, before and after."""
 
@@ -106,7 +109,7 @@ def result_of(
         own = [a - b for a, b in zip(total[1], blamed, strict=True)]
         return Tally(tuple(total[0]), tuple(total[1]), tuple(own))
 
-    errors = Errors(tuple(s.grid.shape for s in scenes), tally(True), tally(False))
+    errors = Errors(tuple(s.grid.shape for s in scenes), tally(True), tally(False), hidden)
     return BlendResult(
         field=field,
         weight=StageWeight(field, 0) if len(field.weights) == 1 else field.shares,
@@ -128,6 +131,8 @@ def _message(errors: Errors, log: tuple[str, ...]) -> str:
     parts = []
     if errors.left == 0:
         parts.append(f"no topological error of the blend at {checked}")
+    elif errors.left == errors.hidden:
+        parts.append(f"{errors.hidden} isolated specks between the samples of {checked}, which see no error")
     else:
         left = "; ".join(
             f"{'x'.join(map(str, r))}: {a} isolated components and {b} isolated holes"

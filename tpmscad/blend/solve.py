@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmscad.blend.checks import check_counts, check_regions, check_sampling
+from tpmscad.blend.clear import cleared, seen_specks
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
@@ -100,6 +101,12 @@ def blend(
     if level_margin > 0 and outcome.state.clean:
         state, rounds = firmed(scenes, outcome.state, level_margin)
         outcome = replace(outcome, state=state, rounds=outcome.rounds + rounds)
+    if method == "topological" and outcome.state.clean:
+        state, rounds, left = cleared(scenes, field, outcome.state)
+        outcome = replace(outcome, state=state, rounds=outcome.rounds + rounds)
+        clock.lap("specks")
+    else:
+        left = None
     missed: tuple[Neck, ...] = ()
     if minimum_neck is not None:
         outcome, missed = _thickened(field, scenes, outcome, minimum_neck, max_iterations)
@@ -109,7 +116,10 @@ def blend(
     before, after = all_views(scenes, start), all_views(scenes, outcome.state)
     clock.lap("check")
     blended = field.with_weights(outcome.state.weights)
-    return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed)
+    if outcome.state.clean and (left is None or minimum_neck is not None):
+        left = seen_specks(scenes[-1], field, outcome.state)
+    hidden = 0 if left is None or not outcome.state.clean else len(left)
+    return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed, hidden)
 
 
 def _fractions(seen: Scene, start: Sequence[Weight], weights: Sequence[Weight]) -> list[str]:

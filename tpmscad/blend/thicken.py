@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from tpmscad.blend.composition import BlendedField, Weighting
+from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.demands import NONE, Demands, agreed
 from tpmscad.blend.grid import Array, Ints, Mask
 from tpmscad.blend.necks import DIRECTIONS, Neck, Saddles, saddles, sphere, widths
 from tpmscad.blend.optimise import Free, State, Tool, look, repaired
+from tpmscad.blend.pointwise import affine
 from tpmscad.blend.scene import Scene
 from tpmscad.blend.weight import Weight
 from tpmscad.blend.weights_line import LineWeight
@@ -143,8 +143,7 @@ def _ball(field: BlendedField, scene: Scene, centre: Array, toward: Array, radiu
 
 def _held(field: BlendedField, stage: int, points: Array, sign: float, clear: float) -> Demands | None:
     """Demands that f has the sign at the points; None if a point that has not is out of this weight's reach."""
-    none, full = (_at(field, stage, points, value) for value in (0.0, 1.0))
-    slope = full - none
+    none, slope = affine(field, stage, points)
     weight = field.weights[stage]
     wrong = sign * (none + slope * weight(points)) < clear
     if np.any(wrong & (slope == 0)):
@@ -152,24 +151,3 @@ def _held(field: BlendedField, stage: int, points: Array, sign: float, clear: fl
     used = slope != 0
     none, slope, points = none[used], slope[used], points[used]
     return Demands(points, (sign * clear - none) / slope, np.where(sign * slope > 0, 1.0, -1.0))
-
-
-@dataclass(frozen=True, slots=True)
-class _Constant:
-    value: float
-
-    def __call__(self, points: ArrayLike) -> Array:
-        points = np.asarray(points)
-        return np.full(points.shape[:-1], self.value)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        return np.zeros(np.shape(points))
-
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        return np.full((len(x), len(y), len(z)), self.value)
-
-
-def _at(field: BlendedField, stage: int, points: Array, value: float) -> Array:
-    weights: list[Weighting] = list(field.weights)
-    weights[stage] = _Constant(value)
-    return field.with_weights(weights)(points)

@@ -1,0 +1,144 @@
+"""Specks: isolated solid or void that no sample has seen, found where the field has a least or greatest value near zero.
+
+A component between the samples holds a least value of f, a void one a greatest. Samples near one are told by their differences
+to their neighbours: the parabola through three of them has its vertex within a sample of the middle along every axis, and leaves
+room for a change of sign. From there the value is sought on ever closer stencils, which follow creases as well as smooth valleys,
+and what has the sign of a speck is looked at on a close grid around: a speck is a component that stays within it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import ndimage
+
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.blend.necks import sphere
+from tpmscad.blend.scene import Scene
+
+NEAR = 0.3
+"""Values looked at, in parts of the field's rms in the blending regions."""
+
+ROOM = 0.5
+"""Part of the second differences by which a value between samples may pass that of a sample: at a crease half way between two."""
+
+VERTEX = 0.6
+"""How far off the vertex may be, in samples: half a sample, and some for what is no parabola."""
+
+SLACK = 0.05
+"""Part of all second differences by which the vertex may be off along an axis where the field hardly bends."""
+
+ZOOMS, MOVES = 7, 2
+"""Stencils, each half as wide as the one before, and moves on each: the place is then good to a hundredth of the spacing."""
+
+RAYS, RADII = 60, 10
+"""Directions, and points along each, by which most of what is no speck is told."""
+
+AROUND, CLOSER = 4, 6
+"""The close grid: samples to each side, and points to a sample."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Specks:
+    """The extremal points (n, 3) of specks and the values of f there (n,): negative for solid ones."""
+
+    points: Array
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+
+def specks(scene: Scene, field: BlendedField, values: Array) -> Specks:
+    """The specks between the samples of a scene where the weights act; `values` are those of the field on its grid."""
+    starts, signs = _candidates(scene, values)
+    points, least = _sought(scene, field, scene.grid.points(starts), signs)
+    there = np.flatnonzero(least < 0)
+    there = there[_enclosed(scene, field, points[there], signs[there])]
+    found: list[int] = []
+    for k in there[np.argsort(least[there])]:
+        apart = np.abs(points[k] - points[found]) > scene.grid.spacing
+        if apart.any(axis=1).all() and _isolated(scene, field, points[k], signs[k]):
+            found.append(int(k))
+    return Specks(points[found], (signs * least)[found])
+
+
+def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array]:
+    """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, and the signs."""
+    movable = np.logical_or.reduce(scene.mixing)
+    flat = values.reshape(-1)
+    unit = float(np.sqrt(np.mean(values[movable] ** 2)))
+    near = np.flatnonzero((movable & (np.abs(values) < NEAR * unit)).reshape(-1))
+    middle = flat[near]
+    place = np.unravel_index(near, values.shape)
+    half, second = np.zeros((3, len(near))), np.zeros((3, len(near)))
+    stride = (values.shape[1] * values.shape[2], values.shape[2], 1)
+    for axis in range(3):
+        low, high = place[axis] == 0, place[axis] == values.shape[axis] - 1
+        below = flat[np.where(low, near + stride[axis], near - stride[axis])]
+        above = flat[np.where(high, near - stride[axis], near + stride[axis])]
+        half[axis], second[axis] = (above - below) / 2, above - 2 * middle + below
+    found, signs = [], []
+    for sign in (1.0, -1.0):
+        bend = np.maximum(sign * second, 0.0)
+        room = bend.sum(axis=0)
+        chosen = (
+            (np.abs(half) <= VERTEX * bend + SLACK * room).all(axis=0)
+            & (sign * middle > 0)
+            & (sign * middle < ROOM * room)
+        )
+        found.append(near[chosen])
+        signs.append(np.full(int(chosen.sum()), sign))
+    return np.concatenate(found), np.concatenate(signs)
+
+
+def _sought(scene: Scene, field: BlendedField, points: Array, signs: Array) -> tuple[Array, Array]:
+    """The least of sign * f near each point (n, 3) within the domain, on stencils of 27 points: where, and how much."""
+    low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
+    offsets = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    rows = np.arange(len(points))
+    least = signs * field(points)
+    for zoom in range(ZOOMS):
+        for _ in range(MOVES):
+            around = np.clip(points[:, None] + offsets * (spacing * 0.5 ** (zoom + 1)), low, high)
+            value = signs[:, None] * field(around)
+            best = np.argmin(value, axis=1)
+            better = value[rows, best] < least
+            points = np.where(better[:, None], around[rows, best], points)
+            least = np.where(better, value[rows, best], least)
+    return points, least
+
+
+def _enclosed(scene: Scene, field: BlendedField, points: Array, signs: Array) -> Mask:
+    """Whether every ray from a point (n, 3) meets the other sign within the close grid, or the border of the domain first."""
+    low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
+    radii = np.linspace(0, AROUND, RADII + 1)[1:, None] * spacing
+    rays = points[:, None, None] + sphere(RAYS)[None, :, None] * radii
+    outside = np.any((rays < low) | (rays > high), axis=-1)
+    other = signs[:, None, None] * field(rays) >= 0
+    return np.asarray((other | (outside & (signs > 0)[:, None, None])).any(axis=2).all(axis=1))
+
+
+def _isolated(scene: Scene, field: BlendedField, point: Array, sign: float) -> bool:
+    """Whether the component of {sign * f < 0} at the point ends within a few samples of it, a void one inside the domain."""
+    step = scene.grid.spacing / CLOSER
+    reach = np.arange(-AROUND * CLOSER, AROUND * CLOSER + 1)
+    axes, open_ends = [], []
+    for axis in range(3):
+        t = point[axis] + step[axis] * reach
+        low, high = scene.grid.low[axis], scene.grid.high[axis]
+        axes.append(np.clip(t, low, high)[np.concatenate([[True], np.diff(np.clip(t, low, high)) > 0])])
+        open_ends.append((sign < 0 or t[0] >= low, sign < 0 or t[-1] <= high))
+    phase: Mask = sign * field.on_grid(*axes) < 0
+    labels, _ = ndimage.label(phase)
+    place = tuple(int(np.argmin(abs(t - c))) for t, c in zip(axes, point, strict=True))
+    if labels[place] == 0:
+        return True
+    own = labels == labels[place]
+    for axis, ends in enumerate(open_ends):
+        sides = own.take(0, axis), own.take(-1, axis)
+        if any(side.any() for side, counts in zip(sides, ends, strict=True) if counts):
+            return False
+    return True
