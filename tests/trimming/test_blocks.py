@@ -11,7 +11,7 @@ from tpmscad.patches import connectivity, measure
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface
-from tpmscad.trimming import Tool, box, polyhedron, trim
+from tpmscad.trimming import box, polyhedron, trim
 
 HEIGHT = 0.5
 SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6))
@@ -69,7 +69,7 @@ def test_a_box_inside_the_block_and_one_across_its_corner() -> None:
     assert connectivity.is_closed(corner)
 
 
-def turned_tetrahedron() -> Tool:
+def turned_tetrahedron() -> PatchComplex:
     corners = np.array([[0, 0, 0], [1.4, 0, 0], [0, 1.3, 0], [0, 0, 1.7]]) - 0.2
     turn = Rotation.from_rotvec([0.2, 0.5, -0.3]).as_matrix()
     return polyhedron(corners @ turn.T + 0.3, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
@@ -80,11 +80,11 @@ def test_any_convex_polyhedron_cuts_and_its_volume_matches_a_count_of_points() -
     cut = trim(bumpy_block(), tool, 1e-9).complex
     assert connectivity.is_closed(cut)
     n = 120
-    lo, hi = tool.corners.min(axis=0), tool.corners.max(axis=0)
+    lo, hi = tool.vertices.min(axis=0), tool.vertices.max(axis=0)
     x = np.stack(np.meshgrid(*[np.linspace(0.5 / n, 1 - 0.5 / n, n)] * 3), axis=-1).reshape(-1, 3) * (hi - lo) + lo
     top = 1 + HEIGHT * 16 * x[:, 0] * (1 - x[:, 0]) * x[:, 1] * (1 - x[:, 1])
     solid = ((x[:, :2] > 0) & (x[:, :2] < 1)).all(axis=1) & (x[:, 2] > 0) & (x[:, 2] < top)
-    counted = (solid & (tool.distances(x) < 0).all(axis=1)).mean() * np.prod(hi - lo)
+    counted = (solid & np.all([plane.distance(x) < 0 for plane in tool.carriers], axis=0)).mean() * np.prod(hi - lo)
     assert measure.volume(measure.face_moments(cut))[0] == pytest.approx(counted, rel=2e-3)
 
 

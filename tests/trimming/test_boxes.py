@@ -190,11 +190,14 @@ def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[
     assert volume(trimmed.complex) == pytest.approx(theory(name, OFF_SKELETAL), rel=3e-5)
 
 
-def test_a_box_that_meets_no_surface_is_the_callers_to_tell(cover: Callable[..., PatchComplex]) -> None:
-    lattice = cover("schwarz_p", (1, 1, 1), AT_HOME, SKELETAL)
-    lo, hi = np.full(3, 4.9), np.full(3, 5.1)
-    with pytest.raises(TrimmingError, match="inside"):
-        trim_box(lattice, lo, hi, TOL)
+@pytest.mark.parametrize(("middle", "solid"), [(5.0, True), (0.0, False)])
+def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
+    middle: float, solid: bool, cover: Callable[..., PatchComplex]
+) -> None:
+    """Schwarz P's rooms about the middle and the corners of the cell; which of them is solid, its nearest points tell."""
+    lattice = cover("schwarz_p", (2, 2, 2), AT_HOME, SKELETAL)
+    lo, hi = np.full(3, CELL + middle - 0.1), np.full(3, CELL + middle + 0.1)
+    assert volume(trim_box(lattice, lo, hi, TOL)) == pytest.approx(0.008 * solid, rel=1e-12)
     full = trim_box(lattice, lo, hi, TOL, lambda points: np.ones(len(points), bool))
     assert connectivity.is_closed(full)
     assert volume(full) == pytest.approx(0.008, rel=1e-12)

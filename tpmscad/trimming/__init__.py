@@ -1,6 +1,6 @@
-"""Lattices cut by bodies without the kernel: trimmed faces and caps as a new, closed complex."""
+"""Lattices cut by bodies without the kernel: trimmed faces and the body's own as a new, closed complex."""
 
-from tpmscad.trimming.box import Report, Trimmed, trim, trim_box
-from tpmscad.trimming.tool import Tool, TrimmingError, box, polyhedron
+from tpmscad.trimming.tool import TrimmingError, box, polyhedron
+from tpmscad.trimming.trimmed import Report, Trimmed, trim, trim_box
 
-__all__ = ["Report", "Tool", "Trimmed", "TrimmingError", "box", "polyhedron", "trim", "trim_box"]
+__all__ = ["Report", "Trimmed", "TrimmingError", "box", "polyhedron", "trim", "trim_box"]

@@ -1,4 +1,4 @@
-"""The trimmed complex put together: inner faces, caps on what they leave open, and only the edges and vertices in use."""
+"""The trimmed complex put together: inner faces, walls on what they leave open, and only the edges and vertices in use."""
 
 from __future__ import annotations
 
@@ -7,185 +7,221 @@ from dataclasses import replace
 
 import numpy as np
 
+from tpmscad.patches.carriers import EdgeCurve, Plane
 from tpmscad.patches.complex import Edges, Faces, PatchComplex, Uses
-from tpmscad.splines.bspline import Curve, line
-from tpmscad.trimming import caps, loops
+from tpmscad.splines.bspline import Curve
+from tpmscad.trimming import loops
+from tpmscad.trimming.body import Body, faces_uses
 from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.faces import Face, Use
+from tpmscad.trimming.hits import Hits
+from tpmscad.trimming.pcurves import parameter_curve
 from tpmscad.trimming.pieces import Pieces
+from tpmscad.trimming.regions import Region
 from tpmscad.trimming.strands import Crossings, Strands, points_on
-from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
+from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
+from tpmscad.trimming.tracks import Tracks
+from tpmscad.trimming.walls import BodyPieces, OpenEdges, body_pieces
 
 CAP = "cap"
+"""The tag of the body's faces, flat or not."""
 
 MARGIN = 1.1
 """On measured deviations: between the samples they were found up to 4 % greater."""
 
 SAMPLES = np.concatenate([[0.0, 1e-4], np.linspace(0.0, 1.0, 9)[1:-1], [1.0 - 1e-4, 1.0]])
-"""Where along an edge of a cap it is looked at: near the ends for directions, between for areas and nesting."""
+"""Where along an edge of a wall it is looked at: near the ends for directions, between for areas and nesting."""
 
 
 def all_edges(
     lattice: PatchComplex,
     cuts: PatchCuts,
     crossings: Crossings,
+    tracks: Tracks,
     edge_pieces: Pieces,
-    arc_pieces: Pieces,
+    track_pieces: Pieces,
+    curves: Sequence[Curve],
     vertices: Array,
 ) -> Edges:
-    """Every piece of a lattice edge, then every piece of an arc, kept or not.
+    """Every piece of a lattice edge, then every piece of a track, kept or not.
 
     Where an edge's curve ends a little off its vertex, that distance counts as deviation too.
     """
-    old, strand, arc = lattice.edges, edge_pieces.strand, arc_pieces.strand
-    face = cuts.face[arc]
-    deviation = np.array([c.deviation for c in cuts.cuts])
+    old, strand, track = lattice.edges, edge_pieces.strand, tracks.strands
+    own = track_pieces.strand
+    cut = np.array([0.0, *(c.deviation for c in cuts.cuts)])
+    of_arc = cut[np.where(tracks.face[own] >= 0, track.curve[own] - len(lattice.curves) + 1, 0)]
+    measured = np.concatenate([np.maximum(old.deviation, MARGIN * crossings.off)[strand], MARGIN * of_arc])
     edges = Edges(
-        curve=np.concatenate([old.curve[strand], len(lattice.curves) + cuts.cut[arc]]),
-        rotation=np.concatenate([old.rotation[strand], lattice.faces.rotation[face]]),
-        translation=np.concatenate([old.translation[strand], lattice.faces.translation[face]]),
-        span=np.concatenate([edge_pieces.span, arc_pieces.span]),
-        start=np.concatenate([edge_pieces.start, arc_pieces.start]),
-        end=np.concatenate([edge_pieces.end, arc_pieces.end]),
-        deviation=np.concatenate([np.maximum(old.deviation, MARGIN * crossings.off)[strand], deviation[cuts.cut[arc]]]),
+        curve=np.concatenate([old.curve[strand], track.curve[own]]),
+        rotation=np.concatenate([old.rotation[strand], track.rotation[own]]),
+        translation=np.concatenate([old.translation[strand], track.translation[own]]),
+        span=np.concatenate([edge_pieces.span, track_pieces.span]),
+        start=np.concatenate([edge_pieces.start, track_pieces.start]),
+        end=np.concatenate([edge_pieces.end, track_pieces.end]),
+        deviation=measured,
     )
-    cut = (np.diff(edge_pieces.first) > 1)[strand]
-    index = np.concatenate([np.flatnonzero(cut), len(strand) + np.arange(len(arc))])
-    ends = _at(tuple(c.curve for c in cuts.cuts), lattice.curves, edges, index)
+    split = (np.diff(edge_pieces.first) > 1)[strand]
+    index = np.concatenate([np.flatnonzero(split), len(strand) + np.arange(len(own))])
+    ends = _polylines(curves, edges, index, np.array([0.0, 1.0]))
     off = np.linalg.norm(ends - vertices[np.column_stack([edges.start[index], edges.end[index]])], axis=2).max(axis=1)
-    widest = edges.deviation.copy()
-    measured = np.concatenate([old.deviation[strand], deviation[cuts.cut[arc]]])
-    widest[index] = np.maximum(widest[index], MARGIN * np.maximum(off, measured[index]))
-    return replace(edges, deviation=widest)
+    measured[index] = np.maximum(measured[index], MARGIN * off)
+    return edges
 
 
-def _at(cut_curves: tuple[Curve, ...], curves: tuple[Curve, ...], edges: Edges, index: Ints) -> Array:
-    """Both ends of edges: (n, 2, 3)."""
-    strands = Strands(edges.curve, edges.rotation, edges.translation, edges.span, edges.start, edges.end)
-    t = edges.span[index].ravel()
-    return points_on(curves + cut_curves, strands, np.repeat(index, 2), t).reshape(-1, 2, 3)
-
-
-def open_planes(faces: Sequence[Face], senses: Ints, edges: Edges, plane_of_edge: Ints) -> caps.OpenEdges:
-    """The edges that `faces` use once, with the plane that caps them. `plane_of_edge`: -1 where there is none."""
+def open_edges(faces: Sequence[Face], senses: Ints, edges: Edges, face_of_edge: Ints) -> OpenEdges:
+    """The edges that `faces` use once, with the face of the body that closes them. `face_of_edge`: -1 where there is none."""
     owner = np.array([f for f, face in faces for loop in face for _ in loop], np.int64)
     used = np.array([use[:2] for _, face in faces for loop in face for use in loop], np.int64).reshape(-1, 2)
     count = np.bincount(used[:, 0], minlength=len(edges))
     way = np.zeros(len(edges), np.int64)
     np.add.at(way, used[:, 0], used[:, 1] * senses[owner])
     at = np.flatnonzero(count == 1)
-    plane = plane_of_edge[at]
-    if (plane < 0).any():
-        raise TrimmingError("the lattice has an open border, or edges along two planes, inside the tool")
+    face = face_of_edge[at]
+    if (face < 0).any():
+        raise TrimmingError("the lattice has an open border inside the body")
     sense = -way[at]
     ahead = sense > 0
-    return caps.OpenEdges(
-        plane,
-        at,
-        sense,
-        np.where(ahead, edges.start[at], edges.end[at]),
-        np.where(ahead, edges.end[at], edges.start[at]),
-    )
-
-
-def plane_of_edges(cuts: PatchCuts, edge_pieces: Pieces, arc_pieces: Pieces) -> Ints:
-    """The one plane each edge lies in, -1 for none or several."""
-    flat = edge_pieces.sign == 0
-    of_edge = np.where(flat.sum(axis=1) == 1, flat.argmax(axis=1), -1)
-    return np.concatenate([of_edge, cuts.plane[arc_pieces.strand]])
+    start, end = edges.start[at], edges.end[at]
+    return OpenEdges(face, at, sense, np.where(ahead, start, end), np.where(ahead, end, start))
 
 
 def assemble(
     lattice: PatchComplex,
-    tool: Tool,
+    body: Body,
+    regions: list[Region],
     cuts: PatchCuts,
+    hits: Hits,
     faces: list[Face],
     edges: Edges,
-    open_edges: caps.OpenEdges,
+    open_edges: OpenEdges,
+    curves: Sequence[Curve],
     vertices: Array,
-    on: Flags,
-    inside: Callable[[Array], Array] | None,
+    tol: float,
+    in_solid: Callable[[Array], Flags],
 ) -> PatchComplex:
-    """Close the inner faces by caps; the result holds only the edges and vertices in use."""
-    lines = [
-        line(tool.corners[a], tool.corners[b], (0.0, tool.length(e))) for e, (a, b) in enumerate(tool.edge_corners)
-    ]
-    first_line = len(lattice.curves) + len(cuts.cuts)
-    curves = (*lattice.curves, *(c.curve for c in cuts.cuts), *lines)
-
-    def polylines(edge: Ints) -> Array:
-        return _polylines(curves, edges, edge)
-
-    pieces = caps.tool_pieces(tool, open_edges, vertices, on, polylines, inside)
+    """Close the inner faces by walls; the result holds only the edges and vertices in use."""
+    pieces = body_pieces(body, hits, open_edges, vertices, in_solid)
     first_piece, first_corner = len(edges), len(vertices)
-    start, end = (np.where(v < 0, first_corner - 1 - v, v) for v in (pieces.start, pieces.end))
-    everywhere = np.vstack([vertices, tool.corners])
-    a, b = tool.corners[tool.edge_corners[pieces.tool_edge]].swapaxes(0, 1)
-    way = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-    places = a[:, None] + pieces.span[..., None] * way[:, None]
-    off = np.linalg.norm(places - everywhere[np.column_stack([start, end])], axis=2).max(axis=1)  # of snapped vertices
-    edges = _with_lines(edges, first_line + pieces.tool_edge, pieces.span, start, end, MARGIN * off)
-    number = first_piece + np.arange(len(start))
-    left, right = tool.edge_planes[pieces.tool_edge].T
-    one = np.ones(len(start), np.int64)
-    round_caps = caps.OpenEdges(
-        np.concatenate([open_edges.plane, left, right]),
-        np.concatenate([open_edges.edge, number, number]),
-        np.concatenate([open_edges.sense, one, -one]),
-        np.concatenate([open_edges.start, start, end]),
-        np.concatenate([open_edges.end, end, start]),
+    everywhere = np.vstack([vertices, body.complex.vertices])
+    all_curves: list[EdgeCurve] = [*curves, *body.curves]
+    edges = _with_body(edges, body, pieces, len(curves), first_corner, everywhere)
+    pcurves = [*lattice.pcurves, *(c.pcurve for c in cuts.cuts), *body.complex.pcurves]
+    first_pcurve = len(lattice.pcurves) + len(cuts.cuts)
+
+    deviation = edges.deviation.copy()
+    walls: list[Face] = []
+    table: dict[int, list[int]] = {}
+    for i, e in enumerate(pieces.edge.tolist()):
+        table.setdefault(e, []).append(first_piece + i)
+    open_of: dict[int, list[int]] = {}
+    for i, f in enumerate(open_edges.face.tolist()):
+        open_of.setdefault(f, []).append(i)
+    for f, region in enumerate(regions):
+        flat = isinstance(region.carrier, Plane)
+        uses: list[Use] = []
+        for k in range(*faces_uses(body.complex, f)):
+            pcurve = -1 if flat else first_pcurve + int(body.complex.uses.pcurve[k])
+            uses += [
+                (p, int(body.complex.uses.sense[k]), pcurve) for p in table.get(int(body.complex.uses.edge[k]), [])
+            ]
+        turn = int(body.complex.faces.sense[f])
+        for i in open_of.get(f, []):
+            edge, sense, pcurve = int(open_edges.edge[i]), int(open_edges.sense[i]) * turn, -1
+            if not flat:
+                made, off = parameter_curve(_placed(curves, edges, edge), edges.span[edge], region, tol)
+                deviation[edge] = max(deviation[edge], MARGIN * off)
+                pcurve = len(pcurves)
+                pcurves.append(made)
+            uses.append((edge, sense, pcurve))
+        if uses:
+            walls += [(f, face) for face in _wall(region, uses, edges, all_curves, pcurves)]
+    return _complex(
+        lattice, body, tuple(all_curves), tuple(pcurves), faces, walls, replace(edges, deviation=deviation), everywhere
     )
-    cap_faces: list[Face] = []
-    for plane in range(len(tool.planes)):
-        at = np.flatnonzero(round_caps.plane == plane)
-        chained, polygons = caps.cap_loops(tool, plane, round_caps, at, polylines)
-        named = [[(int(round_caps.edge[at[i]]), int(round_caps.sense[at[i]]), -1) for i in loop] for loop in chained]
-        cap_faces += [(plane, [named[i] for i in face]) for face in (loops.nest(polygons) if polygons else [])]
-    return _complex(lattice, tool, cuts, curves, faces, cap_faces, edges, everywhere)
 
 
-def _polylines(curves: Sequence[Curve], edges: Edges, edge: Ints) -> Array:
+def _placed(curves: Sequence[Curve], edges: Edges, edge: int) -> Callable[[Array], Array]:
+    curve, rotation, translation = curves[edges.curve[edge]], edges.rotation[edge], edges.translation[edge]
+    return lambda t: curve(t) @ rotation.T + translation
+
+
+def _wall(
+    region: Region, uses: list[Use], edges: Edges, curves: Sequence[EdgeCurve], pcurves: Sequence[Curve]
+) -> list[list[list[Use]]]:
+    """The parts of one face of the body that the uses bound."""
+    edge, sense = np.array([u[0] for u in uses]), np.array([u[1] for u in uses])
+    if isinstance(region.carrier, Plane):
+        points = region.carrier.parameters(_polylines(curves, edges, edge, SAMPLES))
+    else:
+        low, high = edges.span[edge].T
+        t = low[:, None] + (high - low)[:, None] * SAMPLES
+        points = np.stack([pcurves[u[2]](x) for u, x in zip(uses, t, strict=True)])
+    back = sense < 0
+    points[back] = points[back, ::-1]
+
+    def direction(i: int, at_end: bool) -> Array:
+        return np.asarray(points[i, -1] - points[i, -2] if at_end else points[i, 1] - points[i, 0])
+
+    start, end = np.where(back, edges.end[edge], edges.start[edge]), np.where(back, edges.start[edge], edges.end[edge])
+    chained = loops.chain(start, end, direction)
+    polygons = [np.concatenate([points[i] for i in loop]) for loop in chained]
+    return [[[uses[i] for i in chained[j]] for j in face] for face in loops.nest(polygons)]
+
+
+def _polylines(curves: Sequence[EdgeCurve], edges: Edges, edge: Ints, x: Array) -> Array:
+    """Points at the parts x (s,) of the edges' spans: (n, s, 3)."""
     strands = Strands(edges.curve, edges.rotation, edges.translation, edges.span, edges.start, edges.end)
     low, high = edges.span[edge].T
-    t = low[:, None] + (high - low)[:, None] * SAMPLES
-    return points_on(curves, strands, np.repeat(edge, len(SAMPLES)), t.ravel()).reshape(len(edge), len(SAMPLES), 3)
+    t = low[:, None] + (high - low)[:, None] * x
+    return points_on(curves, strands, np.repeat(edge, len(x)), t.ravel()).reshape(len(edge), len(x), 3)
 
 
-def _with_lines(edges: Edges, curve: Ints, span: Array, start: Ints, end: Ints, deviation: Array) -> Edges:
-    n = len(curve)
+def _with_body(
+    edges: Edges, body: Body, pieces: BodyPieces, first_curve: int, first_corner: int, points: Array
+) -> Edges:
+    """The pieces of the body's edges appended; their vertices may lie a little off them."""
+    n = len(pieces.edge)
+    start, end = (np.where(v < 0, first_corner - 1 - v, v) for v in (pieces.start, pieces.end))
+    places = np.array([body.curves[e](span) for e, span in zip(pieces.edge, pieces.span, strict=True)]).reshape(
+        -1, 2, 3
+    )
+    off = np.linalg.norm(places - points[np.column_stack([start, end])], axis=2).max(axis=1, initial=0.0)
     return Edges(
-        curve=np.concatenate([edges.curve, curve]),
+        curve=np.concatenate([edges.curve, first_curve + pieces.edge]),
         rotation=np.concatenate([edges.rotation, np.tile(np.eye(3), (n, 1, 1))]),
         translation=np.concatenate([edges.translation, np.zeros((n, 3))]),
-        span=np.concatenate([edges.span, span]),
+        span=np.concatenate([edges.span, pieces.span]),
         start=np.concatenate([edges.start, start]),
         end=np.concatenate([edges.end, end]),
-        deviation=np.concatenate([edges.deviation, deviation]),
+        deviation=np.concatenate(
+            [edges.deviation, np.maximum(body.complex.edges.deviation[pieces.edge], MARGIN * off)]
+        ),
     )
 
 
 def _complex(
     lattice: PatchComplex,
-    tool: Tool,
-    cuts: PatchCuts,
-    curves: tuple[Curve, ...],
+    body: Body,
+    curves: tuple[EdgeCurve, ...],
+    pcurves: tuple[Curve, ...],
     faces: list[Face],
-    cap_faces: list[Face],
+    walls: list[Face],
     edges: Edges,
     vertices: Array,
 ) -> PatchComplex:
     old = lattice.faces
     tags = lattice.tags if CAP in lattice.tags else (*lattice.tags, CAP)
-    kept, planes = np.array([f for f, _ in faces], np.int64), np.array([p for p, _ in cap_faces], np.int64)
-    n = len(planes)
-    uses, loop_start, use_start = _flat([face for _, face in faces + cap_faces])
+    kept, own = np.array([f for f, _ in faces], np.int64), np.array([f for f, _ in walls], np.int64)
+    n = len(own)
+    uses, loop_start, use_start = _flat([face for _, face in faces + walls])
     used, edge = np.unique(uses[:, 0], return_inverse=True)
     ends = np.concatenate([edges.start[used], edges.end[used]])
     used_vertices, ends = np.unique(ends, return_inverse=True)
     return PatchComplex(
-        carriers=(*lattice.carriers, *tool.planes),
+        carriers=(*lattice.carriers, *body.carriers),
         curves=curves,
-        pcurves=(*lattice.pcurves, *(c.pcurve for c in cuts.cuts)),
+        pcurves=pcurves,
         vertices=vertices[used_vertices],
         edges=Edges(
             curve=edges.curve[used],
@@ -198,10 +234,10 @@ def _complex(
         ),
         uses=Uses(edge.ravel(), uses[:, 1], uses[:, 2]),
         faces=Faces(
-            carrier=np.concatenate([old.carrier[kept], len(lattice.carriers) + planes]),
+            carrier=np.concatenate([old.carrier[kept], len(lattice.carriers) + own]),
             rotation=np.concatenate([old.rotation[kept], np.tile(np.eye(3), (n, 1, 1))]),
             translation=np.concatenate([old.translation[kept], np.zeros((n, 3))]),
-            sense=np.concatenate([old.sense[kept], np.ones(n, np.int64)]),
+            sense=np.concatenate([old.sense[kept], body.complex.faces.sense[own]]),
             tag=np.concatenate([old.tag[kept], np.full(n, tags.index(CAP))]),
             loop_start=loop_start,
             use_start=use_start,

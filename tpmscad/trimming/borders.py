@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.composed import Composed
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
 CELLS_U, CELLS_V = 33, 37
@@ -58,7 +59,7 @@ def fractions(us: Array, vs: Array, side: int) -> Array:
 
 
 def border_signs(
-    level: Surface, us: Array, vs: Array, borders: tuple[Border, ...], on_corner: Flags, negative: Flags
+    level: Surface | Composed, us: Array, vs: Array, borders: tuple[Border, ...], on_corner: Flags, negative: Flags
 ) -> Ints:
     """Overwrite the border nodes of `negative` by what the shared edges say; returns the signs next to sides in the plane."""
     on_side = np.zeros(4, np.int64)

@@ -1,4 +1,4 @@
-"""Critical points of a plane's distance on a patch, and a grid that can't hide what happens about them.
+"""Critical points of a surface's distance on a patch, and a grid that can't hide what happens about them.
 
 The topology of a level set changes at critical points only. Where the distance is nearly zero at one, grid lines are laid
 through it and, in a geometric ladder, about it: a loop or a neck of any size shows. A saddle *in* the plane gets a block of
@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.splines.bspline import Surface, design
+from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.composed import Composed
 from tpmscad.trimming.tool import Array, Flags, TrimmingError
 
 BLOCK = np.array([-0.4, -0.15, 0.15, 0.4])
@@ -31,12 +32,9 @@ class Critical:
     scale: float
 
 
-def critical_points(level: Surface, us: Array, vs: Array) -> list[Critical]:
+def critical_points(level: Surface | Composed, us: Array, vs: Array) -> list[Critical]:
     """The critical points of a scalar surface within a grid spacing of the patch, where a grid might miss their effect."""
-    bu = [design(level.knots_u, level.degree_u, us, k) for k in (0, 1)]
-    bv = [design(level.knots_v, level.degree_v, vs, k) for k in (0, 1)]
-    coefficients = level.poles[..., 0]
-    g, gu, gv = (bu[a] @ coefficients @ bv[b].T for a, b in ((0, 0), (1, 0), (0, 1)))
+    g, gu, gv = (level.grid(us, vs, *d)[..., 0] for d in ((0, 0), (1, 0), (0, 1)))
     small = 2.0 * (np.abs(np.diff(g, 2, axis=0)).max() + np.abs(np.diff(g, 2, axis=1)).max())
     h = np.array([np.diff(us).max(), np.diff(vs).max()])
     cells = np.argwhere(_mixed(gu) & _mixed(gv) & (np.abs(g[:-1, :-1]) < 2.0 * small))
@@ -91,7 +89,7 @@ def _mixed(a: Array) -> Flags:
     return np.asarray((total > 0) & (total < 4))
 
 
-def _stationary(level: Surface, p: Array, h: Array) -> Critical | None:
+def _stationary(level: Surface | Composed, p: Array, h: Array) -> Critical | None:
     """The critical point that Newton finds from p; None if it runs more than a grid spacing out of the patch."""
     (u0, u1), (v0, v1) = level.domain
     low, high = np.array([u0, v0]) - h, np.array([u1, v1]) + h

@@ -1,4 +1,4 @@
-"""The lattice's faces inside the tool: whole ones as they are, cut ones chained anew from border pieces and arcs."""
+"""The lattice's faces inside the body: whole ones as they are, cut ones chained anew from border pieces and arcs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ import numpy as np
 
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.trimming import loops
+from tpmscad.trimming.body import Body
 from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.pieces import Pieces
 from tpmscad.trimming.sides import Sides
-from tpmscad.trimming.tool import Array, TrimmingError
+from tpmscad.trimming.states import EdgeStates
+from tpmscad.trimming.tool import Array, Ints
+from tpmscad.trimming.tracks import Tracks
 
 Use = tuple[int, int, int]
 """Edge, +1 or -1 along its parameter, parameter curve (-1 on a plane)."""
@@ -25,13 +28,29 @@ NEAR_END = 1e-4
 
 
 def inner_faces(
-    lattice: PatchComplex, sides: Sides, cuts: PatchCuts, edge_pieces: Pieces, arc_pieces: Pieces
+    lattice: PatchComplex,
+    sides: Sides,
+    body: Body,
+    cuts: PatchCuts,
+    tracks: Tracks,
+    edge_pieces: Pieces,
+    states: EdgeStates,
+    track_pieces: Pieces,
+    label: Ints,
 ) -> list[Face]:
-    """Faces on the inside of every plane. Edges are numbered: the pieces of lattice edges, then those of arcs."""
-    gone = (cuts.state > 0).any(axis=1)
-    whole = np.flatnonzero(~gone & (cuts.state < 0).all(axis=1))
-    cut = np.flatnonzero(~gone & (cuts.state == 0).any(axis=1))
+    """Faces inside the body. Edges are numbered: the pieces of lattice edges, then those of tracks."""
     first = edge_pieces.first
+    split = (np.diff(first) > 1) | np.add.reduceat(states.flat >= 0, first[:-1]).astype(bool)
+    n_edges = len(edge_pieces.strand)
+    arcs_of: dict[int, list[Use]] = {}
+    for j in np.flatnonzero((label >= 0) & (tracks.face[track_pieces.strand] >= 0)).tolist():
+        arc = track_pieces.strand[j]
+        sense = int(tracks.sense[arc]) * int(body.sense[label[j]])
+        use = (n_edges + j, sense, len(lattice.pcurves) + int(cuts.cut[arc]))
+        arcs_of.setdefault(int(tracks.face[arc]), []).append(use)
+    cut = split[sides.edge].any(axis=1)
+    cut[list(arcs_of)] = True
+    whole = np.flatnonzero(~cut & states.inside[first[sides.edge[:, 0]]])
     result: list[Face] = []
     senses = np.where(sides.forward, 1, -1)
     for f, e, s, p in zip(
@@ -42,36 +61,25 @@ def inner_faces(
         strict=True,
     ):
         result.append((f, [list(zip(e, s, p, strict=True))]))
-    split = np.diff(first) > 1
-    for i in np.flatnonzero(split[sides.edge[whole]].any(axis=1)):
-        raise TrimmingError(f"an edge of patch {whole[i]} is cut where the patch is not")
-
-    arcs_of: dict[int, list[Use]] = {}
-    n_edges = len(edge_pieces.strand)
-    for j in np.flatnonzero((arc_pieces.sign <= 0).all(axis=1)).tolist():
-        arc = arc_pieces.strand[j]
-        use = (n_edges + j, int(cuts.sense[arc]), len(lattice.pcurves) + int(cuts.cut[arc]))
-        arcs_of.setdefault(int(cuts.face[arc]), []).append(use)
-    start = np.concatenate([edge_pieces.start, arc_pieces.start])
-    end = np.concatenate([edge_pieces.end, arc_pieces.end])
-    span = np.concatenate([edge_pieces.span, arc_pieces.span])
-    for f in cut.tolist():
-        border = _inner_border(sides, edge_pieces, cuts, f)
+    start = np.concatenate([edge_pieces.start, track_pieces.start])
+    end = np.concatenate([edge_pieces.end, track_pieces.end])
+    span = np.concatenate([edge_pieces.span, track_pieces.span])
+    for f in np.flatnonzero(cut).tolist():
+        border = _inner_border(sides, edge_pieces, states, f)
         uses = border + arcs_of.get(f, [])
         if uses:
             result += [(f, face) for face in _chained(lattice, cuts, uses, len(border), start, end, span)]
     return result
 
 
-def _inner_border(sides: Sides, pieces: Pieces, cuts: PatchCuts, face: int) -> list[Use]:
+def _inner_border(sides: Sides, pieces: Pieces, states: EdgeStates, face: int) -> list[Use]:
     """The pieces of a patch's sides that stay, counter-clockwise."""
     uses = []
     for side in range(4):
         edge, sense = int(sides.edge[face, side]), 1 if sides.forward[face, side] else -1
         numbers = range(int(pieces.first[edge]), int(pieces.first[edge + 1]))
         for i in numbers[::sense]:
-            sign = np.where(pieces.sign[i] == 0, cuts.side_sign[face, :, side], pieces.sign[i])
-            if (sign < 0).all():
+            if states.inside[i] if states.flat[i] < 0 else states.on_patch[face, side]:
                 uses.append((i, sense, int(sides.pcurve[face, side])))
     return uses
 

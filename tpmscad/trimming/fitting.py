@@ -1,7 +1,7 @@
 """Cut curves as B-splines: one parameter for the parameter curve on the patch and the curve in space, fitted in batches.
 
 Sites lie exactly on the cut. Interpolation is linear, so a space curve through sites in a plane lies in the plane to round-off;
-what is left to measure is |S(pc(t)) - C(t)|.
+what is left to measure is |S(pc(t)) - C(t)|; on curved surfaces also the curve's distance from them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from tpmscad.splines.bspline import Curve, Surface, design
+from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.sections import Sections, foci_in_space
 from tpmscad.trimming.tool import Array, TrimmingError
 
@@ -42,18 +43,17 @@ class Cut:
 
 def fit(
     surfaces: Sequence[Surface],
-    normals: Array,
-    constants: Array,
+    levels: Levels,
     paths: Sequence[Array],
     foci: Sequence[Array],
     tol: float,
 ) -> tuple[Cut, ...]:
-    """The zero curves of normals (n, 3) . S + constants (n,) along coarse paths with exact ends, within tol.
+    """The sections of surfaces by n levels along coarse paths with exact ends, within tol.
 
     surfaces: one for each path, all of one spline space.
 
     foci: for each path points (k, 3) of (u, v) and radius there, about which it may turn sharply.
-    Ends may be off their plane (by less than a snap): the parameter curve starts there, the space curve in the plane.
+    Ends may be off their level (by less than a snap): the parameter curve starts there, the space curve in the level's zeros.
     """
     result: list[Cut | None] = [None] * len(paths)
     if not paths:
@@ -61,19 +61,17 @@ def fit(
     waiting = np.arange(len(paths))
     s = surfaces[0]
     poles, space = np.stack([surface.poles for surface in surfaces]), (s.knots_u, s.knots_v, s.degree_u, s.degree_v)
-    sections = Sections(poles, space, normals, constants, foci_in_space(surfaces, foci))
+    sections = Sections(poles, space, levels, foci_in_space(surfaces, foci))
     uv = sections.onto(_refined(paths, NODES * SPANS[0] + 1))
     for spans in SPANS:
         problem = sections.of(waiting)
-        knots, sites, inverse = _space(spans)
+        knots, sites, inverse = interpolation(spans)
         for _ in range(ROUNDS):
             uv = problem.resampled(uv, np.linspace(0.0, 1.0, NODES * spans + 1))
         on_curve = problem.resampled(uv, sites)
-        pcurve, curve = inverse @ on_curve, inverse @ problem.in_plane(problem.points(on_curve))
+        pcurve, curve = inverse @ on_curve, inverse @ problem.dropped(problem.points(on_curve))
         error = _deviation(problem, pcurve, curve, spans)
-        limit = np.maximum(
-            tol, 1.01 * problem.off_plane(uv[:, [0, -1]]).max(axis=1)
-        )  # snapped ends are off by their snap
+        limit = np.maximum(tol, 1.01 * problem.off(uv[:, [0, -1]]).max(axis=1))  # snapped ends are off by their snap
         done = error <= limit
         for k in np.flatnonzero(done):
             cut = Curve(pcurve[k].copy(), knots, DEGREE), Curve(curve[k].copy(), knots, DEGREE)
@@ -99,13 +97,16 @@ def _refined(paths: Sequence[Array], least: int) -> Array:
 
 def _deviation(problem: Sections, pcurve: Array, curve: Array, spans: int) -> Array:
     t = np.linspace(0.0, 1.0, spans * CHECKS + 1)
-    rows = design(_space(spans)[0], DEGREE, t)
-    on_surface = problem.points(rows @ pcurve)
-    return np.linalg.norm(on_surface - rows @ curve, axis=2).max(axis=1)
+    rows = design(interpolation(spans)[0], DEGREE, t)
+    in_space = rows @ curve
+    off = np.linalg.norm(problem.points(rows @ pcurve) - in_space, axis=2).max(axis=1)
+    if problem.levels.flat.all():  # the curve lies in the plane
+        return off
+    return np.asarray(np.maximum(off, np.abs(problem.levels.value(in_space)).max(axis=1)))
 
 
 @lru_cache(maxsize=16)
-def _space(spans: int) -> tuple[Array, Array, Array]:
+def interpolation(spans: int) -> tuple[Array, Array, Array]:
     """Knots, Greville sites, and the inverse of interpolation there."""
     knots = np.concatenate([np.zeros(DEGREE), np.arange(spans + 1) / spans, np.ones(DEGREE)])
     sites = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(spans + DEGREE)])

@@ -1,4 +1,4 @@
-"""The zero set of one plane's distance on one patch: marched on a grid whose lines are set so that no branch hides in a cell.
+"""The zero set of one surface's distance on one patch: marched on a grid whose lines are set so that no branch hides in a cell.
 
 A saddle in the plane becomes the common end of four arms. On the border nothing is decided here: signs there follow from the
 roots of the shared edges, so that neighbours agree.
@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.composed import Composed, level_on
 from tpmscad.trimming.borders import Border, border_signs, fractions, grid_lines
 from tpmscad.trimming.critical import critical_points, refine
+from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
 End = tuple[str, int, int]
@@ -46,11 +48,9 @@ class Trace:
 NONE = Trace((), 0, np.zeros((0, 2)), np.zeros(4, np.int64), np.zeros((0, 3)))
 
 
-def march(
-    surface: Surface, normal: Array, constant: float, borders: tuple[Border, ...], on_corner: Flags, flat: float
-) -> Trace:
-    """Trace normal . S(u, v) + constant = 0. A saddle nearer to zero than `flat` counts as zero, a smaller hill as none."""
-    level = Surface((surface.poles @ normal + constant)[..., None], *_spline_space(surface))
+def march(surface: Surface, row: Levels, borders: tuple[Border, ...], on_corner: Flags, flat: float) -> Trace:
+    """Trace the zeros of one surface's distance (the one row) on a patch. A saddle nearer to zero than `flat` counts as zero, a smaller hill as none."""
+    level = level_on(surface, row)
     us, vs = grid_lines(surface, borders, on_corner)
     critical = critical_points(level, us, vs)
     us, vs, saddles = refine(us, vs, critical, on_corner, flat)
@@ -71,10 +71,6 @@ def march(
     arcs, points = _chained(level, follow, values, us, vs, borders, saddles)
     foci = np.array([[*c.at, c.scale] for c in critical if abs(c.value) > flat]).reshape(-1, 3)
     return Trace(arcs, 0, points, on_side, foci)
-
-
-def _spline_space(surface: Surface) -> tuple[Array, Array, int, int]:
-    return surface.knots_u, surface.knots_v, surface.degree_u, surface.degree_v
 
 
 def _links(negative: Flags, us: Array, vs: Array, saddles: Array) -> tuple[dict[int, int], Ints]:
@@ -126,7 +122,7 @@ def _rim(negative: Flags, i: int, j: int) -> tuple[list[int], list[int]]:
 
 
 def _chained(
-    level: Surface,
+    level: Surface | Composed,
     follow: dict[int, int],
     values: Array,
     us: Array,
@@ -158,7 +154,7 @@ def _chained(
     return tuple(arcs), np.array(points).reshape(-1, 2)
 
 
-def _onto(level: Surface, p: Array) -> Array:
+def _onto(level: Surface | Composed, p: Array) -> Array:
     """The zero of `level` that Newton steps along the gradient find from p."""
     for _ in range(20):
         g, gu, gv = (float(level(p[0], p[1], a, b)[0]) for a, b in ((0, 0), (1, 0), (0, 1)))

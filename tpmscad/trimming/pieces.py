@@ -1,4 +1,4 @@
-"""Strands split at their crossings: vertices for the roots, and the pieces between them with their side of every plane."""
+"""Strands split at vertices along them, and the vertices for roots."""
 
 from __future__ import annotations
 
@@ -14,16 +14,12 @@ from tpmscad.trimming.tool import Array, Ints
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """M pieces in the order of strands and parameters: those of strand i are first[i] .. first[i + 1] - 1.
-
-    `sign` (M, K) is -1 inside a plane, +1 outside, 0 where the strand lies in it (or the pair was skipped).
-    """
+    """M pieces in the order of strands and parameters: those of strand i are first[i] .. first[i + 1] - 1."""
 
     strand: Ints
     span: Array
     start: Ints
     end: Ints
-    sign: Ints
     first: Ints
 
 
@@ -41,29 +37,25 @@ def root_vertices(
     return vertex, points[fresh]
 
 
-def split(strands: Strands, crossings: Crossings, vertex: Ints) -> Pieces:
-    """The pieces of every strand between its vertices; `vertex` (R,) names the one of each root."""
-    n, k = crossings.sign.shape
-    order = np.lexsort((crossings.root, crossings.root_strand))
-    strand, t, v = crossings.root_strand[order], crossings.root[order], vertex[order]
+def split(strands: Strands, strand: Ints, t: Array, vertex: Ints) -> Pieces:
+    """The pieces of every strand between the vertices (R,) at parameters t of the strands named; one may be named twice."""
+    n = len(strands)
+    order = np.lexsort((t, strand))
+    strand, t, v = strand[order], t[order], vertex[order]
     fresh = np.ones(len(order), bool)
     fresh[1:] = (strand[1:] != strand[:-1]) | (v[1:] != v[:-1])
-    cuts = np.bincount(strand[fresh], minlength=n)
+    strand, t, v = strand[fresh], t[fresh], v[fresh]
+    cuts = np.bincount(strand, minlength=n)
     first = np.concatenate([[0], np.cumsum(cuts + 1)])
     owner = np.repeat(np.arange(n), cuts + 1)
     m = len(owner)
 
     # Cut c of all is followed by piece c + 1 + (number of strands before its own).
-    after = np.arange(int(fresh.sum())) + 1 + strand[fresh]
+    after = np.arange(len(strand)) + 1 + strand
     span = np.empty((m, 2))
     start, end = np.empty(m, np.int64), np.empty(m, np.int64)
     span[first[:-1], 0], span[first[1:] - 1, 1] = strands.span.T
     start[first[:-1]], end[first[1:] - 1] = strands.start, strands.end
-    span[after, 0], span[after - 1, 1] = t[fresh], t[fresh]
-    start[after], end[after - 1] = v[fresh], v[fresh]
-
-    flips = np.zeros((m, k), np.int64)
-    np.add.at(flips, (after[np.cumsum(fresh) - 1], crossings.root_plane[order]), 1)
-    flips = np.cumsum(flips, axis=0)
-    flips -= flips[first[:-1]][owner]
-    return Pieces(owner, span, start, end, crossings.sign[owner] * (1 - 2 * (flips % 2)), first)
+    span[after, 0], span[after - 1, 1] = t, t
+    start[after], end[after - 1] = v, v
+    return Pieces(owner, span, start, end, first)

@@ -1,4 +1,4 @@
-"""Plane sections of patches as exact curves: moved onto the cut, measured along it, sampled at even parameters. In batches.
+"""Sections of patches by surfaces as exact curves: moved onto the cut, measured along it, sampled at even parameters. In batches.
 
 The even parameter spreads length and turning evenly, so that a bent curve gets its knots where it bends; past a saddle (a
 focus) it runs like the logarithm of the distance from it. It must be smooth for splines to converge, so it comes from the
@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad.splines.bspline import Surface, design
+from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
 TURN = 4.0
@@ -22,20 +23,19 @@ GRADE = 0.5
 """Near a focus the parameter runs by this much times the logarithm of the distance from it."""
 
 SADDLE = 1e-7
-"""Sine of the angle between patch and plane below which a curve's end is a saddle."""
+"""Sine of the angle between patch and surface below which a curve's end is a saddle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sections:
-    """Sections normals (n, 3) . S + constants (n,) = 0 of n patches of one spline space, with their own poles (n, U, V, 3).
+    """Sections of n patches of one spline space, with their own poles (n, U, V, 3), by the n rows of `levels`.
 
     Points on them are given as (u, v), (n, m, 2). `foci` (n, q, 4): points and radii in model units, infinite if none.
     """
 
     poles: Array
     space: tuple[Array, Array, int, int]
-    normals: Array
-    constants: Array
+    levels: Levels
     foci: Array
 
     def of(self, rows: Ints) -> Sections:
@@ -43,8 +43,7 @@ class Sections:
         return replace(
             self,
             poles=self.poles[rows],
-            normals=self.normals[rows],
-            constants=self.constants[rows],
+            levels=self.levels.of(rows),
             foci=self.foci[rows],
         )
 
@@ -65,14 +64,15 @@ class Sections:
     def onto(self, uv: Array) -> Array:
         """Inner sites (n, m, 2) moved onto the zero curve; near the ends onto what makes the ends exact."""
         m = uv.shape[1]
-        value = np.einsum("nmk,nk->nm", self.points(uv[:, [0, -1]]), self.normals) + self.constants[:, None]
+        value = self.levels.value(self.points(uv[:, [0, -1]]))
         x = np.linspace(0.0, 1.0, m)
         target = value[:, :1] * (1 - x) ** 4 + value[:, 1:] * x**4
         uv = uv.copy()
         for _ in range(12):
-            s, su, sv = (np.einsum("nmk,nk->nm", d, self.normals) for d in self.jet(uv[:, 1:-1], 1))
-            g = s + self.constants[:, None] - target[:, 1:-1]
-            slope = np.stack([su, sv], axis=2)
+            s, su, sv = self.jet(uv[:, 1:-1], 1)
+            g, gradient = self.levels.jet(s, 1)
+            g = g - target[:, 1:-1]
+            slope = np.stack([np.einsum("nmk,nmk->nm", d, gradient) for d in (su, sv)], axis=2)
             step = slope * (g / np.maximum((slope**2).sum(axis=2), 1e-300))[..., None]
             uv[:, 1:-1] -= step
             if np.abs(step).max(initial=0.0) < 1e-13:
@@ -82,18 +82,27 @@ class Sections:
     def along(self, uv: Array) -> tuple[Array, Array, Array, Array]:
         """Arc length x, d(u, v)/dx, and a parameter s in [0, 1] that spreads length and turning evenly, with ds/dx.
 
-        A plane section turns at the rate |II(T, T)| / sin(angle of the planes), T its unit tangent. All comes from the points
-        themselves, so that the unevenness of a first path leaves no trace. For points uv (n, m, 2) on the curves.
+        The curvatures k, l of the patch and the surface along the section, at the angle a to each other, turn it at the rate
+        sqrt(k^2 + l^2 - 2 k l cos a) / sin a. All comes from the points themselves, so that the unevenness of a first path
+        leaves no trace. For points uv (n, m, 2) on the curves.
         """
         points, su, sv, suu, suv, svv = self.jet(uv, 2)
-        plane = self.normals[:, None]
-        a, b = -(sv * plane).sum(axis=2), (su * plane).sum(axis=2)  # (u, v) along the curve
+        planar = bool(self.levels.flat.all())
+        across = self.levels.jet(points, 1 if planar else 2)[1:]
+        a, b = -(sv * across[0]).sum(axis=2), (su * across[0]).sum(axis=2)  # (u, v) along the curve
         normal = np.cross(su, sv)
         second = (a * a)[..., None] * suu + (2 * a * b)[..., None] * suv + (b * b)[..., None] * svv
         speed = np.linalg.norm(a[..., None] * su + b[..., None] * sv, axis=2)
-        sine = np.linalg.norm(np.cross(normal, plane), axis=2)
+        sine = np.linalg.norm(np.cross(normal, across[0]), axis=2)
         with np.errstate(divide="ignore", invalid="ignore"):
             curvature = np.abs((second * normal).sum(axis=2)) / (speed**2 * sine)
+            if not planar:
+                tangent = (a[..., None] * su + b[..., None] * sv) / speed[..., None]
+                own = (second * normal).sum(axis=2) / speed**2
+                other = -np.einsum("nmi,nmij,nmj->nm", tangent, across[1], tangent)
+                other = other * np.linalg.norm(normal, axis=2)
+                cosine = (normal * across[0]).sum(axis=2) / np.linalg.norm(normal, axis=2)
+                curvature = np.sqrt(np.maximum(own**2 + other**2 - 2 * own * other * cosine, 0.0)) / sine
             slope = np.stack([a, b], axis=2) / speed[..., None]
         chord = np.linalg.norm(np.diff(points, axis=1), axis=2)
         at_saddle = sine < SADDLE * np.linalg.norm(normal, axis=2)
@@ -103,7 +112,7 @@ class Sections:
             slope[rows, end] = np.diff(uv, axis=1)[rows, step] / chord[rows, step][:, None]
         middle = 0.5 * (curvature[:, 1:] + curvature[:, :-1])
         chord = chord * (1.0 + (middle * chord) ** 2 / 24.0)
-        curvature[np.isfinite(self.foci[:, 0, 3])] = 0.0
+        curvature[np.isfinite(self.foci[:, 0, 3]) & self.levels.flat] = 0.0
         density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), curvature / TURN)
         for f in range(self.foci.shape[1]):
             apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
@@ -134,14 +143,14 @@ class Sections:
         guess[:, [0, -1]] = uv[:, [0, -1]]
         return self.onto(guess)
 
-    def off_plane(self, uv: Array) -> Array:
-        """Distances of points (n, m, 2) from their planes: (n, m)."""
-        return np.abs(np.einsum("nmk,nk->nm", self.points(uv), self.normals) + self.constants[:, None])
+    def off(self, uv: Array) -> Array:
+        """Distances of points (n, m, 2) from their surfaces: (n, m)."""
+        return np.abs(self.levels.value(self.points(uv)))
 
-    def in_plane(self, points: Array) -> Array:
-        """Points (n, m, 3) dropped onto their planes."""
-        g = np.einsum("nmk,nk->nm", points, self.normals) + self.constants[:, None]
-        return points - g[..., None] * self.normals[:, None]
+    def dropped(self, points: Array) -> Array:
+        """Points (n, m, 3) dropped onto their surfaces."""
+        g, gradient = self.levels.jet(points, 1)
+        return points - g[..., None] * gradient
 
 
 def foci_in_space(surfaces: Sequence[Surface], foci: Sequence[Array]) -> Array:

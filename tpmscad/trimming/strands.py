@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.splines.bspline import Curve, design
-from tpmscad.trimming.tool import Array, Flags, Ints, Tool, TrimmingError
+from tpmscad.trimming.levels import Levels
+from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
 SAMPLES = 34
 """Samples along a strand: between them the distance from a plane is taken to have at most one extremum."""
@@ -48,7 +49,7 @@ class Crossings:
     """What n strands and K planes have in common.
 
     `sign` (n, K): -1 or +1 at the strand's beginning, 0 where the strand lies in the plane. `pair` (n, K): -1 without roots,
-    else p with the parameters root[root_start[p]:root_start[p + 1]], rising. `root_strand`, `root_plane`: of each root.
+    else p with the parameters root[root_start[p]:root_start[p + 1]], rising. `root_strand`, `root_surface`: of each root.
     `off`: how far strands in a plane are from it at most, (n,).
     """
 
@@ -57,7 +58,7 @@ class Crossings:
     root_start: Ints
     root: Array
     root_strand: Ints
-    root_plane: Ints
+    root_surface: Ints
     off: Array
     n_classes: int
 
@@ -80,13 +81,13 @@ def points_on(curves: Sequence[Curve], strands: Strands, index: Ints, t: Array) 
 
 
 def cross(
-    curves: Sequence[Curve], strands: Strands, tool: Tool, on: Flags, skip: Flags, snap: float, flat: float
+    curves: Sequence[Curve], strands: Strands, levels: Levels, on: Flags, wanted: Flags, snap: float, flat: float
 ) -> Crossings:
-    """All roots of strands on planes. `on` (V, K): vertices on planes; `skip` (n, K): pairs to leave alone (sign 0).
+    """All roots of strands on surfaces. `on` (V, K): vertices on surfaces; `wanted` (n, K): the pairs to look at.
 
-    Nearer than `snap` a vertex is on a plane; the strand is taken to stay there as long as it is nearer than `flat`.
+    Nearer than `snap` a vertex is on a surface; the strand is taken to stay there as long as it is nearer than `flat`.
     """
-    n, k = len(strands), len(tool.planes)
+    n, k = len(strands), len(levels)
     poles = {int(c): curves[c].poles for c in np.unique(strands.curve)}
     low = np.zeros((len(curves), 3))
     high = np.zeros((len(curves), 3))
@@ -94,103 +95,88 @@ def cross(
         low[c], high[c] = p.min(axis=0), p.max(axis=0)
     middle, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
     centre = np.einsum("nij,nj->ni", strands.rotation, middle[strands.curve]) + strands.translation
-    distance = tool.distances(centre)
+    distance = levels.distances(centre)
     sign = np.where(distance < 0, -1, 1)
-    near = (np.abs(distance) <= radius[strands.curve][:, None] + snap) & ~skip
-    sign[skip] = 0
-    s, plane = np.nonzero(near)
+    near = wanted & (np.abs(distance) <= radius[strands.curve][:, None] + snap)
+    s, surface = np.nonzero(near)
 
-    normal = np.einsum("pi,pij->pj", tool.normals[plane], strands.rotation[s])
-    constant = np.einsum("pi,pi->p", tool.normals[plane], strands.translation[s]) - tool.heights[plane]
-    ends_on = np.column_stack([on[strands.start[s], plane], on[strands.end[s], plane]])
+    seen = levels.of(surface).framed(strands.rotation[s], strands.translation[s])
+    ends_on = np.column_stack([on[strands.start[s], surface], on[strands.end[s], surface]])
     size = max(float(radius.max(initial=0.0)), snap)
-    key = np.column_stack(
-        [strands.curve[s], strands.span[s], np.round(normal, 9), np.round(constant / size, 10), ends_on]
-    )
-    _, first, label = np.unique(key + 0.0, axis=0, return_index=True, return_inverse=True)
+    key = np.column_stack([strands.curve[s], strands.span[s], seen.key(size), ends_on])
+    _, first, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
     label = label.ravel()
 
-    class_sign, class_off, roots = _class_roots(
-        curves, strands, s[first], normal[first], constant[first], ends_on[first], snap, flat
-    )
+    class_sign, class_off, roots = _class_roots(curves, strands, s[first], seen.of(first), ends_on[first], snap, flat)
 
-    sign[s, plane] = class_sign[label]
+    sign[s, surface] = class_sign[label]
     off = np.zeros(n)
     np.maximum.at(off, s, class_off[label])
     count = np.array([len(r) for r in roots], np.int64)[label]
     rooted = np.flatnonzero(count)
     pair = np.full((n, k), -1)
-    pair[s[rooted], plane[rooted]] = np.arange(len(rooted))
-    flat = np.concatenate([np.zeros(0), *(roots[label[p]] for p in rooted)])
+    pair[s[rooted], surface[rooted]] = np.arange(len(rooted))
     return Crossings(
         sign=sign,
         pair=pair,
         root_start=np.concatenate([[0], np.cumsum(count[rooted])]),
-        root=flat,
+        root=np.concatenate([np.zeros(0), *(roots[label[p]] for p in rooted)]),
         root_strand=np.repeat(s[rooted], count[rooted]),
-        root_plane=np.repeat(plane[rooted], count[rooted]),
+        root_surface=np.repeat(surface[rooted], count[rooted]),
         off=off,
         n_classes=len(first),
     )
 
 
 def _class_roots(
-    curves: Sequence[Curve],
-    strands: Strands,
-    strand: Ints,
-    normal: Array,
-    constant: Array,
-    ends_on: Flags,
-    snap: float,
-    flat: float,
+    curves: Sequence[Curve], strands: Strands, strand: Ints, levels: Levels, ends_on: Flags, snap: float, flat: float
 ) -> tuple[Ints, Array, list[Array]]:
-    """First sign, distance where it lies in the plane, and roots of n classes, by one of each; batched by spline space."""
+    """First sign, distance where it lies in the surface, and roots of n classes, by one of each; batched by spline space."""
     n = len(strand)
     sign, off, roots = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n
-    spaces: dict[tuple[int, bytes], list[int]] = {}
-    for i, c in enumerate(strands.curve[strand].tolist()):
-        spaces.setdefault((curves[c].degree, curves[c].knots.tobytes()), []).append(i)
+    spaces: dict[tuple[int, bytes, bool], list[int]] = {}
+    for i, (c, is_plane) in enumerate(zip(strands.curve[strand].tolist(), levels.flat.tolist(), strict=True)):
+        spaces.setdefault((curves[c].degree, curves[c].knots.tobytes(), is_plane), []).append(i)
     for members in spaces.values():
         at = np.array(members)
         curve = curves[strands.curve[strand[at[0]]]]
         poles = np.stack([curves[c].poles for c in strands.curve[strand[at]]])
-        found = _on_curves(
-            curve.knots,
-            curve.degree,
-            poles,
-            strands.span[strand[at]],
-            normal[at],
-            constant[at],
-            ends_on[at],
-            snap,
-            flat,
-        )
+        along = _Along(curve.knots, curve.degree, poles, levels.of(at))
+        found = _on_curves(along, strands.span[strand[at]], ends_on[at], snap, flat)
         sign[at], off[at] = found[:2]
         for i, r in zip(members, found[2], strict=True):
             roots[i] = r
     return sign, off, roots
 
 
-def _on_curves(
-    knots: Array,
-    degree: int,
-    poles: Array,
-    span: Array,
-    normal: Array,
-    constant: Array,
-    ends_on: Flags,
-    snap: float,
-    flat: float,
-) -> tuple[Ints, Array, list[Array]]:
-    """First sign, distance where it lies in the plane, and roots of m planes, each on its own curve (m, N, 3) of one space."""
-    level = np.einsum("mnk,mk->mn", poles, normal) + constant[:, None]
-    m = len(level)
+class _Along:
+    """The distances from m surfaces along m curves (m, N, 3) of one spline space: all planes, or none of them."""
 
-    def f(row: Ints, t: Array, order: int = 0) -> Array:
-        return np.einsum("rn,rn->r", design(knots, degree, t, order), level[row])
+    def __init__(self, knots: Array, degree: int, poles: Array, levels: Levels) -> None:
+        self.knots, self.degree, self.poles, self.levels = knots, degree, poles, levels
+        self.coefficients = None
+        if levels.flat.all():
+            self.coefficients = np.einsum("mnk,mk->mn", poles, levels.axis) + levels.a[:, None]
 
+    def __call__(self, row: Ints, t: Array, order: int = 0) -> Array:
+        """Values or derivatives on curve row[i] at t[i]: (r,)."""
+        basis = [design(self.knots, self.degree, t, k) for k in range(order + 1)]
+        if self.coefficients is not None:
+            return np.einsum("rn,rn->r", basis[order], self.coefficients[row])
+        points = [np.einsum("rn,rnk->rk", b, self.poles[row]) for b in basis]
+        jet = [j[:, 0] for j in self.levels.of(row).jet(points[0][:, None], order)]
+        if order == 0:
+            return jet[0]
+        value = np.einsum("rk,rk->r", jet[1], points[order])
+        return value if order == 1 else value + np.einsum("ri,rij,rj->r", points[1], jet[2], points[1])
+
+
+def _on_curves(along: _Along, span: Array, ends_on: Flags, snap: float, flat: float) -> tuple[Ints, Array, list[Array]]:
+    """First sign, distance where it lies in the surface, and roots of m surfaces, each on its own curve."""
+    f, poles = along, along.poles
+    m = len(poles)
     size = np.linalg.norm(np.ptp(poles, axis=1), axis=1)
-    ends = np.einsum("men,mnk->mek", design(knots, degree, span.ravel(), 1).reshape(m, 2, -1), poles)
+    ends = np.einsum("men,mnk->mek", design(f.knots, f.degree, span.ravel(), 1).reshape(m, 2, -1), poles)
     speed = np.maximum(np.linalg.norm(ends, axis=2), 1e-3 * (size / (span[:, 1] - span[:, 0]))[:, None])
     step = SHORTEST * snap / speed * ends_on  # no root is looked for there: no edge comes out shorter
     low, high = span[:, 0] + step[:, 0], span[:, 1] - step[:, 1]

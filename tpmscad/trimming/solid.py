@@ -1,0 +1,92 @@
+"""Points in the lattice's solid: the nearest point of its patches tells by which side of it they are on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.patches import connectivity
+from tpmscad.patches.complex import PatchComplex
+from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.levels import LEAST
+from tpmscad.trimming.sides import Sides
+from tpmscad.trimming.tool import Array, Flags, TrimmingError
+
+SAMPLES = 9
+"""Points along u and v of a patch from which the nearest point is searched."""
+
+CANDIDATES = 4
+"""Patches from which the search goes on, those with the nearest samples."""
+
+STEPS = 20
+"""Newton steps to the nearest point of a patch."""
+
+BORDER = 1e-6
+"""A nearest point this near to an open border of the lattice, in (u, v), does not tell."""
+
+SLANT = 0.1
+"""Unless the point lies straight above it: the sine of the angle to the normal is less than this."""
+
+
+def in_solid(lattice: PatchComplex, sides: Sides, points: Array) -> Flags:
+    """Whether points (n, 3) are in the lattice's solid; TrimmingError where their nearest point is on an open border."""
+    faces = lattice.faces
+    used = np.unique(faces.carrier)
+    samples = np.zeros((len(lattice.carriers), SAMPLES**2, 3))
+    for c in used:
+        patch = lattice.carriers[c]
+        assert isinstance(patch, Surface)
+        samples[c] = patch.grid(*(np.linspace(*d, SAMPLES) for d in patch.domain)).reshape(-1, 3)
+    middle = samples.mean(axis=1)
+    radius = np.linalg.norm(samples - middle[:, None], axis=2).max(axis=1)[faces.carrier]
+    centre = np.einsum("fij,fj->fi", faces.rotation, middle[faces.carrier]) + faces.translation
+    open_edge = np.zeros(len(lattice.edges), bool)
+    open_edge[connectivity.unmatched_edges(lattice)] = True
+    result = np.zeros(len(points), bool)
+    for i, point in enumerate(points):
+        apart = np.linalg.norm(centre - point, axis=1)
+        near = np.flatnonzero(apart - radius <= (apart + radius).min())
+        local = np.einsum("fji,fj->fi", faces.rotation[near], point - faces.translation[near])
+        distance = np.linalg.norm(samples[faces.carrier[near]] - local[:, None], axis=2)
+        nearest = np.argsort(distance.min(axis=1))[:CANDIDATES]
+        found = [_nearest(lattice, int(near[j]), local[j], int(distance[j].argmin())) for j in nearest]
+        f, (_, uv, side, slant) = min(
+            ((int(near[j]), x) for j, x in zip(nearest, found, strict=True)), key=lambda x: x[1][0]
+        )
+        patch = lattice.carriers[faces.carrier[f]]
+        assert isinstance(patch, Surface)
+        (u0, u1), (v0, v1) = patch.domain
+        at_side = np.array([uv[1] - v0, u1 - uv[0], v1 - uv[1], uv[0] - u0]) < BORDER * np.array([v1 - v0, u1 - u0] * 2)
+        if slant > SLANT and (at_side & open_edge[sides.edge[f]]).any():
+            raise TrimmingError(
+                f"the lattice's open border is next to {point.round(6)}: pass `inside` to tell solid from void"
+            )
+        outward = faces.sense[f] * (1 if np.linalg.det(faces.rotation[f]) > 0 else -1)
+        result[i] = side * outward < 0
+    return result
+
+
+def _nearest(lattice: PatchComplex, face: int, point: Array, start: int) -> tuple[float, Array, float, float]:
+    """Of the patch's point next to a point in its frame: distance, (u, v), the side (> 0 along S_u x S_v), and how slanted."""
+    patch = lattice.carriers[lattice.faces.carrier[face]]
+    assert isinstance(patch, Surface)
+    low, high = np.array(patch.domain).T
+    uv = low + (high - low) * np.array(divmod(start, SAMPLES)) / (SAMPLES - 1)
+    for _ in range(STEPS):
+        gap = patch(*uv) - point
+        first = np.stack([patch(*uv, 1, 0), patch(*uv, 0, 1)])
+        slope = first @ gap
+        metric = first @ first.T
+        bend = metric + np.array(
+            [[gap @ patch(*uv, 2, 0), gap @ patch(*uv, 1, 1)], [gap @ patch(*uv, 1, 1), gap @ patch(*uv, 0, 2)]]
+        )
+        definite = bend[0, 0] > 0 and np.linalg.det(bend) > 0
+        step = np.linalg.solve(bend if definite else metric, slope)
+        new = np.clip(uv - step, low, high)
+        if np.abs(new - uv).max() < 1e-13:
+            break
+        uv = new
+    gap, normal = point - patch(*uv), patch.normal(*uv)
+    apart = max(float(np.linalg.norm(gap)), LEAST)
+    normal = normal / np.linalg.norm(normal)
+    slant = float(np.linalg.norm(np.cross(gap, normal))) / apart
+    return apart, uv, float(gap @ normal), slant
