@@ -2,14 +2,25 @@
 
 from __future__ import annotations
 
+MADE_OF = {"exact": "exact patches", "mirrored": "mirrored pieces", None: "by solidify"}
+
 
 def surfaces() -> None:
-    """List the catalogue: names, space group, genus, references available, patches per cell."""
+    """List the catalogue: names, what lattices are made of, references, patches per cell, space group, genus, formula."""
     from tpmscad.surfaces import CATALOGUE
 
-    head = ("name", "also", "space group", "genus", "references", "patches per cell", "formula")
+    head = ("name", "also", "lattice", "references", "patches per cell", "space group", "genus", "formula")
     rows = [
-        (i.name, ", ".join(i.aliases), i.space_group, i.genus, ", ".join(i.references), i.patches_per_cell, i.formula)
+        (
+            i.name,
+            ", ".join(i.aliases),
+            MADE_OF[i.primitives],
+            ", ".join(i.references) or "formula",
+            i.patches_per_cell or "-",
+            i.space_group,
+            i.genus,
+            i.formula,
+        )
         for i in CATALOGUE.values()
     ]
     table = [[str(entry) for entry in row] for row in (head, *rows)]

@@ -16,7 +16,7 @@ class SurfaceInfo:
     """A triply periodic minimal surface and its nodal namesake.
 
     `formula` is the nodal function with x = 2 pi X / cell. `space_group` keeps the two sides of the surface, `full_space_group`
-    may swap them; the two have the same cubic cell except where `full_space_group` says so. `genus` is that of the surface
+    may swap them; the two have the same cubic cell except where `full_space_group` says so. `genus` is that of the nodal surface
     modulo the primitive lattice of `space_group`, `patches_per_cell` counts in the cubic cell, 0 where there are none.
 
     `primitives` says what lattices are made of: "exact" patches of the minimal surface or its nodal namesake, "mirrored"
@@ -38,6 +38,7 @@ class SurfaceInfo:
 
 _WEIERSTRASS = "Enneper-Weierstrass with R = (tau^8 - 14 tau^4 + 1)^(-1/2), Bonnet angle "
 _NESPER = "formula as in H. G. von Schnering, R. Nesper, Z. Phys. B 83 (1991) 407"
+_MINISURF = "formula as in M.-T. Hsieh, L. Valdevit, Software Impacts 6 (2020) 100026"
 _SCHOEN = "A. H. Schoen, NASA TN D-5541 (1970)"
 
 CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
@@ -121,6 +122,64 @@ CATALOGUE: Mapping[str, SurfaceInfo] = MappingProxyType(
                 references=("nodal",),
                 primitives="mirrored",
                 source=f"{_SCHOEN}; {_NESPER}",
+            ),
+            SurfaceInfo(
+                name="lidinoid",
+                title="Lidinoid",
+                aliases=("L", "lidin"),
+                formula=(
+                    "0.5 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
+                    " - 0.5 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) + 0.15"
+                ),
+                space_group="Ia-3d (230)",
+                full_space_group="Ia-3d (230)",
+                genus=17,
+                patches_per_cell=0,
+                references=(),
+                primitives=None,
+                source=f"S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769; {_MINISURF}",
+            ),
+            SurfaceInfo(
+                name="split_p",
+                title="Split P",
+                aliases=("SP",),
+                formula=(
+                    "1.1 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
+                    " - 0.2 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) - 0.4 (cos 2x + cos 2y + cos 2z)"
+                ),
+                space_group="Ia-3 (206)",
+                full_space_group="Ia-3 (206)",
+                genus=9,
+                patches_per_cell=0,
+                references=(),
+                primitives=None,
+                source="formula as in M. Wohlgemuth, N. Yufa, J. Hoffman, E. L. Thomas, Macromolecules 34 (2001) 6083",
+            ),
+            SurfaceInfo(
+                name="fischer_koch_s",
+                title="Fischer-Koch S",
+                aliases=("S", "FKS", "koch s"),
+                formula="cos 2x sin y cos z + cos x cos 2y sin z + sin x cos y cos 2z",
+                space_group="I-43d (220)",
+                full_space_group="Ia-3d (230)",
+                genus=11,
+                patches_per_cell=0,
+                references=(),
+                primitives=None,
+                source=f"W. Fischer, E. Koch, Acta Cryst. A 43 (1987) 559; {_NESPER}",
+            ),
+            SurfaceInfo(
+                name="octo",
+                title="O,C-TO",
+                aliases=("schoen octo", "schoen o,c-to"),
+                formula="0.6 (cos x cos y + cos y cos z + cos z cos x) - 0.4 (cos x + cos y + cos z) + 0.25",
+                space_group="Pm-3m (221)",
+                full_space_group="Pm-3m (221)",
+                genus=10,
+                patches_per_cell=0,
+                references=(),
+                primitives=None,
+                source=f"{_SCHOEN}; {_MINISURF}",
             ),
         )
     }
