@@ -23,7 +23,7 @@ from tpmscad.kernel.tool_edges import NoFit, pcurve
 from tpmscad.kernel.tool_read import EXACT, carrier_of, read
 from tpmscad.kernel.tool_seams import without_seams
 from tpmscad.patches import connectivity, measure
-from tpmscad.patches.carriers import Plane
+from tpmscad.patches.carriers import EdgeCurve, Plane, Quadric
 from tpmscad.patches.complex import Array, Edges, Faces, Ints, PatchComplex, Uses
 from tpmscad.splines.bspline import Curve
 
@@ -115,7 +115,8 @@ def _name(faces: list[TopoDS_Face], index: int) -> str:
 
 def _assembled(body: Body) -> PatchComplex:
     """The complex of a body without seams; every edge's deviation measured."""
-    curves, pcurves = [], []
+    curves: list[EdgeCurve] = []
+    pcurves: list[Curve] = []
     index: dict[int, int] = {}
     for edge in body.edges:
         if id(edge.curve) not in index:
@@ -136,7 +137,6 @@ def _assembled(body: Body) -> PatchComplex:
                 deviation[use.edge] = max(deviation[use.edge], off)
             use_start.append(len(rows))
         loop_start.append(len(use_start) - 1)
-    still = lambda n: (np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))  # noqa: E731
     edges, n = body.edges, len(body.faces)
     return PatchComplex(
         carriers=tuple(face.carrier for face in body.faces),
@@ -145,7 +145,7 @@ def _assembled(body: Body) -> PatchComplex:
         vertices=np.array(body.vertices),
         edges=Edges(
             np.array([index[id(e.curve)] for e in edges]),
-            *still(len(edges)),
+            *_at_rest(len(edges)),
             np.array([e.span for e in edges]),
             np.array([e.start for e in edges]),
             np.array([e.end for e in edges]),
@@ -154,7 +154,7 @@ def _assembled(body: Body) -> PatchComplex:
         uses=Uses(*np.array(rows).T),
         faces=Faces(
             np.arange(n),
-            *still(n),
+            *_at_rest(n),
             np.array([face.sense for face in body.faces]),
             np.zeros(n, np.int64),
             np.array(loop_start),
@@ -164,10 +164,14 @@ def _assembled(body: Body) -> PatchComplex:
     )
 
 
+def _at_rest(count: int) -> tuple[Array, Array]:
+    return np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+
+
 DEVIATION_SAMPLES = 33
 
 
-def _deviation(body: Body, carrier: Any, edge: int, along: Curve | None) -> float:
+def _deviation(body: Body, carrier: Plane | Quadric, edge: int, along: Curve | None) -> float:
     t = np.linspace(*body.edges[edge].span, DEVIATION_SAMPLES)
     points: Array = body.edges[edge].curve(t)
     if along is None:

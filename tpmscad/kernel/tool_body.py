@@ -84,7 +84,7 @@ def unrolled(body: Body, face: Face) -> Face:
             ]
             if (middle + shift > high).any():
                 raise Refused("has a hole that is not inside its outer loop")
-            loops[i] = tuple(Use(u.edge, u.sense, u.near + shift) for u in loops[i])
+            loops[i] = tuple(Use(u.edge, u.sense, u.near + shift) for u in loops[i] if u.near is not None)
     return Face(face.carrier, face.sense, tuple(loops), face.origin)
 
 

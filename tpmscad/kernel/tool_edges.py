@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad.patches.carriers import Circle, Cone, EdgeCurve, Ellipse, Plane, Quadric, Sphere
@@ -19,7 +20,7 @@ from tpmscad.patches.conics import TURN
 from tpmscad.splines.bspline import Curve, design, line
 
 DEGREE = 7
-MOST_SPANS = 256
+MOST_SPANS = 400
 """Degree and greatest number of spans of fitted curves; half an ellipse on a cylinder takes 8 for 1e-10 of its size."""
 
 SAMPLES = 65
@@ -42,12 +43,12 @@ class NoFit(Exception):
     """A curve that can't be fitted: it passes a pole, or turns too sharply."""
 
 
-def at_pole(carrier: Plane | Quadric, points: Array, size: float) -> Array:
+def at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
     """Whether points (n, 3) of a sphere or cone are on its axis: (n,)."""
     if not isinstance(carrier, Sphere | Cone):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
-    return np.asarray(np.linalg.norm(np.cross(arm, carrier.axis), axis=1) < POLE * size)
+    return np.asarray(np.linalg.norm(np.cross(arm, carrier.axis), axis=1) < POLE * size, bool)
 
 
 def follow(
@@ -99,7 +100,8 @@ def _fitted(
     """The spline through values(t), with spans halved wherever the error at its checks is over tol."""
     while len(breaks) <= MOST_SPANS:
         knots, sites = _space(breaks)
-        fit = Curve(np.linalg.solve(design(knots, DEGREE, sites), values(sites)), knots, DEGREE)
+        poles = np.asarray(np.linalg.solve(design(knots, DEGREE, sites), values(sites)), float)
+        fit = Curve(poles, knots, DEGREE)
         worst = error(fit, _between(breaks)).reshape(-1, CHECKS).max(axis=1)
         if (worst <= tol).all():
             return fit

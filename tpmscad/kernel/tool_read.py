@@ -239,14 +239,8 @@ def _edge(
         spline = adaptor.BSpline()
         knots = [spline.Knot(i) for i in range(1, spline.NbKnots() + 1)]
         breaks = [low, *[k for k in knots if low < k < high], high]
-    t = np.unique(
-        np.concatenate(
-            [
-                np.linspace(a, b, max(4, DENSE // (len(breaks) - 1)))
-                for a, b in zip(breaks[:-1], breaks[1:], strict=True)
-            ]
-        )
-    )
+    each = max(4, DENSE // (len(breaks) - 1))
+    t = np.unique(np.concatenate([np.linspace(a, b, each) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]))
     points = onto(carriers, np.array([adaptor.Value(s).Coord() for s in t.tolist()]))
     points[[0, -1]] = start, end
     known = recognised(points, tol)
@@ -254,7 +248,7 @@ def _edge(
         return known
     if len(carriers) != 2:
         raise Refused("has a seam that is neither line nor circle")
-    fit = intersection(carriers[0], carriers[1], points, tol)
+    fit = intersection(carriers[0], carriers[1], points, tol / 4)  # its parameter curves are to keep to tol as well
     return fit, fit.domain
 
 
