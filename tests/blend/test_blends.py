@@ -223,6 +223,27 @@ def test_keep_fraction_brings_the_solid_between_that_of_the_structures_and_leave
     assert np.allclose(result.field.gradient(where), np.stack(quotients, -1), atol=2e-4)
 
 
+def test_keep_fraction_goes_by_the_initial_weight_where_the_blending_region_is_no_layer():
+    first, second = RECOMMENDED["two rods"]
+    wave = fields.from_function(lambda p: p[:, 0] + 0.1 * np.sin(8 * np.pi * p[:, 1]) - 0.5)
+    limits = fields.box((0, 0, 0), (1, 0.25, 0.25))
+    regions, band = [wave & limits, limits & ~wave], fields.sheet(wave, -0.2, 0.2)
+    points = np.random.default_rng(4).uniform((0, 0, 0), (1, 0.25, 0.25), (60_000, 3))
+    start = blend([first, second], regions, [band], resolution=(80, 20, 20), method="initial").weight(points)
+    off = []
+    for keep in (False, True):
+        result = blend([first, second], regions, [band], resolution=(80, 20, 20), keep_fraction=keep)
+        assert result.converged, result.message
+        parts = [(start > low) & (start < low + 0.2) for low in (0.1, 0.3, 0.5, 0.7)]
+        wanted = (1 - start) * (first(points) <= 0) + start * (second(points) <= 0)
+        off.append(np.mean([abs(np.mean((result.field(points) <= 0)[p]) - np.mean(wanted[p])) for p in parts]))
+        outside = band(points) > 0
+        assert np.array_equal(
+            result.field(points)[outside], np.where(wave(points) <= 0, first(points), second(points))[outside]
+        )
+    assert off[1] < 0.3 * off[0]
+
+
 def test_a_level_margin_leaves_no_more_isolated_parts_at_levels_near_zero():
     axes = [np.linspace(0, length, 50) for length in (1, 0.25, 0.25)]
     pair, near = RECOMMENDED["sheets, both kinds of error"], []

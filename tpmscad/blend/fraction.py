@@ -1,8 +1,9 @@
-"""Keeping the volume fraction along a transition: a shift of the field, zero at both ends of the layer.
+"""Keeping the volume fraction along a transition: a shift of the field, zero with two derivatives at both its ends.
 
-A mixture of two structures can be much more or much less solid than either. A spline c(t) of the line weight's coordinate is
-added to the blended field, so that at each t the solid fraction is what interpolates those of the two structures there; its
-coefficients are zero wherever the weight's are fixed, so that nothing outside the layer changes and the field stays as smooth.
+A mixture of two structures can be much more or much less solid than either. How far a point is on its way from one to the
+other is its place in the layer of a line weight, or else the initial weight there. A spline of that is added to the blended
+field, so that all along the way the solid fraction is what interpolates those of the two structures there. Outside nothing
+changes.
 """
 
 from __future__ import annotations
@@ -17,79 +18,102 @@ from scipy.interpolate import BSpline
 from tpmscad.blend.composition import Weighting
 from tpmscad.blend.grid import Array, lattice
 from tpmscad.blend.scene import Scene
+from tpmscad.blend.weight import Weight
 from tpmscad.blend.weights_line import LineWeight
-from tpmscad.errors import InvalidRequest
 
-LAYERS_PER_COEFFICIENT = 2
-PARTS = 20
+DEGREE, SPANS = 3, 20
+KNOTS = np.concatenate([np.zeros(DEGREE), np.linspace(0.0, 1.0, SPANS + 1), np.ones(DEGREE)])
+FREE = slice(DEGREE, SPANS)
+"""All coefficients of the shift but the first and the last three, which stay zero."""
+
+PARTS = 40
+"""Parts of the way in which the solid fraction is measured for the shift."""
+
+TOLD = 20
+"""Parts in which it is measured for what the result says."""
+
 PASSES = 3
-"""Refinements of the shift: the spline smooths what each layer asks for, and the next pass mends what is left."""
+"""Refinements of the shift: the spline smooths what each part asks for, and the next pass mends what is left."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineShift:
-    """A spline c of a line weight's coordinate in units of the field: coefficients (n,), zero beyond the layer."""
+class LayerWay:
+    """The way through the layer of a line weight: 0 where the weight is 0, 1 where it is 1, straight in between."""
 
     line: LineWeight
-    coefficients: Array
 
     def __call__(self, points: ArrayLike) -> Array:
-        return self._of(self.line.coordinate(np.asarray(points, float)), 0)
+        t = (self.line.coordinate(np.asarray(points, float)) - self.line.start) / (self.line.end - self.line.start)
+        return np.clip(t if self._rising else 1.0 - t, 0.0, 1.0)
 
     def gradient(self, points: ArrayLike) -> Array:
-        points = np.asarray(points, float)
-        return self._of(self.line.coordinate(points), 1)[..., None] * self.line.coordinate.gradient(points)
+        slope = self.line.coordinate.gradient(np.asarray(points, float)) / (self.line.end - self.line.start)
+        return slope if self._rising else -slope
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
         return self(lattice((x, y, z)))
 
-    def _of(self, t: Array, order: int) -> Array:
-        values = BSpline(self.line.knots, self.coefficients, self.line.degree)(
-            np.clip(t, self.line.start, self.line.end), order
-        )
-        return np.where((t < self.line.start) | (t > self.line.end), 0.0, values)
+    @property
+    def _rising(self) -> bool:
+        return bool(self.line.coefficients[-1] > self.line.coefficients[0])
 
 
-def fraction_shift(scene: Scene, weights: Sequence[Weighting], stage: int) -> LineShift:
-    """The shift of one stage, from the samples of the scene (shifts left out). Raises InvalidRequest for volume weights."""
-    line = weights[stage]
-    if not isinstance(line, LineWeight):
-        raise InvalidRequest(f"keep_fraction needs a blending region that is a layer: blending region {stage} is none")
-    inside = scene.blending[stage] & (scene.owner <= stage + 1)
-    t = line.coordinate(scene.grid.points(np.flatnonzero(inside)))
-    bare = scene.with_shifts([None] * len(weights))
-    values = bare.values(weights)[inside]
-    first, second = (scene.structures[k][inside] <= 0 for k in (stage, stage + 1))
-    count = LAYERS_PER_COEFFICIENT * int(line.free.sum())
-    edges = np.linspace(line.start, line.end, count + 1)
-    layer = np.clip(np.searchsorted(edges, t, side="right") - 1, 0, count - 1)
-    middle = (edges[:-1] + edges[1:]) / 2
-    present = np.bincount(layer, minlength=count) > 0
-    share = (middle - line.start) / (line.end - line.start)
-    share = share if line.coefficients[-1] > line.coefficients[0] else 1 - share
-    basis = BSpline.design_matrix(middle[present], line.knots, line.degree).toarray()[:, line.free]
-    coefficients = np.zeros(len(line.coefficients))
+@dataclass(frozen=True, slots=True, eq=False)
+class Shift:
+    """A spline, in units of the field, of the way: coefficients (n,) on KNOTS."""
+
+    way: Weighting
+    coefficients: Array
+
+    def __call__(self, points: ArrayLike) -> Array:
+        return self.of(self.way(points))
+
+    def gradient(self, points: ArrayLike) -> Array:
+        return self.of(self.way(points), 1)[..., None] * self.way.gradient(points)
+
+    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+        return self.of(self.way.on_grid(x, y, z))
+
+    def of(self, share: Array, order: int = 0) -> Array:
+        return np.asarray(BSpline(KNOTS, self.coefficients, DEGREE)(share, order))
+
+
+def way_of(start: Weight) -> Weighting:
+    """How far a point is on its way, 0 to 1, by the weight that a stage starts from."""
+    return LayerWay(start) if isinstance(start, LineWeight) else start
+
+
+def fraction_shift(scene: Scene, weights: Sequence[Weight], stage: int) -> Shift:
+    """The shift of one stage, from the samples of the scene with the weights it starts from (shifts left out)."""
+    way = way_of(weights[stage])
+    share, values, wanted = _sampled(scene.with_shifts([None] * len(weights)), weights, way, stage)
+    part = np.minimum((share * PARTS).astype(int), PARTS - 1)
+    order = np.argsort(part, kind="stable")
+    groups = np.split(order, np.flatnonzero(np.diff(part[order])) + 1)
+    where, target = (np.array([values[group].mean() for group in groups]) for values in (share, wanted))
+    basis = BSpline.design_matrix(where, KNOTS, DEGREE).toarray()[:, FREE]
+    shift = Shift(way, np.zeros(len(KNOTS) - DEGREE - 1))
     for _ in range(PASSES):
-        shifted = values + LineShift(line, coefficients)._of(t, 0)
-        wanted = np.zeros(count)
-        for k in np.flatnonzero(present):
-            here = layer == k
-            target = (1 - share[k]) * first[here].mean() + share[k] * second[here].mean()
-            wanted[k] = -np.quantile(shifted[here], target)
-        coefficients[line.free] += np.linalg.lstsq(basis, wanted[present], rcond=None)[0]
-    return LineShift(line, coefficients)
+        shifted = values + shift.of(share)
+        missing = [-np.quantile(shifted[group], t) for group, t in zip(groups, target, strict=True)]
+        coefficients = shift.coefficients.copy()
+        coefficients[FREE] += np.linalg.lstsq(basis, np.array(missing), rcond=None)[0]
+        shift = Shift(way, coefficients)
+    return shift
 
 
-def fraction_error(scene: Scene, weights: Sequence[Weighting], line: LineWeight, stage: int) -> float:
-    """Mean distance, over twenty parts of the layer of `line`, of the solid fraction from the interpolated one."""
+def fraction_error(scene: Scene, weights: Sequence[Weighting], way: Weighting, stage: int) -> float:
+    """Mean distance, over parts of the way, of the solid fraction from the interpolated one."""
+    share, values, wanted = _sampled(scene, weights, way, stage)
+    part = np.minimum((share * TOLD).astype(int), TOLD - 1)
+    solid, count = np.bincount(part, values <= 0, TOLD), np.bincount(part, minlength=TOLD)
+    used = count > 0
+    return float(np.mean(np.abs(solid - np.bincount(part, wanted, TOLD))[used] / count[used]))
+
+
+def _sampled(scene: Scene, weights: Sequence[Weighting], way: Weighting, stage: int) -> tuple[Array, Array, Array]:
+    """Of every sample that a stage mixes: the way, f, and the interpolated solidity of the two structures there."""
     inside = scene.blending[stage] & (scene.owner <= stage + 1)
-    share = (line.coordinate(scene.grid.points(np.flatnonzero(inside))) - line.start) / (line.end - line.start)
-    share = share if line.coefficients[-1] > line.coefficients[0] else 1 - share
-    layer = np.clip((share * PARTS).astype(int), 0, PARTS - 1)
-    solid = scene.values(weights)[inside] <= 0
+    share = way(scene.grid.points(np.flatnonzero(inside)))
     first, second = (scene.structures[k][inside] <= 0 for k in (stage, stage + 1))
-    off = []
-    for k in np.unique(layer):
-        here = layer == k
-        off.append(abs(solid[here].mean() - ((1 - share[here]) * first[here] + share[here] * second[here]).mean()))
-    return float(np.mean(off))
+    return share, scene.values(weights)[inside], (1 - share) * first + share * second

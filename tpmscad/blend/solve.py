@@ -15,7 +15,7 @@ from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
 from tpmscad.blend.earlier import EARLIER, earlier_weight
 from tpmscad.blend.firm import firmed
-from tpmscad.blend.fraction import fraction_error, fraction_shift
+from tpmscad.blend.fraction import fraction_error, fraction_shift, way_of
 from tpmscad.blend.grid import Box, Field, Grid
 from tpmscad.blend.initial import Spec, initial_weight, zones
 from tpmscad.blend.necks import Neck
@@ -26,7 +26,6 @@ from tpmscad.blend.result import BlendResult, result_of
 from tpmscad.blend.scene import Scene, scene
 from tpmscad.blend.thicken import thicken
 from tpmscad.blend.weight import Weight
-from tpmscad.blend.weights_line import LineWeight
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import as_field
 
@@ -61,7 +60,7 @@ def blend(
     the structures if None; errors are counted there and at twice as many. domain: the box of the regions if None. minimum_neck:
     the width, in model units, under which no solid and no void is to be at a saddle inside a blending region; `necks` of the
     result has those for which that could not be had. max_change: how far any weight may move from its initial value, of 1.
-    keep_fraction: add to the field, inside the layers, what keeps the solid fraction between those of the two structures.
+    keep_fraction: add to the field, inside the blending regions, what keeps the solid fraction between those of the structures.
     level_margin: part of the field's rms (0.06, say) by which a change of level is to make no isolated parts either, as far as a
     few rounds reach.
     Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
@@ -124,13 +123,10 @@ def blend(
 
 def _fractions(seen: Scene, start: Sequence[Weight], weights: Sequence[Weight]) -> list[str]:
     told = []
-    for stage, line in enumerate(start):
-        if isinstance(line, LineWeight):
-            bare = fraction_error(seen.with_shifts([None] * len(start)), start, line, stage)
-            kept = fraction_error(seen, weights, line, stage)
-            told.append(
-                f"solid fraction {kept:.3f} from the interpolated one in the mean, {bare:.3f} without the shift"
-            )
+    for stage, first in enumerate(start):
+        bare = fraction_error(seen.with_shifts([None] * len(start)), start, way_of(first), stage)
+        kept = fraction_error(seen, weights, way_of(first), stage)
+        told.append(f"solid fraction {kept:.3f} from the interpolated one in the mean, {bare:.3f} without the shift")
     return told
 
 
