@@ -11,6 +11,7 @@ from tpmscad.blend.grid import Array, Box
 from tpmscad.blend.necks import Neck
 from tpmscad.blend.optimise import View
 from tpmscad.blend.scene import Scene
+from tpmscad.fields import Field
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ class BlendResult:
     1 outside the blending region; of more, the shares of all, (..., n). weights: the spline of each stage. seconds: CPU by stage.
     """
 
-    field: BlendedField
+    field: Field
     weight: Callable[[Array], Array]
     weights: tuple[Weighting, ...]
     errors: Errors

@@ -13,6 +13,7 @@ from tpmscad.blend.clear import cleared, seen_specks
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
+from tpmscad.blend.dropped import left_out
 from tpmscad.blend.earlier import EARLIER, earlier_weight
 from tpmscad.blend.firm import firmed
 from tpmscad.blend.fraction import fraction_error, fraction_shift, way_of
@@ -50,6 +51,7 @@ def blend(
     max_change: float = 1.0,
     keep_fraction: bool = False,
     level_margin: float = 0.0,
+    drop_intrinsic: bool = False,
     progress: Progress | None = None,
 ) -> BlendResult:
     """Structures joined in the blending regions; outside of these each keeps its values to the last bit.
@@ -62,7 +64,8 @@ def blend(
     result has those for which that could not be had. max_change: how far any weight may move from its initial value, of 1.
     keep_fraction: add to the field, inside the blending regions, what keeps the solid fraction between those of the structures.
     level_margin: part of the field's rms (0.06, say) by which a change of level is to make no isolated parts either, as far as a
-    few rounds reach.
+    few rounds reach. drop_intrinsic: leave out of the field the isolated components, and fill the holes, that the structures
+    bring with them (chips at the skin of a model); only within a few samples of these the field then differs from theirs.
     Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
     then False.
     """
@@ -88,7 +91,9 @@ def blend(
         clock.lap("weights")
         views = [view(s, k, earlier) for k, s in enumerate(scenes)]
         clock.lap("check")
-        return result_of(field.with_weights(earlier), method, scenes, views, views, 0, (), clock.seconds)
+        blended = field.with_weights(earlier)
+        result = result_of(blended, method, scenes, views, views, 0, (), clock.seconds)
+        return left_out(result, blended, views[-1], [s.grid for s in scenes]) if drop_intrinsic else result
     made = _started(specs, field, scenes, max_change)
     if keep_fraction:
         shifts = [fraction_shift(scenes[0], made, stage) for stage in range(len(made))]
@@ -118,7 +123,10 @@ def blend(
     if outcome.state.clean and (left is None or minimum_neck is not None):
         left = seen_specks(scenes[-1], field, outcome.state)
     hidden = 0 if left is None or not outcome.state.clean else len(left)
-    return result_of(blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed, hidden)
+    result = result_of(
+        blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed, hidden
+    )
+    return left_out(result, blended, after[-1], [s.grid for s in scenes]) if drop_intrinsic else result
 
 
 def _fractions(seen: Scene, start: Sequence[Weight], weights: Sequence[Weight]) -> list[str]:

@@ -55,6 +55,7 @@ OPTIONS: dict[str, Callable[[Entry], Any]] = {
     "max_change": Entry.positive,
     "keep_fraction": Entry.flag,
     "level_margin": Entry.number,
+    "drop_intrinsic": Entry.flag,
 }
 
 

@@ -1,0 +1,105 @@
+"""The inputs' own isolated parts left out of a blended field: chips made void, closed holes made solid.
+
+Around each such part lies a cover, half way to the rest of its phase and at most a few samples wide. In a cover the field is the
+field without the cover, max(f, -cover) (of holes: min(f, cover)); everywhere else it keeps its bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import distance_transform_edt
+
+from tpmscad.blend.census import Phase, census
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.grid import Array, Grid, Ints
+from tpmscad.blend.optimise import View
+from tpmscad.blend.result import BlendResult, Tally
+from tpmscad.blend.sampled import block
+from tpmscad.fields import Field
+from tpmscad.fields.image import ImageRegion
+
+WIDEST = 3
+"""Samples that a cover reaches beyond the samples of its part."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DroppedField(Field):
+    """A blended field without the parts in its covers; each cover is a field, negative inside, with the sign of its part: +1 for
+    solid that is left out, -1 for void that is filled."""
+
+    field: BlendedField
+    covers: tuple[tuple[Field, int], ...]
+
+    def __call__(self, points: ArrayLike) -> Array:
+        points = np.asarray(points, float)
+        value = self.field(points)
+        for cover, sign in self.covers:
+            around = cover(points)
+            value = np.where(around < 0, sign * np.maximum(sign * value, -around), value)
+        return value
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        value = self.field.at(x, y, z)
+        for cover, sign in self.covers:
+            around = cover.at(x, y, z)
+            value = np.where(around < 0, sign * np.maximum(sign * value, -around), value)
+        return value
+
+    def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+        value, *slopes = self.field.jet(x, y, z)
+        for cover, sign in self.covers:
+            around, *rates = cover.jet(x, y, z)
+            replaced = (around < 0) & (-around > sign * value)
+            value = np.where(replaced, -sign * around, value)
+            slopes = [np.where(replaced, -sign * rate, slope) for slope, rate in zip(slopes, rates, strict=True)]
+        return value, slopes[0], slopes[1], slopes[2]
+
+
+def cover_of(phase: Phase, labels: Ints, grid: Grid) -> ImageRegion | None:
+    """The cover of the parts of a phase with these labels; None if there are none."""
+    if len(labels) == 0:
+        return None
+    parts = phase.of(labels)
+    window = block(parts, WIDEST + 2)
+    parts = parts[window]
+    rest = (phase.labels[window] > 0) & ~parts
+    step = grid.spacing
+    distance = distance_transform_edt(~parts, sampling=step)
+    cover = distance - WIDEST * float(step.min())
+    if rest.any():
+        apart = distance_transform_edt(~rest, sampling=step)
+        cover = np.maximum(cover, np.where(parts, -apart / 2, (distance - apart) / 2))
+    low = tuple(float(axis[part.start]) for axis, part in zip(grid.axes, window, strict=True))
+    return ImageRegion(np.ascontiguousarray(cover), low, tuple(map(float, step)))  # type: ignore[arg-type]
+
+
+def without(field: BlendedField, grid: Grid, parts: Sequence[tuple[Phase, Ints, int]]) -> DroppedField:
+    """The field without parts of its phases: of each phase, the labels on the grid and its sign (+1 solid, -1 void)."""
+    covers = [(cover_of(phase, labels, grid), sign) for phase, labels, sign in parts]
+    return DroppedField(field, tuple((cover, sign) for cover, sign in covers if cover is not None))
+
+
+def left_out(result: BlendResult, blended: BlendedField, last: View, grids: Sequence[Grid]) -> BlendResult:
+    """The result with the inputs' own parts left out that the last view, of the finest of the grids, has; errors counted anew."""
+    phases = (last.census.solid, last.solid, 1), (last.census.void, last.void, -1)
+    own = [(phase, np.setdiff1d(phase.errors, blamed), sign) for phase, blamed, sign in phases]
+    field = without(blended, grids[-1], own)
+    counts = [census(field.on_grid(*grid.axes)) for grid in grids]
+
+    def again(before: Tally, final: tuple[int, ...]) -> Tally:
+        return Tally(before.initial, final, tuple(f - left for f, left in zip(final, before.left, strict=True)))
+
+    errors = replace(
+        result.errors,
+        n0=again(result.errors.n0, tuple(c.n0 for c in counts)),
+        n2=again(result.errors.n2, tuple(c.n2 for c in counts)),
+    )
+    stay = max(*errors.n0.intrinsic, *errors.n2.intrinsic)
+    told = f"left out: {len(own[0][1])} components and {len(own[1][1])} holes of the inputs' own"
+    if stay > 0:
+        told += f"; {stay} stay, too close to the rest to be told from it"
+    return replace(result, field=field, errors=errors, message=f"{result.message}. {told}")
