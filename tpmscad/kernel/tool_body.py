@@ -75,6 +75,11 @@ def unrolled(body: Body, face: Face) -> Face:
     if areas[outer] <= 0:
         raise Refused("has no loop around it")
     low, high = polygons[outer].min(axis=0), polygons[outer].max(axis=0)
+    first = np.array(
+        [-p * np.floor(lo / p + SAME_ANGLE) if p else 0.0 for p, lo in zip(face.carrier.period, low, strict=True)]
+    )
+    low, high = low + first, high + first  # as the kernel has it, from the first turn on
+    loops[outer] = _shifted(loops[outer], first)
     for i in range(len(loops)):
         if i != outer:
             middle = 0.5 * (polygons[i].min(axis=0) + polygons[i].max(axis=0))
@@ -84,8 +89,12 @@ def unrolled(body: Body, face: Face) -> Face:
             ]
             if (middle + shift > high).any():
                 raise Refused("has a hole that is not inside its outer loop")
-            loops[i] = tuple(Use(u.edge, u.sense, u.near + shift) for u in loops[i] if u.near is not None)
+            loops[i] = _shifted(loops[i], np.array(shift))
     return Face(face.carrier, face.sense, tuple(loops), face.origin)
+
+
+def _shifted(loop: tuple[Use, ...], by: Array) -> tuple[Use, ...]:
+    return tuple(Use(use.edge, use.sense, use.near + by) for use in loop if use.near is not None)
 
 
 def _chained(body: Body, face: Face, loop: tuple[Use, ...]) -> tuple[Use, ...]:

@@ -130,11 +130,24 @@ def _in_disguise(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
         lambda: _cylinder(cylinder) if recognition.IsCylinder(tol, cylinder) else None,
         lambda: _cone(cone, _middle(face)[0]) if recognition.IsCone(tol, cone) else None,
         lambda: _sphere(sphere) if recognition.IsSphere(tol, sphere) else None,
+        lambda: _torus_through(points, tol),
+        lambda: _torus_through(np.swapaxes(points, 0, 1), tol),
     ):
         carrier = found()
         if carrier is not None and np.abs(carrier.distance(points)).max() <= tol:
             return carrier
     return None
+
+
+def _torus_through(points: Array, tol: float) -> Torus | None:
+    """The torus around whose middle the rows of points (n, m, 3) are circles, which the kernel does not look for."""
+    circles = [found[0] for found in (recognised(row, tol) for row in points) if found and isinstance(found[0], Circle)]
+    if len(circles) < len(points):
+        return None
+    around = recognised(np.array([circle.origin for circle in circles]), tol)
+    if around is None or not isinstance(around[0], Circle) or around[0].radius <= circles[0].radius:
+        return None
+    return Torus(around[0].origin, around[0].x_axis, around[0].normal, around[0].radius, circles[0].radius)
 
 
 def _frame(value: object) -> tuple[Array, Array, Array]:
@@ -176,11 +189,11 @@ def _middle(face: TopoDS_Face) -> tuple[Array, Array]:
 
 
 def _samples(face: TopoDS_Face) -> Array:
+    """Points on a grid of the face's parameters: (SAMPLES, SAMPLES, 3)."""
     surface = BRepAdaptor_Surface(face, False)
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-    return np.array(
-        [surface.Value(u, v).Coord() for u in np.linspace(u0, u1, SAMPLES) for v in np.linspace(v0, v1, SAMPLES)]
-    )
+    grid = [surface.Value(u, v).Coord() for u in np.linspace(u0, u1, SAMPLES) for v in np.linspace(v0, v1, SAMPLES)]
+    return np.array(grid).reshape(SAMPLES, SAMPLES, 3)
 
 
 def _loops(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
