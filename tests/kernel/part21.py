@@ -32,7 +32,7 @@ def parse(text: str) -> tuple[str, dict[int, Instance]]:
     """The header section's text and the instances of the data section."""
     assert text.startswith("ISO-10303-21;\nHEADER;\n")
     assert text.endswith("ENDSEC;\nEND-ISO-10303-21;\n")
-    header, data = text.split("DATA;\n", 1)
+    header, data = re.split(r"^DATA;\n", text, maxsplit=1, flags=re.MULTILINE)
     reader = _Reader(tokenise(data[: data.rindex("ENDSEC;")]))
     instances: dict[int, Instance] = {}
     while reader.at < len(reader.tokens):
@@ -42,9 +42,20 @@ def parse(text: str) -> tuple[str, dict[int, Instance]]:
     return header, instances
 
 
+def header_instances(header: str) -> dict[int, Instance]:
+    """The entities of the header section, numbered from 1 as they come."""
+    reader = _Reader(tokenise(header[header.index("HEADER;") + len("HEADER;") : header.rindex("ENDSEC;")]))
+    instances: dict[int, Instance] = {}
+    while reader.at < len(reader.tokens):
+        name = reader.take("name")
+        instances[len(instances) + 1] = Instance({name: reader.arguments()})
+        reader.take("mark", ";")
+    return instances
+
+
 def tokenise(text: str) -> list[Token]:
-    tokens, at = [], 0
-    while at < len(text.rstrip()):
+    tokens, at, end = [], 0, len(text.rstrip())
+    while at < end:
         match = TOKEN.match(text, at)
         assert match, f"not Part 21: {text[at : at + 60]!r}"
         tokens.append((str(match.lastgroup), match.group(str(match.lastgroup))))

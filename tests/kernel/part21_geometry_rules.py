@@ -19,10 +19,14 @@ def dimension(item: Item) -> int:
         return len(item["direction_ratios"])
     if "vector" in item.types:
         return dimension(item["orientation"])
-    contexts = {
-        item.model[r]["context_of_items"]["coordinate_space_dimension"] for r in item.model.using_representations(item)
-    }
-    return contexts.pop() if len(contexts) == 1 else 0
+    found = dimensions(item)
+    return found.pop() if len(found) == 1 else 0
+
+
+def dimensions(item: Item) -> set[int]:
+    """Of the geometric contexts that an item is used in."""
+    contexts = (item.model[r]["context_of_items"] for r in item.model.using_representations(item))
+    return {c["coordinate_space_dimension"] for c in contexts if "geometric_representation_context" in c.types}
 
 
 @rule("representation_item", "WR1")
@@ -73,6 +77,11 @@ def has_no_axis_along_its_reference(item: Item) -> bool:
         return True  # nothing to cross, or another rule's matter
     (a, b, c), (x, y, z) = ([r / (math.hypot(*ratios) or 1.0) for r in ratios] for ratios in given)
     return math.hypot(b * z - c * y, c * x - a * z, a * y - b * x) > 0.0
+
+
+@rule("axis2_placement_2d", "WR1")
+def stands_in_the_plane(item: Item) -> bool:
+    return dimension(item) == 2
 
 
 def knots_fit(degree: int, poles: int, multiplicities: list[int], knots: list[float]) -> bool:
@@ -131,6 +140,82 @@ def has_a_multiplicity_to_each_u_knot(item: Item) -> bool:
 @rule("b_spline_surface_with_knots", "WR4")
 def has_a_multiplicity_to_each_v_knot(item: Item) -> bool:
     return len(item["v_multiplicities"]) == len(item["v_knots"])
+
+
+@rule("rational_b_spline_curve", "WR1")
+def has_a_weight_to_each_pole(item: Item) -> bool:
+    return len(item["weights_data"]) == len(item["control_points_list"])
+
+
+@rule("rational_b_spline_curve", "WR2")
+def has_positive_weights(item: Item) -> bool:
+    return all(w > 0.0 for w in item["weights_data"])
+
+
+@rule("rational_b_spline_surface", "WR1")
+def has_a_weight_to_each_pole_of_every_row(item: Item) -> bool:
+    return [len(row) for row in item["weights_data"]] == [len(row) for row in item["control_points_list"]]
+
+
+@rule("rational_b_spline_surface", "WR2")
+def has_positive_weights_in_every_row(item: Item) -> bool:
+    return all(w > 0.0 for row in item["weights_data"] for w in row)
+
+
+@rule("definitional_representation", "WR1")
+def is_in_parameter_space(item: Item) -> bool:
+    return "parametric_representation_context" in item["context_of_items"].types
+
+
+@rule("pcurve", "WR1")
+def holds_one_item(item: Item) -> bool:
+    return len(item["reference_to_curve"]["items"]) == 1
+
+
+@rule("pcurve", "WR2")
+def holds_a_curve(item: Item) -> bool:
+    return "curve" in item["reference_to_curve"]["items"][0].types
+
+
+@rule("pcurve", "WR3")
+def holds_a_plane_curve(item: Item) -> bool:
+    return dimension(item["reference_to_curve"]["items"][0]) == 2
+
+
+@rule("surface_curve", "WR1")
+def runs_in_space(item: Item) -> bool:
+    return dimension(item["curve_3d"]) == 3
+
+
+@rule("surface_curve", "WR2-WR3")
+def has_the_parameter_curve_that_is_its_master(item: Item) -> bool:
+    at = ["pcurve_s1", "pcurve_s2", "curve_3d"].index(item["master_representation"])
+    return at == 2 or (at < len(item["associated_geometry"]) and "pcurve" in item["associated_geometry"][at].types)
+
+
+@rule("surface_curve", "WR4")
+def is_no_parameter_curve_in_space(item: Item) -> bool:
+    return "pcurve" not in item["curve_3d"].types
+
+
+@rule("seam_curve", "WR1")
+def has_two_sides(item: Item) -> bool:
+    return len(item["associated_geometry"]) == 2
+
+
+@rule("seam_curve", "WR2")
+def has_one_surface_on_both_sides(item: Item) -> bool:
+    return len({(a["basis_surface"] if "pcurve" in a.types else a).number for a in item["associated_geometry"]}) == 1
+
+
+@rule("seam_curve", "WR3-WR4")
+def has_a_parameter_curve_on_either_side(item: Item) -> bool:
+    return all("pcurve" in a.types for a in item["associated_geometry"])
+
+
+@rule("degenerate_toroidal_surface", "WR1")
+def has_a_tube_wider_than_its_ring(item: Item) -> bool:
+    return item["major_radius"] < item["minor_radius"]
 
 
 @rule("conical_surface", "WR1")

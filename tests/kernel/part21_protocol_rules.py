@@ -10,6 +10,7 @@ must refer to.
 
 from __future__ import annotations
 
+from part21_geometry_rules import dimensions
 from part21_model import Item, Model
 from part21_product_rules import distinct
 from part21_rules import global_rule
@@ -47,11 +48,6 @@ def has_points_of_the_dimension_of_their_contexts(model: Model) -> bool:
 @global_rule("compatible_dimension WR2", "ap214")
 def has_directions_of_the_dimension_of_their_contexts(model: Model) -> bool:
     return all(len(p["direction_ratios"]) == d for p in model.all("direction") for d in dimensions(p))
-
-
-def dimensions(item: Item) -> set[int]:
-    contexts = (item.model[r]["context_of_items"] for r in item.model.using_representations(item))
-    return {c["coordinate_space_dimension"] for c in contexts if "geometric_representation_context" in c.types}
 
 
 @global_rule("dimensionality_is_two_or_three", "ap214")

@@ -1,11 +1,12 @@
-"""The declarations behind every entity that tpmscad writes: supertypes, attributes in order, their types, and what selects take.
+"""The declarations of every entity that tpmscad writes: supertypes, attributes in order, their types, and what selects take.
 
-Read from the EXPRESS long form of AP214 (ISO/DIS 10303-214:2007, AUTOMOTIVE_DESIGN, version 3; file AP214E3_2010.exp of the
-stepcode project), every declaration of this table. AP242 (ISO/TS 10303-442, WG3 N8593 of 2015 and, for one rule, WG12 N11521;
-files 242_n8324_mim_lf.exp and 242_mim_lf.exp there) was read for B-spline surfaces, directions, items with styles and their
-styles, application contexts, protocol definitions, points, edge loops and curves, relations with transformations and the global
-rules; these agree with AP214 but for what is listed in WIDER. Both take their geometry, topology, products and presentation from
-the same integrated resources (ISO 10303-41 to -46) and interpreted constructs (-511, -514, -517).
+All of them were read in the EXPRESS long form of AP214: ISO/DIS 10303-214:2007, schema AUTOMOTIVE_DESIGN, version 3 (file
+data/ap214e3/AP214E3_2010.exp of the stepcode project). AP242, ISO/TS 10303-442, was read for B-spline surfaces, directions,
+points, edges, loops and seams, relations with transformations, styled items and their styles, contexts and protocol definitions
+and the global rules: in WG3 N8593 of 2015, the first edition corrected, which files name (data/ap242/242_n8324_mim_lf.exp), and
+in WG12 N11521, a later one (data/ap242/242_mim_lf.exp). It agrees but for what WIDER lists; both take their geometry,
+topology, products and presentation from the same resources and constructs (ISO 10303-41 to -46, -511, -514, -517). Some entities
+only the kernel's own writer needs. The header's are those of ISO 10303-21.
 
 One line an entity: its name, supertypes after <, attributes after a colon. {a:b} is a set, [a:b] a list, ! of unique members,
 ? may be unset, and *name an inherited attribute that is derived here, which Part 21 writes as an asterisk.
@@ -24,6 +25,7 @@ application_context_element: name label, frame_of_reference application_context
 application_protocol_definition: status label, application_interpreted_model_schema_name label, application_protocol_year year_number, application application_context
 applied_organization_assignment < organization_assignment: items {1:*}organization_item
 assembly_component_usage < product_definition_usage: reference_designator identifier?
+axis2_placement_2d < placement: ref_direction direction?
 axis2_placement_3d < placement: axis direction?, ref_direction direction?
 b_spline_curve < bounded_curve: degree INTEGER, control_points_list [2:*]cartesian_point, curve_form b_spline_curve_form, closed_curve LOGICAL, self_intersect LOGICAL
 b_spline_curve_with_knots < b_spline_curve: knot_multiplicities [2:*]INTEGER, knots [2:*]parameter_value, knot_spec knot_type
@@ -46,6 +48,8 @@ connected_face_set < topological_representation_item: cfs_faces {1:*}face
 context_dependent_shape_representation: representation_relation shape_representation_relationship, represented_product_relation product_definition_shape
 curve < geometric_representation_item
 cylindrical_surface < elementary_surface: radius positive_length_measure
+definitional_representation < representation
+degenerate_toroidal_surface < toroidal_surface: select_outer BOOLEAN
 derived_unit: elements {1:*}derived_unit_element
 derived_unit_element: unit named_unit, exponent REAL
 direction < geometric_representation_item: direction_ratios [2:3]REAL
@@ -58,6 +62,9 @@ face < topological_representation_item: bounds {1:*}face_bound
 face_bound < topological_representation_item: bound loop, orientation BOOLEAN
 face_outer_bound < face_bound
 face_surface < face, geometric_representation_item: face_geometry surface, same_sense BOOLEAN
+file_description: description [1:*]STRING, implementation_level STRING
+file_name: name STRING, time_stamp STRING, author [1:*]STRING, organization [1:*]STRING, preprocessor_version STRING, originating_system STRING, authorization STRING
+file_schema: schema_identifiers [1:*]!STRING
 fill_area_style < founded_item: name label, fill_styles {1:*}fill_style_select
 fill_area_style_colour: name label, fill_colour colour
 founded_item
@@ -81,7 +88,9 @@ organization_assignment: assigned_organization organization, role organization_r
 organization_role: name label
 oriented_closed_shell < closed_shell: closed_shell_element closed_shell, orientation BOOLEAN, *cfs_faces
 oriented_edge < edge: edge_element edge, orientation BOOLEAN, *edge_start, *edge_end
+parametric_representation_context < representation_context
 path < topological_representation_item: edge_list [1:*]!oriented_edge
+pcurve < curve: basis_surface surface, reference_to_curve definitional_representation
 placement < geometric_representation_item: location cartesian_point
 plane < elementary_surface
 plane_angle_unit < named_unit
@@ -99,11 +108,14 @@ product_definition_usage < product_definition_relationship
 product_related_product_category < product_category: products {1:*}product
 property_definition: name label, description text?, definition characterized_definition
 property_definition_representation: definition represented_definition, used_representation representation
+rational_b_spline_curve < b_spline_curve: weights_data [2:*]REAL
+rational_b_spline_surface < b_spline_surface: weights_data [2:*][2:*]REAL
 representation: name label, items {1:*}representation_item, context_of_items representation_context
 representation_context: context_identifier identifier, context_type text
 representation_item: name label
 representation_relationship: name label, description text?, rep_1 representation, rep_2 representation
 representation_relationship_with_transformation < representation_relationship: transformation_operator transformation
+seam_curve < surface_curve
 shape_definition_representation < property_definition_representation
 shape_representation < representation
 shape_representation_relationship < representation_relationship
@@ -113,6 +125,7 @@ solid_model < geometric_representation_item
 spherical_surface < elementary_surface: radius positive_length_measure
 styled_item < representation_item: styles {1:*}presentation_style_assignment, item representation_item
 surface < geometric_representation_item
+surface_curve < curve: curve_3d curve, associated_geometry [1:2]pcurve_or_surface, master_representation preferred_surface_curve_representation
 surface_replica < surface: parent_surface surface, transformation cartesian_transformation_operator_3d
 surface_side_style < founded_item: name label, styles {1:7}surface_style_element_select
 surface_style_fill_area < founded_item: fill_area fill_area_style
@@ -122,6 +135,7 @@ toroidal_surface < elementary_surface: major_radius positive_length_measure, min
 uncertainty_measure_with_unit < measure_with_unit: name label, description text?
 vector < geometric_representation_item: orientation direction, magnitude length_measure
 vertex < topological_representation_item
+vertex_loop < loop: loop_vertex vertex
 vertex_point < vertex, geometric_representation_item: vertex_geometry point
 """  # noqa: E501 - a declaration to a line, however long
 
@@ -160,6 +174,7 @@ ENUMERATIONS = {
     "b_spline_surface_form": "plane_surf cylindrical_surf conical_surf spherical_surf toroidal_surf surf_of_revolution "
     "ruled_surf generalised_cone quadric_surf surf_of_linear_extrusion unspecified",
     "knot_type": "uniform_knots quasi_uniform_knots piecewise_bezier_knots unspecified",
+    "preferred_surface_curve_representation": "curve_3d pcurve_s1 pcurve_s2",
     "si_prefix": "exa peta tera giga mega kilo hecto deca deci centi milli micro nano pico femto atto",
     "si_unit_name": "metre gram second ampere kelvin mole candela radian steradian hertz newton pascal joule watt coulomb volt "
     "farad ohm siemens weber tesla henry degree_celsius lumen lux becquerel gray sievert",
@@ -174,6 +189,7 @@ SELECTS = {
     "externally_defined_hatch_style fill_area_style_hatching",
     "measure_value": "area_measure length_measure parameter_value plane_angle_measure positive_length_measure volume_measure",
     "organization_item": "product",
+    "pcurve_or_surface": "pcurve surface",
     "presentation_style_select": "pre_defined_presentation_style point_style curve_style surface_style_usage symbol_style "
     "fill_area_style text_style approximation_tolerance externally_defined_style null_style",
     "represented_definition": "general_property property_definition property_definition_relationship shape_aspect "

@@ -2,7 +2,7 @@
 
 Evaluated: every WHERE rule of the entities in the table that can fail, and of the informal propositions that a closed shell uses
 each of its edges once either way. Not evaluated: those about what the table has no entity for, which hold of every file that
-passes the types (mapped items, vertex loops, polylines, swept and oriented surfaces, surface curves, faceted solids), and the
+passes the types (mapped items, polylines and loops of them, swept and oriented surfaces, faceted solids), and the
 other informal propositions, which only the geometry can tell: curves on their surfaces, loops that do not cross, manifolds.
 """
 
@@ -74,9 +74,21 @@ def has_corners_at_points(item: Item) -> bool:
     )
 
 
+@rule("advanced_face", "WR7")
+def has_vertex_loops_at_points(item: Item) -> bool:
+    corners = [b["bound"]["loop_vertex"] for b in item["bounds"] if "vertex_loop" in b["bound"].types]
+    return all("vertex_point" in v.types and "cartesian_point" in v["vertex_geometry"].types for v in corners)
+
+
 @rule("advanced_face", "WR8")
 def is_bounded_by_edge_loops(item: Item) -> bool:
     return all(one_of(b["bound"], "edge_loop", "vertex_loop") for b in item["bounds"])
+
+
+@rule("advanced_face", "WR9")
+def has_parameter_curves_beside_curves_on_surfaces(item: Item) -> bool:
+    curves = (e["edge_element"]["edge_geometry"] for e in edges(item) if "edge_curve" in e["edge_element"].types)
+    return all("pcurve" in a.types for c in curves if "surface_curve" in c.types for a in c["associated_geometry"])
 
 
 @rule("oriented_closed_shell", "WR1")

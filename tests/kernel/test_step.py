@@ -13,6 +13,7 @@ import part21_check
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from part21_types import type_faults
 
 pytestmark = pytest.mark.kernel
 
@@ -66,6 +67,9 @@ class TestEveryFile:
         assert {"ap242": "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF", "ap214": "AUTOMOTIVE_DESIGN"}[
             schema
         ] in header
+        of_header = part21.header_instances(header)
+        assert type_faults(of_header) == []
+        assert [name for i in of_header.values() for name in i.parts] == ["FILE_DESCRIPTION", "FILE_NAME", "FILE_SCHEMA"]
         assert part21_check.faults(instances, schema) == []
         assert unused(instances) == []
 
