@@ -1,7 +1,7 @@
 """From a STEP file to a second-order tetrahedral mesh with gmsh: one periodic cell, and a part with a lattice in it.
 
 Writes gyroid_cell.msh and lattice_part.msh beside their STEP files and prints what was measured on the meshes. Needs gmsh
-(pip install gmsh; on a bare Debian or Ubuntu also apt-get install libglu1-mesa libxft2 libxinerama1 libxcursor1).
+(pip install gmsh; on a bare Debian or Ubuntu also apt-get install libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1).
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ class Mesh:
 def mesh(step: Path, size: float, *, periodic: bool = False) -> Mesh:
     """Mesh a STEP file into step's name with .msh: tetrahedra of second order with edges of about `size`.
 
-    periodic: opposite sides of the box around the part get the same mesh; ValueError if they have not the same faces. Elements are
-    then left as they come: where the quality is not positive, ask for a smaller size.
+    periodic: opposite sides of the box around the part get the same mesh; ValueError if they have not the same faces. Curved
+    elements are then left as they come: where the quality is not positive, ask for a smaller size.
     """
     gmsh.initialize(interruptible=False)
     try:
@@ -68,6 +68,7 @@ def mesh(step: Path, size: float, *, periodic: bool = False) -> Mesh:
             "Mesh.MeshSizeFromPoints": 0,
             "Mesh.MeshSizeExtendFromBoundary": 0,
             "Mesh.Algorithm3D": 10,  # HXT: its worst element is ten times better than that of the default here
+            "Mesh.OptimizeThreshold": 0.5,  # flat elements with four corners on a face would be turned over by its curvature
             "Mesh.ElementOrder": 2,
             "Mesh.HighOrderOptimize": int(not periodic),  # it may move one of two periodic nodes
         }.items():

@@ -59,7 +59,7 @@ def test_a_cell_is_meshed_periodically(example: ModuleType, tmp_path: Path, size
 
 @pytest.mark.parametrize(
     ("surface", "size", "kind"),
-    [("schwarz_p", 0.8, {"volume_fraction": 0.4, "kind": "skeletal"})],
+    [("diamond", 0.6, {"thickness": 1.2}), ("schwarz_p", 0.8, {"volume_fraction": 0.4, "kind": "skeletal"})],
 )
 def test_other_cells_are_periodic_too(
     example: ModuleType, tmp_path: Path, surface: str, size: float, kind: dict[str, object]
