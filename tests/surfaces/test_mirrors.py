@@ -33,7 +33,7 @@ def test_the_waves_are_the_formula_with_its_derivatives(name: str) -> None:
     np.testing.assert_allclose(waves.gradient(POINTS), field(name).gradient(POINTS), rtol=0, atol=1e-11)
     step = 1e-5
     slopes = [(waves.gradient(POINTS + step * e) - waves.gradient(POINTS - step * e)) / (2 * step) for e in np.eye(3)]
-    np.testing.assert_allclose(waves.hessian(POINTS), np.stack(slopes, axis=-1), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(waves.jet(POINTS)[2], np.stack(slopes, axis=-1), rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize("name", surfaces.CATALOGUE)
@@ -123,7 +123,7 @@ def test_schwarz_p_has_the_measures_that_its_patches_give() -> None:
 @pytest.mark.parametrize("name", OFFERED)
 def test_volumes_on_either_side_are_those_of_the_points_at_that_distance(name: str) -> None:
     """Distances to a triangulation with its corners moved onto the level set, which know of no Steiner."""
-    n, m = 40, 36
+    n, m = 56, 44
     t = np.arange(-n // 8, n + n // 8 + 1) / n
     corners, *_ = marching_cubes(field(name).on_grid(t, t, t), 0.0, spacing=(1 / n,) * 3)
     corners = corners.astype(float) + t[0]
@@ -142,8 +142,8 @@ def test_volumes_on_either_side_are_those_of_the_points_at_that_distance(name: s
     of = surfaces.measures(name, "nodal")
     low, high = 0.7 * of.lowest, 0.7 * of.highest
     assert surfaces.skeletal_volume_fraction(name, "nodal") == pytest.approx(below(0.0), abs=1.5e-3)
-    assert surfaces.volume_fraction(name, "nodal", 0.0, high) == pytest.approx(below(high) - below(0.0), rel=8e-3)
-    assert surfaces.volume_fraction(name, "nodal", low, 0.0) == pytest.approx(below(0.0) - below(low), rel=8e-3)
+    assert surfaces.volume_fraction(name, "nodal", 0.0, high) == pytest.approx(below(high) - below(0.0), rel=1.2e-2)
+    assert surfaces.volume_fraction(name, "nodal", low, 0.0) == pytest.approx(below(0.0) - below(low), rel=1.2e-2)
 
 
 @pytest.mark.parametrize("name", OFFERED)

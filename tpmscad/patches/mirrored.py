@@ -21,6 +21,7 @@ from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis
 from tpmscad.splines.bspline import Array, Surface
 from tpmscad.splines.fitting import free_coordinates, surface
 from tpmscad.splines.subspace import Subspace, pole_metric, solve_conditions
+from tpmscad.surfaces import MirrorSymmetry
 
 DEGREES = range(7, 17)
 """One span each. Degree 6 meets 1e-3 only with parameters that bunch so much that cuts can't be traced on it; past 16 float64
@@ -74,12 +75,10 @@ def fit_piece(name: str, offset: float, tol: float) -> Piece:
         first, space = _least_squares(form, offset, degree)
         if not last and _distances(form, first.patch(), offset) > GAIN * tol:
             continue
-        patches = [first.patch()]
         slid = _slid(form, first, space, offset).patch()
-        if _least_element(slid) >= BUNCHED * _least_element(patches[0]):
-            patches.append(slid)
-        pieces = [Piece(p, degree, mirror_deviation(form.symmetry, p, offset)) for p in patches]
-        piece = min(pieces, key=lambda piece: piece.deviation.max)
+        bunched = _least_element(slid) < BUNCHED * _least_element(first.patch())
+        patch = _flush(first.patch() if bunched else slid, form.symmetry)
+        piece = Piece(patch, degree, mirror_deviation(form.symmetry, patch, offset))
         if best is None or piece.deviation.max < best.deviation.max:
             best = piece
         if best.deviation.max <= tol:
@@ -112,6 +111,18 @@ def _least_squares(form: Chart, offset: float, degree: int) -> tuple[_Candidate,
 def _distances(form: Chart, patch: Surface, offset: float) -> float:
     t = np.linspace(0.0, 1.0, 2 * patch.degree_u)
     return float(np.abs(form.symmetry.waves.foot(patch.grid(t, t))[0] - offset).max())
+
+
+def _flush(patch: Surface, mirrors: MirrorSymmetry) -> Surface:
+    """The patch with its border's poles, 1e-13 off by round-off, in the mirrors to the last bit or two."""
+    poles = patch.poles.copy()
+    sides = [(slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None))]
+    for side, normal, offset in zip(sides, mirrors.wall_normals, mirrors.wall_offsets, strict=True):
+        poles[side] -= (poles[side] @ normal - offset)[:, None] * normal
+    for i, corner in enumerate([(0, 0), (-1, 0), (-1, -1), (0, -1)]):
+        normals, offsets = mirrors.wall_normals[[i - 1, i]], mirrors.wall_offsets[[i - 1, i]]
+        poles[corner] -= np.linalg.pinv(normals) @ (normals @ poles[corner] - offsets)
+    return Surface(poles, patch.knots_u, patch.knots_v, patch.degree_u, patch.degree_v)
 
 
 def _least_element(patch: Surface) -> float:

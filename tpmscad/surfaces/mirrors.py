@@ -29,8 +29,8 @@ TETRAHEDRA: Mapping[str, tuple[tuple[float, float, float], ...]] = MappingProxyT
     {"schwarz_p": PRIMITIVE, "iwp": PRIMITIVE, "neovius": PRIMITIVE, "frd": FACE_CENTRED}
 )
 
-BISECTIONS = 52
-"""Halvings of a segment: to the last bit of its parameter."""
+BISECTIONS, NEWTON_STEPS = 10, 4
+"""Halvings of a segment, then steps of Newton's method, which goes 1e-3, 1e-5, 1e-10, 1e-16."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,6 +70,10 @@ class MirrorSymmetry:
             above = self.waves.value(start + middle[..., None] * (end - start)) > 0
             low, high = np.where(above, middle, low), np.where(above, high, middle)
         fraction = (low + high) / 2
+        for _ in range(NEWTON_STEPS):
+            points = start + fraction[..., None] * (end - start)
+            slope = np.einsum("...i,...i->...", self.waves.gradient(points), end - start)
+            fraction = fraction - self.waves.value(points) / slope
         return start + fraction[..., None] * (end - start), fraction
 
 

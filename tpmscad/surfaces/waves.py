@@ -40,19 +40,21 @@ class Waves:
         k = 2 * np.pi * self.wave
         return np.asarray(-self._waves(points).imag @ k)
 
-    def hessian(self, points: Array) -> Array:
-        """(..., 3, 3)."""
+    def jet(self, points: Array) -> tuple[Array, Array, Array]:
+        """f (...), its gradient (..., 3) and its second derivatives (..., 3, 3)."""
         k = 2 * np.pi * self.wave
+        wave = self._waves(points)
         dyads = (k[:, :, None] * k[:, None, :]).reshape(-1, 9)
-        return np.asarray(-self._waves(points).real @ dyads).reshape(*points.shape[:-1], 3, 3)
+        hessian = (-wave.real @ dyads).reshape(*points.shape[:-1], 3, 3)
+        return wave.real.sum(axis=-1), -wave.imag @ k, hessian
 
     def shape_operator(self, points: Array) -> Array:
         """The derivative of the unit normal along the level set, (..., 3, 3); minus the curvatures on the tangent plane."""
-        gradient = self.gradient(points)
+        _, gradient, hessian = self.jet(points)
         length = np.linalg.norm(gradient, axis=-1)[..., None, None]
         n = gradient / length[..., 0]
         tangential = np.eye(3) - n[..., :, None] * n[..., None, :]
-        return np.asarray(tangential @ self.hessian(points) @ tangential / length)
+        return np.asarray(tangential @ hessian @ tangential / length)
 
     def foot(self, points: Array) -> tuple[Array, Array, Array]:
         """Signed distance (...), unit normal (..., 3) and foot (..., 3) of points on f = 0, the distance along the gradient.
@@ -62,17 +64,22 @@ class Waves:
         """
         foot = np.array(points, float)
         for _ in range(APPROACH_STEPS):
-            g = self.gradient(foot)
-            foot -= (self.value(foot) / _dot(g, g))[..., None] * g
+            wave = self._waves(foot)
+            g = -wave.imag @ (2 * np.pi * self.wave)
+            foot -= (wave.real.sum(axis=-1) / _dot(g, g))[..., None] * g
         system = np.zeros((*foot.shape[:-1], 4, 4))
         for _ in range(FOOT_STEPS):
-            g = self.gradient(foot)
-            n = g / np.linalg.norm(g, axis=-1, keepdims=True)
+            value, g, hessian = self.jet(foot)
+            length = np.linalg.norm(g, axis=-1, keepdims=True)
+            n = g / length
             distance = _dot(points - foot, n)
-            system[..., :3, :3] = np.eye(3) + distance[..., None, None] * self._turning(foot, n, g)
+            turning = (
+                (np.eye(3) - n[..., :, None] * n[..., None, :]) @ hessian / length[..., None]
+            )  # of n, with the foot
+            system[..., :3, :3] = np.eye(3) + distance[..., None, None] * turning
             system[..., :3, 3] = n
             system[..., 3, :3] = g
-            left = np.concatenate([points - foot - distance[..., None] * n, -self.value(foot)[..., None]], axis=-1)
+            left = np.concatenate([points - foot - distance[..., None] * n, -value[..., None]], axis=-1)
             step = np.linalg.solve(system, left[..., None])[..., :3, 0]
             foot += step
             if np.abs(step).max(initial=0.0) < FOOT:
@@ -82,11 +89,6 @@ class Waves:
         g = self.gradient(foot)
         n = g / np.linalg.norm(g, axis=-1, keepdims=True)
         return _dot(points - foot, n), n, foot
-
-    def _turning(self, points: Array, n: Array, gradient: Array) -> Array:
-        """The derivative of the unit gradient: (..., 3, 3)."""
-        length = np.linalg.norm(gradient, axis=-1)[..., None, None]
-        return np.asarray((np.eye(3) - n[..., :, None] * n[..., None, :]) @ self.hessian(points) / length)
 
     def _waves(self, points: Array) -> Array:
         return np.asarray(self.amplitude * np.exp(2j * np.pi * (points @ self.wave.T)))
@@ -102,10 +104,15 @@ def _cosines(orbits: Mapping[tuple[int, int, int], float]) -> Waves:
     wave, amplitude = [], []
     for orbit, factor in orbits.items():
         for frequencies in sorted(set(permutations(orbit))):
-            signs = list(product(*[(1, -1) if k else (1,) for k in frequencies]))
+            signs = [s for s in product(*[(1, -1) if k else (1,) for k in frequencies]) if _first(s, frequencies) > 0]
             wave += [np.multiply(s, frequencies) for s in signs]
             amplitude += [factor / len(signs)] * len(signs)
     return Waves(np.array(wave, float), np.array(amplitude, complex))
+
+
+def _first(signs: tuple[int, ...], frequencies: tuple[int, ...]) -> int:
+    """The sign of the first frequency that is not zero: of a wave and its opposite, one is enough."""
+    return next((s for s, k in zip(signs, frequencies, strict=True) if k), 1)
 
 
 WAVES: Mapping[str, Waves] = MappingProxyType(
