@@ -5,6 +5,7 @@ model = solidify(fields.rod(fields.tpms("gyroid", 10.0), -0.3), ((0, 0, 0), (10,
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -40,13 +41,19 @@ Domain = Sequence[Sequence[float]]
 
 
 def solidify(
-    field: Field | Callable[..., Any], domain: Domain, *, tol: float, progress: Progress | None = None
+    field: Field | Callable[..., Any], domain: Domain | Any, *, tol: float, progress: Progress | None = None
 ) -> Model:
-    """The solid {field < 0} inside the box `domain` = ((x0, y0, z0), (x1, y1, z1)), its surface within tol of the level set.
+    """The solid {field < 0} inside `domain`, its surface within tol of the level set.
 
+    domain: a box ((x0, y0, z0), (x1, y1, z1)), or a body (a build123d or CadQuery shape, a STEP file) in the field's coordinates:
+    then the solid is laid out in a box a little larger and trimmed by the body, whose own faces stay exact.
     The field may be any of tpmscad.fields or a function of points. LayoutError names where a field can't be made a solid and
     why; a result that misses what was asked for has certificate.met False.
     """
+    if not _is_numbers(domain):
+        from tpmscad.parts.infill import infill  # which fills the body with what solidify makes of its box
+
+        return infill(domain, field, tol=tol, progress=progress)
     field = as_field(field)
     lo, hi = _corners(domain)
     stages = Stages(progress)
@@ -163,6 +170,17 @@ def field_certificate(
         },
         notes=tuple(notes),
     )
+
+
+def _is_numbers(domain: Any) -> bool:
+    """Whether the domain is told in numbers, as a box is."""
+    if isinstance(domain, str | os.PathLike):
+        return False
+    try:
+        np.asarray(domain, float)
+    except (TypeError, ValueError):
+        return isinstance(domain, Sequence)
+    return True
 
 
 def _corners(domain: Domain) -> tuple[np.ndarray, np.ndarray]:
