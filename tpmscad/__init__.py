@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
     from tpmscad.metrics import Metrics, measure
     from tpmscad.model import Model
-    from tpmscad.parts import infill
+    from tpmscad.parts import body_field, fluid_domains, infill
     from tpmscad.patches import maps
     from tpmscad.patches.certificate import Certificate
     from tpmscad.solids import solidify
@@ -28,9 +28,11 @@ __all__ = [
     "NotMet",
     "TpmscadError",
     "blend",
+    "body_field",
     "check_step",
     "export_step",
     "fields",
+    "fluid_domains",
     "infill",
     "lattice",
     "maps",
@@ -48,9 +50,11 @@ _HOMES = {
     "Model": "tpmscad.model",
     "NotMet": "tpmscad.errors",
     "TpmscadError": "tpmscad.errors",
+    "body_field": "tpmscad.parts",
     "check_step": "tpmscad.workflows",
     "export_step": "tpmscad.workflows",
     "measure": "tpmscad.metrics",
+    "fluid_domains": "tpmscad.parts",
     "infill": "tpmscad.parts",
     "lattice": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",

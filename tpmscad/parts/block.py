@@ -54,8 +54,12 @@ class Block:
         return self.close()
 
     @cached_property
+    def built(self) -> kernel.Built:
+        return kernel.build(self.closed)
+
+    @property
     def shape(self) -> Any:
-        return kernel.build(self.closed).shape
+        return self.built.shape
 
 
 def lattice_block(request: LatticeRequest, turn: Array, body: Body, stages: Stages) -> Block:

@@ -65,7 +65,7 @@ def infill(
         if cell is None:
             raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
         request = lattice_request(surface, cells=1, boundary="box", tol=tol, mapped=False, **lattice)
-        block, name = lattice_block(request, _turn(rotation), read, stages), f"{request.surface} infill"
+        block, name = lattice_block(request, lattice_turn(rotation), read, stages), f"{request.surface} infill"
     else:
         _nothing_else(lattice | {"rotation": rotation})
         block, name = field_block(surface, read, tol, stages), "field infill"
@@ -118,7 +118,8 @@ def _nothing_else(given: dict[str, Any]) -> None:
         )
 
 
-def _turn(rotation: Sequence[float]) -> Array:
+def lattice_turn(rotation: Sequence[float]) -> Array:
+    """The matrix of rotations about x, then its own y, then its own z, in degrees; quarter turns come out exact."""
     angles = np.asarray(rotation, float)
     if angles.shape != (3,) or not np.isfinite(angles).all():
         raise InvalidRequest(f"rotation {rotation!r} takes three finite angles in degrees, about x, y and z")

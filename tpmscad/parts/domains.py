@@ -1,0 +1,174 @@
+"""A heat exchanger's three solids: the wall of a sheet lattice in a body and the two channels that it keeps apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.body import Body, read_body
+from tpmscad.kernel.build import compound
+from tpmscad.kernel.sampling import faces_of
+from tpmscad.kernel.splitting import Cell, split
+from tpmscad.model import Progress, Stages
+from tpmscad.parts.block import Block, lattice_block
+from tpmscad.parts.infill import lattice_turn
+from tpmscad.parts.part import CHIP, Solids, part_certificate, write_checked
+from tpmscad.request import lattice_request
+
+WALL, PLUS, MINUS = "wall", "channel +", "channel -"
+"""The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""
+
+SAME_VOLUME = 1e-6
+"""Relative: how far the domains' volumes together may be from the body's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """What lies on one face of the body: its number in the body's order, and the area of each domain on it."""
+
+    face: int
+    areas: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FluidDomains:
+    """Conformal solids: where two touch they share TopoDS faces, edges and vertices.
+
+    `wall`, `plus` and `minus` are build123d Solids (Compounds, largest piece first, where there are several pieces); their
+    volumes add up to the body's. `touches` says of every face of the body which domains reach it. `certificate` is the wall's.
+    """
+
+    name: str
+    pieces: Mapping[str, tuple[Any, ...]]
+    touches: tuple[Touch, ...]
+    certificate: Any
+    body_volume: float
+
+    @property
+    def wall(self) -> Any:
+        return Solids(self.pieces[WALL]).solid
+
+    @property
+    def plus(self) -> Any:
+        return Solids(self.pieces[PLUS]).solid
+
+    @property
+    def minus(self) -> Any:
+        return Solids(self.pieces[MINUS]).solid
+
+    @property
+    def wrapped(self) -> Any:
+        """All solids as one TopoDS compound, shared faces shared: wall, channel +, channel -."""
+        return compound(solid for solids in self.pieces.values() for solid in solids)
+
+    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
+        """Write the solids by their names as STEP; the file is read back and checked, and there whole or not at all."""
+        names = [
+            name if number == 0 else f"{name} {number + 1}"
+            for name, solids in self.pieces.items()
+            for number in range(len(solids))
+        ]
+        write_checked(self.wrapped, path, schema=schema, name=self.name, volume=self.body_volume, names=names)
+
+
+def fluid_domains(
+    body: Any,
+    surface: str,
+    *,
+    cell: float | Sequence[float],
+    thickness: float | None = None,
+    offset: Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    reference: str = "minimal",
+    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    rotation: Sequence[float] = (0.0, 0.0, 0.0),
+    tol: float | None = None,
+    progress: Progress | None = None,
+) -> FluidDomains:
+    """The wall of a sheet lattice in a body and the two channels beside it, as solids that share their faces.
+
+    Keywords as in `tpmscad.infill`. Pieces of a domain that do not hang together are told in the certificate's notes, which also
+    say which domains reach which face of the body. InvalidRequest where one of the three is missing.
+    """
+    stages = Stages(progress)
+    with stages("read"):
+        read = read_body(body)
+    request = lattice_request(
+        surface,
+        cell=cell,
+        cells=1,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        kind="sheet",
+        side="-",
+        reference=reference,
+        boundary="box",
+        phase=phase,
+        tol=tol,
+        mapped=False,
+    )
+    block = lattice_block(request, lattice_turn(rotation), read, stages)
+    with stages("trim"):
+        cells = split(read.shape, block.shape, _labels(block))
+        sorted_cells = {name: tuple(c for c in cells if domain_of(c) == name) for name in (WALL, PLUS, MINUS)}
+    for name, found in sorted_cells.items():
+        if not found:
+            raise InvalidRequest(f"{read.name} holds no {name}: shift the lattice by phase, or make its cell smaller")
+    touches = tuple(
+        Touch(face, {name: area for name, found in sorted_cells.items() if (area := _area(found, face)) > 0})
+        for face in range(len(faces_of(read.shape)))
+    )
+    with stages("check"):
+        pieces = {name: tuple(c.solid for c in found) for name, found in sorted_cells.items()}
+        certificate, volume = _measured(pieces, touches, block, read)
+    seconds = dict(stages.seconds)
+    return FluidDomains(
+        f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume
+    )
+
+
+def domain_of(cell: Cell) -> str:
+    """Which of the three a cell of the split body is, by the side of the lattice's surfaces that it lies on."""
+    if cell.sides and all(side < 0 for _, side in cell.sides):
+        return WALL
+    if cell.sides == {("offset+", 1)}:
+        return PLUS
+    if cell.sides == {("offset-", 1)}:
+        return MINUS
+    raise KernelError("fluid domains", f"a piece of the body lies on {sorted(cell.sides)}: neither wall nor channel")
+
+
+def _labels(block: Block) -> list[str]:
+    tags = [block.closed.tags[t] for t in block.closed.faces.tag.tolist()]
+    by_face = {hash(face): tag for face, tag in zip(block.built.faces, tags, strict=True)}
+    return [by_face[hash(face)] for face in faces_of(block.shape)]
+
+
+def _area(cells: Sequence[Cell], face: int) -> float:
+    return sum(c.areas.get(face, 0.0) for c in cells)
+
+
+def _measured(
+    pieces: Mapping[str, tuple[Any, ...]], touches: tuple[Touch, ...], block: Block, body: Body
+) -> tuple[Any, float]:
+    """The wall's certificate with what is to be said of the channels, and the volume of all together."""
+    wall = part_certificate(pieces[WALL], block, ())
+    shortfalls, notes, volume = wall.shortfalls, list(wall.notes), wall.volume
+    for name in (PLUS, MINUS):
+        found = part_certificate(pieces[name], block, ())
+        shortfalls += tuple(f"{name}: {s}" for s in found.shortfalls if s not in wall.shortfalls)
+        volume += found.volume
+        notes.append(f"{name}: volume {found.volume:.9g}, {len(pieces[name])} connected")
+        notes += [
+            f"{name}: {'chip' if v < CHIP * found.pieces[0] else 'piece'} of volume {v:.4g} apart" for v in found.pieces[1:]
+        ]
+    for touch in touches:
+        notes.append(f"face {touch.face}: " + ", ".join(f"{name} {area:.4g}" for name, area in touch.areas.items()))
+    if abs(volume - body.volume) > SAME_VOLUME * body.volume:
+        shortfalls += (f"the domains' volumes add up to {volume:.9g}, the body's is {body.volume:.9g}",)
+    return replace(wall, met=not shortfalls, shortfalls=shortfalls, notes=tuple(notes)), volume
+
