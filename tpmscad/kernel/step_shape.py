@@ -35,7 +35,7 @@ def write_shape(
 ) -> None:
     """Write a TopoDS shape, or anything that wraps one, as one STEP product in mm; arguments and errors as `write_step`.
 
-    names: of its solids, in their order. KernelError if OCC refuses the shape.
+    names: of its solids, in their order, which become products of an assembly. KernelError if OCC refuses the shape.
     """
     target = step_path(path)
     if schema not in OCC_SCHEMAS:
@@ -47,7 +47,7 @@ def write_shape(
         writer = STEPControl_Writer()
         if writer.Transfer(topods, STEPControl_AsIs) != IFSelect_RetDone:
             raise KernelError("write STEP", "OCC can't translate the shape", topods)
-        _rename(writer, title, target.name, time_stamp)
+        _rename(writer, title, target.name, time_stamp, names)
         _name_solids(writer, names)
         with written_aside(target) as aside:
             if writer.Write(str(aside)) != IFSelect_RetDone:
@@ -69,15 +69,19 @@ def _settings(wanted: Mapping[str, str]) -> Iterator[None]:
             Interface_Static.SetCVal_s(key, value)
 
 
-def _rename(writer: STEPControl_Writer, title: str, file: str, time_stamp: str | None) -> None:
+def _rename(
+    writer: STEPControl_Writer, title: str, file: str, time_stamp: str | None, names: Sequence[str] = ()
+) -> None:
     """OCC numbers its products through the life of the process, so that equal requests would write unequal files."""
     model = writer.Model()
     text = TCollection_HAsciiString
     products = [
         e for i in range(1, model.NbEntities() + 1) if (e := model.Value(i)).DynamicType().Name() == "StepBasic_Product"
     ]
-    for i, product in enumerate(products, 1):
-        label = title if len(products) == 1 else f"{title} {i}"
+    labels = [title, *(f"{title} {i}" for i in range(2, len(products) + 1))]
+    if len(products) == 1 + len(names):  # an assembly of solids
+        labels[1:] = names
+    for label, product in zip(labels, products, strict=True):
         product.SetId(text(label))
         product.SetName(text(label))
     header = APIHeaderSection_MakeHeader(model)
