@@ -15,6 +15,7 @@ from tpmscad import maps, surfaces
 pytestmark = pytest.mark.kernel
 
 SURFACES = ("gyroid", "diamond", "schwarz_p")
+MIRRORED = ("iwp", "neovius", "frd")
 CELL = 8.0
 
 
@@ -48,6 +49,49 @@ def test_the_two_sides_of_a_surface_fill_the_box(name: str) -> None:
     smaller, larger = sorted(half.certificate.volume for half in halves)
     assert larger - smaller == pytest.approx(2 * closed_form(name, 0.0, 0.2), rel=1e-3)
     assert halves[0].certificate.volume == larger  # the "-" side reaches beyond the mid surface
+
+
+@pytest.mark.parametrize("name", MIRRORED)
+@pytest.mark.parametrize(
+    ("cells", "boundary", "phase"),
+    [((1, 1, 1), "box", (0, 0, 0)), ((2, 1, 1), "natural", (0.1, 0.2, 0.3)), ((1, 1, 1), "box", (0.13, 0.21, -0.34))],
+)
+def test_a_mirrored_sheet_is_certified_and_read_back(
+    name: str, cells: tuple[int, int, int], boundary: str, phase: tuple[float, float, float], tmp_path: Path
+) -> None:
+    model = tpmscad.lattice(name, cell=CELL, cells=cells, offset=(-0.2, 0.15), boundary=boundary, phase=phase, tol=1e-3)
+    certificate = model.certificate
+    assert certificate.met, certificate.shortfalls
+    expected = np.prod(cells) * closed_form(name, -0.2, 0.15, "nodal")
+    assert certificate.volume == pytest.approx(expected, rel=1e-4)
+    assert certificate.reference == f"nodal {name} surface"
+    if phase == (0, 0, 0):
+        assert certificate.gap < 1e-12
+    model.export_step(tmp_path / "sheet.step")
+    read = tpmscad.check_step(tmp_path / "sheet.step")
+    assert read.ok
+    assert read.shape.volume == pytest.approx(certificate.volume, rel=1e-9)
+    low = CELL * np.array(phase) if boundary == "natural" else np.zeros(3)
+    np.testing.assert_allclose(read.shape.bounds, [low, low + CELL * np.array(cells)], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", MIRRORED)
+def test_the_two_sides_of_a_mirrored_surface_fill_the_box(name: str) -> None:
+    halves = [tpmscad.lattice(name, cell=CELL, kind="skeletal", side=s, offset=0.1, tol=1e-3) for s in "-+"]
+    assert all(half.certificate.met for half in halves)
+    assert sum(half.certificate.volume for half in halves) == pytest.approx(CELL**3, rel=1e-8)
+    for half, side in zip(halves, "-+", strict=True):
+        expected = CELL**3 * surfaces.skeletal_volume_fraction(name, "nodal", 0.1 / CELL, side)
+        assert half.certificate.volume == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("kind", ["sheet", "skeletal"])
+def test_a_mirrored_volume_fraction_is_met_and_its_cells_are_placed_by_reference(kind: str, tmp_path: Path) -> None:
+    model = tpmscad.lattice("iwp", cell=CELL, cells=(2, 2, 1), volume_fraction=0.3, kind=kind, tol=1e-3)
+    assert model.certificate.met
+    assert model.certificate.volume == pytest.approx(0.3 * 4 * CELL**3, rel=1e-4)
+    model.export_step(tmp_path / "cells.step", instanced=True)
+    assert tpmscad.check_step(tmp_path / "cells.step").shape.solids == 4
 
 
 @pytest.mark.parametrize("name", SURFACES)

@@ -21,7 +21,7 @@ PLAIN: dict[str, Any] = {
     "volume_fraction": None,
     "kind": "sheet",
     "side": "-",
-    "reference": "minimal",
+    "reference": None,
     "boundary": "box",
     "phase": (0, 0, 0),
     "tol": None,
@@ -57,6 +57,12 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"thickness": 1, "tol": 0}, ("tol 0", "positive")),
         ({"thickness": 1, "tol": 1e-9}, ("tol 1e-09", "1e-06")),
         ({"thickness": 1, "phase": (0.5,)}, ("phase", "three")),
+        ({"surface": "iwp", "thickness": 1, "reference": "minimal"}, ("reference 'minimal' of the iwp", "nodal")),
+        ({"surface": "F-RD", "thickness": 1.1}, ("offset", "frd", "between -0.71", "0.536", "thin")),
+        ({"surface": "neovius", "thickness": 0.5, "mapped": True}, ("map", "Neovius's mirrors", "tpmscad.solidify")),
+        ({"surface": "I-WP", "thickness": 0.5, "cell": (10, 10, 12)}, ("[10.0, 10.0, 12.0]", "I-WP's mirrors")),
+        ({"surface": "lidinoid", "thickness": 0.5}, ("Lidinoid", "tpmscad.solidify", "'lidinoid'")),
+        ({"surface": "S", "kind": "skeletal", "reference": "nodal"}, ("Fischer-Koch S", "tpmscad.solidify")),
     ],
 )
 def test_what_is_wrong_is_named_with_the_way_out(changes: dict[str, Any], words: tuple[str, ...]) -> None:
@@ -101,3 +107,10 @@ def test_odd_numbers_are_resolved_or_refused_never_passed_on(value: Any, label: 
     numbers = [*made.cell, *made.offset, made.tol]
     assert all(math.isfinite(n) for n in numbers)
     assert min(*made.cell, made.tol) > 0
+
+
+@pytest.mark.parametrize("name", surfaces.CATALOGUE)
+def test_without_a_reference_the_exact_surface_is_meant_where_there_is_one(name: str) -> None:
+    references = surfaces.CATALOGUE[name].references
+    if references:
+        assert request(name, thickness=0.3).reference == references[0]
