@@ -87,7 +87,7 @@ def read(faces: Sequence[TopoDS_Face], size: float) -> Body:
     ]
     result = []
     for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
-        point, normal = _middle(face)
+        _, point, normal, _ = middle(face)
         agree = 1 if normal @ carrier.gradient(point) > 0 else -1
         if agree < 0:
             loops = [tuple(Use(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
@@ -105,7 +105,7 @@ def carrier_of(face: TopoDS_Face, size: float) -> Plane | Quadric:
     if kind == GeomAbs_Cylinder:
         return _cylinder(adaptor.Cylinder())
     if kind == GeomAbs_Cone:
-        return _cone(adaptor.Cone(), _middle(face)[0])
+        return _cone(adaptor.Cone(), middle(face)[1])
     if kind == GeomAbs_Sphere:
         return _sphere(adaptor.Sphere())
     if kind == GeomAbs_Torus:
@@ -128,7 +128,7 @@ def _in_disguise(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
     for found in (
         lambda: _plane(pln) if recognition.IsPlane(tol, pln) else None,
         lambda: _cylinder(cylinder) if recognition.IsCylinder(tol, cylinder) else None,
-        lambda: _cone(cone, _middle(face)[0]) if recognition.IsCone(tol, cone) else None,
+        lambda: _cone(cone, middle(face)[1]) if recognition.IsCone(tol, cone) else None,
         lambda: _sphere(sphere) if recognition.IsSphere(tol, sphere) else None,
         lambda: _torus_through(points, tol),
         lambda: _torus_through(np.swapaxes(points, 0, 1), tol),
@@ -179,13 +179,15 @@ def _cone(value: gp_Cone, point: Array) -> Cone:
     return Cone(origin + height * axis, x_axis, away * axis, abs(from_apex * np.tan(angle)), abs(angle))
 
 
-def _middle(face: TopoDS_Face) -> tuple[Array, Array]:
-    """A point of the face's surface, away from poles, and S_u x S_v of the kernel's there."""
+def middle(face: TopoDS_Face) -> tuple[tuple[float, float], Array, Array, Array]:
+    """The kernel's (u, v) amid the face's, away from poles, the point there, S_u x S_v, and a point at a slightly larger u."""
     surface = BRepAdaptor_Surface(face, False)
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+    u, v = 0.47 * u0 + 0.53 * u1, 0.47 * v0 + 0.53 * v1
     point, along_u, along_v = gp_Pnt(), gp_Vec(), gp_Vec()
-    surface.D1(0.47 * u0 + 0.53 * u1, 0.47 * v0 + 0.53 * v1, point, along_u, along_v)
-    return np.array(point.Coord()), np.cross(along_u.Coord(), along_v.Coord())
+    surface.D1(u, v, point, along_u, along_v)
+    beside = surface.Value(u + 0.01 * (u1 - u0), v).Coord()
+    return (u, v), np.array(point.Coord()), np.cross(along_u.Coord(), along_v.Coord()), np.array(beside)
 
 
 def _samples(face: TopoDS_Face) -> Array:

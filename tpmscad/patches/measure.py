@@ -111,14 +111,15 @@ def _quadric_piece(quadric: Quadric, pcurve: Curve, span: tuple[float, float]) -
     samples = np.arange(2 * ORDER + 1) * TURN / (2 * ORDER + 1)
     inner_v = np.broadcast_to(v[:, None], (len(v), len(samples)))
     inner_u = np.broadcast_to(samples, inner_v.shape)
-    outer = along[:, None] * _to_antiderivative(u, samples)
+    outer = along[:, None] * to_antiderivative(u, samples)
     return np.asarray(outer.ravel() @ _integrand(quadric, inner_u.ravel(), inner_v.ravel()))
 
 
-def _to_antiderivative(u: Array, samples: Array) -> Array:
-    """Matrix from samples at equal steps of a turn to the integral from 0 to u: (len(u), 2 ORDER + 1).
+def to_antiderivative(u: Array, samples: Array) -> Array:
+    """Matrix from samples of a trigonometric polynomial to its integral from 0 to u: (len(u), 2 ORDER + 1).
 
-    Such a polynomial is its samples times D(s - s_k), D(s) = (1 + 2 sum_m cos m s) / (2 ORDER + 1).
+    Of order ORDER and sampled at equal steps of a turn, it is the sum of its samples times D(s - s_k), with
+    D(s) = (1 + 2 sum_m cos m s) / (2 ORDER + 1).
     """
     m = np.arange(1, ORDER + 1)
     step = u[:, None, None] - samples[:, None]
