@@ -7,14 +7,18 @@ from tpmscad.kernel.render import render
 from tpmscad.kernel.step import Instances, write_step
 from tpmscad.kernel.step_colour import TAG_COLOURS
 from tpmscad.kernel.step_shape import write_shape
+from tpmscad.kernel.tool import NotQuadric, body_complex, body_faces
 
 __all__ = [
     "TAG_COLOURS",
     "Built",
     "Instances",
+    "NotQuadric",
     "ShapeReport",
     "StepContent",
     "StepReport",
+    "body_complex",
+    "body_faces",
     "build",
     "check_shape",
     "check_step",
