@@ -3,8 +3,8 @@
 All of them were read in the EXPRESS long form of AP214: ISO/DIS 10303-214:2007, schema AUTOMOTIVE_DESIGN, version 3 (file
 data/ap214e3/AP214E3_2010.exp of the stepcode project). AP242, ISO/TS 10303-442, was read for B-spline surfaces, directions,
 points, edges, loops and seams, relations with transformations, styled items and their styles, contexts and protocol definitions
-and the global rules: in WG3 N8593 of 2015, the first edition corrected, which files name (data/ap242/242_n8324_mim_lf.exp), and in
-WG12 N11521, a later one (data/ap242/242_mim_lf.exp). It says the same, but lets representations be styled and products
+and the global rules: in WG3 N8593 of 2015 (data/ap242/242_n8324_mim_lf.exp), which supersedes N8324 of the first edition, and in
+WG12 N11521, a later edition (data/ap242/242_mim_lf.exp). It says the same, but lets representations be styled and products
 elsewhere be assembled, too. Both take their geometry, topology, products and presentation from the same resources and constructs
 (ISO 10303-41 to -46, -511, -514, -517). Some entities only the kernel's own writer needs. The header's are those of ISO 10303-21.
 
