@@ -8,53 +8,71 @@ import numpy as np
 
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.demands import NONE, Demands, agreed
-from tpmscad.blend.optimise import State, Tool, look, repaired
+from tpmscad.blend.optimise import Free, State, Tool, look, repaired
 from tpmscad.blend.pointwise import affine
 from tpmscad.blend.scene import Scene
-from tpmscad.blend.specks import Specks, specks
+from tpmscad.blend.specks import NO_SPECKS, Specks, isolated, specks
 
-ROUNDS = 6
+ROUNDS = 8
+
+QUICK = 400
+"""Doubtful samples up to which specks are looked for unless told otherwise: a tenth of a second, and nine random pairs in ten."""
+
 PAST = 0.05
 """How far past zero f is moved, in parts of its rms in the blending regions, or half of the way within reach."""
 
 
-def seen_specks(scene: Scene, field: BlendedField, state: State) -> Specks:
-    """The specks of a state that some weight could take away: the others are the inputs' own."""
-    blended = field.with_weights(state.weights)
-    found = specks(scene, blended, scene.values(state.weights))
-    if len(found) == 0:
-        return found
-    signs = -np.sign(found.values)
-    best = np.full(len(found), -np.inf)
-    for stage in range(len(state.weights)):
-        none, slope = affine(blended, stage, found.points)
-        best = np.maximum(best, signs * none + np.maximum(signs * slope, 0.0))
-    return Specks(found.points[best > 0], found.values[best > 0])
+def seen_specks(scene: Scene, field: BlendedField, state: State, most: int | None = None) -> Specks | None:
+    """The specks of a state, those left aside that a structure has by itself: they are the inputs' own. None: not looked for."""
+    found = specks(scene, field.with_weights(state.weights), scene.values(state.weights), most)
+    if found is None:
+        return None
+    theirs = [
+        any(-sign * f(point) > 0 and isolated(f, scene.grid, point, sign) for f in field.structures)
+        for point, sign in zip(found.points, -np.sign(found.values), strict=True)
+    ]
+    own = ~np.array(theirs, bool)
+    return Specks(found.points[own], found.values[own])
 
 
-def cleared(scenes: Sequence[Scene], field: BlendedField, start: State) -> tuple[State, int, Specks]:
-    """A clean state with as few specks as some rounds reach, the rounds taken, and the specks that are left."""
-    best, rounds = start, 0
-    least = seen_specks(scenes[-1], field, best)
-    state, found = best, least
-    kept = [NONE] * len(best.weights)
-    while len(found) and rounds < ROUNDS:
-        weights = list(state.weights)
-        for stage, weight in enumerate(weights):
-            groups = _turned(field.with_weights(weights), stage, found, scenes[-1])
-            kept[stage], coefficients, _ = agreed(weight, weight.coefficients, kept[stage], groups)
-            weights[stage] = weight.moved(coefficients)
-        state = look(scenes, weights)
-        rounds += 1
-        if not state.clean:
-            state, used = repaired(scenes, state, Tool(), ROUNDS, kept)
-            rounds += used
-        if not state.clean:
+def cleared(
+    scenes: Sequence[Scene], field: BlendedField, start: State, free: Free, most: int | None
+) -> tuple[State, int, Specks | None]:
+    """A clean state with as few specks as some rounds reach, the rounds taken, and the specks that are left (None: see above)."""
+    best, least, rounds = start, seen_specks(scenes[-1], field, start, most), 0
+    for freed in (False, True):
+        begin = best
+        if least is None or len(least) == 0:
             break
-        found = seen_specks(scenes[-1], field, state)
-        if len(found) < len(least):
-            best, least = state, found
+        if freed:
+            more = [free(k, weight) for k, weight in enumerate(best.weights)]
+            begin = look(scenes, [new or old for new, old in zip(more, best.weights, strict=True)])
+        state, found, kept = begin, least, [NONE] * len(best.weights)
+        while len(found) and rounds < ROUNDS * (1 + freed):
+            state, kept, used = _round(scenes, field, state, found, kept)
+            rounds += used
+            if not state.clean:
+                break
+            found = seen_specks(scenes[-1], field, state) or NO_SPECKS
+            if len(found) < len(least):
+                best, least = state, found
     return best, rounds, least
+
+
+def _round(
+    scenes: Sequence[Scene], field: BlendedField, state: State, found: Specks, kept: list[Demands]
+) -> tuple[State, list[Demands], int]:
+    """The specks turned and the errors that this makes mended: the state, all that is demanded, the rounds taken."""
+    weights, kept = list(state.weights), list(kept)
+    for stage, weight in enumerate(weights):
+        groups = _turned(field.with_weights(weights), stage, found, scenes[-1])
+        kept[stage], coefficients, _ = agreed(weight, weight.coefficients, kept[stage], groups)
+        weights[stage] = weight.moved(coefficients)
+    state = look(scenes, weights)
+    if state.clean:
+        return state, kept, 1
+    state, used = repaired(scenes, state, Tool(), ROUNDS, kept)
+    return state, kept, 1 + used
 
 
 def _turned(field: BlendedField, stage: int, found: Specks, scene: Scene) -> list[Demands]:

@@ -36,13 +36,13 @@ class Errors:
     resolutions: tuple[tuple[int, int, int], ...]
     n0: Tally
     n2: Tally
-    hidden: int = 0
-    """Specks found between the samples, which no resolution checked has seen; looked for where those have no errors."""
+    hidden: int | None = None
+    """Specks found between the samples, which no resolution checked has seen; None where they were not looked for."""
 
     @property
     def left(self) -> int:
         """Errors of the blend itself, at the resolution that has most, and those between the samples."""
-        return max(a + b for a, b in zip(self.n0.left, self.n2.left, strict=True)) + self.hidden
+        return max(a + b for a, b in zip(self.n0.left, self.n2.left, strict=True)) + (self.hidden or 0)
 
     def to_dict(self) -> dict[str, object]:
         tallies = {
@@ -100,7 +100,7 @@ def result_of(
     log: tuple[str, ...],
     seconds: Mapping[str, float],
     necks: tuple[Neck, ...] = (),
-    hidden: int = 0,
+    hidden: int | None = None,
 ) -> BlendResult:
     """The result from the views of all grids, before and after."""
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmscad.blend.checks import check_counts, check_regions, check_sampling
-from tpmscad.blend.clear import cleared, seen_specks
+from tpmscad.blend.clear import QUICK, cleared, seen_specks
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.descent import descend
 from tpmscad.blend.domain import domain_of
@@ -52,6 +52,7 @@ def blend(
     keep_fraction: bool = False,
     level_margin: float = 0.0,
     drop_intrinsic: bool = False,
+    specks: bool | None = None,
     progress: Progress | None = None,
 ) -> BlendResult:
     """Structures joined in the blending regions; outside of these each keeps its values to the last bit.
@@ -66,6 +67,8 @@ def blend(
     level_margin: part of the field's rms (0.06, say) by which a change of level is to make no isolated parts either, as far as a
     few rounds reach. drop_intrinsic: leave out of the field the isolated components, and fill the holes, that the structures
     bring with them (chips at the skin of a model); only within a few samples of these the field then differs from theirs.
+    specks: look between the samples for isolated parts that none of them sees, and mend these, too; None: where few samples are
+    so near to a change of sign that it is quick.
     Raises InvalidRequest for input that can't be blended; what could not be mended is told by the result, whose `converged` is
     then False.
     """
@@ -105,12 +108,11 @@ def blend(
     if level_margin > 0 and outcome.state.clean:
         state, rounds = firmed(scenes, outcome.state, level_margin)
         outcome = replace(outcome, state=state, rounds=outcome.rounds + rounds)
-    if method == "topological" and outcome.state.clean:
-        state, rounds, left = cleared(scenes, field, outcome.state)
+    left, most = None, QUICK if specks is None else None
+    if method == "topological" and outcome.state.clean and specks is not False:
+        state, rounds, left = cleared(scenes, field, outcome.state, _free(scenes), most)
         outcome = replace(outcome, state=state, rounds=outcome.rounds + rounds)
         clock.lap("specks")
-    else:
-        left = None
     missed: tuple[Neck, ...] = ()
     if minimum_neck is not None:
         outcome, missed = _thickened(field, scenes, outcome, minimum_neck, max_iterations)
@@ -120,9 +122,9 @@ def blend(
     before, after = all_views(scenes, start), all_views(scenes, outcome.state)
     clock.lap("check")
     blended = field.with_weights(outcome.state.weights)
-    if outcome.state.clean and (left is None or minimum_neck is not None):
-        left = seen_specks(scenes[-1], field, outcome.state)
-    hidden = 0 if left is None or not outcome.state.clean else len(left)
+    if specks is not False and (method != "topological" or minimum_neck is not None):
+        left = seen_specks(scenes[-1], field, outcome.state, most) if outcome.state.clean else None
+    hidden = None if left is None else len(left)
     result = result_of(
         blended, method, scenes, before, after, outcome.rounds, outcome.log, clock.seconds, missed, hidden
     )

@@ -14,9 +14,10 @@ import numpy as np
 from scipy import ndimage
 
 from tpmscad.blend.composition import BlendedField
-from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.blend.grid import Array, Grid, Ints, Mask
 from tpmscad.blend.necks import sphere
 from tpmscad.blend.scene import Scene
+from tpmscad.fields import Field
 
 NEAR = 0.3
 """Values looked at, in parts of the field's rms in the blending regions."""
@@ -30,13 +31,13 @@ VERTEX = 0.6
 SLACK = 0.05
 """Part of all second differences by which the vertex may be off along an axis where the field hardly bends."""
 
-ZOOMS, MOVES = 7, 2
-"""Stencils, each half as wide as the one before, and moves on each: the place is then good to a hundredth of the spacing."""
+ZOOMS, MOVES = 6, 2
+"""Stencils, each half as wide as the one before, and moves on the first two: the place is good to a hundredth of the spacing."""
 
-RAYS, RADII = 60, 10
-"""Directions, and points along each, by which most of what is no speck is told."""
+RAYS = (14, 5), (60, 10)
+"""Directions, and points along each, by which most of what is no speck is told: a few first, then more."""
 
-AROUND, CLOSER = 4, 6
+AROUND, CLOSER = 3, 5
 """The close grid: samples to each side, and points to a sample."""
 
 
@@ -51,22 +52,35 @@ class Specks:
         return len(self.values)
 
 
-def specks(scene: Scene, field: BlendedField, values: Array) -> Specks:
-    """The specks between the samples of a scene where the weights act; `values` are those of the field on its grid."""
-    starts, signs = _candidates(scene, values)
-    points, least = _sought(scene, field, scene.grid.points(starts), signs)
-    there = np.flatnonzero(least < 0)
-    there = there[_enclosed(scene, field, points[there], signs[there])]
-    found: list[int] = []
-    for k in there[np.argsort(least[there])]:
-        apart = np.abs(points[k] - points[found]) > scene.grid.spacing
-        if apart.any(axis=1).all() and _isolated(scene, field, points[k], signs[k]):
-            found.append(int(k))
+NO_SPECKS = Specks(np.zeros((0, 3)), np.zeros(0))
+
+
+def specks(scene: Scene, field: BlendedField, values: Array, most: int | None = None) -> Specks | None:
+    """The specks between the samples of a scene where the weights act; `values` are those of the field on its grid.
+
+    None, and nothing has been looked for, if more than `most` samples are doubtful.
+    """
+    starts, signs, room = _candidates(scene, values)
+    if most is not None and len(starts) > most:
+        return None
+    points, least, signs = _sought(scene, field, scene.grid.points(starts), signs, room)
+    for rays, radii in RAYS:
+        kept = _apart(points, least, scene.grid.spacing)
+        kept = kept[_enclosed(scene, field, points[kept], signs[kept], sphere(rays), radii)]
+        points, least, signs = points[kept], least[kept], signs[kept]
+    found = [k for k, sign in enumerate(signs) if isolated(field, scene.grid, points[k], sign)]
     return Specks(points[found], (signs * least)[found])
 
 
-def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array]:
-    """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, and the signs."""
+def _apart(points: Array, least: Array, spacing: Array) -> Ints:
+    """The numbers of the points (n, 3) with the least value of all within about half a spacing."""
+    order = np.argsort(least, kind="stable")
+    _, once = np.unique(np.round(points[order] / (0.5 * spacing)), axis=0, return_index=True)
+    return order[once]
+
+
+def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
+    """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, the signs, the room for less."""
     movable = np.logical_or.reduce(scene.mixing)
     flat = values.reshape(-1)
     unit = float(np.sqrt(np.mean(values[movable] ** 2)))
@@ -80,55 +94,56 @@ def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array]:
         below = flat[np.where(low, near + stride[axis], near - stride[axis])]
         above = flat[np.where(high, near - stride[axis], near + stride[axis])]
         half[axis], second[axis] = (above - below) / 2, above - 2 * middle + below
-    found, signs = [], []
+    found, signs, rooms = [], [], []
     for sign in (1.0, -1.0):
         bend = np.maximum(sign * second, 0.0)
         room = bend.sum(axis=0)
-        chosen = (
-            (np.abs(half) <= VERTEX * bend + SLACK * room).all(axis=0)
-            & (sign * middle > 0)
-            & (sign * middle < ROOM * room)
-        )
+        chosen = (np.abs(half) <= VERTEX * bend + SLACK * room).all(axis=0)
+        chosen &= (sign * middle > 0) & (sign * middle < ROOM * room)
         found.append(near[chosen])
         signs.append(np.full(int(chosen.sum()), sign))
-    return np.concatenate(found), np.concatenate(signs)
+        rooms.append(ROOM * room[chosen])
+    return np.concatenate(found), np.concatenate(signs), np.concatenate(rooms)
 
 
-def _sought(scene: Scene, field: BlendedField, points: Array, signs: Array) -> tuple[Array, Array]:
-    """The least of sign * f near each point (n, 3) within the domain, on stencils of 27 points: where, and how much."""
+def _sought(scene: Scene, field: BlendedField, points: Array, signs: Array, room: Array) -> tuple[Array, Array, Array]:
+    """Places near the points (n, 3), in the domain, where sign * f is least and below zero: where, how much, and the signs.
+
+    On stencils of 27 points; what cannot get below zero any more is given up.
+    """
     low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
     offsets = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    rows = np.arange(len(points))
     least = signs * field(points)
     for zoom in range(ZOOMS):
-        for _ in range(MOVES):
+        for _ in range(MOVES if zoom < 2 else 1):
             around = np.clip(points[:, None] + offsets * (spacing * 0.5 ** (zoom + 1)), low, high)
             value = signs[:, None] * field(around)
-            best = np.argmin(value, axis=1)
-            better = value[rows, best] < least
-            points = np.where(better[:, None], around[rows, best], points)
-            least = np.where(better, value[rows, best], least)
-    return points, least
+            best, rows = np.argmin(value, axis=1), np.arange(len(points))
+            points, least = around[rows, best], np.minimum(least, value[rows, best])
+        open_still = least < room * 0.5 ** (zoom + 1)
+        points, least, signs, room = points[open_still], least[open_still], signs[open_still], room[open_still]
+    below = least < 0
+    return points[below], least[below], signs[below]
 
 
-def _enclosed(scene: Scene, field: BlendedField, points: Array, signs: Array) -> Mask:
+def _enclosed(scene: Scene, field: BlendedField, points: Array, signs: Array, directions: Array, radii: int) -> Mask:
     """Whether every ray from a point (n, 3) meets the other sign within the close grid, or the border of the domain first."""
     low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
-    radii = np.linspace(0, AROUND, RADII + 1)[1:, None] * spacing
-    rays = points[:, None, None] + sphere(RAYS)[None, :, None] * radii
+    steps = np.linspace(0, AROUND, radii + 1)[1:, None] * spacing
+    rays = points[:, None, None] + directions[None, :, None] * steps
     outside = np.any((rays < low) | (rays > high), axis=-1)
     other = signs[:, None, None] * field(rays) >= 0
     return np.asarray((other | (outside & (signs > 0)[:, None, None])).any(axis=2).all(axis=1))
 
 
-def _isolated(scene: Scene, field: BlendedField, point: Array, sign: float) -> bool:
+def isolated(field: Field, grid: Grid, point: Array, sign: float) -> bool:
     """Whether the component of {sign * f < 0} at the point ends within a few samples of it, a void one inside the domain."""
-    step = scene.grid.spacing / CLOSER
+    step = grid.spacing / CLOSER
     reach = np.arange(-AROUND * CLOSER, AROUND * CLOSER + 1)
     axes, open_ends = [], []
     for axis in range(3):
         t = point[axis] + step[axis] * reach
-        low, high = scene.grid.low[axis], scene.grid.high[axis]
+        low, high = grid.low[axis], grid.high[axis]
         axes.append(np.clip(t, low, high)[np.concatenate([[True], np.diff(np.clip(t, low, high)) > 0])])
         open_ends.append((sign < 0 or t[0] >= low, sign < 0 or t[-1] <= high))
     phase: Mask = sign * field.on_grid(*axes) < 0

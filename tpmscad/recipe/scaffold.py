@@ -17,7 +17,7 @@
     ...
 
 The other keys are the keywords of `tpmscad.blend`: method, weight, resolution, domain, max_iterations, minimum_neck, max_change,
-keep_fraction, level_margin, drop_intrinsic.
+keep_fraction, level_margin, drop_intrinsic, specks.
 """
 
 from __future__ import annotations
@@ -56,6 +56,7 @@ OPTIONS: dict[str, Callable[[Entry], Any]] = {
     "keep_fraction": Entry.flag,
     "level_margin": Entry.number,
     "drop_intrinsic": Entry.flag,
+    "specks": Entry.flag,
 }
 
 
