@@ -70,15 +70,16 @@ def row(name: str, field: fields.Field, domain: object, tol: float, *, facets: b
         print(f"{name:26s} refused after {time.perf_counter() - begun:.1f} s: {error}", flush=True)
         return
     seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
-    c, more = model.certificate, model.certificate.bounds
+    c, more = model.certificate, model.certificate.figures
     with TemporaryDirectory() as folder:
         path = Path(folder) / "solid.step"
         model.export_step(path)
         size = path.stat().st_size / 1e6
-    off = (c.volume - more["field_volume"]) / more["field_volume"]
+    p95 = more["tangent jump in degrees at the 95th percentile"]
+    off = c.volume / more["volume of the field"] - 1
     print(
         f"{name:26s} {'met' if c.met else 'NOT met'} faces {c.n_faces} poles {c.n_poles} dev {c.max_deviation:.1e} "
-        f"jump {c.tangent_jump_deg:.2f}/{more['tangent_jump_p95_deg']:.3f} valid {c.valid} betti {c.betti} "
+        f"jump {c.tangent_jump_deg:.2f}/{p95:.3f} valid {c.valid} betti {c.betti} "
         f"volume {off:+.1e} {seconds:.1f} s (cpu {cpu:.1f}) STEP {size:.2f} MB {'; '.join(c.shortfalls)}",
         flush=True,
     )

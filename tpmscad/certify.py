@@ -4,17 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from tpmscad.patches.certificate import Certificate
+from tpmscad.patches.certificate import Certificate, certificate_of
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.joints import joints
 from tpmscad.patches.maps import Map
-from tpmscad.patches.summary import Piece, summary
+from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest
-from tpmscad.splines.bspline import Surface
-
-CHIP = 1e-2
-"""A piece below this fraction of the largest is named a chip in the notes."""
 
 GAP, TANGENT_JUMP_DEG, CURVATURE_JUMP = 1e-9, 1e-6, 1e-6
 """Joints of copied patches: gap in cells, tangent jump in degrees, curvature jump over the greatest curvature."""
@@ -64,11 +60,11 @@ def lattice_certificate(
         if value > limit:
             shortfalls.append(f"{label} {value:.3g} exceeds {limit:g}")
 
-    primitives = {int(i) for i in complex.faces.carrier if isinstance(complex.carriers[int(i)], Surface)}
-    splines = [c for c in complex.carriers if isinstance(c, Surface)]
-    return Certificate(
-        met=not shortfalls,
-        shortfalls=tuple(shortfalls),
+    return certificate_of(
+        complex,
+        shape,
+        shortfalls,
+        notes,
         tol=request.tol,
         max_deviation=deviation.max,
         rms_deviation=deviation.rms,
@@ -77,26 +73,5 @@ def lattice_certificate(
         tangent_jump_deg=smooth.tangent_jump_deg,
         curvature_jump=smooth.curvature_jump,
         valid=valid,
-        closed=shape.closed,
-        volume=shape.volume,
-        area=shape.area,
-        betti=shape.betti or (0, 0, 0),
-        pieces=tuple(piece.volume for piece in shape.pieces),
-        n_faces=len(complex.faces),
-        n_primitives=len(primitives),
-        n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
         bounds=dict(bounds),
-        notes=(*notes, *_pieces(shape.pieces)),
     )
-
-
-def _pieces(pieces: tuple[Piece, ...]) -> tuple[str, ...]:
-    """A line on each piece beside the first: the lattice's box can cut off chips."""
-    if len(pieces) < 2:
-        return ()
-    notes = [f"{len(pieces)} separate pieces; another phase may join or shed the small ones"]
-    for piece in pieces[1:]:
-        kind = "chip" if piece.volume < CHIP * pieces[0].volume else "piece"
-        x, y, z = piece.near
-        notes.append(f"{kind} of volume {piece.volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
-    return tuple(notes)

@@ -18,7 +18,7 @@ from tpmscad.fields.booleans import Extreme
 from tpmscad.fields.field import Field, as_field
 from tpmscad.model import Model, Progress, Stages
 from tpmscad.patches import field_reference
-from tpmscad.patches.certificate import Certificate
+from tpmscad.patches.certificate import Certificate, certificate_of
 from tpmscad.patches.field_complex import FieldSolid, field_complex
 from tpmscad.patches.summary import Summary, summary
 
@@ -59,13 +59,16 @@ def solidify(
     stages = Stages(progress)
     with stages("fit") as done:
         made = field_complex(field, lo, hi, tol, progress=done)
+        shape, expected = summary(made.complex), betti_numbers(made.field, lo, hi)
+        if expected is not None and shape.betti != expected:
+            made = field_complex(field, lo, hi, tol, probed=True, progress=done)
+            shape = summary(made.complex)
     with stages("build"):
         built = kernel.build(made.complex)
     with stages("check"):
         found = kernel.check_shape(built.shape)
-        expected = betti_numbers(made.field, lo, hi)
         volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
-        certificate = field_certificate(made, summary(made.complex), expected, volume, spread, found)
+        certificate = field_certificate(made, shape, expected, volume, spread, found)
     return Model("field solid", made.complex, replace(certificate, seconds=dict(stages.seconds)), built)
 
 
@@ -135,15 +138,11 @@ def field_certificate(
             shortfalls.append(text)
     if betti is None:
         notes.append("the field's Betti numbers did not settle on any grid tried: the solid's are its own")
-    if len(shape.pieces) > 1:
-        notes.append(f"{len(shape.pieces)} separate pieces")
-        for piece in shape.pieces[1:]:
-            x, y, z = piece.near
-            notes.append(f"piece of volume {piece.volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
-    splines = [c for c in made.complex.carriers if hasattr(c, "poles")]
-    return Certificate(
-        met=not shortfalls,
-        shortfalls=tuple(shortfalls),
+    return certificate_of(
+        made.complex,
+        shape,
+        shortfalls,
+        tuple(notes),
         tol=made.tol,
         max_deviation=deviation,
         rms_deviation=made.rms,
@@ -152,23 +151,14 @@ def field_certificate(
         tangent_jump_deg=made.jump_deg,
         curvature_jump=made.curvature_jump,
         valid=found.valid,
-        closed=shape.closed,
-        volume=shape.volume,
-        area=shape.area,
-        betti=shape.betti or (0, 0, 0),
-        pieces=tuple(piece.volume for piece in shape.pieces),
-        n_faces=len(made.complex.faces),
-        n_primitives=len(splines),
-        n_poles=sum(c.poles.shape[0] * c.poles.shape[1] for c in splines),
-        bounds={
-            "tangent_jump_p95_deg": made.jump_p95_deg,
-            "to_field": made.to_field,
-            "from_field": made.from_field,
-            "field_volume": volume,
-            "field_volume_uncertainty": spread,
-            "wall": made.wall,
-        },
-        notes=tuple(notes),
+        figures={
+            "tangent jump in degrees at the 95th percentile": made.jump_p95_deg,
+            "deviation of the solid from the field": made.to_field,
+            "deviation of the field from the solid": made.from_field,
+            "volume of the field": volume,
+            "uncertainty of that volume": spread,
+        }
+        | ({"thinnest wall": made.wall} if np.isfinite(made.wall) else {}),
     )
 
 

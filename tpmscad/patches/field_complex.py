@@ -58,9 +58,13 @@ def field_complex(
     hi: Array,
     tol: float,
     *,
+    probed: bool = False,
     progress: Progress | None = None,
 ) -> FieldSolid:
     """The solid {field < 0} inside the box [lo, hi], within tol of the field's level set in both directions.
+
+    `probed`: leaves are split where they hide crossings, too, at the price of more faces: for solids whose Betti numbers else
+    differ from the field's.
 
     LayoutError names where the field can't be laid out, and why; InvalidRequest what is wrong with the request. Betti numbers
     and volume are the caller's to compare (`tpmscad.solids`).
@@ -86,7 +90,7 @@ def field_complex(
     fitted = []
     for i, part in enumerate(parts):
         if len(samples[i]):
-            fitted.append(laid_out(part, lo, hi, tol, samples[i]))
+            fitted.append(laid_out(part, lo, hi, tol, samples[i], probed))
         done((i + 1) / len(parts))
     corners = np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1)
     corner_solid = shown(corners) <= 0

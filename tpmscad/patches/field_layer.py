@@ -159,7 +159,7 @@ def _wrong(net: Net, measured: field_check.Measured, tol: float) -> tuple[Mask, 
     steep = np.zeros(len(net.ends), bool)
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
     steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
-    return folded, coarse, steep[net.curve].any(axis=1)
+    return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
 
 
 def _doubled(mesh: Mesh) -> Ints:

@@ -20,14 +20,35 @@ STEPS = 12
 GAUSS = 2
 """Points on each piece of a line."""
 
+LEAST = 40
+"""Lines of the grid along the longest edge, at least."""
+
+WHOLE = 1e-9
+
 FLAT = 1e-2
 """Part of the mean square slope that stands in where the field has none."""
 
 
 def volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, float]:
-    """The volume of {field < 0} in [lo, hi], and how much it changes when the grid is made half as wide again."""
+    """The volume of {field < 0} in [lo, hi], and how much it changes when the grid is made half as wide again.
+
+    Of boxes of whole periods one is measured: `spacing` need not be a part of the period.
+    """
+    lo, hi, copies = _one_period(field, lo, hi)
+    spacing = min(spacing, float((hi - lo).max()) / LEAST)
     fine, coarse = (_volume(field, lo, hi, s) for s in (spacing, 1.5 * spacing))
-    return fine, abs(fine - coarse)
+    return copies * fine, copies * abs(fine - coarse)
+
+
+def _one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Array, int]:
+    """The box along each axis cut down to a period where it has a whole number of them, and how many such boxes it is."""
+    periods = field.periods()
+    if periods is None or min(periods) <= 0:
+        return lo, hi, 1
+    count = (hi - lo) / np.array(periods)
+    whole = (np.abs(count - np.round(count)) < WHOLE) & (np.round(count) >= 1)
+    times = np.where(whole, np.round(count), 1.0)
+    return lo, lo + (hi - lo) / times, int(np.prod(times))
 
 
 def _volume(field: Field, lo: Array, hi: Array, spacing: float) -> float:

@@ -36,13 +36,16 @@ SINGULAR = 0.15
 """Slopes below this part of the usual one are named as the cause of a failure."""
 
 
-def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array) -> Layer:
-    """The coarsest layout of {field = 0} in the box that passes; LayoutError where none does. samples (n, 3) of the surface."""
+def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array, probed: bool = False) -> Layer:
+    """The coarsest layout of {field = 0} in the box that passes; LayoutError where none does. samples (n, 3) of the surface.
+
+    `probed`: leaves that hide crossings from their corners are split, too, so that nothing the probes see is lost.
+    """
     first = _first_spacing(field, samples)
     best: Layer | None = None
     for finer, cosine in TRIED:
         tree = octree.uniform(lo, hi, _counts(field, lo, hi, first / finer))
-        if cosine is not None:
+        if probed or cosine is not None:
             tree = _refined(tree, field, cosine)
         found = _followed(field, tree, tol, samples)
         if found is not None:
@@ -90,7 +93,7 @@ def _splittable(tree: Octree, leaves: Ints) -> Ints:
     return leaves[tree.size[leaves] * 2**DEPTH > tree.size.max()]
 
 
-def _refined(tree: Octree, field: Field, cosine: float) -> Octree:
+def _refined(tree: Octree, field: Field, cosine: float | None) -> Octree:
     for _ in range(DEPTH - 1):
         flagged = too_coarse(tree, field, cosine) & (tree.size * 2**DEPTH > tree.size.max())
         if not flagged.any():
