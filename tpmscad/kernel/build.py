@@ -33,7 +33,7 @@ from tpmscad.kernel.edges import TOLERANCE as TOLERANCE
 from tpmscad.kernel.edges import motions, parameter_curves, topods_edges, topods_vertices
 from tpmscad.kernel.nesting import Nesting, nesting
 from tpmscad.kernel.poles import degenerated, pole_steps
-from tpmscad.patches import connectivity
+from tpmscad.patches import connectivity, measure
 from tpmscad.patches.carriers import Carrier, Plane
 from tpmscad.patches.complex import Array, PatchComplex
 from tpmscad.splines.bspline import Surface
@@ -59,10 +59,11 @@ class Built:
         return Solid(self.shape) if len(self.solids) == 1 else Compound(self.shape)
 
 
-def build(complex: PatchComplex) -> Built:
+def build(complex: PatchComplex, moments: measure.Moments | None = None) -> Built:
     """The solid or solids that a closed complex bounds, in model units, largest first.
 
-    KernelError where the complex is open, or a shell is inside out.
+    `moments` are its faces', where they are known already; afterwards they are in `nesting`. KernelError where the complex is
+    open, or a shell is inside out.
     """
     unmatched = connectivity.unmatched_edges(complex)
     if len(unmatched):
@@ -78,7 +79,7 @@ def build(complex: PatchComplex) -> Built:
         classifier.Perform(convert.point(point), TOLERANCE)
         return bool(classifier.State() == TopAbs_IN)
 
-    nested = nesting(complex, inside)
+    nested = nesting(complex, inside, moments)
     solids = tuple(solid_of([shells[s] for s in piece]) for piece in nested.pieces)
     return Built(solids[0] if len(solids) == 1 else compound(solids), solids, faces, nested)
 

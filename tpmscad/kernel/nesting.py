@@ -31,15 +31,17 @@ class Nesting:
         return np.flatnonzero(self.shell == shell)
 
 
-def nesting(complex: PatchComplex, inside: Callable[[int, Array], bool]) -> Nesting:
-    """Sort the shells of a closed complex into solids.
+def nesting(
+    complex: PatchComplex, inside: Callable[[int, Array], bool], moments: measure.Moments | None = None
+) -> Nesting:
+    """Sort the shells of a closed complex into solids. `moments` are its faces', where they are known already.
 
     A shell that bounds its inside has positive volume, a void's negative. A void belongs to the smallest outer shell around it:
     the only one whose box reaches around the void's, or, where boxes leave a choice or are generous (on quadrics), the smallest
     of which `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
     """
     count, shell = connectivity.shells(complex)
-    moments = measure.face_moments(complex)
+    moments = measure.face_moments(complex) if moments is None else moments
     volume = measure.volume(moments, shell)
     outer = np.flatnonzero(volume > 0)
     outer = outer[np.argsort(-volume[outer], kind="stable")]

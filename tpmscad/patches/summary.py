@@ -30,13 +30,13 @@ class Summary:
     pieces: tuple[Piece, ...]
 
 
-def summary(complex: PatchComplex) -> Summary:
-    """Measure the complex; pieces come largest first.
+def summary(complex: PatchComplex, moments: measure.Moments | None = None) -> Summary:
+    """Measure the complex; pieces come largest first. `moments` are its faces', where they are known already.
 
     A shell that bounds its inside has positive volume, a void's shell negative. For a solid M in space, chi(M) is half of
     chi(boundary), which gives the number of tunnels (Alexander duality).
     """
-    moments = measure.face_moments(complex)
+    moments = measure.face_moments(complex) if moments is None else moments
     count, shell = connectivity.shells(complex)
     volumes = measure.volume(moments, shell)
     closed = connectivity.is_closed(complex)
