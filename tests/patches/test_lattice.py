@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -18,9 +20,14 @@ OFFSETS = {"gyroid": (-0.05, 0.08), "diamond": (-0.07, 0.07), "schwarz_p": (0.02
 STILL = np.zeros(3)
 
 
+@cache
+def sheet(name: str, tol: float = 1e-3) -> lattice.Sheet:
+    return fit_sheet(name, "minimal", OFFSETS[name], 1.0, tol).sheet
+
+
+@cache
 def block(name: str, cells: tuple[int, int, int], tol: float = 1e-3) -> lattice.PatchComplex:
-    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, tol)
-    return lattice.natural(surfaces.symmetry(name), fit.sheet, lattice.whole_cells(name, cells, STILL))
+    return lattice.natural(surfaces.symmetry(name), sheet(name, tol), lattice.whole_cells(name, cells, STILL))
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -36,7 +43,7 @@ def test_every_block_of_cells_is_one_closed_shell(name: str, cells: tuple[int, i
 def test_the_volume_per_cell_is_the_swept_one_whatever_the_block(name: str, cells: tuple[int, int, int]) -> None:
     expected = surfaces.volume_fraction(name, "minimal", *OFFSETS[name]) * np.prod(cells)
     # The gap faces are ruled between borders that lie on normals, so nothing but the fit's error is left.
-    assert summary(block(name, cells, 1e-5)).volume == pytest.approx(expected, rel=2e-5)
+    assert summary(block(name, cells, 1e-4)).volume == pytest.approx(expected, rel=2e-4)
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -50,8 +57,8 @@ def test_offset_faces_join_with_continuous_curvature_at_every_edge_and_vertex(na
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str) -> None:
-    assert len(fit_sheet(name, "minimal", (-0.05, 0.05), 1.0, 1e-3).sheet.primitives) == 1
-    assert len(fit_sheet(name, "minimal", (-0.05, 0.06), 1.0, 1e-3).sheet.primitives) == 2
+    assert len(fit_sheet(name, "minimal", (-0.06, 0.06), 1.0, 1e-3).sheet.primitives) == 1
+    assert len(fit_sheet(name, "minimal", (-0.06, OFFSETS[name][1]), 1.0, 1e-3).sheet.primitives) == 2
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -59,20 +66,19 @@ def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str)
 def test_a_fit_meets_its_tolerance_and_one_pole_row_less_does_not(name: str, reference: str) -> None:
     from tpmscad.patches.primitive import fit_primitive
 
-    fit = fit_primitive(name, reference, 0.06, 1e-4)
+    fit = fit_primitive(name, reference, 0.06, 1e-3)
     assert fit.converged
-    assert fit.deviation <= 1e-4
+    assert fit.deviation <= 1e-3
     smaller = [trial for trial in fit.trials if trial.space.size < fit.space.size]
     assert smaller
-    assert min(trial.deviation for trial in smaller) > 1e-4
+    assert min(trial.deviation for trial in smaller) > 1e-3
 
 
 def test_a_phase_moves_the_block_and_scaling_scales_it() -> None:
     name, phase = "gyroid", np.array([0.2, -0.7, 0.1])
-    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, 1e-3)
     motions = surfaces.symmetry(name)
-    still = summary(lattice.natural(motions, fit.sheet, lattice.whole_cells(name, (1, 1, 1), STILL)))
-    moved = lattice.natural(motions, fit.sheet, lattice.whole_cells(name, (1, 1, 1), phase))
+    still = summary(block(name, (1, 1, 1)))
+    moved = lattice.natural(motions, sheet(name), lattice.whole_cells(name, (1, 1, 1), phase))
     large = summary(scaled(moved, 7.0))
     assert large.volume == pytest.approx(343 * still.volume, rel=1e-12)
     assert large.area == pytest.approx(49 * still.area, rel=1e-12)
@@ -82,9 +88,8 @@ def test_a_phase_moves_the_block_and_scaling_scales_it() -> None:
 
 @pytest.mark.parametrize("name", SURFACES)
 def test_patches_that_cover_a_box_close_over_its_inside(name: str) -> None:
-    fit = fit_sheet(name, "minimal", OFFSETS[name], 1.0, 1e-3)
     cells, phase = (2, 1, 1), np.array([0.13, 0.21, -0.34])
-    complex = lattice.covering(surfaces.symmetry(name), fit.sheet, cells, phase)
+    complex = lattice.covering(surfaces.symmetry(name), sheet(name), cells, phase)
     middles = (complex.vertices[complex.edges.start] + complex.vertices[complex.edges.end]) / 2
     open_edges = connectivity.edge_uses(complex) == 1
     # Chords of open edges stay near their curves; none may come well inside the box.
@@ -94,10 +99,9 @@ def test_patches_that_cover_a_box_close_over_its_inside(name: str) -> None:
 
 
 def test_schwarz_p_is_quartered_where_its_mirrors_are_the_box_and_only_there() -> None:
-    fit = fit_sheet("schwarz_p", "minimal", OFFSETS["schwarz_p"], 1.0, 1e-3)
     motions = surfaces.symmetry("schwarz_p")
-    on = lattice.covering(motions, fit.sheet, (1, 1, 1), np.array([0.5, 0.0, 1.0]))
-    off = lattice.covering(motions, fit.sheet, (1, 1, 1), np.array([0.1, 0.2, 0.3]))
+    on = lattice.covering(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.5, 0.0, 1.0]))
+    off = lattice.covering(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.1, 0.2, 0.3]))
     assert len(on.carriers) == 4 * len(off.carriers)
     assert len(on.faces) == 2 * 48
     box = np.array([on.vertices.min(axis=0), on.vertices.max(axis=0)])

@@ -61,7 +61,7 @@ def test_a_piece_is_as_near_to_its_offset_surface_as_it_says(name: str, tol: flo
         assert abs(np.sqrt(found.fun) - offset) <= piece.deviation.max + 1e-8
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["iwp", *(pytest.param(name, marks=pytest.mark.slow) for name in NAMES[1:])])
 def test_a_piece_of_a_lower_degree_misses(name: str) -> None:
     piece = fit_piece(name, OFFSETS[name][0], 1e-4)
     closer = fit_piece(name, OFFSETS[name][0], 0.9 * piece.deviation.max)
