@@ -126,9 +126,7 @@ def fluid_domains(
         pieces = {name: tuple(c.solid for c in found) for name, found in sorted_cells.items()}
         certificate, volume = _measured(pieces, touches, block, read)
     seconds = dict(stages.seconds)
-    return FluidDomains(
-        f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume
-    )
+    return FluidDomains(f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume)
 
 
 def domain_of(cell: Cell) -> str:
@@ -164,11 +162,11 @@ def _measured(
         volume += found.volume
         notes.append(f"{name}: volume {found.volume:.9g}, {len(pieces[name])} connected")
         notes += [
-            f"{name}: {'chip' if v < CHIP * found.pieces[0] else 'piece'} of volume {v:.4g} apart" for v in found.pieces[1:]
+            f"{name}: {'chip' if v < CHIP * found.pieces[0] else 'piece'} of volume {v:.4g} apart"
+            for v in found.pieces[1:]
         ]
     for touch in touches:
         notes.append(f"face {touch.face}: " + ", ".join(f"{name} {area:.4g}" for name, area in touch.areas.items()))
     if abs(volume - body.volume) > SAME_VOLUME * body.volume:
         shortfalls += (f"the domains' volumes add up to {volume:.9g}, the body's is {body.volume:.9g}",)
     return replace(wall, met=not shortfalls, shortfalls=shortfalls, notes=tuple(notes)), volume
-

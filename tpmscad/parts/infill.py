@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.kernel import boolean
 from tpmscad.kernel.body import Body, read_body
 from tpmscad.kernel.offset import hollowed, shrunk
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, field_block, lattice_block
+from tpmscad.parts.cutting import Cut, lattice_in, voids_in
 from tpmscad.parts.part import Part, Solids, part_certificate
 from tpmscad.patches.complex import Array
 from tpmscad.request import lattice_request
@@ -70,42 +70,29 @@ def infill(
         _nothing_else(lattice | {"rotation": rotation})
         block, name = field_block(surface, read, tol, stages), "field infill"
     with stages("trim"):
-        solids, notes = filled(block, read, skin)
+        if skin is None:
+            cut = lattice_in(block, read)
+            if not cut.solids:
+                raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
+        else:
+            cut = within_skin(block, read, skin)
     with stages("check"):
-        certificate = part_certificate(solids, block, notes)
-    return Part(name, block.patches, replace(certificate, seconds=dict(stages.seconds)), Solids(solids))
+        certificate = part_certificate(cut.solids, block, cut.notes)
+    patches = block.patches if cut.complex is None else cut.complex
+    return Part(name, patches, replace(certificate, seconds=dict(stages.seconds)), cut.built, trimmed_by=cut.by)
 
 
-def filled(block: Block, body: Body, skin: float | None) -> tuple[tuple[Any, ...], tuple[str, ...]]:
-    """The solids of the filled body, largest first, and what is to be said of them."""
-    if skin is None:
-        return inside(block, body), ("trimmed by the kernel's boolean",)
-    inner = shrunk(body, skin)
-    voids = outside(block, inner)
-    if not voids:
-        raise InvalidRequest(f"the lattice leaves no void within the skin of {skin:g}: nothing is gained by it")
-    return (hollowed(body, voids),), ("trimmed by the kernel's boolean", *_void_notes(voids, inner))
-
-
-def inside(block: Block, body: Body) -> tuple[Any, ...]:
-    """The solids of lattice and body; InvalidRequest where they do not meet."""
-    solids = boolean.common(block.shape, body.shape)
-    if not solids:
-        raise InvalidRequest(f"no lattice lies in {body.name}: shift it by phase, or make the cell smaller")
-    return solids
-
-
-def outside(block: Block, body: Body) -> tuple[Any, ...]:
-    """The solids of the body without the lattice."""
-    return boolean.difference(body.shape, block.shape)
-
-
-def _void_notes(voids: tuple[Any, ...], inner: Body) -> tuple[str, ...]:
-    count = "a channel" if len(voids) == 1 else f"{len(voids)} channels that do not meet"
-    return (
-        f"the skin closes off {count}: each void is bounded by a shell of its own inside the solid; "
-        "bore through the skin to let powder or fluid out",
+def within_skin(block: Block, body: Body, skin: float) -> Cut:
+    """The body but for the voids that the lattice leaves in it deeper than the skin: they become shells inside one solid."""
+    voids = voids_in(block, shrunk(body, skin))
+    if not voids.solids:
+        raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
+    count = "a channel" if len(voids.solids) == 1 else f"{len(voids.solids)} channels that do not meet"
+    closed = (
+        f"the skin closes off {count}: each is bounded by a shell of its own inside the solid; "
+        "bore through the skin to let powder or fluid out"
     )
+    return Cut(Solids((hollowed(body, voids.solids),)), None, voids.by, (*voids.notes, closed))
 
 
 def _nothing_else(given: dict[str, Any]) -> None:

@@ -18,6 +18,7 @@ from tpmscad.model import Model
 from tpmscad.parts.block import Block
 from tpmscad.patches.certificate import Certificate
 from tpmscad.splines.bspline import Surface
+from tpmscad.workflows import export_model
 
 STORED_VOLUME = 1e-7
 """Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""
@@ -47,8 +48,11 @@ class Solids:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part(Model):
-    """A body with a lattice in it. `patches` are the lattice's, before the body trims them, where `trimmed_by` is "kernel";
-    otherwise they bound the solid."""
+    """A body with a lattice in it.
+
+    `trimmed_by` is "patches" or "kernel", the latter where the body has faces that are neither plane nor quadric. `patches`
+    bound the solid where they were trimmed and there is no skin; else they are the lattice's, whole.
+    """
 
     trimmed_by: str = "kernel"
 
@@ -61,7 +65,10 @@ class Part(Model):
         """Write the part as STEP, read it back and check it; KernelError if the file does not hold what was written."""
         if instanced:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
-        write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
+        if isinstance(self.built, kernel.Built):
+            export_model(self, path, instanced=False, schema=schema)
+        else:
+            write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
 
 
 def write_checked(
