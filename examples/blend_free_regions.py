@@ -7,6 +7,7 @@ sides of the blending region; outside of it nothing changes, to the last bit.
 from __future__ import annotations
 
 import numpy as np
+from blend_slices import draw, figure, show
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad import fields
@@ -62,22 +63,15 @@ def main() -> dict[str, BlendResult]:
 
 
 def picture(results: dict[str, BlendResult], path: str) -> None:
-    """Slices of the solids, coloured by the weight. Needs matplotlib."""
-    import matplotlib.pyplot as plt
+    """Slices of the solids."""
 
-    figure, panels = plt.subplots(2, 2, figsize=(11, 11), layout="constrained")
-    x, y = np.meshgrid(np.linspace(0, 1, 500), np.linspace(0, 1, 500), indexing="ij")
-    points = np.stack([x, y, np.full_like(x, 0.03)], -1)
-    for panel, (name, result) in zip(panels.flat, results.items(), strict=True):
-        weight = np.where(result.field(points) <= 0, result.weight(points), np.nan)
-        panel.imshow(weight.T, origin="lower", extent=(0, 1, 0, 1), vmin=0, vmax=1, cmap="coolwarm")
-        panel.set_title(name)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    def fill(panels: list) -> None:
+        for panel, (name, result) in zip(panels, results.items(), strict=True):
+            draw(panel, result, ((0, 1), (0, 1)), 0.03)
+            panel.set_title(name)
+
+    figure(2, 2, (11, 11), path, fill)
 
 
 if __name__ == "__main__":
-    made = main()
-    for name, result in made.items():
-        print(f"{name}: {result.message}")
-    picture(made, "blend_free_regions.png")
+    show(main, picture, "blend_free_regions.png")

@@ -6,7 +6,7 @@ a model as max(structure, model). The blending region finds its own coordinate: 
 
 from __future__ import annotations
 
-import numpy as np
+from blend_slices import draw, figure, show
 
 from tpmscad import fields
 from tpmscad.blend import BlendResult, blend
@@ -49,24 +49,16 @@ def main() -> dict[str, BlendResult]:
 
 
 def picture(results: dict[str, BlendResult], path: str) -> None:
-    """Slices of the three solids, coloured by the weight. Needs matplotlib."""
-    import matplotlib.pyplot as plt
+    """Slices of the three solids."""
+    spans = {"plane": (0, 1), "cylinder": (-0.5, 0.5), "sphere": (0, 0.5)}
 
-    figure, panels = plt.subplots(1, 3, figsize=(15, 5), layout="constrained")
-    corners = {"plane": (0, 0), "cylinder": (-0.5, -0.5), "sphere": (0, 0)}
-    for panel, (name, result) in zip(panels, results.items(), strict=True):
-        (x0, y0), size = corners[name], 0.5 if name == "sphere" else 1.0
-        x, y = np.meshgrid(np.linspace(x0, x0 + size, 400), np.linspace(y0, y0 + size, 400), indexing="ij")
-        points = np.stack([x, y, np.full_like(x, 0.13 * size)], -1)
-        weight = np.where(result.field(points) <= 0, result.weight(points), np.nan)
-        panel.imshow(weight.T, origin="lower", extent=(x0, x0 + size, y0, y0 + size), vmin=0, vmax=1, cmap="coolwarm")
-        panel.set_title(f"{name}: {result.iterations} rounds")
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    def fill(panels: list) -> None:
+        for panel, (name, result) in zip(panels, results.items(), strict=True):
+            draw(panel, result, (spans[name], spans[name]), 0.065 if name == "sphere" else 0.13)
+            panel.set_title(f"{name}: {result.iterations} rounds")
+
+    figure(1, 3, (15, 5), path, fill)
 
 
 if __name__ == "__main__":
-    made = main()
-    for name, result in made.items():
-        print(f"{name}: {result.message}")
-    picture(made, "blend_round_regions.png")
+    show(main, picture, "blend_round_regions.png")

@@ -6,6 +6,7 @@ Figure 12 of the porous-blending paper (Algorithm 3): each blending region joins
 from __future__ import annotations
 
 import numpy as np
+from blend_slices import draw, figure, show
 
 from tpmscad import fields
 from tpmscad.blend import BlendResult, blend
@@ -51,26 +52,16 @@ def main() -> dict[str, BlendResult]:
 
 
 def picture(results: dict[str, BlendResult], path: str) -> None:
-    """A slice of each scaffold, coloured by structure. Needs matplotlib."""
-    import matplotlib.pyplot as plt
+    """A slice of each scaffold."""
 
-    figure, panels = plt.subplots(1, 2, figsize=(11, 8), layout="constrained")
-    slices = {"graded": ((0, 15), (0, 40), (0, 2)), "quadrants": ((-10, 10), (-10, 10), (0, 1))}
-    for panel, (name, result) in zip(panels, results.items(), strict=True):
-        (a, b), (c, d), axes = slices[name]
-        u, v = np.meshgrid(np.linspace(a, b, 400), np.linspace(c, d, 400), indexing="ij")
-        points = np.full((*u.shape, 3), 2.0)
-        points[..., axes[0]], points[..., axes[1]] = u, v
-        kind = result.weight(points) @ np.arange(4.0)
-        shown = np.where(result.field(points) <= 0, kind, np.nan)
-        panel.imshow(shown.T, origin="lower", extent=(a, b, c, d), vmin=0, vmax=3, cmap="turbo")
-        panel.set_title(name)
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    def fill(panels: list) -> None:
+        draw(panels[0], results["graded"], ((0, 15), (0, 40)), 2.0, axes=(0, 2))
+        draw(panels[1], results["quadrants"], ((-10, 10), (-10, 10)), 2.0)
+        for panel, name in zip(panels, results, strict=True):
+            panel.set_title(name)
+
+    figure(1, 2, (11, 8), path, fill)
 
 
 if __name__ == "__main__":
-    made = main()
-    for name, result in made.items():
-        print(f"{name}: {result.message}")
-    picture(made, "blend_scaffold.png")
+    show(main, picture, "blend_scaffold.png")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import shutil
 from pathlib import Path
@@ -106,3 +107,16 @@ def test_the_solid_is_written_and_reads_back_as_reported(capsys: pytest.CaptureF
     assert ("blend" in report) == line.startswith("blend")
     assert run("check out.step --report found.json") == 0
     assert json.loads(Path("found.json").read_text())["volume"] == pytest.approx(report["volume"], rel=1e-9)
+
+
+@pytest.mark.kernel
+def test_the_domain_may_be_the_body_of_a_step_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import build123d as bd
+
+    bd.export_step(bd.Pos(5, 5, 5) * bd.Cylinder(5, 9), str(folder / "drum.step"))
+    text = (folder / "graded.toml").read_text()
+    (folder / "drum.toml").write_text(re.sub("domain = .*", 'domain = "drum.step"', text).replace('"growth"', "-0.3"))
+    assert run("solidify drum.toml --dry-run") == 0
+    assert run("solidify drum.toml -o out.step") == 0, capsys.readouterr().err
+    assert run("check out.step --report found.json") == 0
+    assert 0.2 * 707 < json.loads(Path("found.json").read_text())["volume"] < 0.6 * 707

@@ -231,6 +231,17 @@ def test_a_stack_of_pictures_is_an_array_of_truth_values(tmp_path: Path) -> None
     np.testing.assert_array_equal(found(POINTS), fields.image_region(stack, (0, 0, 0), (4, 5, 6))(POINTS))
 
 
+@pytest.mark.kernel
+def test_a_body_is_the_signed_distance_to_the_solid_of_a_step_file(tmp_path: Path) -> None:
+    import build123d as bd
+
+    bd.export_step(bd.Pos(1, 2, 3) * bd.Box(6, 5, 4), str(tmp_path / "block.step"))
+    found = part(tmp_path, "kind = 'body'\nfile = 'block.step'")
+    np.testing.assert_allclose(found(POINTS), fields.box((-2, -0.5, 1), (4, 4.5, 5))(POINTS), atol=1e-6)
+    with pytest.raises(RecipeError, match=r"line 5, field\.file: there is no file .*absent\.step"):
+        part(tmp_path, "kind = 'body'\nfile = 'absent.step'")
+
+
 SCAFFOLD = """\
 tol = 0.05
 resolution = [26, 24, 24]

@@ -15,7 +15,7 @@ from tpmscad.blend.census import census
 from tpmscad.blend.demands import NONE, Demands, agreed
 from tpmscad.blend.grid import Ints, Mask
 from tpmscad.blend.optimise import State, Tool, look, repaired
-from tpmscad.blend.repair import repair
+from tpmscad.blend.repair import Wanted, repair
 from tpmscad.blend.scene import Scene
 from tpmscad.blend.weight import Weight
 from tpmscad.topology.grid import Labels
@@ -70,10 +70,9 @@ def _near(scenes: Sequence[Scene], weights: Sequence[Weight], level: float) -> t
                 count += len(errors)
                 if not len(errors):
                     continue
+                wanted = Wanted(values - margin, phase, errors, sign, PAST * unit)
                 for stage, weight in enumerate(weights):
-                    sampled = scene.sampled(weights, stage)
-                    found = repair(sampled, weight, values - margin, phase, errors, sign, PAST * unit, NONE)
-                    groups[stage] += found.groups
+                    groups[stage] += repair(scene.sampled(weights, stage), weight, wanted).groups
         level *= FINER
     return groups, count
 

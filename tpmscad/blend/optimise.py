@@ -17,7 +17,7 @@ from tpmscad.blend.composition import Weighting
 from tpmscad.blend.demands import NONE, Demands, agreed
 from tpmscad.blend.descent import descend
 from tpmscad.blend.grid import Array, Ints
-from tpmscad.blend.repair import repair
+from tpmscad.blend.repair import Wanted, repair
 from tpmscad.blend.scene import Scene
 from tpmscad.blend.weight import Weight
 
@@ -196,7 +196,8 @@ def _mended(
         groups = []
         for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
             if len(errors):
-                groups += repair(sampled, weight, values, phase, errors, sign, past, kept[stage], tool.bias).groups
+                wanted = Wanted(values, phase, errors, sign, past, kept[stage], tool.bias)
+                groups += repair(sampled, weight, wanted).groups
         if groups:
             kept[stage], found, left_out = agreed(weight, origin[stage], kept[stage], groups)
             changed |= len(left_out) < len(groups)

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from tpmscad.blend.census import Phase
-from tpmscad.blend.demands import Demands
+from tpmscad.blend.demands import NONE, Demands
 from tpmscad.blend.grid import Array, Ints, Mask
 from tpmscad.blend.sampled import Sampled, block, tightened
 from tpmscad.blend.weight import Weight
@@ -31,6 +31,9 @@ PAD = 10
 """Samples around the errors where repairs are looked for first."""
 
 NO_MOVE = np.inf
+
+OPEN, SOURCE, TARGET = 1, 2, 3
+"""What a sample is to a path."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,54 +56,45 @@ class _Room:
     labels: Labels
 
 
-def repair(
-    sampled: Sampled,
-    weight: Weight,
-    values: Array,
-    phase: Phase,
-    errors: Ints,
-    sign: int,
-    margin: float,
-    kept: Demands,
-    bias: float = 1.0,
-) -> Repair:
-    """Repairs of the error labels of one phase: sign +1 for solid, -1 for void.
+@dataclass(frozen=True, slots=True, eq=False)
+class Wanted:
+    """What is to be mended: error labels of one phase (sign +1 for solid, -1 for void) of sampled values (nx, ny, nz).
 
     margin: how far past zero f is moved. kept: demands that leave less reach. bias: what removals are taken to cost beside
-    joins, so that either can be preferred. Looked for near the errors first, then wherever the weight acts.
+    joins, so that either can be preferred.
     """
+
+    values: Array
+    phase: Phase
+    errors: Ints
+    sign: int
+    margin: float
+    kept: Demands = NONE
+    bias: float = 1.0
+
+
+def repair(sampled: Sampled, weight: Weight, wanted: Wanted) -> Repair:
+    """Repairs of errors, looked for near them first, then wherever the weight acts."""
     window = sampled.window
-    where = phase.of(errors)[window]
+    where = wanted.phase.of(wanted.errors)[window]
     if not where.any():
-        return Repair([], errors)
+        return Repair([], wanted.errors)
     x, y, z = (slice(w.start + n.start, w.start + n.stop) for w, n in zip(window, block(where, PAD), strict=True))
     near = x, y, z
-    found = _within(replace(sampled, window=near), weight, values, phase, errors, sign, margin, kept, bias)
-    if len(found.hopeless) and near != window:
-        found = _within(sampled, weight, values, phase, errors, sign, margin, kept, bias)
-    return found
+    found = _within(replace(sampled, window=near), weight, wanted)
+    return _within(sampled, weight, wanted) if len(found.hopeless) and near != window else found
 
 
-def _within(
-    sampled: Sampled,
-    weight: Weight,
-    values: Array,
-    phase: Phase,
-    errors: Ints,
-    sign: int,
-    margin: float,
-    kept: Demands,
-    bias: float,
-) -> Repair:
+def _within(sampled: Sampled, weight: Weight, wanted: Wanted) -> Repair:
     """The same in the window of the sampled blend."""
-    window = sampled.window
-    least, most = tightened(sampled.reach(weight), sampled, weight, kept)
+    window, sign, labels = sampled.window, wanted.sign, wanted.phase.labels[sampled.window]
+    least, most = tightened(sampled.reach(weight), sampled, weight, wanted.kept)
     acting = weight.on_grid(*sampled.axes)
-    room = _Room(sign * values[window], sign * sampled.slope[window], least, most, acting, phase.labels[window])
-    present = np.intersect1d(errors, np.unique(room.labels))
-    removable = bias * _removals(room, present, phase.count, margin)
-    joins = _joins(room, present, phase.main, phase.count, margin)
-    return _choose(sampled, room, removable, joins, errors, margin)
+    room = _Room(sign * wanted.values[window], sign * sampled.slope[window], least, most, acting, labels)
+    present = np.intersect1d(wanted.errors, np.unique(labels))
+    removable = wanted.bias * _removals(room, present, wanted.phase.count, wanted.margin)
+    joins = _joins(room, present, wanted.phase.main, wanted.phase.count, wanted.margin)
+    return _choose(sampled, room, removable, joins, wanted.errors, wanted.margin)
 
 
 def _removals(room: _Room, errors: Ints, count: int, margin: float) -> Array:
@@ -161,20 +155,25 @@ def _joins(room: _Room, errors: Ints, main: Ints, count: int, margin: float) -> 
 
 def _graph(shape: tuple[int, ...], opens: Mask, source: Mask, target: Mask, need: Array) -> tuple[csr_array, Ints]:
     """Directed edges between neighbouring samples: out of sources, among open samples, into targets."""
-    number = np.arange(opens.size).reshape(shape)
-    cost = np.where(opens, need + STEP_COST, 0.0)
-    leave, enter, middle = (opens | source).reshape(shape), (opens | target).reshape(shape), opens.reshape(shape)
+    kind = np.zeros(opens.size, np.int8)
+    kind[opens], kind[source], kind[target] = OPEN, SOURCE, TARGET
+    middle = np.flatnonzero(opens)
+    place = np.unravel_index(middle, shape)
+    stride = (shape[1] * shape[2], shape[2], 1)
     heads, tails = [], []
     for axis in range(3):
-        low, high = (slice(None),) * axis + (slice(None, -1),), (slice(None),) * axis + (slice(1, None),)
-        for a, b in ((low, high), (high, low)):
-            keep = leave[a] & enter[b] & (middle[a] | middle[b])
-            heads.append(number[a][keep])
-            tails.append(number[b][keep])
+        for way, end in ((-1, 0), (1, shape[axis] - 1)):
+            here = middle[place[axis] != end]
+            there = here + way * stride[axis]
+            beside = kind[there]
+            onwards, back = (beside == OPEN) | (beside == TARGET), beside == SOURCE
+            heads += [here[onwards], there[back]]
+            tails += [there[onwards], here[back]]
     head, tail = np.concatenate(heads), np.concatenate(tails)
     used = np.zeros(opens.size, bool)
     used[head] = used[tail] = True
     nodes, compact = np.flatnonzero(used), np.cumsum(used) - 1
+    cost = np.where(opens, need + STEP_COST, 0.0)
     length = (cost[head] + cost[tail]) / 2
     graph = csr_array((length, (compact[head], compact[tail])), shape=(len(nodes), len(nodes)))
     return graph, nodes

@@ -16,6 +16,7 @@ from scipy import ndimage
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.grid import Array, Grid, Ints, Mask
 from tpmscad.blend.necks import sphere
+from tpmscad.blend.sampled import block
 from tpmscad.blend.scene import Scene
 from tpmscad.fields import Field
 
@@ -81,10 +82,13 @@ def _apart(points: Array, least: Array, spacing: Array) -> Ints:
 
 def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
     """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, the signs, the room for less."""
-    movable = np.logical_or.reduce(scene.mixing)
+    movable: Mask = np.logical_or.reduce(scene.mixing)
+    part = block(movable, 1)
+    values, movable = np.ascontiguousarray(values[part]), movable[part]
+    inside = values[movable]
+    unit = float(np.sqrt(inside @ inside / len(inside)))
+    near = np.flatnonzero(movable.reshape(-1) & (np.abs(values.reshape(-1)) < NEAR * unit))
     flat = values.reshape(-1)
-    unit = float(np.sqrt(np.mean(values[movable] ** 2)))
-    near = np.flatnonzero((movable & (np.abs(values) < NEAR * unit)).reshape(-1))
     middle = flat[near]
     place = np.unravel_index(near, values.shape)
     half, second = np.zeros((3, len(near))), np.zeros((3, len(near)))
@@ -103,7 +107,9 @@ def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
         found.append(near[chosen])
         signs.append(np.full(int(chosen.sum()), sign))
         rooms.append(ROOM * room[chosen])
-    return np.concatenate(found), np.concatenate(signs), np.concatenate(rooms)
+    local = np.unravel_index(np.concatenate(found), values.shape)
+    whole = tuple(index + window.start for index, window in zip(local, part, strict=True))
+    return np.ravel_multi_index(whole, scene.grid.shape), np.concatenate(signs), np.concatenate(rooms)
 
 
 def _sought(scene: Scene, field: BlendedField, points: Array, signs: Array, room: Array) -> tuple[Array, Array, Array]:

@@ -28,15 +28,17 @@ SAMPLES = 48
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:
-    """A field to be made a solid in a box, and the tolerance (model units)."""
+    """A field to be made a solid in a box or in the body of a STEP file, and the tolerance (model units)."""
 
     recipe: Entry
     field: Field
-    domain: Box
+    domain: Box | Path
     tol: float
 
     def to_dict(self) -> dict[str, Any]:
         """What can be said before anything is made. Raises RecipeError if the field is not finite in the box."""
+        if isinstance(self.domain, Path):
+            return {"domain": str(self.domain), "tol": self.tol}
         try:
             share = volume_fraction(self.field, self.domain, samples=SAMPLES)
         except InvalidRequest as error:
@@ -44,11 +46,14 @@ class Part:
         return {"domain": [list(corner) for corner in self.domain], "tol": self.tol, "volume_fraction": share}
 
     def __str__(self) -> str:
-        low, high = self.domain
-        return f"{low} to {high}, about {100 * self.to_dict()['volume_fraction']:.1f} % solid, to be held within {self.tol:g}"
+        known = self.to_dict()
+        solid = f", about {100 * known['volume_fraction']:.1f} % solid" if "volume_fraction" in known else ""
+        return f"domain {known['domain']}{solid}, to be held within {self.tol:g}"
 
 
 def read_part(path: Path) -> Part:
     """The field of a TOML file. Raises RecipeError with the line of what is wrong."""
     recipe = document(path).table("fields", "field", "domain", "tol")
-    return Part(recipe, reader_of(recipe)(recipe["field"]), box(recipe["domain"]), recipe["tol"].positive())
+    domain = recipe["domain"]
+    where = domain.beside() if isinstance(domain.value, str) else box(domain)
+    return Part(recipe, reader_of(recipe)(recipe["field"]), where, recipe["tol"].positive())

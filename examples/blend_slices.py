@@ -1,0 +1,48 @@
+"""What the blending examples share: slices of blends as pictures, and what they do when run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tpmscad.blend import BlendResult
+
+Span = tuple[float, float]
+
+
+def draw(panel: Any, result: BlendResult, spans: Sequence[Span], height: float, axes: tuple[int, int] = (0, 1)) -> None:
+    """Draw the solid in a plane, coloured by the weight, or of several structures by which has how much of a share.
+
+    spans: of the plane's two axes, given by number; height: the place along the third.
+    """
+    u, v = np.meshgrid(*(np.linspace(*span, 400) for span in spans), indexing="ij")
+    points = np.full((*u.shape, 3), height)
+    points[..., axes[0]], points[..., axes[1]] = u, v
+    part = result.weight(points)
+    several = part.ndim > u.ndim
+    kind = part @ np.arange(part.shape[-1]) if several else part
+    shown = np.where(result.field(points) <= 0, kind, np.nan)
+    colours = {"cmap": "turbo", "vmax": part.shape[-1] - 1} if several else {"cmap": "coolwarm", "vmax": 1}
+    panel.imshow(shown.T, origin="lower", extent=(*spans[0], *spans[1]), vmin=0, **colours)
+
+
+def figure(rows: int, columns: int, size: tuple[float, float], path: str, fill: Callable[[list[Any]], None]) -> None:
+    """A picture of so many panels, filled by the caller, in a file. Needs matplotlib."""
+    import matplotlib.pyplot as plt
+
+    picture, panels = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+    fill(list(panels.flat))
+    picture.savefig(path, dpi=100)
+    plt.close(picture)
+
+
+def show(
+    main: Callable[[], dict[str, BlendResult]], picture: Callable[[dict[str, BlendResult], str], None], path: str
+) -> None:
+    """Run an example: what became of each blend, and the picture."""
+    results = main()
+    for name, result in results.items():
+        print(f"{name}: {result.message}")
+    picture(results, path)
