@@ -1,4 +1,4 @@
-"""Solids of fields: faces, poles, seconds and what the certificates say, beside facets of the same deviation.
+"""Solids of fields: faces, poles, seconds and what the certificates say, beside facets of the same deviation in one run.
 
 python benchmarks/solidify.py [catalogue | fine | graded | thin | scale] ...
 """
@@ -11,11 +11,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from skimage.measure import marching_cubes
 
 from tpmscad import fields
 from tpmscad.errors import TpmscadError
 from tpmscad.solids import solidify
+
+sys.path.insert(0, str(Path(__file__).parent))
+from facets import facets
 
 CELL = ((0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
 NAMES = (
@@ -28,15 +30,15 @@ def catalogue() -> None:
     """One cell of each surface, sheet and skeletal, at a thousandth of the cell."""
     for name in NAMES:
         phi = fields.tpms(name, period=10.0)
-        row(f"{name} skeletal", fields.rod(phi, 0.1), CELL, 1e-2, facets=True)
-        row(f"{name} sheet", fields.sheet(phi, *LEVELS.get(name, (-0.3, 0.3))), CELL, 1e-2)
+        row(f"{name} skeletal", fields.rod(phi, 0.1), CELL, 1e-2, beside=True)
+        row(f"{name} sheet", fields.sheet(phi, *LEVELS.get(name, (-0.3, 0.3))), CELL, 1e-2, beside=True)
 
 
 def fine() -> None:
     """The gyroid at a ten-thousandth of the cell."""
     phi = fields.tpms("gyroid", period=10.0)
-    row("gyroid skeletal", fields.rod(phi, 0.1), CELL, 1e-3, facets=True)
-    row("gyroid sheet", fields.sheet(phi, -0.3, 0.3), CELL, 1e-3)
+    row("gyroid skeletal", fields.rod(phi, 0.1), CELL, 1e-3, beside=True)
+    row("gyroid sheet", fields.sheet(phi, -0.3, 0.3), CELL, 1e-3, beside=True)
 
 
 def graded() -> None:
@@ -61,45 +63,39 @@ def scale() -> None:
     row("gyroid 4x4x4", fields.rod(phi, -0.3), ((0, 0, 0), (40, 40, 40)), 1e-2)
 
 
-def row(name: str, field: fields.Field, domain: object, tol: float, *, facets: bool = False) -> None:
-    """One line: the solid, its certificate, its STEP file."""
-    begun, cpu = time.perf_counter(), time.process_time()
+HEAD = (
+    "seconds are CPU; deviation in cells; jump: greatest and 95th percentile, degrees; volume: relative, to the field's own.\n"
+    "facets: triangles of marching cubes at the same deviation, MB of STEP and seconds; * scaled up from 4000 triangles.\n"
+    f"{'':26s} {'':7s} faces  poles seconds    MB deviation  jump        volume  betti           facets       MB seconds"
+)
+
+
+def row(name: str, field: fields.Field, domain: object, tol: float, *, beside: bool = False) -> None:
+    """One line: the solid, its certificate, its STEP file, and what facets of the same deviation take."""
+    cpu = time.process_time()
     try:
         model = solidify(field, domain, tol=tol)
     except TpmscadError as error:
-        print(f"{name:26s} refused after {time.perf_counter() - begun:.1f} s: {error}", flush=True)
+        print(f"{name:26s} refused after {time.process_time() - cpu:.1f} s: {error}", flush=True)
         return
-    seconds, cpu = time.perf_counter() - begun, time.process_time() - cpu
-    c, more = model.certificate, model.certificate.figures
     with TemporaryDirectory() as folder:
         path = Path(folder) / "solid.step"
         model.export_step(path)
         size = path.stat().st_size / 1e6
+    cpu = time.process_time() - cpu
+    c, more = model.certificate, model.certificate.figures
     p95 = more["tangent jump in degrees at the 95th percentile"]
     off = c.volume / more["volume of the field"] - 1
+    other = facets(field, *(np.asarray(p, float) for p in domain), c.max_deviation) if beside else ""
     print(
-        f"{name:26s} {'met' if c.met else 'NOT met'} faces {c.n_faces} poles {c.n_poles} dev {c.max_deviation:.1e} "
-        f"jump {c.tangent_jump_deg:.2f}/{p95:.3f} valid {c.valid} betti {c.betti} "
-        f"volume {off:+.1e} {seconds:.1f} s (cpu {cpu:.1f}) STEP {size:.2f} MB {'; '.join(c.shortfalls)}",
+        f"{name:26s} {'met' if c.met else 'NOT met':7s} {c.n_faces:5d} {c.n_poles:6d} {cpu:7.1f} {size:5.2f} "
+        f"{c.max_deviation / 10.0:9.1e} {c.tangent_jump_deg:5.2f} {p95:5.3f} {off:+9.1e}  {c.betti!s:14s} {other}"
+        + "".join(f"\n{'':26s} {text}" for text in c.shortfalls),
         flush=True,
     )
-    if facets:
-        print(
-            f"{'':26s} facets {n_facets(field, domain, c.max_deviation)} of marching cubes at the same deviation",
-            flush=True,
-        )
-
-
-def n_facets(field: fields.Field, domain: object, deviation: float) -> int:
-    """Triangles that marching cubes needs: counted at 60 samples an edge, scaled by the square of the deviation found there."""
-    lo, hi = (np.asarray(p, float) for p in domain)
-    axes = [np.linspace(a, b, 61) for a, b in zip(lo, hi, strict=True)]
-    points, faces, _, _ = marching_cubes(field.on_grid(*axes), 0.0, spacing=tuple((hi - lo) / 60))
-    value, slope = field.value_and_gradient(points[faces].mean(axis=1) + lo)
-    found = float((np.abs(value) / np.linalg.norm(slope, axis=1)).max())
-    return int(len(faces) * found / deviation)
 
 
 if __name__ == "__main__":
+    print(HEAD, flush=True)
     for task in sys.argv[1:] or ["catalogue", "fine", "graded", "thin", "scale"]:
         {"catalogue": catalogue, "fine": fine, "graded": graded, "thin": thin, "scale": scale}[task]()
