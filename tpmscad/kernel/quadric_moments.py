@@ -19,7 +19,7 @@ from tpmscad.kernel.tool_read import carrier_of, middle
 from tpmscad.patches.carriers import Plane, Quadric
 from tpmscad.patches.complex import Array
 from tpmscad.patches.conics import TURN
-from tpmscad.patches.measure import ORDER, to_antiderivative
+from tpmscad.patches.measure_pieces import ORDER, to_antiderivative
 
 QUADRICS = (GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
