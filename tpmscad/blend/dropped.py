@@ -98,8 +98,7 @@ def left_out(result: BlendResult, blended: BlendedField, last: View, grids: Sequ
         n0=again(result.errors.n0, tuple(c.n0 for c in counts)),
         n2=again(result.errors.n2, tuple(c.n2 for c in counts)),
     )
-    stay = max(*errors.n0.intrinsic, *errors.n2.intrinsic)
     told = f"left out: {len(own[0][1])} components and {len(own[1][1])} holes of the inputs' own"
-    if stay > 0:
-        told += f"; {stay} stay, too close to the rest to be told from it"
+    if stay := max(*errors.n0.intrinsic, *errors.n2.intrinsic):
+        told += f"; {stay} stay, which hang together with the rest at the finest resolution or lie too close to it"
     return replace(result, field=field, errors=errors, message=f"{result.message}. {told}")
