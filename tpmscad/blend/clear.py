@@ -78,7 +78,7 @@ def _round(
 def _turned(field: BlendedField, stage: int, found: Specks, scene: Scene) -> list[Demands]:
     """Of each speck that the weight of the stage can turn the demand to do so."""
     movable = scene.movable()
-    unit = float(np.sqrt(np.mean(scene.values(field.weights)[movable] ** 2)))  # type: ignore[arg-type]
+    unit = float(np.sqrt(np.mean(scene.values(field.weights)[movable] ** 2)))
     none, slope = affine(field, stage, found.points)
     signs = -np.sign(found.values)
     farthest = signs * none + np.maximum(signs * slope, 0.0)
