@@ -110,6 +110,7 @@ def _units(reader: STEPControl_Reader) -> tuple[str, ...]:
 
 
 def _products(reader: STEPControl_Reader) -> tuple[str, ...]:
-    found = reader.GiveList("step-type(PRODUCT)")  # and other types that begin so; looked up in the kernel, not entity by entity
+    # looked up in the kernel, not entity by entity; other types that begin so come along
+    found = reader.GiveList("step-type(PRODUCT)")
     kinds = (found.Value(i) for i in range(1, found.Length() + 1))
     return tuple(e.Name().ToCString() for e in kinds if e.DynamicType().Name() == "StepBasic_Product")
