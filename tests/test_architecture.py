@@ -30,7 +30,7 @@ ROOMS = {
 values a patch complex is made of."""
 
 UPPER_FLOOR = ("request", "model", "certify", "solids", "parts", "recipe", "metrics", "workflows")
-WORKFLOWS = {name: {*UPPER_FLOOR, *ROOMS, "numpy"} for name in UPPER_FLOOR}
+WORKFLOWS = {name: {*UPPER_FLOOR, *ROOMS, "numpy", "scipy"} for name in UPPER_FLOOR}
 """The floor of the public functions, one room: what is asked for, what is given back, how it is certified."""
 
 FACES = {
