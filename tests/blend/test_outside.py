@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad.blend import Along, CylinderRadius, Line, SphereRadius, Volume, blend
+from tpmscad.blend.earlier import EARLIER
 
 K = 2 * np.pi * 4
 
@@ -61,3 +62,31 @@ def test_outside_the_blending_region_the_blend_is_its_inputs_bit_for_bit(case):
     assert w.min() >= 0.0
     assert w.max() <= 1.0
     assert np.any((w[inside] > 0.1) & (w[inside] < 0.9))
+
+
+@pytest.mark.parametrize("method", [*EARLIER, "paper"])
+def test_so_are_the_blends_of_the_other_methods(method):
+    regions, blending = [layer(X, -9.0, 0.5), layer(X, 0.5, 9.0)], layer(X, 0.3, 0.7)
+    result = blend([schwarz, gyroid], regions, [blending], method=method, resolution=(36, 18, 22), domain=DOMAIN)
+    points = np.random.default_rng(7).uniform(*DOMAIN, (100_000, 3))
+    expected = np.where(points[:, 0] < 0.5, schwarz(points), gyroid(points))
+    outside = blending(points) > 0
+    assert np.array_equal(result.field(points)[outside], expected[outside])
+    assert np.array_equal(result.weight(points)[outside], (points[:, 0] > 0.5)[outside].astype(float))
+
+
+def test_so_is_a_blend_that_keeps_the_fraction_and_one_of_three_structures():
+    bounds = (-9.0, 0.35, 0.65, 9.0)
+    regions = [layer(X, low, high) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+    bands = [layer(X, 0.25, 0.45), layer(X, 0.55, 0.75)]
+
+    def third(points):
+        return schwarz(points) - 0.4
+
+    fields = [schwarz, gyroid, third]
+    result = blend(fields, regions, bands, resolution=(44, 18, 22), domain=DOMAIN, keep_fraction=True)
+    points = np.random.default_rng(7).uniform(*DOMAIN, (100_000, 3))
+    for field, region in zip(fields, regions, strict=True):
+        own = (region(points) <= 0) & (bands[0](points) > 0) & (bands[1](points) > 0)
+        assert own.sum() > 1000
+        assert np.array_equal(result.field(points)[own], field(points)[own])
