@@ -85,6 +85,13 @@ def test_the_two_sides_of_a_mirrored_surface_fill_the_box(name: str) -> None:
         assert half.certificate.volume == pytest.approx(expected, rel=1e-4)
 
 
+def test_patches_whose_cuts_cannot_be_traced_are_fitted_closer_and_it_is_said() -> None:
+    model = tpmscad.lattice("frd", cell=10, offset=(-0.6134, 0.2262), phase=(0.3742438, 0.0908527, 0.6605), tol=0.0115)
+    assert model.certificate.met, model.certificate.shortfalls
+    assert model.certificate.max_deviation < 0.00115
+    assert model.certificate.notes[0].startswith("fitted to 0.00115")
+
+
 @pytest.mark.parametrize("kind", ["sheet", "skeletal"])
 def test_a_mirrored_volume_fraction_is_met_and_its_cells_are_placed_by_reference(kind: str, tmp_path: Path) -> None:
     model = tpmscad.lattice("iwp", cell=CELL, cells=(2, 2, 1), volume_fraction=0.3, kind=kind, tol=1e-3)

@@ -116,12 +116,12 @@ def _distances(form: Chart, patch: Surface, offset: float) -> float:
 def _flush(patch: Surface, mirrors: MirrorSymmetry) -> Surface:
     """The patch with its border's poles, 1e-13 off by round-off, in the mirrors to the last bit or two."""
     poles = patch.poles.copy()
-    sides = [(slice(None), 0), (-1, slice(None)), (slice(None), -1), (0, slice(None))]
+    sides = poles[:, 0], poles[-1], poles[:, -1], poles[0]
     for side, normal, offset in zip(sides, mirrors.wall_normals, mirrors.wall_offsets, strict=True):
-        poles[side] -= (poles[side] @ normal - offset)[:, None] * normal
-    for i, corner in enumerate([(0, 0), (-1, 0), (-1, -1), (0, -1)]):
+        side -= (side @ normal - offset)[:, None] * normal
+    for i, (row, column) in enumerate([(0, 0), (-1, 0), (-1, -1), (0, -1)]):
         normals, offsets = mirrors.wall_normals[[i - 1, i]], mirrors.wall_offsets[[i - 1, i]]
-        poles[corner] -= np.linalg.pinv(normals) @ (normals @ poles[corner] - offsets)
+        poles[row, column] -= np.linalg.pinv(normals) @ (normals @ poles[row, column] - offsets)
     return Surface(poles, patch.knots_u, patch.knots_v, patch.degree_u, patch.degree_v)
 
 
