@@ -1,0 +1,193 @@
+"""Parts filled with a lattice beside the kernel's plain boolean of the same lattice and body, in one run.
+
+    python benchmarks/infill.py [--bodies box,cylinder,sphere,bracket,torus] [--surfaces gyroid,diamond,schwarz_p,iwp] [--cells 4]
+                                [--plain] [--lines 160]
+
+Columns: faces of the result; CPU seconds of the trimming (from the whole patches to the checked solid) and of BRepAlgoAPI_Common
+of the block of the same patches with the body (`--plain`; with it come its volume and their ratio); the volume, and how far it is
+from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's line intersector, and
+between these at the roots of the distance to the mid surface less half the wall.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable
+from dataclasses import replace
+
+import build123d as bd
+import numpy as np
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
+from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+from scipy.spatial import cKDTree
+
+from tpmscad import kernel, surfaces
+from tpmscad.kernel.body import bounds_of, read_body
+from tpmscad.model import Stages
+from tpmscad.parts.block import lattice_block
+from tpmscad.parts.cutting import lattice_in
+from tpmscad.request import LatticeRequest, lattice_request
+
+SIZE = 40.0
+WALL = 0.1
+"""Thickness over cell."""
+
+
+ALONG = np.array([0.3713906763541037, 0.5570860145311556, 0.7427813527082074])
+ACROSS = np.array(
+    [[0.8320502943378437, -0.5547001962252291, 0.0], [-0.4120209620996838, -0.6180314431495257, 0.6695340634119862]]
+)
+"""The lines' direction, and two across it."""
+
+
+def bracket() -> bd.Solid:
+    """An angle bracket, 40 x 30 x 30: a fillet in the corner, rounded ends, two bolt holes and a bearing hole."""
+    part = bd.Box(40, 30, 8) + bd.Pos(-16, 0, 11) * bd.Box(8, 30, 30)
+    inner = [e for e in part.edges().filter_by(bd.Axis.Y) if (e.center() - bd.Vector(-12, 0, 4)).length < 1e-6]
+    part = bd.fillet(inner, 5)
+    part = bd.fillet(part.edges().filter_by(bd.Axis.Z).group_by(bd.Axis.X)[-1], 5)
+    for y in (8, -8):
+        part -= bd.Pos(8, y, 0) * bd.Cylinder(3, 20)
+    return (part - bd.Pos(-16, 0, 18) * bd.Rot(0, 90, 0) * bd.Cylinder(4, 20)).solid()
+
+
+def loft() -> bd.Solid:
+    """A free-form body: an ellipse that becomes a rounded rectangle."""
+    low = bd.Ellipse(SIZE / 2, SIZE / 3)
+    high = bd.Pos(0, 0, SIZE / 2) * bd.RectangleRounded(SIZE / 2, SIZE / 2, SIZE / 8)
+    return bd.loft([low.face(), high.face()]).solid()
+
+
+BODIES: dict[str, Callable[[], bd.Shape]] = {
+    "box": lambda: bd.fillet(bd.Box(SIZE, SIZE, SIZE).edges(), SIZE / 8),
+    "cylinder": lambda: bd.Cylinder(SIZE / 2, SIZE),
+    "sphere": lambda: bd.Sphere(SIZE / 2),
+    "bracket": bracket,
+    "torus": lambda: bd.Torus(SIZE / 2 - SIZE / 8, SIZE / 8),
+    "loft": loft,
+}
+
+
+def wanted(surface: str, cell: float) -> LatticeRequest:
+    """A sheet of a tenth of the cell."""
+    reference = "minimal" if "minimal" in surfaces.find(surface).references else "nodal"
+    request = lattice_request(
+        surface,
+        cell=cell,
+        cells=1,
+        thickness=WALL * cell,
+        offset=None,
+        volume_fraction=None,
+        kind="sheet",
+        side="-",
+        reference=reference,
+        boundary="box",
+        phase=(0.05, 0.1, 0.15),
+        tol=None,
+        mapped=False,
+    )
+    return replace(request, reference=reference)
+
+
+def mid_surface(patches: object, n: int = 12) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and outward normals of the lattice's walls, densely."""
+    faces = patches.faces
+    nodes, normals = [], []
+    for index in np.unique(faces.carrier):
+        carrier = patches.carriers[index]
+        u, v = (g.ravel() for g in np.meshgrid(*(np.linspace(*d, n) for d in carrier.domain), indexing="ij"))
+        own = np.flatnonzero(faces.carrier == index)
+        turn = faces.rotation[own]
+        way = faces.sense[own] * np.sign(np.linalg.det(turn))
+        nodes.append((np.einsum("fij,nj->fni", turn, carrier(u, v)) + faces.translation[own, None]).reshape(-1, 3))
+        normal = np.einsum("fij,nj->fni", turn, carrier.normal(u, v)) * way[:, None, None]
+        normals.append((normal / np.linalg.norm(normal, axis=-1, keepdims=True)).reshape(-1, 3))
+    return np.concatenate(nodes), np.concatenate(normals)
+
+
+def quadrature(solid: object, volume: float, patches: object, lines: int, step: float) -> float:
+    """Volume of lattice and body along lines: the body's part of each exactly, the lattice's by the distance from its walls.
+    What the lines find of the body itself, against its `volume`, corrects for their number.
+
+    The lines' grid is a lattice of rank one, askew to everything.
+    """
+    low, high = bounds_of(solid)
+    middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    nodes, normals = mid_surface(patches)
+    tree = cKDTree(nodes)
+    shooter = IntCurvesFace_ShapeIntersector()
+    shooter.Load(solid, 1e-7)
+    n = lines * lines
+    aside = radius * (2 * np.stack([(np.arange(n) + 0.5) / n, (np.arange(n) * 0.6180339887498949 + 0.37) % 1.0], 1) - 1)
+    spans = []
+    for start in middle + aside @ ACROSS - radius * ALONG:
+        shooter.Perform(gp_Lin(gp_Pnt(*start.tolist()), gp_Dir(*ALONG.tolist())), 0.0, 2 * radius)
+        t = np.sort([shooter.WParameter(i) for i in range(1, shooter.NbPnt() + 1)])
+        t = t[np.concatenate([[True], np.diff(t) > 1e-7])] if len(t) else t
+        if len(t) % 2 == 0:  # a line that grazes an edge says nothing
+            spans += [(start, a, b) for a, b in zip(t[::2], t[1::2], strict=True)]
+    total = 0.0
+    for start in range(0, len(spans), 512):
+        points, widths, owner = [], [], []
+        for foot, a, b in spans[start : start + 512]:
+            k = max(2, int(np.ceil((b - a) / step)))
+            t = np.linspace(a, b, k + 1)
+            points.append(foot + t[:, None] * ALONG)
+            widths.append(np.append(np.diff(t), 0.0))
+            owner.append(np.append(np.ones(k), 0.0))
+        at, width, inner = np.concatenate(points), np.concatenate(widths), np.concatenate(owner)
+        nearest = tree.query(at)[1]
+        value = np.einsum("ni,ni->n", at - nodes[nearest], normals[nearest])
+        a, b = value[:-1], value[1:]
+        share = np.where((a < 0) & (b < 0), 1.0, 0.0)
+        cross = (a < 0) != (b < 0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share[cross] = np.where(a < 0, a / (a - b), b / (b - a))[cross]
+        total += float((share * width[:-1] * inner[:-1]).sum())
+    return total / sum(b - a for _, a, b in spans) * volume
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bodies", default="box,cylinder,sphere,bracket,torus")
+    parser.add_argument("--surfaces", default="gyroid,diamond,schwarz_p,iwp")
+    parser.add_argument("--cells", type=float, default=4.0)
+    parser.add_argument("--lines", type=int, default=160)
+    parser.add_argument("--plain", action="store_true")
+    options = parser.parse_args(arguments)
+    print(
+        f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'plain s':>8} {'ratio':>6} {'volume':>12} "
+        f"{'plain - own':>12} {'lines/own - 1':>13}"
+    )
+    for body_name in options.bodies.split(","):
+        body = read_body(BODIES[body_name]())
+        for surface in options.surfaces.split(","):
+            request = wanted(surface, SIZE / options.cells)
+            block = lattice_block(request, np.eye(3), body, Stages(None))
+            begun = time.process_time()
+            cut = lattice_in(block, body)
+            own = time.process_time() - begun
+            report = kernel.check_shape(cut.built.shape)
+            assert report.ok, report
+            plain, ratio, apart = float("nan"), float("nan"), float("nan")
+            if options.plain:
+                shape = block.shape
+                begun = time.process_time()
+                common = BRepAlgoAPI_Common(shape, body.shape).Shape()
+                plain = time.process_time() - begun
+                ratio, apart = plain / own, kernel.check_shape(common).volume / report.volume - 1
+            lines = (
+                quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / 24) / report.volume
+                - 1
+            )
+            print(
+                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {ratio:6.1f} "
+                f"{report.volume:12.4f} {apart:12.1e} {lines:13.1e}",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
