@@ -1,4 +1,4 @@
-"""The kernel's own checks on trimmed lattices: valid, closed, the same volume."""
+"""The kernel's own checks on trimmed lattices: valid, closed, the same volume; and its boolean, as a second way to them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 from tpmscad.patches import measure
 from tpmscad.patches.complex import PatchComplex
-from tpmscad.trimming import trim_box
+from tpmscad.trimming import trim, trim_box
 
 pytestmark = pytest.mark.kernel
 kernel = pytest.importorskip("tpmscad.kernel")
@@ -28,3 +28,44 @@ def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     found = kernel.check_shape(kernel.build(trimmed).shape)
     assert found.valid
     assert found.volume == pytest.approx(float(measure.volume(measure.face_moments(trimmed))[0]), rel=1e-7)
+
+
+def place(shape: object) -> object:
+    import build123d as bd
+
+    return bd.Pos(9.3, 10.2, 9.8) * bd.Rot(20, 35, 10) * shape
+
+
+def body(name: str) -> object:
+    """A body about the middle of the lattice."""
+    import build123d as bd
+
+    if name == "rounded box":
+        return place(bd.fillet(bd.Box(9, 7, 8).edges(), 1.5))
+    if name == "bracket":
+        wall = bd.Pos(-3.5, 0, 3) * bd.Box(2, 8, 8)
+        solid = bd.Box(9, 8, 2) + wall - bd.Pos(2, 0, 0) * bd.Cylinder(1.4, 9)
+        inner = [e for e in solid.edges() if abs(e.center().X + 2.5) < 0.01 and abs(e.center().Z - 1) < 0.01]
+        return place(bd.fillet(inner, 1.5))
+    return place(
+        {"cylinder": bd.Cylinder(4, 8), "cone": bd.Cone(4, 2, 7), "sphere": bd.Sphere(5), "torus": bd.Torus(4, 2)}[name]
+    )
+
+
+@pytest.mark.parametrize("name", ["rounded box", "cylinder", "cone", "sphere", "torus", "bracket"])
+def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(
+    name: str, cover: Callable[..., PatchComplex]
+) -> None:
+    from tpmscad.kernel import boolean
+    from tpmscad.kernel.tool import body_complex
+
+    lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), body(name)
+    trimmed = trim(lattice, body_complex(shape))
+    assert trimmed.report.shifted == 0
+    found = kernel.check_shape(kernel.build(trimmed.complex).shape)
+    assert found.valid
+    assert found.closed
+    assert found.volume == pytest.approx(float(measure.volume(measure.face_moments(trimmed.complex))[0]), rel=1e-6)
+    block = kernel.build(trim_box(lattice, np.zeros(3), np.full(3, 20.0))).shape
+    other = boolean.common(block, shape.wrapped)
+    assert found.volume == pytest.approx(sum(kernel.check_shape(s).volume for s in other), rel=1e-6)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.patches.carriers import Carrier, Circle, EdgeCurve, Plane
+from tpmscad.patches.carriers import Carrier, Circle, EdgeCurve, Plane, Quadric
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.splines.bspline import Curve, Surface
 from tpmscad.trimming.levels import CONE, CYLINDER, PLANE, Levels, levels_of
@@ -44,7 +44,7 @@ class Body:
     complex: PatchComplex
     levels: Levels
     n_surfaces: int
-    carriers: tuple[Carrier, ...]
+    carriers: tuple[Plane | Quadric, ...]
     surface: Ints
     sense: Ints
     turn: Ints
@@ -101,7 +101,7 @@ def prepared(complex: PatchComplex) -> Body:
     )
 
 
-def _placed(carrier: Carrier, rotation: Array, translation: Array) -> Carrier:
+def _placed(carrier: Carrier, rotation: Array, translation: Array) -> Plane | Quadric:
     if isinstance(carrier, Surface):
         raise TrimmingError("a face of the body lies on a B-spline surface, not on a plane or a quadric")
     if np.array_equal(rotation, np.eye(3)) and not translation.any():
@@ -122,7 +122,7 @@ def _companions(
 ) -> tuple[Levels, Ints]:
     """Levels with the fences added, and the companions (M, 2) of edges between `surfaces` (M, 2)."""
     companion = surfaces[:, ::-1].copy()
-    fences = []
+    fences: list[Levels] = []
     for e, (curve, (low, high), pair) in enumerate(zip(curves, spans, surfaces, strict=True)):
         t = low + (high - low) * ALONG
         points = curve(t)
@@ -173,7 +173,7 @@ def _row(kind: int, point: Array, axis: Array, a: float) -> Levels:
     return Levels(np.array([kind]), point[None], axis[None], np.array([a]), np.zeros(1))
 
 
-def _boxes(complex: PatchComplex, carriers: tuple[Carrier, ...], curves: tuple[EdgeCurve, ...]) -> Array:
+def _boxes(complex: PatchComplex, carriers: tuple[Plane | Quadric, ...], curves: tuple[EdgeCurve, ...]) -> Array:
     faces, uses, edges = complex.faces, complex.uses, complex.edges
     result = np.empty((len(faces), 2, 3))
     for f, carrier in enumerate(carriers):

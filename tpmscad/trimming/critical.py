@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.splines.bspline import Surface
-from tpmscad.trimming.composed import Composed
+from tpmscad.trimming.composed import Composed, second_jet
 from tpmscad.trimming.tool import Array, Flags, TrimmingError
 
 BLOCK = np.array([-0.4, -0.15, 0.15, 0.4])
@@ -94,16 +94,14 @@ def _stationary(level: Surface | Composed, p: Array, h: Array) -> Critical | Non
     (u0, u1), (v0, v1) = level.domain
     low, high = np.array([u0, v0]) - h, np.array([u1, v1]) + h
     for _ in range(30):
-        d = {(a, b): float(level(p[0], p[1], a, b)[0]) for a, b in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))}
-        hessian = np.array([[d[2, 0], d[1, 1]], [d[1, 1], d[0, 2]]])
+        value, gradient, hessian = second_jet(level, p)
         determinant = float(np.linalg.det(hessian))
         if determinant == 0.0:
             return None
-        step = np.linalg.solve(hessian, [d[1, 0], d[0, 1]])
+        step = np.linalg.solve(hessian, gradient)
         p = p - step
         if (p < low).any() or (p > high).any():
             return None
         if np.abs(step).max() < 1e-13:
-            value = float(level(p[0], p[1])[0])
             return Critical(p, value, determinant < 0, float(np.sqrt(abs(value)) / abs(determinant) ** 0.25))
     return None

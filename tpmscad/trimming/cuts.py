@@ -53,7 +53,7 @@ def cut_patches(
     first_vertex: int,
     tol: float,
 ) -> PatchCuts:
-    """Trace surfaces on the patches `near` them (F, K). `on` (V, K), `crossings`: of the lattice's vertices and edges with them."""
+    """Trace surfaces on the patches `near` them (F, K). `on` (V, K), `crossings`: the lattice's vertices and edges on them."""
     faces = complex.faces
     face, surface = np.nonzero(near)
     seen = levels.of(surface).framed(faces.rotation[face], faces.translation[face])

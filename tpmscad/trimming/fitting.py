@@ -55,14 +55,28 @@ def fit(
     foci: for each path points (k, 3) of (u, v) and radius there, about which it may turn sharply.
     Ends may be off their level (by less than a snap): the parameter curve starts there, the space curve in the level's zeros.
     """
-    result: list[Cut | None] = [None] * len(paths)
     if not paths:
         return ()
-    waiting = np.arange(len(paths))
     s = surfaces[0]
     poles, space = np.stack([surface.poles for surface in surfaces]), (s.knots_u, s.knots_v, s.degree_u, s.degree_v)
     sections = Sections(poles, space, levels, foci_in_space(surfaces, foci))
-    uv = sections.onto(_refined(paths, NODES * SPANS[0] + 1))
+    start = sections.onto(_refined(paths, NODES * SPANS[0] + 1))
+    result: list[Cut | None] = [None] * len(paths)
+    waiting, error = np.arange(len(paths)), np.zeros(0)
+    for problem in (sections, sections.without_foci()):  # far foci may do harm
+        found, error = _fitted(problem.of(waiting), start[waiting], tol)
+        for i, cut in zip(waiting.tolist(), found, strict=True):
+            result[i] = cut
+        waiting = waiting[[cut is None for cut in found]]
+        if len(waiting) == 0:
+            return tuple(c for c in result if c is not None)
+    raise TrimmingError(f"a cut curve is still {error.max():.3g} from its patch with {SPANS[-1]} spans, over {tol:.3g}")
+
+
+def _fitted(sections: Sections, uv: Array, tol: float) -> tuple[list[Cut | None], Array]:
+    """Curves with as few spans as will do, None where the most do not, and how far those are off."""
+    result: list[Cut | None] = [None] * len(uv)
+    waiting, error = np.arange(len(uv)), np.zeros(0)
     for spans in SPANS:
         problem = sections.of(waiting)
         knots, sites, inverse = interpolation(spans)
@@ -76,10 +90,10 @@ def fit(
         for k in np.flatnonzero(done):
             cut = Curve(pcurve[k].copy(), knots, DEGREE), Curve(curve[k].copy(), knots, DEGREE)
             result[waiting[k]] = Cut(*cut, float(error[k]))
-        waiting, uv = waiting[~done], uv[~done]
+        waiting, uv, error = waiting[~done], uv[~done], error[~done]
         if len(waiting) == 0:
-            return tuple(c for c in result if c is not None)
-    raise TrimmingError(f"a cut curve is still {error.max():.3g} from its patch with {SPANS[-1]} spans, over {tol:.3g}")
+            break
+    return result, error
 
 
 def _refined(paths: Sequence[Array], least: int) -> Array:

@@ -1,4 +1,4 @@
-"""The points in which the body's edges meet the lattice: a vertex each, on the edge's curve and on the tracks of both its faces."""
+"""The points in which the body's edges meet the lattice: a vertex each, on the edge and on the tracks of both its faces."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 from tpmscad.trimming.tracks import Tracks
 
 APART = 100.0
-"""The same point found along two tracks differs by their deviations over the sine of their angle: at most this many tolerances."""
+"""The same point found along two tracks differs by their deviations over the sine of their angle: up to this many tolerances."""
 
 CLOSE = 4.0
 """A vertex on both of an edge's levels that is nearer to the edge than this many snaps lies on it."""
@@ -59,7 +59,7 @@ def find_hits(
     tol: float,
     snap: float,
 ) -> Hits:
-    """All hits. `roots`: of tracks on companions; `crossings`, `vertex_of_root`: of lattice edges; `on` (V, levels): of `vertices`.
+    """All hits. `roots`: of tracks on companions; `crossings`, `vertex_of_root`: of lattice edges; `on` (V, levels).
 
     TrimmingError where the tracks of an edge's two faces do not agree on the points that they share.
     """

@@ -112,7 +112,7 @@ def labels(
     hits: Hits,
     n_vertices: int,
 ) -> tuple[Ints, dict[tuple[int, int], int]]:
-    """The face of each piece of a track (-1: none), and of each vertex on a surface that is no hit there, by (vertex, surface)."""
+    """The face of each piece of a track (-1: none), and by (vertex, surface) of each vertex that is no hit there."""
     surface = tracks.surface[pieces.strand]
     n, k = len(surface), len(body.levels)
     sectors = sectors_at_hits(body, hits)

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad.splines.bspline import Surface
-from tpmscad.trimming.composed import Composed, level_on
 from tpmscad.trimming.borders import Border, border_signs, fractions, grid_lines
+from tpmscad.trimming.composed import Composed, level_on, second_jet
 from tpmscad.trimming.critical import critical_points, refine
 from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
@@ -49,7 +49,10 @@ NONE = Trace((), 0, np.zeros((0, 2)), np.zeros(4, np.int64), np.zeros((0, 3)))
 
 
 def march(surface: Surface, row: Levels, borders: tuple[Border, ...], on_corner: Flags, flat: float) -> Trace:
-    """Trace the zeros of one surface's distance (the one row) on a patch. A saddle nearer to zero than `flat` counts as zero, a smaller hill as none."""
+    """Trace the zeros of one surface's distance (the one row) on a patch.
+
+    A saddle nearer to zero than `flat` counts as zero, a smaller hill as none.
+    """
     level = level_on(surface, row)
     us, vs = grid_lines(surface, borders, on_corner)
     critical = critical_points(level, us, vs)
@@ -157,8 +160,8 @@ def _chained(
 def _onto(level: Surface | Composed, p: Array) -> Array:
     """The zero of `level` that Newton steps along the gradient find from p."""
     for _ in range(20):
-        g, gu, gv = (float(level(p[0], p[1], a, b)[0]) for a, b in ((0, 0), (1, 0), (0, 1)))
-        step = g / (gu * gu + gv * gv) * np.array([gu, gv])
+        value, gradient, _ = second_jet(level, p)
+        step = value / (gradient @ gradient) * gradient
         p = p - step
         if np.abs(step).max() < 1e-15:
             break

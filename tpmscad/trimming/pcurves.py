@@ -1,4 +1,4 @@
-"""Parameter curves of space curves on the body's quadrics: with the curve's own parameter, interpolated until they are near enough."""
+"""Parameter curves of space curves on the body's quadrics: with the curve's parameter, interpolated until near enough."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tpmscad.patches.carriers import Carrier
+from tpmscad.patches.carriers import Plane, Quadric
 from tpmscad.splines.bspline import Curve, design
 from tpmscad.trimming.fitting import DEGREE, SPANS, interpolation
 from tpmscad.trimming.regions import Region, repeated
@@ -38,7 +38,7 @@ def parameter_curve(curve: Callable[[Array], Array], span: Array, region: Region
     )
 
 
-def _in_one_piece(carrier: Carrier, points: Array) -> Array:
+def _in_one_piece(carrier: Plane | Quadric, points: Array) -> Array:
     uv = carrier.parameters(points)
     for axis, period in enumerate(carrier.period):
         if period:

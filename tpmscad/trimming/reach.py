@@ -1,12 +1,14 @@
-"""Which patches of the lattice a face of the body can touch: spheres about patches, and about parts of them, against distances."""
+"""Which patches a face of the body can touch: spheres about patches, and about parts of them, against distances."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming.body import Body
+from tpmscad.trimming.regions import Region
 from tpmscad.trimming.tool import Array, Flags
 
 PARTS = 4
@@ -18,8 +20,17 @@ POINTS = 4
 BULGE = 1.25
 """On the radius of samples: a part of a patch reaches less far beyond them."""
 
+ROUND = 1.5
+"""On distances along a curved face, which are longer than straight ones."""
 
-def near_patches(lattice: PatchComplex, body: Body) -> Flags:
+LEEWAY = 1e-3
+"""Borders are taken to be this much wider, in parts of the body: they are polygons here."""
+
+BATCH = 1_000_000
+"""Pairs of a sphere and a segment looked at together."""
+
+
+def near_patches(lattice: PatchComplex, body: Body, regions: list[Region]) -> Flags:
     """Patches that a face on surface k may meet: (F, K). A surface that misses a patch may be near it, but not the reverse."""
     faces = lattice.faces
     used = np.unique(faces.carrier)
@@ -32,20 +43,33 @@ def near_patches(lattice: PatchComplex, body: Body) -> Flags:
     reach = (np.linalg.norm(centre - whole[:, None], axis=2) + radius).max(axis=1)[faces.carrier]
     middle = np.einsum("fij,fj->fi", faces.rotation, whole[faces.carrier]) + faces.translation
     surfaces = body.levels.of(np.arange(body.n_surfaces))
-    near = np.abs(surfaces.distances(middle)) <= reach[:, None]
-    in_box = np.zeros_like(near)
+    distance = surfaces.distances(middle)
+    near = np.zeros(distance.shape, bool)
     for f, k in enumerate(body.surface):
         low, high = body.boxes[f]
         gap = np.maximum(np.maximum(low - middle, middle - high), 0.0)
-        in_box[:, k] |= (gap**2).sum(axis=1) <= reach**2
-    near &= in_box
+        close = (np.abs(distance[:, k]) <= reach) & ((gap**2).sum(axis=1) <= reach**2) & ~near[:, k]
+        at = np.flatnonzero(close)
+        for rows in np.array_split(at, max(1, len(at) * len(regions[f].segments) // BATCH)):
+            if len(rows):
+                near[rows, k] = _touched(regions[f], middle[rows], reach[rows], distance[rows, k], body.size)
     face, surface = np.nonzero(near)
     own = faces.carrier[face]
-    parts = np.einsum("pij,psj->psi", faces.rotation[face], centre[own]) + faces.translation[face][:, None]
     for rows in np.array_split(np.arange(len(face)), max(1, len(face) // 20000)):
-        value = surfaces.of(surface[rows]).value(parts[rows])
+        parts = np.einsum("pij,psj->psi", faces.rotation[face[rows]], centre[own[rows]])
+        value = surfaces.of(surface[rows]).value(parts + faces.translation[face[rows]][:, None])
         near[face[rows], surface[rows]] = (np.abs(value) <= radius[own[rows]]).any(axis=1)
     return near
+
+
+def _touched(region: Region, middle: Array, reach: Array, distance: Array, size: float) -> Flags:
+    """Whether the face may meet spheres: their feet are in it, or nearer to its border than the spheres reach."""
+    carrier = region.carrier
+    u, v = carrier.parameters(middle).T
+    feet = carrier(u, v)
+    if not isinstance(carrier, Plane):
+        reach = ROUND * (reach + np.abs(distance))
+    return region.contains(feet) | (region.to_border(feet) <= reach + LEEWAY * size)
 
 
 def _spheres(patch: Surface) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.patches.carriers import Carrier, Plane
+from tpmscad.patches.carriers import Plane, Quadric
 from tpmscad.splines.bspline import Curve
 from tpmscad.trimming.body import Body, faces_uses
 from tpmscad.trimming.levels import CONE, CYLINDER, PLANE, SPHERE
@@ -27,7 +27,7 @@ class Region:
     """One face of the body: the segments of its border in (u, v) (n, 2, 2) and in space (n, 2, 3), and the middle of its
     (u, v), by which angles are told from their repetitions."""
 
-    carrier: Carrier
+    carrier: Plane | Quadric
     segments: Array
     border: Array
     middle: Array
@@ -53,7 +53,7 @@ class Region:
         return np.asarray(np.sqrt(((arm - along[..., None] * way) ** 2).sum(axis=2).min(axis=1)))
 
 
-def repeated(uv: Array, carrier: Carrier, middle: Array) -> Array:
+def repeated(uv: Array, carrier: Plane | Quadric, middle: Array) -> Array:
     """(u, v) (..., 2) moved by whole periods to within half of one of `middle`."""
     uv = uv.copy()
     for axis, period in enumerate(carrier.period):

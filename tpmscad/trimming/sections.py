@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad.splines.bspline import Surface, design
-from tpmscad.trimming.levels import Levels
+from tpmscad.splines.bspline import Surface
+from tpmscad.trimming.bases import bases
+from tpmscad.trimming.levels import CONE, LEAST, Levels
 from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
 TURN = 4.0
@@ -30,7 +31,8 @@ SADDLE = 1e-7
 class Sections:
     """Sections of n patches of one spline space, with their own poles (n, U, V, 3), by the n rows of `levels`.
 
-    Points on them are given as (u, v), (n, m, 2). `foci` (n, q, 4): points and radii in model units, infinite if none.
+    Points on them are given as (u, v), (n, m, 2). `foci` (n, q, 4): points and radii in model units,
+    infinite if none. A cone's apex is one anyway.
     """
 
     poles: Array
@@ -47,12 +49,16 @@ class Sections:
             foci=self.foci[rows],
         )
 
+    def without_foci(self) -> Sections:
+        """The same, spread by length and turning only."""
+        return replace(self, foci=np.full_like(self.foci, np.inf))
+
     def jet(self, uv: Array, order: int) -> list[Array]:
         """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) up to `order`: each (n, m, 3)."""
         knots_u, knots_v, degree_u, degree_v = self.space
         n, m = uv.shape[:2]
-        bu = [design(knots_u, degree_u, uv[..., 0].ravel(), k).reshape(n, m, -1) for k in range(order + 1)]
-        bv = [design(knots_v, degree_v, uv[..., 1].ravel(), k).reshape(n, m, -1) for k in range(order + 1)]
+        bu = [b.reshape(n, m, -1) for b in bases(knots_u, degree_u, uv[..., 0].ravel(), order)]
+        bv = [b.reshape(n, m, -1) for b in bases(knots_v, degree_v, uv[..., 1].ravel(), order)]
         rows = self.poles.reshape(n, self.poles.shape[1], -1)
         half = [(b @ rows).reshape(n, m, -1, 3) for b in bu]
         pairs = [(total - k, k) for total in range(order + 1) for k in range(total + 1)]
@@ -114,7 +120,13 @@ class Sections:
         chord = chord * (1.0 + (middle * chord) ** 2 / 24.0)
         curvature[np.isfinite(self.foci[:, 0, 3]) & self.levels.flat] = 0.0
         density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), curvature / TURN)
+        apices = np.flatnonzero(self.levels.kind == CONE)
+        if len(apices):
+            apart = ((points[apices] - self.levels.point[apices, None]) ** 2).sum(axis=2)
+            density[apices] = np.sqrt(density[apices] ** 2 + GRADE**2 / np.maximum(apart, LEAST))
         for f in range(self.foci.shape[1]):
+            if not np.isfinite(self.foci[:, f, 3]).any():
+                continue
             apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
             density = np.sqrt(density**2 + GRADE**2 / (apart + self.foci[:, f, None, 3] ** 2))
         x = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(chord, axis=1)], axis=1)
@@ -130,8 +142,12 @@ class Sections:
     def resampled(self, uv: Array, at: Array) -> Array:
         """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
         x, slope, s, density = self.along(uv)
-        if not (np.diff(s, axis=1) > 0).all():  # NaN as well
-            raise TrimmingError("the points of a cut curve do not follow each other")
+        lost = ~(np.diff(s, axis=1) > 0).all(axis=1)  # NaN as well
+        if lost.any():  # hopeless so far: by length, and more points may do
+            s[lost] = np.linspace(0.0, 1.0, s.shape[1])
+            density[lost] = 1.0 / np.maximum(x[lost, -1:], LEAST)
+            if not (np.diff(x, axis=1) > 0).all():
+                raise TrimmingError("the points of a cut curve do not follow each other")
         i, f = _locate(s, at)
         row = np.arange(len(uv))[:, None]
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)

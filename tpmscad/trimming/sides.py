@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.patches.complex import Array, Ints, PatchComplex
-from tpmscad.splines.bspline import Surface
+from tpmscad.splines.bspline import Curve, Surface
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,3 +63,11 @@ def _side(complex: PatchComplex, key: Array) -> int:
         if whole and line.degree == 1 and len(line.poles) == 2:
             return side
     return -1
+
+
+def spline_curves(complex: PatchComplex) -> tuple[Curve, ...]:
+    """The curves of the complex's edges, which whole B-spline patches have as B-splines too; else InvalidRequest."""
+    curves = tuple(c for c in complex.curves if isinstance(c, Curve))
+    if len(curves) != len(complex.curves):
+        raise InvalidRequest("the edges of a lattice to be trimmed must be B-splines")
+    return curves

@@ -35,7 +35,8 @@ def in_solid(lattice: PatchComplex, sides: Sides, points: Array) -> Flags:
     for c in used:
         patch = lattice.carriers[c]
         assert isinstance(patch, Surface)
-        samples[c] = patch.grid(*(np.linspace(*d, SAMPLES) for d in patch.domain)).reshape(-1, 3)
+        (u0, u1), (v0, v1) = patch.domain
+        samples[c] = patch.grid(np.linspace(u0, u1, SAMPLES), np.linspace(v0, v1, SAMPLES)).reshape(-1, 3)
     middle = samples.mean(axis=1)
     radius = np.linalg.norm(samples - middle[:, None], axis=2).max(axis=1)[faces.carrier]
     centre = np.einsum("fij,fj->fi", faces.rotation, middle[faces.carrier]) + faces.translation
@@ -72,20 +73,18 @@ def _nearest(lattice: PatchComplex, face: int, point: Array, start: int) -> tupl
     low, high = np.array(patch.domain).T
     uv = low + (high - low) * np.array(divmod(start, SAMPLES)) / (SAMPLES - 1)
     for _ in range(STEPS):
-        gap = patch(*uv) - point
-        first = np.stack([patch(*uv, 1, 0), patch(*uv, 0, 1)])
-        slope = first @ gap
-        metric = first @ first.T
-        bend = metric + np.array(
-            [[gap @ patch(*uv, 2, 0), gap @ patch(*uv, 1, 1)], [gap @ patch(*uv, 1, 1), gap @ patch(*uv, 0, 2)]]
-        )
+        jet = {d: patch(uv[0], uv[1], *d) for d in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))}
+        gap, first = jet[0, 0] - point, np.stack([jet[1, 0], jet[0, 1]])
+        slope, metric = first @ gap, first @ first.T
+        uu, uw, ww = (float(gap @ jet[d]) for d in ((2, 0), (1, 1), (0, 2)))
+        bend = metric + np.array([[uu, uw], [uw, ww]])
         definite = bend[0, 0] > 0 and np.linalg.det(bend) > 0
         step = np.linalg.solve(bend if definite else metric, slope)
         new = np.clip(uv - step, low, high)
         if np.abs(new - uv).max() < 1e-13:
             break
         uv = new
-    gap, normal = point - patch(*uv), patch.normal(*uv)
+    gap, normal = point - patch(uv[0], uv[1]), patch.normal(uv[0], uv[1])
     apart = max(float(np.linalg.norm(gap)), LEAST)
     normal = normal / np.linalg.norm(normal)
     slant = float(np.linalg.norm(np.cross(gap, normal))) / apart

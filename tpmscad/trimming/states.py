@@ -6,7 +6,7 @@ lattice that are in or out as a whole, is told by one point.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +14,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tpmscad.patches.complex import PatchComplex
-from tpmscad.splines.bspline import Curve
 from tpmscad.trimming.body import Body
 from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.pieces import Pieces
-from tpmscad.trimming.sides import Sides
+from tpmscad.trimming.sides import Sides, spline_curves
 from tpmscad.trimming.strands import Crossings, Strands, points_on
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
@@ -65,7 +64,7 @@ def edge_states(
     torn = np.flatnonzero(votes.all(axis=1))
     if len(torn):
         piece = np.flatnonzero(component == torn[0])[0]
-        at = points_on(lattice.curves, strands, pieces.strand[[piece]], pieces.span[[piece], 0])[0]
+        at = points_on(spline_curves(lattice), strands, pieces.strand[[piece]], pieces.span[[piece], 0])[0]
         raise TrimmingError(f"crossings disagree on whether the lattice near {at.round(6)} is in the body")
     silent = np.setdiff1d(np.flatnonzero(~votes.any(axis=1)), component[flat >= 0])
     if len(silent):
@@ -73,7 +72,7 @@ def edge_states(
         np.minimum.at(first, component, np.arange(m))
         one = first[silent]
         votes[silent, 1] = inside_body(
-            points_on(lattice.curves, strands, pieces.strand[one], pieces.span[one].mean(axis=1))
+            points_on(spline_curves(lattice), strands, pieces.strand[one], pieces.span[one].mean(axis=1))
         )
     return EdgeStates(votes[component, 1] > 0, flat, on_patch)
 
@@ -151,10 +150,3 @@ def lattice_strands(lattice: PatchComplex) -> Strands:
     """All edges of the lattice."""
     e = lattice.edges
     return Strands(e.curve, e.rotation, e.translation, e.span, e.start, e.end)
-
-
-def all_points(curves: Sequence[Curve], strands: Strands, pieces: Pieces, index: Ints, x: Array) -> Array:
-    """Points at fractions x (s,) of pieces (n,): (n, s, 3)."""
-    low, high = pieces.span[index].T
-    t = low[:, None] + (high - low)[:, None] * x
-    return points_on(curves, strands, np.repeat(pieces.strand[index], len(x)), t.ravel()).reshape(len(index), len(x), 3)

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad.patches.carriers import EdgeCurve
 from tpmscad.splines.bspline import Curve, design
 from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
@@ -68,7 +69,7 @@ class Crossings:
         return self.root[self.root_start[p] : self.root_start[p + 1]] if p >= 0 else np.zeros(0)
 
 
-def points_on(curves: Sequence[Curve], strands: Strands, index: Ints, t: Array) -> Array:
+def points_on(curves: Sequence[EdgeCurve], strands: Strands, index: Ints, t: Array) -> Array:
     """Points at parameters t (m,) of the strands `index` (m,): (m, 3)."""
     local = np.empty((len(t), 3))
     owner = strands.curve[index]

@@ -26,8 +26,8 @@ from tpmscad.trimming.hits import Hits, find_hits
 from tpmscad.trimming.labels import labels, sectors_at_hits
 from tpmscad.trimming.pieces import Pieces, root_vertices, split
 from tpmscad.trimming.reach import near_patches
-from tpmscad.trimming.regions import inside_body, regions
-from tpmscad.trimming.sides import Sides, read_sides
+from tpmscad.trimming.regions import Region, inside_body, regions
+from tpmscad.trimming.sides import Sides, read_sides, spline_curves
 from tpmscad.trimming.solid import in_solid
 from tpmscad.trimming.states import edge_states, lattice_strands
 from tpmscad.trimming.strands import FLAT, Crossings, Strands, cross
@@ -108,11 +108,12 @@ def trim(
     if not (np.isfinite(tol) and tol > 0):
         raise InvalidRequest(f"tol must be positive and finite, not {tol}")
     sides, ready = read_sides(lattice), prepared(body)
+    faces = regions(ready)
     reason = ""
     for attempt in SHIFTS:
         by = attempt * SHIFT * tol
         try:
-            complex, report = _trim(moved(lattice, by * WAY) if attempt else lattice, sides, ready, tol, inside)
+            complex, report = _trim(moved(lattice, by * WAY) if attempt else lattice, sides, ready, faces, tol, inside)
         except TrimmingError as error:
             reason = reason or str(error)
             continue
@@ -131,31 +132,33 @@ def moved(complex: PatchComplex, by: Array) -> PatchComplex:
 
 
 def _trim(
-    lattice: PatchComplex, sides: Sides, body: Body, tol: float, inside: Callable[[Array], Array] | None
+    lattice: PatchComplex,
+    sides: Sides,
+    body: Body,
+    faces: list[Region],
+    tol: float,
+    inside: Callable[[Array], Array] | None,
 ) -> tuple[PatchComplex, Report]:
     snap = SNAP * tol
     k = body.n_surfaces
-    strands = lattice_strands(lattice)
-    near = near_patches(lattice, body)
+    strands, own = lattice_strands(lattice), spline_curves(lattice)
+    near = near_patches(lattice, body, faces)
     on = np.abs(body.levels.distances(lattice.vertices)) < snap
-    crossings = cross(
-        lattice.curves, strands, body.levels, on, _edges_of(near, sides, len(strands), body), snap, FLAT * tol
-    )
-    vertex, points = root_vertices(lattice.curves, strands, crossings, len(lattice.vertices), snap)
+    crossings = cross(own, strands, body.levels, on, _edges_of(near, sides, len(strands), body), snap, FLAT * tol)
+    vertex, points = root_vertices(own, strands, crossings, len(lattice.vertices), snap)
     vertices = np.vstack([lattice.vertices, points])
 
     surfaces = body.levels.of(np.arange(k))
     cuts = cut_patches(lattice, sides, surfaces, near, on, crossings, vertex, len(vertices), FIT * tol)
     vertices = np.vstack([vertices, cuts.points])
     on = np.abs(body.levels.distances(vertices)) < snap
-    curves = (*lattice.curves, *(c.curve for c in cuts.cuts))
+    curves = (*own, *(c.curve for c in cuts.cuts))
     tracks = all_tracks(lattice, cuts, crossings)
     wanted = _companions(body, tracks)
     roots = cross(curves, tracks.strands, body.levels, on, wanted, snap, FLAT * tol)
     hits = find_hits(lattice, body, cuts, tracks, curves, roots, crossings, vertex, vertices, on, tol, snap)
     vertices = np.vstack([vertices, hits.points])
 
-    faces = regions(body)
     pieces = split(tracks.strands, hits.track, hits.root, hits.root_vertex)
     label, label_of = labels(body, faces, tracks, pieces, curves, hits, len(vertices))
     hit = np.zeros(len(vertices), bool)

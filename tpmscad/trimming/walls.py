@@ -93,8 +93,9 @@ def body_pieces(
     votes = np.zeros((count, 2), np.int64)
     for p, inside in one:
         votes[component[p], int(inside)] += 1
-    if votes.all(axis=1).any():
-        p = int(np.flatnonzero(votes.all(axis=1)[component])[0])
+    torn = np.flatnonzero(votes.all(axis=1))
+    if len(torn):
+        p = int(np.flatnonzero(component == torn[0])[0])
         raise TrimmingError(
             f"in and out do not alternate along the body's edge at {body.curves[rows[p][0]](rows[p][1]).round(6)}"
         )
@@ -139,7 +140,7 @@ def _told(in_solid: Callable[[Array], Flags], points: Array) -> bool:
     failure = None
     for point in points:
         try:
-            return bool(in_solid(point[None])[0])
+            return bool(np.asarray(in_solid(point[None])).all())
         except TrimmingError as error:
             failure = failure or error
     raise TrimmingError(str(failure))

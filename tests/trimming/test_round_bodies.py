@@ -1,0 +1,212 @@
+"""Lattices cut by round bodies: closed, true to their carriers, and with the volumes that summation and complements give."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tpmscad import surfaces
+from tpmscad.errors import InvalidRequest
+from tpmscad.patches import connectivity, measure
+from tpmscad.patches import lattice as lattices
+from tpmscad.patches.carriers import Plane
+from tpmscad.patches.complex import PatchComplex
+from tpmscad.splines.bspline import Surface
+from tpmscad.trimming import TrimmingError, polyhedron, trim
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "patches"))  # solids of revolution made by hand
+import round_shapes as shapes
+
+CELL = 10.0
+TOL = 1e-7
+AT_HOME = (0.0, 0.0, 0.0)
+TILT = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
+
+
+def slowly(*values: object) -> object:
+    """A case that runs with the slow tests only."""
+    return pytest.param(*values, marks=pytest.mark.slow)
+
+
+def volume(complex: PatchComplex) -> float:
+    return float(measure.volume(measure.face_moments(complex))[0]) if len(complex.faces) else 0.0
+
+
+def turned(complex: PatchComplex) -> PatchComplex:
+    """The same surface with the other side solid."""
+    return replace(complex, faces=replace(complex.faces, sense=-complex.faces.sense))
+
+
+def shifted(complex: PatchComplex, by: tuple[float, float, float]) -> PatchComplex:
+    edges, faces = complex.edges, complex.faces
+    return replace(
+        complex,
+        vertices=complex.vertices + by,
+        edges=replace(edges, translation=edges.translation + by),
+        faces=replace(faces, translation=faces.translation + by),
+    )
+
+
+def bracket() -> PatchComplex:
+    """An L of two walls, not convex."""
+    corners = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 7), (0, 7)]
+    points = [(x, y, z) for z in (0.0, 5.0) for x, y in corners]
+    sides = [(i, (i + 1) % 6, 6 + (i + 1) % 6, 6 + i) for i in range(6)]
+    return polyhedron(np.array(points) @ TILT.T + [7.0, 6.5, 8.0], [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides])
+
+
+BODIES = {
+    "cylinder": lambda: shapes.cylinder(4.3, 9.1, rotation=TILT, translation=(9.1, 8.7, 4.3)),
+    "sphere": lambda: shapes.sphere(4.1, rotation=TILT, translation=(9.7, 10.2, 9.9)),
+    "cone": lambda: shapes.cone(5.0, 8.0, rotation=TILT, translation=(9.1, 8.7, 4.3)),
+    "frustum": lambda: shapes.frustum(5.0, 3.0, 8.0, rotation=TILT, translation=(9.1, 8.7, 4.3)),
+    "torus": lambda: shapes.torus(4.0, 1.7, rotation=TILT, translation=(9.7, 10.2, 9.9)),
+    "flask": lambda: shapes.flask(rotation=TILT, translation=(8.0, 9.0, 6.0)),
+    "pierced block": lambda: shifted(shapes.pierced_block(), (7.0, 8.0, 9.0)),
+    "bracket": bracket,
+}
+
+
+def misfit(complex: PatchComplex) -> np.ndarray:
+    """For every use, how far the carrier at its parameter curve is from the edge's curve, and that from the edge's vertices."""
+    result = []
+    faces, edges, uses = complex.faces, complex.edges, complex.uses
+    for use, face in enumerate(complex.face_of_use):
+        edge = uses.edge[use]
+        t = np.linspace(*edges.span[edge], 14)
+        points = complex.curves[edges.curve[edge]](t) @ edges.rotation[edge].T + edges.translation[edge]
+        carrier = complex.carriers[faces.carrier[face]]
+        local = (points - faces.translation[face]) @ faces.rotation[face]
+        if isinstance(carrier, Plane):
+            off = np.abs(carrier.distance(local))
+        else:
+            off = np.linalg.norm(carrier(*complex.pcurves[uses.pcurve[use]](t).T) - local, axis=1)
+        ends = complex.vertices[[edges.start[edge], edges.end[edge]]]
+        result.append(max(off.max(), np.linalg.norm(points[[0, -1]] - ends, axis=1).max()))
+    return np.array(result)
+
+
+@pytest.mark.parametrize(
+    ("body", "name", "layers"),
+    [
+        ("sphere", "schwarz_p", (None, 0.0)),
+        ("pierced block", "gyroid", (None, 0.0)),
+        slowly("flask", "gyroid", (None, 0.0)),
+        *[
+            slowly(body, name, layers)
+            for body in BODIES
+            for name, layers in (("gyroid", (-0.05, 0.05)), ("diamond", (None, 0.0)), ("schwarz_p", (None, 0.05)))
+        ],
+    ],
+)
+def test_solid_and_void_share_the_body_between_them(
+    body: str, name: str, layers: tuple[float | None, float | None], cover: Callable[..., PatchComplex]
+) -> None:
+    tool, lattice = BODIES[body](), cover(name, (2, 2, 2), AT_HOME, layers)
+    parts = [trim(lattice, tool, TOL), trim(turned(lattice), tool, TOL)]
+    for part in parts:
+        assert part.report.shifted == 0
+        assert connectivity.is_closed(part.complex)
+        off = misfit(part.complex)
+        assert (off <= part.complex.edges.deviation[part.complex.uses.edge] + 1e-9).all()
+        assert off.max() < 2 * TOL
+        patches = {c for c in part.complex.faces.carrier if isinstance(part.complex.carriers[c], Surface)}
+        assert patches <= set(range(len(lattice.carriers)))  # the lattice's own
+    assert volume(parts[0].complex) + volume(parts[1].complex) == pytest.approx(volume(tool), rel=1e-8)
+    areas = [measure.face_moments(part.complex).area[part.complex.tagged("cap")].sum() for part in parts]
+    assert sum(areas) == pytest.approx(measure.face_moments(tool).area.sum(), rel=1e-7)
+
+
+@pytest.mark.parametrize("body", ["torus", *map(slowly, ("cylinder", "sphere", "cone", "flask", "bracket"))])
+def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., PatchComplex]) -> None:
+    """The trigonometric gyroid is 1.4e-3 of the cell from the exact one, on either side of it, and the points are many."""
+    tool = BODIES[body]()
+    found = volume(trim(cover("gyroid", (2, 2, 2), AT_HOME, (None, 0.0)), tool, TOL).complex)
+    n = 90
+    low, high = tool.vertices.min(axis=0) - 5, tool.vertices.max(axis=0) + 5
+    x = np.stack(np.meshgrid(*[np.linspace(0.5 / n, 1 - 0.5 / n, n)] * 3), axis=-1).reshape(-1, 3) * (high - low) + low
+    local = (x - tool.faces.translation[0]) @ tool.faces.rotation[0]
+    r, z = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
+    inside = {
+        "cylinder": lambda: (r < 4.3) & (z > 0) & (z < 9.1),
+        "sphere": lambda: r**2 + z**2 < 4.1**2,
+        "cone": lambda: (z > 0) & (r < 5 * (1 - z / 8)),
+        "torus": lambda: (r - 4) ** 2 + z**2 < 1.7**2,
+        "flask": lambda: in_flask(r, z),
+        "bracket": lambda: in_bracket(x),
+    }[body]()
+    a, b, c = 2 * np.pi * x.T / CELL
+    solid = np.sin(a) * np.cos(b) + np.sin(b) * np.cos(c) + np.sin(c) * np.cos(a) < 0
+    counted = (inside & solid).mean() * np.prod(high - low)
+    assert found == pytest.approx(counted, rel=1.5e-2)
+    assert inside.mean() * np.prod(high - low) == pytest.approx(volume(tool), rel=1.5e-2)  # the count is of this body
+
+
+def in_flask(r: np.ndarray, z: np.ndarray) -> np.ndarray:
+    rise = np.sqrt(3.5**2 - 1.5**2)
+    fillet = (z > rise * 3 / 3.5) & (z < rise) & (r < 1.5) & ((r - 1.5) ** 2 + (z - rise) ** 2 > 0.25)
+    neck = (r < 1) & (z > 0) & (z < 6)
+    lip = (r - 0.8) ** 2 + (z - 6) ** 2 < 0.04
+    bore = (r < 0.6) & (z > 1 - 0.75 * (1 - r / 0.6)) & (z < 7)
+    return ((r**2 + z**2 < 9) | fillet | neck | lip) & ~bore
+
+
+def in_bracket(x: np.ndarray) -> np.ndarray:
+    a, b, c = ((x - [7.0, 6.5, 8.0]) @ TILT).T
+    return (c > 0) & (c < 5) & (a > 0) & (b > 0) & (((a < 6) & (b < 2)) | ((a < 2) & (b < 7)))
+
+
+def test_a_body_in_one_room_of_the_lattice_is_all_solid_or_nothing(cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("schwarz_p", (2, 2, 2), AT_HOME, (None, 0.0))
+    for middle, part in (((15.0, 15.0, 15.0), 1.0), ((10.0, 10.0, 10.0), 0.0)):
+        ball = shapes.sphere(1.0, translation=middle)
+        assert volume(trim(lattice, ball, TOL).complex) == pytest.approx(part * 4 / 3 * np.pi, rel=1e-9)
+
+
+def test_a_lattice_inside_the_body_stays_whole(cover: Callable[..., PatchComplex]) -> None:
+    surface = cover("gyroid", (1, 1, 1), AT_HOME, (-0.05, 0.05)).carriers[0].scaled(1 / CELL)
+    motions = surfaces.symmetry("gyroid")
+    sheet = lattices.Sheet((surface,), (0, True), (0, False))
+    whole = lattices.natural(motions, sheet, lattices.whole_cells("gyroid", (1, 1, 1), np.zeros(3)))
+    kept = trim(whole, shapes.sphere(3.0), TOL).complex
+    assert len(kept.faces) == len(whole.faces)
+    assert volume(kept) == pytest.approx(volume(whole), rel=1e-12)
+    assert len(trim(whole, shapes.sphere(3.0, translation=(9.0, 0.0, 0.0)), TOL).complex.faces) == 0
+
+
+@pytest.mark.parametrize("slide", [0.0, slowly(0.4)])
+def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Callable[..., PatchComplex]) -> None:
+    """Translations along the axis: two cells of it have the wall's classes of one, and its volume twice."""
+    found = []
+    for cells in (1, 2):
+        lattice = cover("gyroid", (1, 1, 3), AT_HOME, (None, 0.0))
+        tool = shapes.cylinder(3.1, CELL * cells, translation=(4.7, 5.2, 3.0 + slide))
+        found.append(trim(lattice, tool, TOL))
+    assert volume(found[1].complex) == pytest.approx(2 * volume(found[0].complex), rel=1e-8)
+    assert found[1].report.curves == found[0].report.curves
+
+
+def test_what_is_no_body_of_planes_and_quadrics_is_refused(cover: Callable[..., PatchComplex]) -> None:
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, (None, 0.0))
+    with pytest.raises(TrimmingError, match="B-spline"):
+        trim(lattice, turned(lattice), TOL)
+    ball = shapes.sphere(2.0, translation=(5.0, 5.0, 5.0))
+    faces = ball.faces
+    half = replace(
+        ball,
+        uses=type(ball.uses)(*(a[: faces.use_start[1]] for a in (ball.uses.edge, ball.uses.sense, ball.uses.pcurve))),
+        faces=replace(
+            faces,
+            **{k: getattr(faces, k)[:1] for k in ("carrier", "rotation", "translation", "sense", "tag")},
+            loop_start=faces.loop_start[:2],
+            use_start=faces.use_start[:2],
+        ),
+    )
+    with pytest.raises(InvalidRequest, match="not closed"):
+        trim(lattice, half, TOL)
