@@ -65,8 +65,9 @@ def scale() -> None:
 
 HEAD = (
     "seconds are CPU; deviation in cells; jump: greatest and 95th percentile, degrees; volume: relative, to the field's own.\n"
-    "facets: triangles of marching cubes at the same deviation, MB of STEP and seconds; * scaled up from 4000 triangles.\n"
-    f"{'':26s} {'':7s} faces  poles seconds    MB deviation  jump        volume  betti           facets       MB seconds"
+    "facets: triangles of marching cubes at the deviation asked, MB of STEP and seconds; * scaled up from 4000 triangles;\n"
+    "last, how many it takes at the deviation that the solid has.\n"
+    f"{'':26s} {'':7s} faces  poles seconds    MB deviation  jump        volume  betti           facets       MB  seconds"
 )
 
 
@@ -86,7 +87,10 @@ def row(name: str, field: fields.Field, domain: object, tol: float, *, beside: b
     c, more = model.certificate, model.certificate.figures
     p95 = more["tangent jump in degrees at the 95th percentile"]
     off = c.volume / more["volume of the field"] - 1
-    other = facets(field, *(np.asarray(p, float) for p in domain), c.max_deviation) if beside else ""
+    other = ""
+    if beside:
+        plain = facets(field, *(np.asarray(p, float) for p in domain), tol)
+        other = f"{plain} {plain.count * plain.deviation / c.max_deviation:10.1e}"
     print(
         f"{name:26s} {'met' if c.met else 'NOT met':7s} {c.n_faces:5d} {c.n_poles:6d} {cpu:7.1f} {size:5.2f} "
         f"{c.max_deviation / 10.0:9.1e} {c.tangent_jump_deg:5.2f} {p95:5.3f} {off:+9.1e}  {c.betti!s:14s} {other}"

@@ -1,6 +1,6 @@
-"""From a STEP file to a second-order tetrahedral mesh with gmsh: one periodic cell, and a part with a lattice in it.
+"""From a STEP file to a second-order tetrahedral mesh with gmsh: one periodic cell, and an infilled part.
 
-Writes gyroid_cell.msh and lattice_part.msh beside their STEP files and prints what was measured on the meshes. Needs gmsh
+Writes gyroid_cell.msh and infilled_part.msh beside their STEP files and prints what was measured on the meshes. Needs gmsh
 (pip install gmsh; on a bare Debian or Ubuntu also apt-get install libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1).
 """
 
@@ -158,14 +158,14 @@ def cell() -> Any:
 
 
 def part() -> Any:
-    """A plate on a round column of gyroid, bored: plain build123d from the lattice on."""
-    lattice = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 1), thickness=1.5, tol=0.02).solid
-    column = lattice & bd.Pos(10, 10, 5) * (bd.Cylinder(9, 10) - bd.Cylinder(3, 10))
-    return column + bd.Pos(10, 10, 11) * (bd.Cylinder(9, 2) - bd.Cylinder(3, 2))
+    """A bushing filled with gyroid under a plate that is fused to it by plain build123d."""
+    bushing = bd.Pos(10, 10, 5) * (bd.Cylinder(9, 10) - bd.Cylinder(3, 10))
+    filled = tpmscad.infill(bushing, "gyroid", cell=10, thickness=1.5, tol=0.02)
+    return filled.solid + bd.Pos(10, 10, 11) * (bd.Cylinder(9, 2) - bd.Cylinder(3, 2))
 
 
 if __name__ == "__main__":
-    for name, made, size, periodic in (("gyroid_cell", cell(), 0.6, True), ("lattice_part", part(), 0.8, False)):
+    for name, made, size, periodic in (("gyroid_cell", cell(), 0.6, True), ("infilled_part", part(), 0.8, False)):
         path = Path(f"{name}.step")
         tpmscad.export_step(made, path)
         print(f"{path.with_suffix('.msh')}, asked for edges of {size}:\n{mesh(path, size, periodic=periodic)}\n")

@@ -71,7 +71,7 @@ def test_other_cells_are_periodic_too(
     assert found.mismatch < 1e-6
 
 
-def test_a_part_with_a_lattice_in_it_is_meshed(example: ModuleType, tmp_path: Path) -> None:
+def test_an_infilled_part_is_meshed(example: ModuleType, tmp_path: Path) -> None:
     path, volume = exported(example.part(), tmp_path)
     is_as_asked(example.mesh(path, 0.8), 0.8, volume)
 
