@@ -59,8 +59,7 @@ def trace(body: Body, face: Face, use: Use, t: Array | None = None) -> Array:
     """(u, v) along the use, in its own direction: at SAMPLES even parameters, or in the edge's direction at t (n,)."""
     assert not isinstance(face.carrier, Plane)
     edge = body.edges[use.edge]
-    at = np.linspace(*edge.span, SAMPLES) if t is None else t
-    uv = follow(face.carrier, edge.curve, edge.span, use.near, at, body.size)
+    uv = follow(face.carrier, edge.curve, edge.span, use.near, t, body.size)
     return uv if use.sense > 0 or t is not None else uv[::-1]
 
 

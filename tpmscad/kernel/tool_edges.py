@@ -52,24 +52,45 @@ def at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.
 
 
 def follow(
-    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array, size: float
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array | None, size: float
 ) -> Array:
-    """(u, v) of the curve at parameters t (n,) of the span, without jumps along it; near `near` in its middle: (n, 2)."""
-    grid = np.union1d(np.linspace(*span, SAMPLES), t)
+    """(u, v) of the curve at parameters t (n,) of the span, without jumps along it; near `near` in its middle: (n, 2).
+
+    At SAMPLES even parameters where t is None.
+    """
+    grid, known = _followed(carrier, curve, span, size)
+    shift = np.zeros(2)
+    for axis, period in enumerate(carrier.period):
+        if period and near is not None:
+            shift[axis] = period * round((near[axis] - known[SAMPLES // 2, axis]) / period)
+    if t is None:
+        return known + shift
+    points = curve(t)
+    uv = carrier.parameters(points)
+    pole = at_pole(carrier, points, size)
+    for axis, period in enumerate(carrier.period):
+        if period:
+            about = np.interp(t, grid, known[:, axis])
+            uv[:, axis] = np.where(pole, about, uv[:, axis]) if axis == 0 else uv[:, axis]
+            uv[:, axis] += period * np.round((about - uv[:, axis]) / period)
+    return np.asarray(uv + shift)
+
+
+@lru_cache(maxsize=1024)
+def _followed(carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float) -> tuple[Array, Array]:
+    """SAMPLES even parameters of the span and (u, v) there, without jumps; at poles u is the neighbour's."""
+    grid = np.linspace(*span, SAMPLES)
     points = curve(grid)
     uv = carrier.parameters(points)
     pole = at_pole(carrier, points, size)
-    if pole.any():  # no direction there: the nearest one
+    if pole.any():
         known = np.flatnonzero(~pole)
         nearest = known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)]
         uv[pole, 0] = uv[nearest, 0]
     for axis, period in enumerate(carrier.period):
         if period:
             uv[:, axis] = np.unwrap(uv[:, axis], period=period)
-            if near is not None:
-                middle = np.interp(0.5 * (span[0] + span[1]), grid, uv[:, axis])
-                uv[:, axis] += period * np.round((near[axis] - middle) / period)
-    return np.asarray(uv[np.searchsorted(grid, t)])
+    return grid, uv
 
 
 def pcurve(
@@ -77,7 +98,7 @@ def pcurve(
 ) -> Curve:
     """The parameter curve on the carrier, within tol of the curve: a line wherever it is one."""
     t = np.linspace(*span, SAMPLES)
-    uv = follow(carrier, curve, span, near, t, size)
+    uv = follow(carrier, curve, span, near, None, size)
     slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
     middle = uv[SAMPLES // 2]
     straight = middle + np.multiply.outer(t - t[SAMPLES // 2], slope)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tpmscad.patches.conics import Circle, Ellipse
+from tpmscad.patches.conics import Circle, Ellipse, cross
 from tpmscad.patches.quadrics import Cone, Cylinder, Sphere, Torus
 from tpmscad.splines.bspline import Curve, Surface
 
@@ -26,7 +26,7 @@ class Plane:
 
     @property
     def y_axis(self) -> Array:
-        return np.cross(self.normal, self.x_axis)
+        return cross(self.normal, self.x_axis)
 
     @property
     def period(self) -> tuple[float, float]:

@@ -24,7 +24,7 @@ class Ellipse:
 
     @property
     def y_axis(self) -> Array:
-        return np.cross(self.normal, self.x_axis)
+        return cross(self.normal, self.x_axis)
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -42,7 +42,7 @@ class Ellipse:
     def moved(self, rotation: Array, translation: Array) -> Ellipse:
         """Moved with its parameter, by mirrors too."""
         x, y = rotation @ self.x_axis, rotation @ self.y_axis
-        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=np.cross(x, y))
+        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=cross(x, y))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class Circle:
 
     @property
     def y_axis(self) -> Array:
-        return np.cross(self.normal, self.x_axis)
+        return cross(self.normal, self.x_axis)
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -74,9 +74,15 @@ class Circle:
     def moved(self, rotation: Array, translation: Array) -> Circle:
         """Moved with its parameter, by mirrors too."""
         x, y = rotation @ self.x_axis, rotation @ self.y_axis
-        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=np.cross(x, y))
+        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=cross(x, y))
 
 
 def cosine(t: Array, order: int) -> Array:
     """The derivative of that order of the cosine; -1 for its antiderivative, the sine."""
     return (np.cos, lambda t: -np.sin(t), lambda t: -np.cos(t), np.sin)[order % 4](t)
+
+
+def cross(a: Array, b: Array) -> Array:
+    """The cross product of two vectors (3,): numpy's takes 20 times as long for one."""
+    (a0, a1, a2), (b0, b1, b2) = a.tolist(), b.tolist()
+    return np.array([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0])

@@ -20,7 +20,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tpmscad.patches.conics import TURN, cosine
+from tpmscad.patches.conics import TURN, cosine, cross
 
 Array = NDArray[np.float64]
 
@@ -38,7 +38,7 @@ class _Revolved:
 
     @property
     def y_axis(self) -> Array:
-        return np.cross(self.axis, self.x_axis)
+        return cross(self.axis, self.x_axis)
 
     @property
     def period(self) -> tuple[float, float]:
