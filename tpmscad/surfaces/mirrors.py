@@ -22,8 +22,9 @@ from tpmscad.surfaces.waves import WAVES, Waves
 PRIMITIVE = ((0, 0, 0), (1 / 2, 0, 0), (1 / 2, 1 / 2, 0), (1 / 2, 1 / 2, 1 / 2))
 """Of the mirrors of Pm-3m, which are those of Im-3m as well: a 48th of the cell."""
 
-FACE_CENTRED = ((0, 0, 0), (1 / 2, 0, 0), (1 / 4, 1 / 4, 0), (1 / 4, 1 / 4, 1 / 4))
-"""Of the mirrors of Fm-3m: a 192nd of the cell."""
+FACE_CENTRED = ((0, 0, 0), (1 / 2, 1 / 2, 0), (1 / 2, 0, 0), (1 / 4, 1 / 4, 1 / 4))
+"""Of the mirrors of Fm-3m: a 96th of the cell, two of the kaleidoscope's tetrahedra. They share the wall x + y = 1/2, which the
+piece of F-RD meets squarely at both ends, so that both halves are one quadrilateral."""
 
 TETRAHEDRA: Mapping[str, tuple[tuple[float, float, float], ...]] = MappingProxyType(
     {"schwarz_p": PRIMITIVE, "iwp": PRIMITIVE, "neovius": PRIMITIVE, "frd": FACE_CENTRED}
@@ -42,7 +43,8 @@ class MirrorSymmetry:
       tetrahedron; side 0 runs from the corner on the edge from edges[0, 0] to edges[1, 0] to that towards edges[1, 0] from
       edges[0, 1], and on around;
     - `angles` (4,): between the sides, at the corner where side i begins;
-    - `rotations` (n, 3, 3), `translations` (n, 3): all motions modulo the integer translations, mirrors included;
+    - `rotations` (n, 3, 3), `translations` (n, 3): one motion for each copy of the tetrahedron, modulo integer translations;
+    - `middle`: the plane (n, c) of a mirror that halves the tetrahedron and exchanges the ends of edges[0], or None;
     - `volume`: of the tetrahedron, 1 / n.
     """
 
@@ -54,6 +56,7 @@ class MirrorSymmetry:
     angles: Array
     rotations: Array
     translations: Array
+    middle: tuple[Array, float] | None
     volume: float
 
     def on_segments(self, s: Array, t: Array) -> tuple[Array, Array]:
@@ -103,14 +106,15 @@ def mirror_symmetry(name: str) -> MirrorSymmetry:
         walls.append(_wall(np.delete(corners, opposite, axis=0), corners[opposite]))
     normals, offsets = np.array([n for n, _ in walls]), np.array([c for _, c in walls])
     angles = np.array([np.arccos(-normals[i - 1] @ normals[i]) for i in range(4)])
-    rotations, translations = _generated(normals, offsets)
+    rotations, translations = _copies(normals, offsets, corners)
     volume = abs(np.linalg.det(corners[1:] - corners[0])) / 6
     if abs(volume * len(rotations) - 1) > 1e-12:
         raise ArithmeticError(f"{len(rotations)} copies of a tetrahedron of volume {volume:g} don't fill the cell")
     edges = np.array([[corners[a], corners[b]], [corners[c], corners[d]]])
+    middle = _middle(edges)
     for shared in (edges, normals, offsets, angles, rotations, translations):
         shared.setflags(write=False)  # every caller gets the same arrays
-    return MirrorSymmetry(info.name, waves, edges, normals, offsets, angles, rotations, translations, volume)
+    return MirrorSymmetry(info.name, waves, edges, normals, offsets, angles, rotations, translations, middle, volume)
 
 
 def _wall(triangle: Array, opposite: Array) -> tuple[Array, float]:
@@ -119,17 +123,25 @@ def _wall(triangle: Array, opposite: Array) -> tuple[Array, float]:
     return normal, float(normal @ triangle[0])
 
 
-def _generated(normals: Array, offsets: Array) -> tuple[Array, Array]:
-    """Every word in the reflections, modulo integer translations; all entries are multiples of 1/4, so exact."""
+def _middle(edges: Array) -> tuple[Array, float] | None:
+    """The plane between the ends of the first edge, if the second lies in it: a mirror of the tetrahedron's surroundings too."""
+    normal = (edges[0, 1] - edges[0, 0]) / np.linalg.norm(edges[0, 1] - edges[0, 0])
+    offset = float(normal @ edges[0].mean(axis=0))
+    return (normal, offset) if np.abs(edges[1] @ normal - offset).max() < 1e-12 else None
+
+
+def _copies(normals: Array, offsets: Array, corners: Array) -> tuple[Array, Array]:
+    """A word in the reflections for each copy of the tetrahedron modulo integer translations; multiples of 1/4, so exact."""
     mirrors = [
         (np.rint(np.eye(3) - 2 * np.outer(n, n)), np.rint(8 * c * n) / 4) for n, c in zip(normals, offsets, strict=True)
     ]
-    found: dict[bytes, tuple[Array, Array]] = {}
+    found: dict[tuple[int, ...], tuple[Array, Array]] = {}
     fresh = [(np.eye(3), np.zeros(3))]
     while fresh:
         turn, shift = fresh.pop(0)
         shift = np.mod(shift, 1.0)
-        key = (np.vstack([turn, shift]) + 0.0).tobytes()
+        centre = np.rint(4 * corners.sum(axis=0) @ turn.T + 16 * shift).astype(int)  # in sixteenths
+        key = tuple((centre % 16).tolist())
         if key not in found:
             found[key] = turn, shift
             fresh.extend((turn @ r, turn @ t + shift) for r, t in mirrors)
