@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from typing import Any
 
@@ -20,6 +21,7 @@ from tpmscad.model import Model, Progress, Stages
 from tpmscad.patches import field_reference
 from tpmscad.patches.certificate import Certificate, certificate_of
 from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.field_work import workers
 from tpmscad.patches.summary import Summary, summary
 
 TANGENT_JUMP_DEG = (0.5, 2.0)
@@ -41,27 +43,36 @@ Domain = Sequence[Sequence[float]]
 
 
 def solidify(
-    field: Field | Callable[..., Any], domain: Domain | Any, *, tol: float, progress: Progress | None = None
+    field: Field | Callable[..., Any],
+    domain: Domain | Any,
+    *,
+    tol: float,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
 ) -> Model:
     """The solid {field < 0} inside `domain`, its surface within tol of the level set.
 
     domain: a box ((x0, y0, z0), (x1, y1, z1)), or a body (a build123d or CadQuery shape, a STEP file) in the field's coordinates:
     then the solid is laid out in a box a little larger and trimmed by the body, whose own faces stay exact.
-    The field may be any of tpmscad.fields or a function of points. LayoutError names where a field can't be made a solid and
-    why; a result that misses what was asked for has certificate.met False.
+    The field may be any of tpmscad.fields or a function of points. executor: any concurrent.futures.Executor whose workers can
+    import this package does the fits in a box; None: a pool of this machine's cores, where that pays. The result is the same,
+    bit for bit. LayoutError names where a field can't be made a solid and why; a result that misses what was asked for has
+    certificate.met False.
     """
     if not _is_numbers(domain):
+        if executor is not None:
+            raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         from tpmscad.parts.infill import infill  # which fills the body with what solidify makes of its box
 
         return infill(domain, field, tol=tol, progress=progress)
     field = as_field(field)
     lo, hi = _corners(domain)
     stages = Stages(progress)
-    with stages("fit") as done:
-        made = field_complex(field, lo, hi, tol, progress=done)
+    with stages("fit") as done, workers(executor, field) as work:
+        made = field_complex(field, lo, hi, tol, work=work, progress=done)
         shape, expected = summary(made.complex), betti_numbers(made.field, lo, hi)
         if expected is not None and shape.betti != expected:
-            made = field_complex(field, lo, hi, tol, probed=True, progress=done)
+            made = field_complex(field, lo, hi, tol, probed=True, work=work, progress=done)
             shape = summary(made.complex)
     with stages("build"):
         built = kernel.build(made.complex)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ProcessPoolExecutor
 from functools import cache
 
 import numpy as np
@@ -13,6 +14,8 @@ from tpmscad.patches import field_reference
 from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.field_inside import inside
+from tpmscad.patches.field_work import workers
 from tpmscad.patches.joints import joints
 from tpmscad.patches.summary import Summary, summary
 
@@ -111,3 +114,39 @@ def test_volumes_by_columns_converge_to_closed_forms() -> None:
     assert uncertainty < 1e-2
     exact = 4 / 3 * np.pi * (3.02**3 - 2.98**3)
     assert field_reference.volume(shell, LO, HI, 0.2)[0] == pytest.approx(exact, rel=1e-3)
+
+
+def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
+    rod, other = FIELDS["rod"][0], fields.rod(fields.tpms("schwarz_p", 3.0), 0.1)
+
+    def either(p: np.ndarray, f: np.ndarray, g: np.ndarray) -> np.ndarray:
+        beyond = (p[:, 1] < 0) | (p[:, 2] > 10)
+        return np.where(beyond.reshape(-1, *[1] * (f.ndim - 1)), g, f)
+
+    changed = fields.from_function(
+        lambda p: either(p, rod(p), other(p)), lambda p: either(p, rod.gradient(p), other.gradient(p))
+    )
+    there, here = (field_complex(f, LO, HI, TOL) for f in (changed, rod))
+    assert len(there.complex.faces) == pytest.approx(len(here.complex.faces), rel=0.2)
+    assert summary(there.complex).volume == pytest.approx(summary(here.complex).volume, rel=1e-4)
+
+
+def test_a_field_seen_from_a_box_is_itself_inside_and_continuously_differentiable_across_the_faces() -> None:
+    seen = inside(GYROID, LO, HI)
+    rng = np.random.default_rng(3)
+    points = rng.uniform(LO, HI, (50, 3))
+    assert np.array_equal(seen(points), GYROID(points))
+    points[:, 1] = 10.0
+    step = np.array([0.0, 1e-5, 0.0])
+    assert np.allclose((seen(points + step) - seen(points - step)) / 2e-5, GYROID.gradient(points)[:, 1], atol=1e-4)
+
+
+def test_workers_make_the_same_solid_face_by_face() -> None:
+    field, box = FIELDS["rod"][0], (LO, np.array([20.0, 10.0, 10.0]))
+    with ProcessPoolExecutor(2) as pool, workers(pool, field) as work:
+        pooled = field_complex(field, *box, TOL, work=work).complex
+    serial = field_complex(field, *box, TOL).complex
+    assert np.array_equal(pooled.vertices, serial.vertices)
+    for one, other in zip(pooled.carriers, serial.carriers, strict=True):
+        assert type(one) is type(other)
+        assert not hasattr(one, "poles") or np.array_equal(one.poles, other.poles)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tpmscad import fields
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
-from tpmscad.patches.layout.net import net_of
+from tpmscad.patches.layout.net import kept, net_of
 from tpmscad.patches.layout.relax import corner_sines, relaxed
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
@@ -110,3 +110,26 @@ def test_a_net_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
             begin, end = (low, high) if senses[i] > 0 else (high, low)
             assert name(int(curves[i]), begin) == corners[i]
             assert name(int(curves[i]), end) == corners[(i + 1) % 4]
+
+
+def test_a_split_leaves_the_layout_alone_but_for_what_is_near() -> None:
+    field = FIELDS["gyroid"]
+    tree = octree.uniform(LO, HI, np.array((8, 9, 7)))
+    before = relaxed(dual_mesh(tree, field), field, LO, HI)
+    chosen = np.zeros(len(tree.size), bool)
+    chosen[before.cell[0]] = True
+    after = relaxed(dual_mesh(octree.split(tree, chosen), field), field, LO, HI, before=before)
+    moved = ~np.isin(before.vertices[:, 0], after.vertices[:, 0])
+    assert 0 < moved.sum() < 0.4 * len(moved)
+    centre = tree.points(tree.origin[before.cell[0]] + 0.5)
+    assert np.linalg.norm(before.vertices[moved] - centre, axis=1).max() < 5 * tree.step.max()
+    net, old = net_of(after, field), net_of(before, field)
+    same = kept(net, old)
+    assert (same.patch >= 0).sum() > 0.5 * len(old.curve)
+    at = np.flatnonzero(same.patch >= 0)
+    here, there = net.corners[at], old.corners[same.patch[at]]
+    whole = (here >= 0).all(axis=1)
+    assert np.array_equal(net.vertices[here[whole]], old.vertices[there[whole]])
+    assert np.array_equal(
+        net.vertices[net.ends[same.curve >= 0, 1]], old.vertices[old.ends[same.curve[same.curve >= 0], 1]]
+    )

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.field_fit import NetFit, bezier, tensor
+from tpmscad.patches.field_work import PIECE, Work, here
 from tpmscad.patches.layout.net import Net
 from tpmscad.patches.layout.octree import Array, Ints, Mask
 from tpmscad.patches.layout.relax import onto
@@ -21,9 +22,6 @@ SAMPLES = 13
 
 HALF = 17
 """Samples along half a side: joints are measured half by half, so that a side meets the two beyond a T-vertex."""
-
-CHUNK = 1024
-"""Patches sampled at a time: 170 000 points."""
 
 FEET = 6
 """Newton steps of a foot on a patch."""
@@ -64,7 +62,9 @@ class Measured:
     curvature: Array
 
 
-def measure(net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None) -> Measured:
+def measure(
+    net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None, work: Work = here
+) -> Measured:
     """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
     count = len(fit.patches)
     wanted = np.arange(count)
@@ -73,33 +73,38 @@ def measure(net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | 
         of = Sampled(*(np.empty((count, *s)) for s in ((), (), (), (3,), (4, m, 3), (4, m, 3, 3))))
     else:
         of, wanted = Sampled(*(array.copy() for array in _arrays(before[0]))), np.flatnonzero(before[1])
-    for at in np.array_split(wanted, -(-len(wanted) // CHUNK)) if len(wanted) else ():
-        _sample(fit, field, at, of)
+    parts = [at[i : i + PIECE] for _, at in shapes(fit, wanted) for i in range(0, len(at), PIECE)]
+    done = work(sampled, [(field, np.stack([fit.patches[i] for i in part])) for part in parts])
+    for part, found in zip(parts, done, strict=True):
+        for array, values in zip(_arrays(of), _arrays(found), strict=True):
+            array[part] = values
     return Measured(of, *_joints(net, of.normals, of.bends))
 
 
-def _arrays(sampled: Sampled) -> tuple[Array, ...]:
-    return sampled.distance, sampled.square, sampled.cosine, sampled.where, sampled.normals, sampled.bends
+def _arrays(of: Sampled) -> tuple[Array, ...]:
+    return of.distance, of.square, of.cosine, of.where, of.normals, of.bends
 
 
-def _sample(fit: NetFit, field: Field, patches: Ints, of: Sampled) -> None:
-    """Measures of the patches, written to their rows of `of`."""
+def sampled(field: Field, poles: Array) -> Sampled:
+    """Measures of patches of one degree, poles (n, p + 1, q + 1, 3)."""
     t = np.linspace(0.0, 1.0, SAMPLES)
-    for (p, q), at in shapes(fit, patches):
-        poles = np.stack([fit.patches[i] for i in at])
-        bu, bv, du, dv = bezier(p, t), bezier(q, t), bezier(p, t, 1), bezier(q, t, 1)
-        points = tensor(bu, poles, bv)
-        normal = np.cross(tensor(du, poles, bv), tensor(bu, poles, dv))
-        value, slope = field.value_and_gradient(points)
-        steep = np.linalg.norm(slope, axis=-1)
-        d = np.abs(value) / np.maximum(steep, 1e-300)
-        worst = d.argmax(axis=1)
-        of.distance[at], of.square[at] = d.max(axis=1), (d**2).mean(axis=1)
-        of.where[at] = points[np.arange(len(at)), worst]
-        length = np.linalg.norm(normal, axis=-1) * steep
-        of.cosine[at] = (np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1)
-        for s in range(4):
-            of.normals[at, s], of.bends[at, s] = _along(poles, s)
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+    bu, bv, du, dv = bezier(p, t), bezier(q, t), bezier(p, t, 1), bezier(q, t, 1)
+    points = tensor(bu, poles, bv)
+    normal = np.cross(tensor(du, poles, bv), tensor(bu, poles, dv))
+    value, slope = field.value_and_gradient(points)
+    steep = np.linalg.norm(slope, axis=-1)
+    d = np.abs(value) / np.maximum(steep, 1e-300)
+    length = np.linalg.norm(normal, axis=-1) * steep
+    sides = [_along(poles, s) for s in range(4)]
+    return Sampled(
+        distance=d.max(axis=1),
+        square=(d**2).mean(axis=1),
+        cosine=(np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1),
+        where=points[np.arange(len(poles)), d.argmax(axis=1)],
+        normals=np.stack([n for n, _ in sides], axis=1),
+        bends=np.stack([b for _, b in sides], axis=1),
+    )
 
 
 def shapes(fit: NetFit, patches: Ints | None = None) -> list[tuple[tuple[int, int], Ints]]:

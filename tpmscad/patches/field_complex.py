@@ -21,6 +21,7 @@ from tpmscad.patches.field_inside import inside
 from tpmscad.patches.field_layers import check_apart, layers, rejoined
 from tpmscad.patches.field_search import laid_out
 from tpmscad.patches.field_solid import assemble
+from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout.octree import Array
 
 Progress = Callable[[float], None]
@@ -59,12 +60,13 @@ def field_complex(
     tol: float,
     *,
     probed: bool = False,
+    work: Work = here,
     progress: Progress | None = None,
 ) -> FieldSolid:
     """The solid {field < 0} inside the box [lo, hi], within tol of the field's level set in both directions.
 
     `probed`: leaves are split where they hide crossings, too, at the price of more faces: for solids whose Betti numbers else
-    differ from the field's.
+    differ from the field's. `work` does the fits, here or elsewhere, with the same result (`field_work.workers`).
 
     LayoutError names where the field can't be laid out, and why; InvalidRequest what is wrong with the request. Betti numbers
     and volume are the caller's to compare (`tpmscad.solids`).
@@ -90,7 +92,7 @@ def field_complex(
     fitted = []
     for i, part in enumerate(parts):
         if len(samples[i]):
-            fitted.append(laid_out(part, lo, hi, tol, samples[i], probed))
+            fitted.append(laid_out(part, lo, hi, tol, samples[i], probed, work))
         done((i + 1) / len(parts))
     corners = np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1)
     corner_solid = shown(corners) <= 0

@@ -15,6 +15,7 @@ from math import comb
 import numpy as np
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.field_work import PIECE, Work, here
 from tpmscad.patches.layout.net import Net
 from tpmscad.patches.layout.octree import Array, Ints, Mask
 from tpmscad.patches.layout.relax import onto
@@ -25,8 +26,6 @@ CURVE_TANGENT = 1.0
 END_TANGENT = 1e3
 CROSS = 1.0
 PASSES = 2
-CHUNK = 2048
-"""Patches solved at a time: 48 x 48 normal matrices of 20 kB each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +42,12 @@ def bezier(degree: int, t: Array, order: int = 0) -> Array:
 
 
 def fit_net(
-    net: Net, field: Field, curve_degree: Ints, patch_degree: Ints, before: tuple[NetFit, Mask, Mask] | None = None
+    net: Net,
+    field: Field,
+    curve_degree: Ints,
+    patch_degree: Ints,
+    before: tuple[NetFit, Mask, Mask] | None = None,
+    work: Work = here,
 ) -> NetFit:
     """Fit every curve with its degree (C,), then every patch with its degree (Q,), raised where its sides' are higher.
 
@@ -59,11 +63,14 @@ def fit_net(
             start[spokes] = [_middle(curves[c]) for c in net.middle_of[spokes - net.n_sides]]
         for degree in np.unique(curve_degree[group]):
             at = group[curve_degree[group] == degree]
-            fixed = np.zeros((len(at), 3), bool)
-            on_box = np.flatnonzero(net.plane[at] >= 0)
-            fixed[on_box, net.plane[at[on_box]] // 2] = True
-            for i, poles in zip(at, fit_curves(field, start[at], end[at], fixed, int(degree)), strict=True):
-                curves[i] = poles
+            fixed = np.zeros((len(net.ends), 3), bool)
+            on_box = at[net.plane[at] >= 0]
+            fixed[on_box, net.plane[on_box] // 2] = True
+            parts = _pieces(at)
+            done = work(fit_curves, [(field, start[part], end[part], fixed[part], int(degree)) for part in parts])
+            for part, found in zip(parts, done, strict=True):
+                for i, poles in zip(part, found, strict=True):
+                    curves[i] = poles
 
     side_degree = curve_degree[net.curve]
     degrees = np.stack(
@@ -72,13 +79,20 @@ def fit_net(
     )
     patches = list(before[0].patches) if before else [np.empty(0)] * len(net.curve)
     wanted = np.flatnonzero(before[2]) if before else np.arange(len(net.curve))
+    tasks, parts = [], []
     for degree_u, degree_v in np.unique(degrees[wanted], axis=0):
-        at = wanted[(degrees[wanted] == (degree_u, degree_v)).all(axis=1)]
-        for part in np.array_split(at, -(-len(at) // CHUNK)):
+        for part in _pieces(wanted[(degrees[wanted] == (degree_u, degree_v)).all(axis=1)]):
             border = [_borders(net, curves, part, s, int((degree_u, degree_v)[s % 2])) for s in range(4)]
-            for i, poles in zip(part, fit_patches(field, border, net.plane[net.curve[part]] < 0), strict=True):
-                patches[i] = poles
+            tasks.append((field, border, net.plane[net.curve[part]] < 0))
+            parts.append(part)
+    for part, found in zip(parts, work(fit_patches, tasks), strict=True):
+        for i, poles in zip(part, found, strict=True):
+            patches[i] = poles
     return NetFit(curves, patches)
+
+
+def _pieces(numbers: Ints) -> list[Ints]:
+    return [numbers[i : i + PIECE] for i in range(0, len(numbers), PIECE)]
 
 
 def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from tpmscad.fields.field import Field
 from tpmscad.patches import field_check
 from tpmscad.patches.field_fit import NetFit, fit_net
+from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.layout.net import Net, kept, net_of
@@ -74,10 +75,10 @@ def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, 
     three = mesh.corners[:, 3] < 0
     for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
         if len(corners):
-            wrong = corner_sines(mesh.vertices, corners, normal).min(axis=1) < SINE
+            wrong = corner_sines(mesh.vertices, corners, normal) < SINE
             each = normal[corners]
-            wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=(1, 2)) < TURN
-            bad.append(mesh.cell[corners[wrong]].ravel())
+            wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=2) < TURN
+            bad.append(mesh.cell[corners[wrong]])
     bad.append(mesh.cell[mesh.side_ends[_turning(mesh, slope)]].ravel())
     return mesh, np.unique(np.concatenate(bad))
 
@@ -91,7 +92,15 @@ def _turning(mesh: Mesh, slope: Array) -> Ints:
     return on_box[np.einsum("si,si->s", inside[:, 0], inside[:, 1]) < SECTION]
 
 
-def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, before: Layer | None = None) -> Layer:
+def fitted(
+    field: Field,
+    tree: Octree,
+    mesh: Mesh,
+    tol: float,
+    samples: Array,
+    before: Layer | None = None,
+    work: Work = here,
+) -> Layer:
     """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves.
 
     `before`: a layer of a coarser tree; patches between the same vertices as one of its own are not fitted again.
@@ -99,8 +108,8 @@ def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, b
     net = net_of(mesh, field)
     curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
     if before is None:
-        fit = fit_net(net, field, curve_degree, patch_degree)
-        measured = field_check.measure(net, fit, field)
+        fit = fit_net(net, field, curve_degree, patch_degree, work=work)
+        measured = field_check.measure(net, fit, field, work=work)
     else:
         same = kept(net, before.net)
         old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
@@ -112,8 +121,8 @@ def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, b
             patches[i] = before.fit.patches[k]
         curve_degree[known] = [len(before.fit.curves[k]) - 1 for k in old_curves]
         patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
-        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches), ~known, ~done))
-        measured = field_check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done))
+        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches), ~known, ~done), work)
+        measured = field_check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done), work)
     for degree in DEGREES[1:]:
         folded, coarse, rough = _wrong(net, measured, tol)
         weak = folded | coarse | rough
@@ -125,8 +134,8 @@ def fitted(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, b
         curve_degree = np.where(raised, degree, curve_degree)
         raised[net.n_sides :] |= raised[net.middle_of]
         changed = weak | raised[net.curve].any(axis=1)
-        fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed))
-        measured = field_check.measure(net, fit, field, (measured.of, changed))
+        fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed), work)
+        measured = field_check.measure(net, fit, field, (measured.of, changed), work)
     folded, coarse, rough = _wrong(net, measured, tol)
     missed = np.zeros(0)
     leaves = np.unique(net.cell[folded | coarse | rough])

@@ -11,6 +11,7 @@ import numpy as np
 from tpmscad.fields.field import Field
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_layer import Layer, fitted, laid, split
+from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh
 from tpmscad.patches.layout.octree import Array, Ints, Octree
@@ -36,7 +37,9 @@ SINGULAR = 0.15
 """Slopes below this part of the usual one are named as the cause of a failure."""
 
 
-def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array, probed: bool = False) -> Layer:
+def laid_out(
+    field: Field, lo: Array, hi: Array, tol: float, samples: Array, probed: bool = False, work: Work = here
+) -> Layer:
     """The coarsest layout of {field = 0} in the box that passes; LayoutError where none does. samples (n, 3) of the surface.
 
     `probed`: leaves that hide crossings from their corners are split, too, so that nothing the probes see is lost.
@@ -47,7 +50,7 @@ def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array, pro
         tree = octree.uniform(lo, hi, _counts(field, lo, hi, first / finer))
         if probed or cosine is not None:
             tree = _refined(tree, field, cosine)
-        found = _followed(field, tree, tol, samples)
+        found = _followed(field, tree, tol, samples, work)
         if found is not None:
             if not len(found.bad):
                 return found
@@ -58,7 +61,7 @@ def laid_out(field: Field, lo: Array, hi: Array, tol: float, samples: Array, pro
     raise LayoutError(_refusal(field, best))
 
 
-def _followed(field: Field, tree: Octree, tol: float, samples: Array) -> Layer | None:
+def _followed(field: Field, tree: Octree, tol: float, samples: Array, work: Work) -> Layer | None:
     """The best layer of those that splitting leads to from a first tree; None if that is too coarse as a whole."""
     best: Layer | None = None
     mesh: Mesh | None = None
@@ -74,7 +77,7 @@ def _followed(field: Field, tree: Octree, tol: float, samples: Array) -> Layer |
                 return best
             tree = split(tree, bad)
         assert mesh is not None
-        layer = fitted(field, tree, mesh, tol, samples, layer)
+        layer = fitted(field, tree, mesh, tol, samples, layer, work)
         if not len(layer.bad):
             return layer
         if best is None and layer.share > FEW:
