@@ -141,3 +141,13 @@ def test_round_faces_are_measured_to_round_off() -> None:
         mirrored = kernel.check_shape(bd.mirror(bd.Rot(10, 20, 30) * solid.solid(), bd.Plane.YZ))
         assert mirrored.volume == pytest.approx(volume, rel=1e-12)
         np.testing.assert_allclose(np.linalg.norm(mirrored.centroid), np.linalg.norm(report.centroid), rtol=1e-10)
+
+
+@pytest.mark.parametrize("off", [0.3, 1e-2, 1e-4])
+def test_edges_that_pass_a_pole_are_followed(off: float) -> None:
+    """A ball cut beside its axis: along the cut's edge the angle about the axis turns by nearly half a turn at once."""
+    import build123d as bd
+
+    piece = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
+    height = 3 + off
+    assert kernel.check_shape(piece).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)

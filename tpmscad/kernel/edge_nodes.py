@@ -85,15 +85,20 @@ def composite(breaks: Array, points: int) -> tuple[Array, Array]:
     return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
 
 
-def _nodes(edge: TopoDS_Edge) -> Nodes:
-    curve = BRepAdaptor_Curve(edge)
+def breaks_of(curve: BRepAdaptor_Curve) -> Array:
+    """Where an edge's curve begins, has knots, and ends."""
     low, high = curve.FirstParameter(), curve.LastParameter()
     inside = np.zeros(0)
     if curve.GetType() == GeomAbs_BSplineCurve:
         spline = curve.BSpline()
         knots = np.array([spline.Knot(i) for i in range(1, spline.NbKnots() + 1)])
         inside = knots[(knots > low) & (knots < high)]
-    t, weights = composite(np.concatenate([[low], inside, [high]]), MANY_SPANS if len(inside) else LONE_SPAN)
+    return np.concatenate([[low], inside, [high]])
+
+
+def nodes_between(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> Nodes:
+    """That many nodes on every interval."""
+    t, weights = composite(breaks, points)
     point, tangent = gp_Pnt(), gp_Vec()
     rows = []
     for s in t.tolist():
@@ -101,3 +106,9 @@ def _nodes(edge: TopoDS_Edge) -> Nodes:
         rows.append(point.Coord() + tangent.Coord())
     table = np.array(rows)
     return Nodes(t, weights, table[:, :3], table[:, 3:])
+
+
+def _nodes(edge: TopoDS_Edge) -> Nodes:
+    curve = BRepAdaptor_Curve(edge)
+    breaks = breaks_of(curve)
+    return nodes_between(curve, breaks, MANY_SPANS if len(breaks) > 2 else LONE_SPAN)

@@ -9,19 +9,25 @@ from __future__ import annotations
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve2d, BRepAdaptor_Surface
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Sphere, GeomAbs_Torus
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
-from tpmscad.kernel.edge_nodes import EdgeNodes, Nodes, edges_of
+from tpmscad.kernel.edge_nodes import EdgeNodes, Nodes, breaks_of, edges_of, nodes_between
 from tpmscad.kernel.tool_body import Refused
 from tpmscad.kernel.tool_read import carrier_of, middle
-from tpmscad.patches.carriers import Plane, Quadric
+from tpmscad.patches.carriers import Cone, Plane, Quadric, Sphere
 from tpmscad.patches.complex import Array
 from tpmscad.patches.conics import TURN
 from tpmscad.patches.measure_pieces import ORDER, to_antiderivative
 
 QUADRICS = (GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
+
+PANEL, SWING, HALVINGS = 12, 0.6, 30
+"""Gauss points of a piece of an edge that passes a pole, radians of u it may turn by, and how often it is halved for that."""
+
+POLE = 1e-9
+"""Nearer to the axis than this part of the edge's distance from the origin there is no angle."""
 
 NODES_AT_ONCE = 20000
 """Nodes evaluated together: 140 000 points, 30 MB."""
@@ -46,6 +52,8 @@ def quadric_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNodes) ->
     for edge in edges_of(face):
         if not BRep_Tool.Degenerated_s(edge):
             nodes, sign = nodes_of(edge)
+            if isinstance(quadric, Sphere | Cone):
+                nodes = _about_poles(edge, nodes, quadric)
             uv = turns.of(edge, nodes)
             along_v = quadric(uv[:, 0], uv[:, 1], 0, 1)
             rise = (nodes.tangents * along_v).sum(1) / (along_v * along_v).sum(1)
@@ -56,6 +64,34 @@ def quadric_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNodes) ->
         total += _line_integral(quadric, *table[start : start + NODES_AT_ONCE].T)
     total[0] *= turns.side
     return total
+
+
+def _about_poles(edge: TopoDS_Edge, nodes: Nodes, quadric: Quadric) -> Nodes:
+    """More nodes where the edge passes a pole, and with it the angle u, faster than `nodes` can follow."""
+    curve = BRepAdaptor_Curve(edge)
+    breaks = breaks_of(curve)
+    swing = _swing(curve, breaks, quadric)
+    if swing.max() < SWING:
+        return nodes
+    for _ in range(HALVINGS):
+        wide = np.flatnonzero(swing > SWING)
+        if len(wide) == 0:
+            break
+        breaks = np.union1d(breaks, 0.5 * (breaks[wide] + breaks[wide + 1]))
+        swing = _swing(curve, breaks, quadric)
+    return nodes_between(curve, breaks, PANEL)
+
+
+def _swing(curve: BRepAdaptor_Curve, breaks: Array, quadric: Quadric) -> Array:
+    """How far the angle turns between neighbouring breaks, both included."""
+    t = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0.0, 1.0, PANEL)
+    points = np.array([curve.Value(s).Coord() for s in t.ravel().tolist()])
+    angle = quadric.parameters(points)[:, 0].reshape(t.shape)
+    arm = points - quadric.origin
+    pole = (np.linalg.norm(np.cross(arm, quadric.axis), axis=1) < POLE * np.abs(arm).max()).reshape(t.shape)
+    angle[:, 0] = np.where(pole[:, 0], angle[:, 1], angle[:, 0])
+    angle[:, -1] = np.where(pole[:, -1], angle[:, -2], angle[:, -1])
+    return np.asarray(np.ptp(np.unwrap(angle, axis=1), axis=1))
 
 
 def _line_integral(quadric: Quadric, u: Array, v: Array, rise: Array) -> Array:

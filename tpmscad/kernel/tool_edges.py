@@ -24,7 +24,10 @@ MOST_SPANS = 400
 """Degree and greatest number of spans of fitted curves; half an ellipse on a cylinder takes 8 for 1e-10 of its size."""
 
 SAMPLES = 65
-"""Points along an edge at which angles are followed: they may turn by less than half a turn from one to the next."""
+"""Points along an edge at which angles are followed."""
+
+STEP, SHORTEST = 0.5, 1e-9
+"""Radians that angles may turn by from one such point to the next, unless these are nearer than that part of the edge."""
 
 DENSE = 257
 """Points of the kernel's curve that are brought onto both surfaces before it is spaced anew."""
@@ -59,38 +62,45 @@ def follow(
     At SAMPLES even parameters where t is None.
     """
     grid, known = _followed(carrier, curve, span, size)
+    even = known[np.searchsorted(grid, np.linspace(*span, SAMPLES))]
     shift = np.zeros(2)
     for axis, period in enumerate(carrier.period):
         if period and near is not None:
-            shift[axis] = period * round((near[axis] - known[SAMPLES // 2, axis]) / period)
+            shift[axis] = period * round((near[axis] - even[SAMPLES // 2, axis]) / period)
     if t is None:
-        return known + shift
-    points = curve(t)
-    uv = carrier.parameters(points)
-    pole = at_pole(carrier, points, size)
+        return even + shift
+    uv, pole = _parameters(carrier, curve, t, size)
     for axis, period in enumerate(carrier.period):
         if period:
             about = np.interp(t, grid, known[:, axis])
-            uv[:, axis] = np.where(pole, about, uv[:, axis]) if axis == 0 else uv[:, axis]
+            if axis == 0:
+                uv[pole, 0] = about[pole]
             uv[:, axis] += period * np.round((about - uv[:, axis]) / period)
     return np.asarray(uv + shift)
 
 
 @lru_cache(maxsize=1024)
 def _followed(carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float) -> tuple[Array, Array]:
-    """SAMPLES even parameters of the span and (u, v) there, without jumps; at poles u is the neighbour's."""
+    """SAMPLES even parameters of the span, more where angles turn fast, and (u, v) there without jumps."""
     grid = np.linspace(*span, SAMPLES)
-    points = curve(grid)
-    uv = carrier.parameters(points)
-    pole = at_pole(carrier, points, size)
-    if pole.any():
-        known = np.flatnonzero(~pole)
-        nearest = known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)]
-        uv[pole, 0] = uv[nearest, 0]
-    for axis, period in enumerate(carrier.period):
-        if period:
-            uv[:, axis] = np.unwrap(uv[:, axis], period=period)
-    return grid, uv
+    while True:
+        uv, pole = _parameters(carrier, curve, grid, size)
+        if pole.any():  # there is no direction: the nearest one
+            known = np.flatnonzero(~pole)
+            uv[pole, 0] = uv[known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)], 0]
+        for axis, period in enumerate(carrier.period):
+            if period:
+                uv[:, axis] = np.unwrap(uv[:, axis], period=period)
+        steps = np.abs(np.diff(uv, axis=0))[:, [p > 0 for p in carrier.period]].max(axis=1)
+        wide = np.flatnonzero((steps > STEP) & (np.diff(grid) > SHORTEST * (span[1] - span[0])))
+        if len(wide) == 0:
+            return grid, uv
+        grid = np.union1d(grid, 0.5 * (grid[wide] + grid[wide + 1]))
+
+
+def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tuple[Array, NDArray[np.bool_]]:
+    points = curve(t)
+    return carrier.parameters(points), at_pole(carrier, points, size)
 
 
 def pcurve(
