@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
@@ -308,6 +309,8 @@ class TestScaffold:
         expected = tpmscad.blend(structures, regions, middle, resolution=(26, 24, 24))
         np.testing.assert_array_equal(found.field(POINTS), expected.field(POINTS))
         assert found.domain == ((0, 0, 0), (10, 9, 9))
+        # other processes get the blend to make a solid of
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(found.field))(POINTS), expected.field(POINTS))
 
     @pytest.mark.parametrize("right", WRONG)
     def test_an_error_names_file_line_and_key(self, tmp_path: Path, right: str) -> None:

@@ -31,8 +31,8 @@ PAST = 0.15
 def firmed(scenes: Sequence[Scene], start: State, margin: float) -> tuple[State, int]:
     """The state with as few near errors as a few rounds reach, and the rounds taken; clean like the start.
 
-    margin: in parts of f's rms in the blending regions, on the working grid. At 0.06 six instead of nine of 56 mended random
-    pairs had an error at three times the samples, all specks of a sample or a few.
+    margin: in parts of f's rms in the blending regions, on the working grid. (Parts that no sample sees are the business of
+    `clear.py`; this is for parts that a change of level would set free, in making say.)
     """
     best, rounds = start, 0
     groups, least = _near(scenes, best.weights, margin)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -46,7 +45,7 @@ def blend(
             else:
                 model = recipes.solid_of_blend(scaffold, result, progress)
                 write_model(model, output, progress, schema=schema)
-                write_report(report, _finite(model.certificate.to_dict() | {"blend": result.to_dict()}))
+                write_report(report, model.certificate.to_dict() | {"blend": result.to_dict()})
                 text = str(model.certificate)
     if not quiet:
         print(text)
@@ -73,17 +72,10 @@ def solidify(
             else:
                 model = recipes.solid_of_part(part, progress)
                 write_model(model, output, progress, schema=schema)
-                write_report(report, _finite(model.certificate.to_dict()))
+                write_report(report, model.certificate.to_dict())
                 text = str(model.certificate)
     if not quiet:
         print(text)
-
-
-def _finite(value: Any) -> Any:
-    """The same with None for bounds that are infinite: JSON has no such number."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _asked(output: Path | None, dry_run: bool) -> None:
