@@ -134,6 +134,14 @@ def test_a_crossing_is_truer_than_the_kernels_edges() -> None:
     assert summary(body_complex(body.solid())).volume == pytest.approx(4 / 3 * np.pi * ball**3 - removed, rel=1e-11)
 
 
+@pytest.mark.parametrize("off", [0.3, 1e-2, 1e-3])
+def test_a_ball_may_be_cut_beside_its_poles(off: float) -> None:
+    body = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
+    complex, height = body_complex(body), 3 + off
+    assert summary(complex).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)
+    assert kernel.check_shape(kernel.build(complex).shape).ok
+
+
 def motions() -> dict[str, gp_Trsf]:
     shift, turn, mirror = gp_Trsf(), gp_Trsf(), gp_Trsf()
     shift.SetTranslation(gp_Pnt(0, 0, 0), gp_Pnt(30, -20, 11))

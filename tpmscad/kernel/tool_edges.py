@@ -32,6 +32,9 @@ STEP, SHORTEST = 0.5, 1e-9
 DENSE = 257
 """Points of the kernel's curve that are brought onto both surfaces before it is spaced anew."""
 
+AMONG = 0.03
+"""Of the greatest error: spans with more than that are halved together."""
+
 CHECKS = 5
 """Points between knots where a fit's error is measured."""
 
@@ -136,7 +139,7 @@ def _fitted(
         worst = error(fit, _between(breaks)).reshape(-1, CHECKS).max(axis=1)
         if (worst <= tol).all():
             return fit
-        bad = np.flatnonzero(~(worst <= tol))
+        bad = np.flatnonzero(~(worst <= max(tol, AMONG * worst.max())))  # what is worst spoils its neighbourhood
         breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
     raise NoFit("turns too sharply for a curve of its own")
 
