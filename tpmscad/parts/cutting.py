@@ -79,6 +79,9 @@ def trimmed(patches: PatchComplex, block: Block, body: Body, sign: int) -> Cut:
     sign: +1 for the lattice, -1 for what it leaves.
     """
     cut = trim(patches, body_complex(body.shape))
+    if not len(cut.complex.faces):
+        _check(0.0, block, body, sign)
+        return Cut(Solids(()), None, PATCHES, ())
     built = kernel.build(cut.complex)
     if not kernel.is_valid(built.shape):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
