@@ -25,7 +25,7 @@ STILL = np.zeros(3)
 SIDES = [(0, slice(None)), (-1, slice(None)), (slice(None), 0), (slice(None), -1)]
 
 
-@pytest.mark.parametrize("name", [*NAMES, "schwarz_p"])
+@pytest.mark.parametrize("name", NAMES)
 def test_the_chart_is_conformal(name: str) -> None:
     """Dirichlet's energy of a map is its area if, and only if, the map is conformal; it is never less."""
     form = chart(name)
