@@ -177,6 +177,25 @@ def test_the_offset_surface_turns_over_past_the_limit_and_not_before(name: str) 
 
 
 @pytest.mark.parametrize("name", OFFERED)
+def test_no_ball_smaller_than_the_limit_touches_the_surface_twice(name: str) -> None:
+    """Curvature alone limits offsets: walls don't meet other parts of the surface before. |q - p|^2 / 2 n.(q - p) at all q."""
+    mirrors, of = surfaces.mirror_symmetry(name), surfaces.measures(name, "nodal")
+    t = np.linspace(0, 1, 11)
+    points = mirrors.on_segments(t[:, None], t)[0].reshape(-1, 3)
+    slope = field(name).gradient(points)
+    normal = slope / np.linalg.norm(slope, axis=1)[:, None]
+    shifts = np.stack(np.meshgrid(*[[-2, -1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
+    images = np.einsum("fij,pj->fpi", mirrors.rotations, points) + mirrors.translations[:, None] + shifts
+    images = images.reshape(-1, 3)
+    images = images[((images > points.min(axis=0) - 0.25) & (images < points.max(axis=0) + 0.25)).all(axis=1)]
+    away = images - points[:, None]
+    square, height = (away**2).sum(axis=-1), np.einsum("pqi,pi->pq", away, normal)
+    for side, limit in ((1, of.highest), (-1, -of.lowest)):
+        ahead = (side * height > 0) & (square > 1e-8)
+        assert (square[ahead] / (2 * side * height[ahead])).min() > (1 - 1e-6) * limit
+
+
+@pytest.mark.parametrize("name", OFFERED)
 @pytest.mark.parametrize("fraction", [0.05, 0.15])
 def test_the_offsets_found_make_the_volume_fraction(name: str, fraction: float) -> None:
     low, high = surfaces.offsets_for(name, "nodal", fraction, "sheet", 5.0)
