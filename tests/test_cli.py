@@ -119,7 +119,7 @@ def test_defaults_of_lattice_are_those_of_the_api(workflows: Recorder) -> None:
     assert [called[name] for name in ("kind", "side", "reference", "boundary", "instanced", "schema")] == [
         "sheet",
         "-",
-        "minimal",
+        None,
         "box",
         False,
         "ap242",

@@ -44,7 +44,7 @@ def infill(
     tol: Tol = None,
     kind: Kind = "sheet",
     side: Side = "-",
-    reference: Reference = "minimal",
+    reference: Reference = None,
     phase: Phase = "0,0,0",
     rotation: Rotation = "0,0,0",
     schema: Schema = "ap242",

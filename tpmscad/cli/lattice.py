@@ -35,7 +35,7 @@ def lattice(
     tol: Tol = None,
     kind: Kind = "sheet",
     side: Side = "-",
-    reference: Reference = "minimal",
+    reference: Reference = None,
     boundary: Boundary = "box",
     phase: Phase = "0,0,0",
     instanced: Instanced = False,

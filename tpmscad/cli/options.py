@@ -29,7 +29,8 @@ Tol = Annotated[float | None, typer.Option(metavar="MM", help="Greatest deviatio
 Kind = Annotated[Literal["sheet", "skeletal"], typer.Option(help="Between two offset surfaces, or on one side of one.")]
 Side = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
 Reference = Annotated[
-    Literal["minimal", "nodal"], typer.Option(help="The exact minimal surface, or the trigonometric one of its name.")
+    Literal["minimal", "nodal"] | None,
+    typer.Option(help="The exact minimal surface (where there is one, the default) or the trigonometric one of its name."),
 ]
 Boundary = Annotated[
     Literal["box", "natural"], typer.Option(help="Flat caps in the planes of the box, or whole patches bridged.")

@@ -55,9 +55,7 @@ def cover(request: LatticeRequest, low: Array, high: Array, progress: Callable[[
     if len(set(request.cell)) == 1:
         cell = request.cell[0]
         fit = fit_sheet(request.surface, request.reference, request.layers, cell, request.tol)
-        name = request.surface
-        symmetry = surfaces.mirror_symmetry(name) if surfaces.has_mirrors(name) else surfaces.symmetry(name)
-        patches = scaled(lattices.covering(symmetry, fit.sheet, cells, phase), cell)
+        patches = scaled(lattices.covering(surfaces.motions(request.surface), fit.sheet, cells, phase), cell)
         deviation, bounds = fit.deviation, fit.bounds
     else:
         patches, deviation = _stretched(request, cells, phase, progress)

@@ -82,7 +82,7 @@ def fluid_domains(
     thickness: float | None = None,
     offset: Sequence[float] | None = None,
     volume_fraction: float | None = None,
-    reference: str = "minimal",
+    reference: str | None = None,
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     tol: float | None = None,

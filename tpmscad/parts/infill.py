@@ -32,7 +32,7 @@ def infill(
     volume_fraction: float | None = None,
     kind: str = "sheet",
     side: str = "-",
-    reference: str = "minimal",
+    reference: str | None = None,
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     skin: float | None = None,
