@@ -23,7 +23,7 @@ def tpms(
     volume_fraction: float | None = None,
     kind: str = "sheet",
     side: str = "-",
-    reference: str = "minimal",
+    reference: str | None = None,
     boundary: str = "box",
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     map: Callable[[Any], Any] | None = None,
@@ -67,7 +67,7 @@ def tpms(
     return self.eachpoint(shape, True, combine, clean and bool(combine))
 
 
-def tpmsInfill(  # noqa: N802  # Workplane's methods are written this way
+def tpmsInfill(
     self: cq.Workplane,
     surface: Any,
     *,
@@ -77,7 +77,7 @@ def tpmsInfill(  # noqa: N802  # Workplane's methods are written this way
     volume_fraction: float | None = None,
     kind: str = "sheet",
     side: str = "-",
-    reference: str = "minimal",
+    reference: str | None = None,
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     skin: float | None = None,
