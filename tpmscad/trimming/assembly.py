@@ -129,7 +129,10 @@ def assemble(
         for i in open_of.get(f, []):
             edge, sense, pcurve = int(open_edges.edge[i]), int(open_edges.sense[i]) * turn, -1
             if not flat:
-                made, off = parameter_curve(_placed(curves, edges, edge), edges.span[edge], region, tol)
+                own, (low, high) = curves[edges.curve[edge]], edges.span[edge]
+                part = (high - low) / (own.domain[1] - own.domain[0])  # of the curve, which was fitted as finely
+                least = int(part * (len(own.poles) - own.degree))
+                made, off = parameter_curve(_placed(curves, edges, edge), edges.span[edge], region, tol, least)
                 deviation[edge] = max(deviation[edge], MARGIN * off)
                 pcurve = len(pcurves)
                 pcurves.append(made)

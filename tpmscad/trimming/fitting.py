@@ -22,9 +22,6 @@ SPANS = (4, 6, 8, 11, 16, 23, 32, 45, 64, 91, 128, 181)
 """Degree and numbers of spans. Measured on 189 random cuts of a gyroid patch at 5e-9 of the cell: on average 26 poles, as
 with degree 9; 28 with degrees 5 and 13; 30 if the spans are doubled each time."""
 
-ROUNDS = 2
-"""Rounds of moving the points along a curve to even parameters, at each number of spans."""
-
 NODES = 8
 """Points along a curve for each span, which carry its length and turning."""
 
@@ -80,8 +77,7 @@ def _fitted(sections: Sections, uv: Array, tol: float) -> tuple[list[Cut | None]
     for spans in SPANS:
         problem = sections.of(waiting)
         knots, sites, inverse = interpolation(spans)
-        for _ in range(ROUNDS):
-            uv = problem.resampled(uv, np.linspace(0.0, 1.0, NODES * spans + 1))
+        uv = problem.resampled(uv, np.linspace(0.0, 1.0, NODES * spans + 1))
         on_curve = problem.resampled(uv, sites)
         pcurve, curve = inverse @ on_curve, inverse @ problem.dropped(problem.points(on_curve))
         error = _deviation(problem, pcurve, curve, spans)

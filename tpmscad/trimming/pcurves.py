@@ -17,14 +17,18 @@ CHECKS = 4
 """Points between knots where the deviation is measured."""
 
 
-def parameter_curve(curve: Callable[[Array], Array], span: Array, region: Region, tol: float) -> tuple[Curve, float]:
+def parameter_curve(
+    curve: Callable[[Array], Array], span: Array, region: Region, tol: float, least: int
+) -> tuple[Curve, float]:
     """The curve in the face's (u, v) that runs with `curve` over the span, and how far it is from it at most.
+
+    least: spans to begin with.
 
     TrimmingError where `tol` is not reached: a curve that passes a pole or an apex too near.
     """
     low, high = float(span[0]), float(span[1])
     error = np.inf
-    for spans in SPANS:
+    for spans in [s for s in SPANS if s >= least] or SPANS[-1:]:
         knots, sites, inverse, checks, rows = _space(spans)
         uv = _in_one_piece(region.carrier, curve(low + (high - low) * sites))
         uv = uv + (repeated(uv[len(uv) // 2], region.carrier, region.middle) - uv[len(uv) // 2])
