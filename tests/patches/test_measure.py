@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from tpmscad.patches import connectivity, measure
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Edges, Faces, PatchComplex, Uses
+from tpmscad.patches.measure_pieces import curved_pieces
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface, line
 from tpmscad.splines.knots import restrict
@@ -148,3 +149,10 @@ def test_a_missing_face_and_a_face_turned_over_are_noticed() -> None:
     faces = Faces(*[turned if f == "sense" else getattr(box.faces, f) for f in Faces.__slots__])
     flipped = PatchComplex(*[faces if f == "faces" else getattr(box, f) for f in PatchComplex.__slots__])
     assert len(connectivity.unmatched_edges(flipped)) == 4
+
+
+def test_a_loop_that_does_not_leave_the_patchs_first_column_measures_nothing() -> None:
+    """Pieces that run along u = u0, where the integral begins, may be all that there is at once."""
+    surface = patch_box().carriers[0]
+    side = line([0.0, 0.0], [0.0, 1.0])
+    np.testing.assert_array_equal(curved_pieces(surface, [(side, (0.0, 1.0))]), 0.0)

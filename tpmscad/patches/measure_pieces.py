@@ -138,6 +138,8 @@ def _on_spline(surface: Surface, u: Array, v: Array) -> Array:
     result = np.zeros((len(u), COLUMNS))
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
         at = np.flatnonzero(u > low)
+        if len(at) == 0:
+            continue
         half = 0.5 * (np.minimum(u[at], high) - low)
         inner = ((low + half)[:, None] + half[:, None] * x).ravel()
         rows, along = (
