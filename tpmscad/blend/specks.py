@@ -14,9 +14,8 @@ import numpy as np
 from scipy import ndimage
 
 from tpmscad.blend.composition import BlendedField
-from tpmscad.blend.grid import Array, Grid, Ints, Mask
+from tpmscad.blend.grid import SLAB, Array, Grid, Ints, Mask
 from tpmscad.blend.necks import sphere
-from tpmscad.blend.sampled import block
 from tpmscad.blend.scene import Scene
 from tpmscad.fields import Field
 
@@ -83,20 +82,29 @@ def _apart(points: Array, least: Array, spacing: Array) -> Ints:
 def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
     """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, the signs, the room for less."""
     movable: Mask = np.logical_or.reduce(scene.mixing)
-    part = block(movable, 1)
-    values, movable = np.ascontiguousarray(values[part]), movable[part]
-    inside = values[movable]
-    unit = float(np.sqrt(inside @ inside / len(inside)))
-    near = np.flatnonzero(movable.reshape(-1) & (np.abs(values.reshape(-1)) < NEAR * unit))
+    planes = np.flatnonzero(movable.any(axis=(1, 2)))
+    total = sum(float(np.sum(values[x][movable[x]] ** 2)) for x in planes)
+    near = NEAR * np.sqrt(total / max(np.count_nonzero(movable), 1))
+    step = max(1, SLAB // (values.shape[1] * values.shape[2]))
+    found = [_doubtful(values, movable, planes[k : k + step], float(near)) for k in range(0, len(planes), step)]
+    index, signs, room = (np.concatenate(part) for part in zip(*found, strict=True))
+    return index, signs, room
+
+
+def _doubtful(values: Array, movable: Mask, planes: Ints, limit: float) -> tuple[Ints, Array, Array]:
+    """The candidates of some planes across x: at 400^3 all at once would take a gigabyte."""
+    _, ny, nz = values.shape
+    first = planes[0] * ny * nz
+    part = values[planes[0] : planes[-1] + 1]
+    near = first + np.flatnonzero((movable[planes[0] : planes[-1] + 1] & (part < limit) & (part > -limit)).reshape(-1))
     flat = values.reshape(-1)
     middle = flat[near]
     place = np.unravel_index(near, values.shape)
     half, second = np.zeros((3, len(near))), np.zeros((3, len(near)))
-    stride = (values.shape[1] * values.shape[2], values.shape[2], 1)
-    for axis in range(3):
+    for axis, stride in enumerate((ny * nz, nz, 1)):
         low, high = place[axis] == 0, place[axis] == values.shape[axis] - 1
-        below = flat[np.where(low, near + stride[axis], near - stride[axis])]
-        above = flat[np.where(high, near - stride[axis], near + stride[axis])]
+        below = flat[np.where(low, near + stride, near - stride)]
+        above = flat[np.where(high, near - stride, near + stride)]
         half[axis], second[axis] = (above - below) / 2, above - 2 * middle + below
     found, signs, rooms = [], [], []
     for sign in (1.0, -1.0):
@@ -107,9 +115,7 @@ def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
         found.append(near[chosen])
         signs.append(np.full(int(chosen.sum()), sign))
         rooms.append(ROOM * room[chosen])
-    local = np.unravel_index(np.concatenate(found), values.shape)
-    whole = tuple(index + window.start for index, window in zip(local, part, strict=True))
-    return np.ravel_multi_index(whole, scene.grid.shape), np.concatenate(signs), np.concatenate(rooms)
+    return np.concatenate(found), np.concatenate(signs), np.concatenate(rooms)
 
 
 def _sought(scene: Scene, field: BlendedField, points: Array, signs: Array, room: Array) -> tuple[Array, Array, Array]:
