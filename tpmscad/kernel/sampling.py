@@ -191,7 +191,7 @@ def _sampled(face: TopoDS_Face, spacing: float) -> tuple[Array, Array]:
     if spline is not None:  # a pole outside the rectangle may stand for a curve inside it
         low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
     us, vs = (np.linspace(a, b, PROBE) for a, b in zip(low, high, strict=True))
-    net = np.stack([part.reshape(PROBE, PROBE, 3) for part in surface(_pairs(us, vs))])
+    net = _net(surface, spline, us, vs)
     counts = []
     for axis in (0, 1):
         length, turn = np.linalg.norm(np.diff(net, axis=1 + axis), axis=-1).sum(axis=1 + axis).max(axis=-1)
@@ -200,8 +200,15 @@ def _sampled(face: TopoDS_Face, spacing: float) -> tuple[Array, Array]:
     inside = _inside(loops, u, v)
     if spline is None:
         return surface(_pairs(u, v)[inside.ravel()])
-    normals = surface.unit(spline.grid(u, v, 1, 0)[inside], spline.grid(u, v, 0, 1)[inside])
-    return spline.grid(u, v)[inside], normals
+    points, normals = _net(surface, spline, u, v)
+    return points[inside], normals[inside]
+
+
+def _net(surface: _Surface, spline: Surface | None, u: Array, v: Array) -> Array:
+    """Points and normals on the grid of all u with all v: (2, len(u), len(v), 3)."""
+    if spline is None:
+        return np.stack(surface(_pairs(u, v))).reshape(2, len(u), len(v), 3)
+    return np.stack([spline.grid(u, v), surface.unit(spline.grid(u, v, 1, 0), spline.grid(u, v, 0, 1))])
 
 
 def _pairs(u: Array, v: Array) -> Array:
