@@ -105,6 +105,23 @@ def test_a_glued_boolean_of_crossing_bodies_is_not_silently_empty() -> None:
     assert not operation.IsDone() or volume(operation.Shape()) > 0
 
 
+@pytest.mark.xfail(
+    strict=True,
+    raises=AssertionError,
+    reason=f"OCCT {VERSION}: an edge on a circle at negative angles is taken for another",
+)
+def test_edges_at_negative_angles_are_as_good_as_a_turn_later(monkeypatch) -> None:
+    """`edges.turns` moves them into the first turn."""
+    from round_shapes import Arc, To, revolved
+
+    from tpmscad.kernel import edges
+
+    monkeypatch.setattr(edges, "turns", lambda complex: np.zeros(len(complex.edges)))
+    waist = revolved((0, -1.5), [To(2, -1.5), Arc(2, 0, -3.0), To(1.0, 1.0), To(0, 1.0)])
+    assert (waist.edges.span[:, 1] < 0).any()
+    assert kernel.is_valid(kernel.build(waist).shape)
+
+
 def test_the_cases_above_are_sound_shapes() -> None:
     for shape in (plane_box, drilled_dome, CASES["bent cube"]):
         assert kernel.check_shape(kernel.build(shape()).shape).ok
