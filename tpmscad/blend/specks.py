@@ -84,7 +84,7 @@ def _candidates(scene: Scene, values: Array) -> tuple[Ints, Array, Array]:
     movable: Mask = np.logical_or.reduce(scene.mixing)
     planes = np.flatnonzero(movable.any(axis=(1, 2)))
     total = sum(float(np.sum(values[x][movable[x]] ** 2)) for x in planes)
-    near = NEAR * np.sqrt(total / max(np.count_nonzero(movable), 1))
+    near = NEAR * np.sqrt(total / max(int(np.count_nonzero(movable)), 1))
     step = max(1, SLAB // (values.shape[1] * values.shape[2]))
     found = [_doubtful(values, movable, planes[k : k + step], float(near)) for k in range(0, len(planes), step)]
     index, signs, room = (np.concatenate(part) for part in zip(*found, strict=True))
