@@ -6,6 +6,8 @@ could save, and only then by what the fit misses.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from tpmscad.fields.field import Field
@@ -20,18 +22,24 @@ from tpmscad.patches.layout.refine import too_coarse
 TURN, USUAL = 1.5, 0.7
 """Size of the first leaves times the curvature that this part of the surface stays below: four leaves to a gyroid's period."""
 
-TRIED = ((1.0, None), (1.25, None), (1.6, None), (1.0, 0.5))
-"""First layouts tried: leaves per length of the first, and the cosine of the angle that normals in a leaf may make with their
-mean (None: as the fits need it)."""
+TRIED = (1.0, 0.8, 1.25, 1.6, 2.0)
+"""First layouts tried: leaves per length of the first. How the leaves happen to lie to the surface's necks makes a difference
+of up to a half in the faces that splitting leads to, and layouts are cheap. The first does where nothing has to be split."""
+
+CONE = 0.5
+"""Cosine of the angle that normals in a leaf may make with their mean, in the layout that is tried last."""
 
 DEPTH = 4
 """Greatest refinement of a first leaf: sixteen to one."""
 
-LAYOUTS, ROUNDS, IDLE = 8, 8, 2
-"""Layouts before a fit, fits of a first layout, and fits without an improvement."""
+LAYOUTS, ROUNDS, IDLE, MOST = 8, 8, 2, 3
+"""Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
 
-FEW = 0.3
-"""Above this share of bad leaves a layout is made finer as a whole."""
+WORTH = 1.3
+"""A first layout is given up at so many times the patches of the least."""
+
+FEW = 0.15
+"""Above this share of leaves that the first fit finds bad another layout is tried."""
 
 SINGULAR = 0.15
 """Slopes below this part of the usual one are named as the cause of a failure."""
@@ -44,51 +52,80 @@ def laid_out(
 
     `probed`: leaves that hide crossings from their corners are split, too, so that nothing the probes see is lost.
     """
-    first = _first_spacing(field, samples)
     best: Layer | None = None
-    for finer, cosine in TRIED:
-        tree = octree.uniform(lo, hi, _counts(field, lo, hi, first / finer))
-        if probed or cosine is not None:
-            tree = _refined(tree, field, cosine)
-        found = _followed(field, tree, tol, samples, work)
-        if found is not None:
-            if not len(found.bad):
-                return found
-            if best is None or found.doubtful < best.doubtful:
-                best = found
-    if best is None:
-        raise LayoutError("the surface turns too fast everywhere for the leaves tried: use a smoother field")
+    for tree, mesh in _starts(field, lo, hi, _first_spacing(field, samples), probed):
+        found = _followed(field, tree, mesh, tol, samples, work)
+        if not len(found.bad):
+            return found
+        if best is None or found.doubtful < best.doubtful:
+            best = found
+    assert best is not None
     raise LayoutError(_refusal(field, best))
 
 
-def _followed(field: Field, tree: Octree, tol: float, samples: Array, work: Work) -> Layer | None:
-    """The best layer of those that splitting leads to from a first tree; None if that is too coarse as a whole."""
-    best: Layer | None = None
-    mesh: Mesh | None = None
-    layer: Layer | None = None
-    coarsest, idle = int(tree.size.max()), 0
-    for _ in range(ROUNDS):
-        for _ in range(LAYOUTS):
-            mesh, bad = laid(tree, field, mesh)
-            bad = _splittable(tree, bad)
-            if not len(bad):
-                break
-            if tree.size.max() == coarsest and len(bad) > FEW * len(np.unique(mesh.cell)):
-                return best
-            tree = split(tree, bad)
-        assert mesh is not None
+def _starts(field: Field, lo: Array, hi: Array, first: float, probed: bool) -> Iterator[tuple[Octree, Mesh]]:
+    """Layouts to start from, those of the fewest patches first."""
+    found: list[tuple[int, Octree, Mesh]] = []
+    seen: set[tuple[int, ...]] = set()
+    least = np.iinfo(np.int64).max
+    for finer in TRIED:
+        counts = _counts(field, lo, hi, first / finer)
+        if tuple(counts) in seen:
+            continue
+        seen.add(tuple(counts))
+        tree = octree.uniform(lo, hi, counts)
+        made = _unfolded(field, _refined(tree, field, None) if probed else tree, None, WORTH * least)
+        if made is not None and finer == TRIED[0] and made[0].size.max() == 1:
+            yield made
+        elif made is not None:
+            found.append((_patches(made[1]), *made))
+            least = min(least, found[-1][0])
+    for _, tree, mesh in sorted(found, key=lambda each: each[0])[:MOST]:
+        yield tree, mesh
+    tree = _refined(octree.uniform(lo, hi, _counts(field, lo, hi, first)), field, CONE)
+    made = _unfolded(field, tree, None, np.inf)
+    if made is not None:
+        yield made
+
+
+def _unfolded(field: Field, tree: Octree, before: Mesh | None, most: float) -> tuple[Octree, Mesh] | None:
+    """The tree split until its layout is worth a fit, and the layout; None once that has more than `most` patches."""
+    for last in [False] * (LAYOUTS - 1) + [True]:
+        before, bad = laid(tree, field, before)
+        if _patches(before) > most:
+            return None
+        bad = _splittable(tree, bad)
+        if not len(bad) or last:
+            break
+        tree = split(tree, bad)
+    assert before is not None
+    return tree, before
+
+
+def _patches(mesh: Mesh) -> int:
+    """How many patches a mesh makes: triangles are cut in three."""
+    return len(mesh.corners) + 2 * int(np.count_nonzero(mesh.corners[:, 3] < 0))
+
+
+def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, work: Work) -> Layer:
+    """The best layer of those that splitting leads to from a first layout."""
+    best = layer = fitted(field, tree, mesh, tol, samples, None, work)
+    idle = 0
+    for _ in range(ROUNDS - 1):
+        deeper = _splittable(tree, layer.bad)
+        if not len(deeper) or best.share > FEW:
+            break
+        made = _unfolded(field, split(tree, deeper), mesh, np.inf)
+        assert made is not None
+        tree, mesh = made
         layer = fitted(field, tree, mesh, tol, samples, layer, work)
         if not len(layer.bad):
             return layer
-        if best is None and layer.share > FEW:
-            return None
-        idle = 0 if best is None or layer.doubtful < best.doubtful else idle + 1
+        idle = 0 if layer.doubtful < best.doubtful else idle + 1
         if idle == 0:
             best = layer
-        deeper = _splittable(tree, layer.bad)
-        if idle == IDLE or not len(deeper):
+        elif idle == IDLE:
             break
-        tree = split(tree, deeper)
     return best
 
 
