@@ -37,7 +37,7 @@ def volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, f
     lo, hi, copies = _one_period(field, lo, hi)
     spacing = min(spacing, float((hi - lo).max()) / LEAST)
     fine, coarse = (_volume(field, lo, hi, s) for s in (spacing, 1.5 * spacing))
-    return copies * fine, copies * abs(fine - coarse)
+    return float(copies * fine), float(copies * abs(fine - coarse))
 
 
 def _one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Array, int]:
