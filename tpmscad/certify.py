@@ -9,6 +9,7 @@ from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.joints import joints
 from tpmscad.patches.maps import Map
+from tpmscad.patches.measure import Moments
 from tpmscad.patches.summary import summary
 from tpmscad.request import LatticeRequest
 
@@ -28,12 +29,13 @@ def lattice_certificate(
     complex: PatchComplex,
     deviation: Deviation,
     bounds: Mapping[str, float],
+    moments: Moments,
     valid: bool,
     notes: tuple[str, ...] = (),
 ) -> Certificate:
-    """Measure and compare; `valid` is the kernel's verdict on the built solid, `deviation` in model units,
-    `notes` what else is to be told."""
-    shape = summary(complex)
+    """Measure and compare; `moments` are those of the complex's faces, `valid` is the kernel's verdict on the built solid,
+    `deviation` in model units, `notes` what else is to be told."""
+    shape = summary(complex, moments)
     smooth = joints(complex, ("offset+", "offset-"))
     reference = f"{request.reference} {request.surface} surface"
     if bend is not None:

@@ -98,7 +98,9 @@ def lattice(
         built = kernel.build(complex)
     with stages("check"):
         valid = kernel.is_valid(built.shape)
-        certificate = lattice_certificate(request, bend, complex, deviation, bounds, valid, notes)
+        certificate = lattice_certificate(
+            request, bend, complex, deviation, bounds, built.nesting.moments, valid, notes
+        )
     return Model(
         f"{request.surface} {request.kind}", complex, replace(certificate, seconds=dict(stages.seconds)), built, cell
     )

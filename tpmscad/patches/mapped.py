@@ -13,8 +13,9 @@ from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.congruent import translation_classes
 from tpmscad.patches.deviation import Deviation, deviation, worst
 from tpmscad.patches.joints import curvature
-from tpmscad.patches.lattice import TAGS, Placements, open_sides, ruled, translates
+from tpmscad.patches.lattice import Placements, open_sides, ruled, translates
 from tpmscad.patches.maps import Map
+from tpmscad.patches.sheet import TAGS
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
