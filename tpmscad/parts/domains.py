@@ -7,16 +7,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.body import Body, read_body
 from tpmscad.kernel.build import compound
+from tpmscad.kernel.check import is_valid
+from tpmscad.kernel.regions import build_regions
 from tpmscad.kernel.sampling import faces_of
 from tpmscad.kernel.splitting import Cell, split
+from tpmscad.kernel.tool import body_faces
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, lattice_block
+from tpmscad.parts.conformal import conformal, selected
+from tpmscad.parts.cutting import flipped
 from tpmscad.parts.infill import lattice_turn
 from tpmscad.parts.part import CHIP, Solids, part_certificate, write_checked
+from tpmscad.patches import measure
 from tpmscad.request import lattice_request
+from tpmscad.trimming import TrimmingError, trim
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""
@@ -113,20 +122,79 @@ def fluid_domains(
     )
     block = lattice_block(request, lattice_turn(rotation), read, stages)
     with stages("trim"):
-        cells = split(read.shape, block.shape, _labels(block))
-        sorted_cells = {name: tuple(c for c in cells if domain_of(c) == name) for name in (WALL, PLUS, MINUS)}
-    for name, found in sorted_cells.items():
-        if not found:
-            raise InvalidRequest(f"{read.name} holds no {name}: shift the lattice by phase, or make its cell smaller")
+        found = _domains(block, read)
     touches = tuple(
-        Touch(face, {name: area for name, found in sorted_cells.items() if (area := _area(found, face)) > 0})
+        Touch(face, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0})
         for face in range(len(faces_of(read.shape)))
     )
     with stages("check"):
-        pieces = {name: tuple(c.solid for c in found) for name, found in sorted_cells.items()}
-        certificate, volume = _measured(pieces, touches, block, read)
+        pieces = {name: domain.solids for name, domain in found.items()}
+        certificate, volume = _measured(pieces, touches, block, read, found[WALL].notes)
     seconds = dict(stages.seconds)
     return FluidDomains(f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Domain:
+    """The solids of a domain, largest first, its areas on faces of the body by their numbers, and how it was made."""
+
+    solids: tuple[Any, ...]
+    areas: Mapping[int, float]
+    notes: tuple[str, ...]
+
+
+def _domains(block: Block, body: Body) -> dict[str, Domain]:
+    """The three, on the patches' own parameters where the body is of planes and quadrics, else by the kernel."""
+    try:
+        return _by_patches(block, body)
+    except MissingDomain:
+        raise
+    except (InvalidRequest, TrimmingError, KernelError) as refusal:
+        return _by_kernel(block, body, f"split by the kernel: {refusal}")
+
+
+class MissingDomain(InvalidRequest):
+    """The body holds no wall, or lacks one of the channels."""
+
+    def __init__(self, body: Body, name: str) -> None:
+        super().__init__(f"{body.name} holds no {name}: shift the lattice by phase, or make its cell smaller")
+
+
+def _by_patches(block: Block, body: Body) -> dict[str, Domain]:
+    """Three trims of the same patches by the same body, put together where they are the same."""
+    whole, origin = body_faces(body.shape)
+    regions = {WALL: trim(block.patches, whole)}
+    for name, tag in ((PLUS, "offset+"), (MINUS, "offset-")):
+        regions[name] = trim(flipped(selected(block.patches, block.patches.tagged(tag))), whole)
+    if len({trimmed.report.shifted for trimmed in regions.values()}) > 1:
+        raise TrimmingError("the lattice had to be moved for some of the three domains")
+    for name, trimmed in regions.items():
+        if not len(trimmed.complex.faces):
+            raise MissingDomain(body, name)
+    complexes = tuple(trimmed.complex for trimmed in regions.values())
+    joined = conformal(complexes)
+    solids = build_regions(joined.complex, complexes, joined.members)
+    if not all(is_valid(solid) for of in solids for solid in of):
+        raise TrimmingError("the kernel's check rejects a domain")
+    result = {}
+    for name, complex, of in zip(regions, complexes, solids, strict=True):
+        caps = complex.tagged("cap")
+        number = origin[complex.faces.carrier[caps] - len(block.patches.carriers)]
+        areas = np.bincount(number, measure.face_moments(complex).area[caps])
+        result[name] = Domain(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameters",))
+    return result
+
+
+def _by_kernel(block: Block, body: Body, note: str) -> dict[str, Domain]:
+    cells = split(body.shape, block.shape, _labels(block))
+    result = {}
+    for name in (WALL, PLUS, MINUS):
+        own = [c for c in cells if domain_of(c) == name]
+        if not own:
+            raise MissingDomain(body, name)
+        areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
+        result[name] = Domain(tuple(c.solid for c in own), areas, (note,))
+    return result
 
 
 def domain_of(cell: Cell) -> str:
@@ -146,15 +214,11 @@ def _labels(block: Block) -> list[str]:
     return [by_face[hash(face)] for face in faces_of(block.shape)]
 
 
-def _area(cells: Sequence[Cell], face: int) -> float:
-    return sum(c.areas.get(face, 0.0) for c in cells)
-
-
 def _measured(
-    pieces: Mapping[str, tuple[Any, ...]], touches: tuple[Touch, ...], block: Block, body: Body
+    pieces: Mapping[str, tuple[Any, ...]], touches: tuple[Touch, ...], block: Block, body: Body, how: tuple[str, ...]
 ) -> tuple[Any, float]:
     """The wall's certificate with what is to be said of the channels, and the volume of all together."""
-    wall = part_certificate(pieces[WALL], block, ())
+    wall = part_certificate(pieces[WALL], block, how)
     shortfalls, notes, volume = wall.shortfalls, list(wall.notes), wall.volume
     for name in (PLUS, MINUS):
         found = part_certificate(pieces[name], block, ())

@@ -1,0 +1,77 @@
+"""TpmsInfill in build123d: an operation on the part being built, or on the shape given, after which modelling goes on."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import pytest
+
+import tpmscad
+from tpmscad.build123d import TpmsInfill
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+P: dict[str, Any] = {"cell": 10, "thickness": 1, "tol": 0.1}
+
+
+@pytest.fixture(scope="module")
+def filled() -> TpmsInfill:
+    return TpmsInfill(bd.Cylinder(7, 12), "P", **P)
+
+
+def test_the_keywords_are_those_of_infill_with_mode() -> None:
+    ours = list(inspect.signature(TpmsInfill.__init__).parameters.values())[2:]
+    theirs = list(inspect.signature(tpmscad.infill).parameters.values())[2:]
+    assert [*((p.name, p.default, p.kind) for p in theirs)] == [(p.name, p.default, p.kind) for p in ours[:-1]]
+    assert (ours[-1].name, ours[-1].default) == ("mode", bd.Mode.REPLACE)
+
+
+def test_it_holds_what_infill_makes(filled: TpmsInfill) -> None:
+    model = tpmscad.infill(bd.Cylinder(7, 12), "P", **P)
+    assert filled.is_valid
+    assert filled.certificate.met
+    assert filled.volume == pytest.approx(model.solid.volume, rel=1e-9)
+    assert (filled.surface, filled.cell, filled.skin, filled.label) == ("P", 10, None, model.name)
+
+
+def test_placing_keeps_the_certificate(filled: TpmsInfill) -> None:
+    for placed in (bd.Pos(1, 2, 3) * filled, copy.deepcopy(filled)):
+        assert placed.is_valid
+        assert placed.certificate is filled.certificate
+
+
+def test_in_a_builder_it_replaces_the_part_and_building_goes_on(tmp_path: Path) -> None:
+    with bd.BuildPart() as built:
+        bd.Box(14, 14, 12)
+        whole = TpmsInfill("P", **P, skin=1.0)
+        bd.Hole(2)
+        bd.fillet(built.edges().filter_by(bd.Axis.Z).sort_by(bd.Axis.X)[-1], 1)
+        with bd.Locations((0, 0, -7)):
+            bd.Cylinder(10, 2)
+    assert built.part.is_valid
+    assert len(built.part.solids()) == 1
+    assert whole.certificate.betti[2] == 2
+    bd.export_step(built.part, tmp_path / "part.step")
+    assert tpmscad.check_step(tmp_path / "part.step").ok
+
+
+def test_selectors_find_the_body_s_own_faces(filled: TpmsInfill) -> None:
+    assert {f.geom_type for f in filled.faces()} >= {bd.GeomType.PLANE, bd.GeomType.CYLINDER}
+    assert all(f.radius == pytest.approx(7) for f in filled.faces().filter_by(bd.GeomType.CYLINDER))
+    top = filled.faces().filter_by(bd.GeomType.PLANE).group_by(bd.Axis.Z)[-1]
+    assert [f.center().Z for f in top] == pytest.approx([6] * len(top))
+
+
+def test_what_cannot_be_filled_is_refused() -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="no part"), bd.BuildPart():
+        TpmsInfill("P", **P)
+    with pytest.raises(tpmscad.InvalidRequest, match="no part"):
+        TpmsInfill("P", **P)
+    with pytest.raises(RuntimeError, match="BuildPart"), bd.BuildSketch():
+        TpmsInfill(bd.Cylinder(7, 12), "P", **P)
+    with pytest.raises(tpmscad.InvalidRequest, match="holds no solid"):
+        TpmsInfill(bd.Face.make_rect(20, 20), "P", **P)

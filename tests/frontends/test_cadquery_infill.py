@@ -1,0 +1,72 @@
+"""Workplane.tpmsInfill: the solid on the stack is filled, and the chain goes on."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import tpmscad
+
+pytestmark = [pytest.mark.kernel, pytest.mark.frontend, pytest.mark.slow]
+
+P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
+
+
+@pytest.fixture(scope="module")
+def cq() -> Any:
+    """CadQuery with the plug-in; imported here, as tests are collected without it too."""
+    import cq_plugins.tpms
+
+    return cq_plugins.tpms.cq
+
+
+@pytest.fixture(scope="module")
+def filled(cq: Any) -> Any:
+    return cq.Workplane().cylinder(12, 7).tpmsInfill(**P)
+
+
+def test_the_keywords_are_those_of_infill(cq: Any) -> None:
+    ours = list(inspect.signature(cq.Workplane.tpmsInfill).parameters.values())[1:]
+    theirs = list(inspect.signature(tpmscad.infill).parameters.values())[1:]
+    assert [(p.name, p.default, p.kind) for p in ours] == [(p.name, p.default, p.kind) for p in theirs]
+
+
+def test_the_stack_holds_the_filled_solid(cq: Any, filled: Any) -> None:
+    model = tpmscad.infill(cq.Workplane().cylinder(12, 7), **P)
+    assert filled.size() == 1
+    assert filled.val().isValid()
+    assert filled.val().Volume() == pytest.approx(model.solid.volume, rel=1e-9)
+    assert filled.faces("%CYLINDER").size() > 0
+    top = filled.faces(">Z")
+    assert [f.Center().z for f in top.vals()] == pytest.approx([6.0] * top.size())
+    assert filled.end().size() == 1
+
+
+def test_the_chain_goes_on(cq: Any, tmp_path: Path) -> None:
+    part = (
+        cq.Workplane()
+        .box(14, 14, 12)
+        .tpmsInfill(**P, skin=1.0)
+        .faces(">Z")
+        .workplane()
+        .hole(4)
+        .edges("|Z and >(1, 1, 0)")
+        .fillet(1)
+        .union(cq.Workplane(origin=(0, 0, -7)).cylinder(2, 10))
+    )
+    assert part.val().isValid()
+    assert part.solids().size() == 1
+    cq.exporters.export(part, str(tmp_path / "part.step"))
+    cq.Assembly().add(part, name="core", loc=cq.Location((1, 2, 3))).export(str(tmp_path / "assembly.step"))
+    assert tpmscad.check_step(tmp_path / "part.step").ok
+    assert tpmscad.check_step(tmp_path / "assembly.step").ok
+
+
+def test_what_cannot_be_filled_is_refused(cq: Any) -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match="holds no solid"):
+        cq.Workplane().rect(20, 20).tpmsInfill(**P)
+    with pytest.raises(tpmscad.InvalidRequest, match="2 solids"):
+        cq.Workplane().rarray(30, 1, 2, 1).box(12, 12, 12).tpmsInfill(**P)
