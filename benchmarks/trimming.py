@@ -67,7 +67,7 @@ def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[Pat
     """Whole patches around a box, and their solid in a box a little larger."""
     request = lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
-        reference="minimal", boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
+        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
     around = cover(request, low, high, lambda _: None)
     return around.patches, trim(around.patches, box(around.low, around.high)).complex
@@ -184,7 +184,7 @@ def large(n: int) -> None:
     shape = bd.Pos(half, half, half) * bd.Cylinder(half, 2 * half)
     request = lattice_request(
         "gyroid", cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
-        reference="minimal", boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
+        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
     patches = cover(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
     stages = [("cover", time.process_time() - cpu)]

@@ -241,11 +241,11 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
 
 
 def _cut(complex: PatchComplex, low: Array, high: Array, cell: float) -> tuple[PatchComplex, Notes]:
-    """The complex cut by a box; a plane that had to be moved a little, to pass something it touches, is told."""
+    """The complex cut by a box; a lattice that had to be moved a little, past something that a plane touches, is told."""
     cut = trim(complex, box(low, high), tol=CUT * cell)
     if cut.report.shifted == 0.0:
         return cut.complex, ()
-    return cut.complex, (f"the box's sides were moved out by {cut.report.shifted:.2g}: {cut.report.reason}",)
+    return cut.complex, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)
 
 
 def _grid(cells: tuple[int, int, int]) -> Array:

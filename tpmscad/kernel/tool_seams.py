@@ -119,6 +119,8 @@ def _crossings(body: Body, face: Face, axis: int, at: float) -> list[_Crossing]:
                 return float(trace(body, face, use, np.array([s]))[0, axis] - at)
 
             for k in np.flatnonzero(side[:-1] != side[1:]).tolist():
+                if distance(t[k]) * distance(t[k + 1]) > 0:
+                    raise Refused("is cut by a line too near to where an edge ends")
                 root = float(brentq(distance, t[k], t[k + 1], xtol=1e-15 * max(1.0, abs(t[k]))))
                 along = float(trace(body, face, use, np.array([root]))[0, 1 - axis])
                 found.append(_Crossing(along, use.edge, root, -1))
