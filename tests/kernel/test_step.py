@@ -69,7 +69,11 @@ class TestEveryFile:
         ] in header
         of_header = part21.header_instances(header)
         assert type_faults(of_header) == []
-        assert [name for i in of_header.values() for name in i.parts] == ["FILE_DESCRIPTION", "FILE_NAME", "FILE_SCHEMA"]
+        assert [name for i in of_header.values() for name in i.parts] == [
+            "FILE_DESCRIPTION",
+            "FILE_NAME",
+            "FILE_SCHEMA",
+        ]
         assert part21_check.faults(instances, schema) == []
         assert unused(instances) == []
 

@@ -30,7 +30,7 @@ Kind = Annotated[Literal["sheet", "skeletal"], typer.Option(help="Between two of
 Side = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
 Reference = Annotated[
     Literal["minimal", "nodal"] | None,
-    typer.Option(help="The exact minimal surface (where there is one, the default) or the trigonometric one of its name."),
+    typer.Option(help="The exact minimal surface, the default where there is one, or the trigonometric one."),
 ]
 Boundary = Annotated[
     Literal["box", "natural"], typer.Option(help="Flat caps in the planes of the box, or whole patches bridged.")
