@@ -13,6 +13,7 @@ import pytest
 import tpmscad
 from tpmscad import fields
 from tpmscad.kernel.sampling import faces_of
+from tpmscad.parts import FluidDomains
 from tpmscad.parts.cutting import sides_of
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
@@ -86,7 +87,7 @@ def test_both_ways_of_trimming_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tpmscad.parts.cutting.body_complex", refuse)
     slow = tpmscad.infill(body, **P)
     assert (quick.trimmed_by, slow.trimmed_by) == ("patches", "kernel")
-    assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-7)
+    assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-6)
     assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-6)
     assert quick.certificate.betti == slow.certificate.betti
     assert any("free-form, say" in note for note in slow.certificate.notes)
@@ -124,7 +125,7 @@ def test_a_field_fills_a_body_too() -> None:
 
 class TestSkin:
     def test_it_is_one_solid_whose_voids_are_the_lattice_s(self, tmp_path: Path) -> None:
-        body = step(14)
+        body = bd.Box(16, 12, 14) - bd.Cylinder(2, 30)
         model = tpmscad.infill(body, **P, skin=1.0)
         found = model.certificate
         assert found.met
@@ -161,18 +162,19 @@ class TestSkin:
             tpmscad.infill(bd.fillet(bd.Box(20, 20, 20).edges(), 3), **P, skin=4.0)
 
 
-class TestFluidDomains:
-    @pytest.fixture(scope="class")
-    def domains(self) -> tpmscad.parts.FluidDomains:
-        return tpmscad.fluid_domains(bd.Cylinder(8, 12), "P", cell=10, thickness=1, tol=0.1, phase=(0.1, 0.2, 0.3))
+@pytest.fixture(scope="module")
+def domains() -> FluidDomains:
+    return tpmscad.fluid_domains(bd.Cylinder(8, 12), "P", cell=10, thickness=1, tol=0.1, phase=(0.1, 0.2, 0.3))
 
-    def test_the_volumes_add_up_to_the_body_s(self, domains: tpmscad.parts.FluidDomains) -> None:
+
+class TestFluidDomains:
+    def test_the_volumes_add_up_to_the_body_s(self, domains: FluidDomains) -> None:
         parts = domains.wall, domains.plus, domains.minus
         assert all(part.is_valid for part in parts)
         assert sum(part.volume for part in parts) == pytest.approx(np.pi * 64 * 12, rel=1e-6)
         assert domains.certificate.met
 
-    def test_wall_and_channels_share_faces_and_the_channels_none(self, domains: tpmscad.parts.FluidDomains) -> None:
+    def test_wall_and_channels_share_faces_and_the_channels_none(self, domains: FluidDomains) -> None:
         wall, plus, minus = (
             {hash(face) for face in faces_of(part)} for part in (domains.wall, domains.plus, domains.minus)
         )
@@ -182,17 +184,19 @@ class TestFluidDomains:
         curved = {bd.GeomType.BSPLINE, bd.GeomType.BEZIER}
         assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.faces())
 
-    def test_each_channel_lies_on_its_side(self, domains: tpmscad.parts.FluidDomains) -> None:
+    def test_each_channel_lies_on_its_side(self, domains: FluidDomains) -> None:
         phi = fields.translated(fields.tpms("P", 10.0), (1, 2, 3))
         for part, sign in ((domains.plus, 1), (domains.minus, -1)):
-            on_surface = [f.center() for f in part.faces() if f.geom_type != bd.GeomType.PLANE]
+            walls = (bd.GeomType.BSPLINE, bd.GeomType.BEZIER)
+            on_surface = [f.center() for f in part.faces() if f.geom_type in walls]
+            assert on_surface
             assert all(sign * phi(np.array(tuple(c))) > 0 for c in on_surface)
 
-    def test_what_touches_a_face_is_told(self, domains: tpmscad.parts.FluidDomains) -> None:
+    def test_what_touches_a_face_is_told(self, domains: FluidDomains) -> None:
         areas = sorted(sum(touch.areas.values()) for touch in domains.touches)
         assert areas == pytest.approx([np.pi * 64, np.pi * 64, 2 * np.pi * 8 * 12], rel=1e-6)
 
-    def test_the_file_names_them(self, domains: tpmscad.parts.FluidDomains, tmp_path: Path) -> None:
+    def test_the_file_names_them(self, domains: FluidDomains, tmp_path: Path) -> None:
         domains.export_step(tmp_path / "exchanger.step")
         found = tpmscad.check_step(tmp_path / "exchanger.step")
         assert found.ok
