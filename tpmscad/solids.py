@@ -62,7 +62,7 @@ def solidify(
     if not _is_numbers(domain):
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
-        from tpmscad.parts.infill import infill  # which fills the body with what solidify makes of its box
+        from tpmscad.parts import infill  # which fills the body with what solidify makes of its box
 
         return infill(domain, field, tol=tol, progress=progress)
     field = as_field(field)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,7 +27,7 @@ from tpmscad.cli.options import (
 from tpmscad.cli.output import STEP_SUFFIXES, progress_bar, reported, writable, write_model, write_report
 
 Rotation = Annotated[
-    object, typer.Option(parser=numbers, metavar="X,Y,Z", help="Degrees by which the lattice is turned about x, y, z.")
+    Any, typer.Option(parser=numbers, metavar="X,Y,Z", help="Degrees by which the lattice is turned about x, y, z.")
 ]
 Skin = Annotated[float | None, typer.Option(metavar="MM", help="Thickness of a wall kept all around the body, mm.")]
 

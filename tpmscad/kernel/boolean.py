@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from OCP.BRep import BRep_Tool
@@ -16,7 +17,27 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel import convert
+from tpmscad.kernel.build import compound
 from tpmscad.kernel.read import solids_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """Kernel solids, largest first, that no complex stands for. `shape` is the one solid, or a compound of several."""
+
+    solids: tuple[Any, ...]
+
+    @property
+    def shape(self) -> Any:
+        return self.solids[0] if len(self.solids) == 1 else compound(self.solids)
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        from build123d import Compound, Solid  # takes seconds to import, and files are written without it
+
+        shape = self.shape
+        return Solid(shape) if len(self.solids) == 1 else Compound(shape)
 
 
 @contextmanager

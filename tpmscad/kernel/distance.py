@@ -54,7 +54,7 @@ class BodyDistance(Field):
         measure = BRepExtrema_DistShapeShape()
         measure.LoadS2(compound(faces_of(self.solid)))
         classify = BRepClass3d_SolidClassifier(self.solid)
-        within = ((points > self.low) & (points < self.high)).all(axis=1).tolist()
+        within = np.all((points > self.low) & (points < self.high), axis=1).tolist()
         value, feet = np.empty(len(points)), np.empty((len(points), 3))
         for i, (x, y, z) in enumerate(points.tolist()):
             at = gp_Pnt(x, y, z)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve
@@ -107,7 +108,7 @@ def hollowed(body: Body, voids: Iterable[TopoDS_Solid]) -> TopoDS_Solid:
     return solid_of([*_shells(body.shape), *(convert.as_shell(s.Reversed()) for v in voids for s in _shells(v))])
 
 
-def _shells(solid: TopoDS_Solid) -> list[object]:
+def _shells(solid: TopoDS_Solid) -> list[Any]:
     explorer, found = TopExp_Explorer(solid, TopAbs_SHELL), []
     while explorer.More():
         found.append(convert.as_shell(explorer.Current()))

@@ -2,7 +2,7 @@
 
 from tpmscad.kernel.distance import body_field
 from tpmscad.parts.domains import FluidDomains, Touch, fluid_domains
-from tpmscad.parts.infill import infill
+from tpmscad.parts.filling import infill
 from tpmscad.parts.part import Part
 
 __all__ = ["FluidDomains", "Part", "Touch", "body_field", "fluid_domains", "infill"]

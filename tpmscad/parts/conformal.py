@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tpmscad.patches.complex import Array, Edges, Faces, Ints, PatchComplex, Uses
@@ -112,18 +114,24 @@ def _side_by_side(regions: Sequence[PatchComplex]) -> PatchComplex:
         at += np.array([len(r.carriers), len(r.curves), len(r.pcurves), len(r.vertices), len(e), 0])
     loops, uses = _starts([p.faces.loop_start for p in parts]), _starts([p.faces.use_start for p in parts])
 
-    def joined(get):  # type: ignore[no-untyped-def]  # of any of the arrays
-        return np.concatenate([get(p) for p in parts])
+    def edges(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(p.edges, name) for p in parts])
+
+    def sides(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(p.uses, name) for p in parts])
+
+    def faces(name: str) -> NDArray[Any]:
+        return np.concatenate([getattr(p.faces, name) for p in parts])
 
     return PatchComplex(
         carriers=tuple(c for p in parts for c in p.carriers),
         curves=tuple(c for p in parts for c in p.curves),
         pcurves=tuple(c for p in parts for c in p.pcurves),
-        vertices=joined(lambda p: p.vertices),
-        edges=Edges(*(joined(lambda p, n=n: getattr(p.edges, n)) for n in Edges.__slots__)),
-        uses=Uses(*(joined(lambda p, n=n: getattr(p.uses, n)) for n in Uses.__slots__)),
+        vertices=np.concatenate([p.vertices for p in parts]),
+        edges=Edges(*map(edges, Edges.__slots__)),
+        uses=Uses(*map(sides, Uses.__slots__)),
         faces=Faces(
-            **{n: joined(lambda p, n=n: getattr(p.faces, n)) for n in Faces.__slots__ if not n.endswith("_start")},
+            **{name: faces(name) for name in Faces.__slots__ if not name.endswith("_start")},
             loop_start=loops,
             use_start=uses,
         ),

@@ -16,10 +16,10 @@ from tpmscad import kernel
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import boolean
 from tpmscad.kernel.body import Body, bounds_of
+from tpmscad.kernel.boolean import Solids
 from tpmscad.kernel.distance import body_field
 from tpmscad.kernel.tool import body_complex
 from tpmscad.parts.block import Block
-from tpmscad.parts.part import Solids
 from tpmscad.patches.complex import Array, PatchComplex
 from tpmscad.patches.summary import summary
 from tpmscad.splines.bspline import Surface

@@ -11,6 +11,7 @@ import numpy as np
 
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.body import Body, read_body
+from tpmscad.kernel.boolean import Solids
 from tpmscad.kernel.build import compound
 from tpmscad.kernel.check import is_valid
 from tpmscad.kernel.regions import build_regions
@@ -21,8 +22,8 @@ from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, lattice_block
 from tpmscad.parts.conformal import conformal, selected
 from tpmscad.parts.cutting import flipped
-from tpmscad.parts.infill import lattice_turn
-from tpmscad.parts.part import CHIP, Solids, part_certificate, write_checked
+from tpmscad.parts.filling import lattice_turn
+from tpmscad.parts.part import CHIP, part_certificate, write_checked
 from tpmscad.patches import measure
 from tpmscad.request import lattice_request
 from tpmscad.trimming import TrimmingError, trim

@@ -28,33 +28,16 @@ CHIP = 1e-2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solids:
-    """Kernel solids, largest first, that no complex stands for. `shape` is the one solid, or a compound of several."""
-
-    solids: tuple[Any, ...]
-
-    @property
-    def shape(self) -> Any:
-        return self.solids[0] if len(self.solids) == 1 else compound(self.solids)
-
-    @property
-    def solid(self) -> Any:
-        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
-        from build123d import Compound, Solid  # takes seconds to import, and files are written without it
-
-        shape = self.shape
-        return Solid(shape) if len(self.solids) == 1 else Compound(shape)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Part(Model):
     """A body with a lattice in it.
 
     `trimmed_by` is "patches" or "kernel", the latter where the body has faces that are neither plane nor quadric. `patches`
-    bound the solid where they were trimmed and there is no skin; else they are the lattice's, whole.
+    bound the solid where they were trimmed and there is no skin (`bounded`); else they are the lattice's, whole.
     """
 
     trimmed_by: str = "kernel"
+    bounded: bool = False
+    """Whether `patches` bound the solid."""
 
     @property
     def wrapped(self) -> Any:
@@ -65,7 +48,7 @@ class Part(Model):
         """Write the part as STEP, read it back and check it; KernelError if the file does not hold what was written."""
         if instanced:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
-        if isinstance(self.built, kernel.Built):
+        if self.bounded:
             export_model(self, path, instanced=False, schema=schema)
         else:
             write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)

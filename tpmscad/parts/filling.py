@@ -13,11 +13,12 @@ from scipy.spatial.transform import Rotation
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.body import Body, read_body
+from tpmscad.kernel.boolean import Solids
 from tpmscad.kernel.offset import hollowed, shrunk
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, field_block, lattice_block
 from tpmscad.parts.cutting import Cut, lattice_in, voids_in
-from tpmscad.parts.part import Part, Solids, part_certificate
+from tpmscad.parts.part import Part, part_certificate
 from tpmscad.patches.complex import Array
 from tpmscad.request import lattice_request
 
@@ -79,7 +80,14 @@ def infill(
     with stages("check"):
         certificate = part_certificate(cut.solids, block, cut.notes)
     patches = block.patches if cut.complex is None else cut.complex
-    return Part(name, patches, replace(certificate, seconds=dict(stages.seconds)), cut.built, trimmed_by=cut.by)
+    return Part(
+        name,
+        patches,
+        replace(certificate, seconds=dict(stages.seconds)),
+        cut.built,
+        trimmed_by=cut.by,
+        bounded=cut.complex is not None,
+    )
 
 
 def within_skin(block: Block, body: Body, skin: float) -> Cut:
