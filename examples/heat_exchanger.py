@@ -8,7 +8,7 @@ from tpmscad import fields
 from tpmscad.parts import FluidDomains
 
 CELL, CELLS = 8.0, (4, 4, 6)
-PHASE = (0.125, 0.0, 0.0)
+PHASE = (0.25, 0.0, 0.0)
 """Neither wall nor channels then lose a chip to the box."""
 
 PORT, STUB = 1.0, 0.8

@@ -20,8 +20,8 @@ from tpmscad.kernel.boolean import Solids
 from tpmscad.kernel.distance import body_field
 from tpmscad.kernel.tool import body_complex
 from tpmscad.parts.block import Block
+from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex
-from tpmscad.patches.summary import summary
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import TrimmingError, trim
 
@@ -85,7 +85,7 @@ def trimmed(patches: PatchComplex, block: Block, body: Body, sign: int) -> Cut:
     built = kernel.build(cut.complex)
     if not kernel.is_valid(built.shape):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
-    _check(summary(cut.complex).volume, block, body, sign)
+    _check(float(measure.volume(built.nesting.moments)[0]), block, body, sign)
     notes = ["trimmed on the patches' parameters"]
     if cut.report.shifted:
         notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
