@@ -91,12 +91,13 @@ def wanted(surface: str, cell: float) -> LatticeRequest:
     return replace(request, reference=reference)
 
 
-def mid_surface(patches: object, n: int = 12) -> tuple[np.ndarray, np.ndarray]:
+def wall_nodes(patches: object, spacing: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and outward normals of the lattice's walls, densely."""
     faces = patches.faces
     nodes, normals = [], []
     for index in np.unique(faces.carrier):
         carrier = patches.carriers[index]
+        n = 1 + int(np.ceil(np.linalg.norm(np.ptp(carrier.poles, axis=(0, 1))) / spacing))
         u, v = (g.ravel() for g in np.meshgrid(*(np.linspace(*d, n) for d in carrier.domain), indexing="ij"))
         own = np.flatnonzero(faces.carrier == index)
         turn = faces.rotation[own]
@@ -115,7 +116,7 @@ def quadrature(solid: object, volume: float, patches: object, lines: int, step: 
     """
     low, high = bounds_of(solid)
     middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
-    nodes, normals = mid_surface(patches)
+    nodes, normals = wall_nodes(patches, step)
     tree = cKDTree(nodes)
     shooter = IntCurvesFace_ShapeIntersector()
     shooter.Load(solid, 1e-7)
@@ -179,7 +180,7 @@ def main(arguments: list[str] | None = None) -> None:
                 plain = time.process_time() - begun
                 ratio, apart = plain / own, kernel.check_shape(common).volume / report.volume - 1
             lines = (
-                quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / 24) / report.volume
+                quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / 80) / report.volume
                 - 1
             )
             print(
