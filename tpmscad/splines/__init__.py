@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from tpmscad.splines.adaptive import BEZIER, Fit, Space, Trial, adapt
 from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
-from tpmscad.splines.batch import fit_patches
 from tpmscad.splines.bounds import (
     derivative_bounds,
     filip,
@@ -45,7 +44,6 @@ __all__ = [
     "filip_step",
     "fit",
     "fit_bound",
-    "fit_patches",
     "free",
     "gauss_axis",
     "insert",
