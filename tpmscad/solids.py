@@ -18,7 +18,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.booleans import Extreme
 from tpmscad.fields.field import Field, as_field
 from tpmscad.model import Model, Progress, Stages
-from tpmscad.patches import field_reference
+from tpmscad.patches import field_reference, measure
 from tpmscad.patches.certificate import Certificate, certificate_of
 from tpmscad.patches.field_complex import FieldSolid, field_complex
 from tpmscad.patches.field_work import workers
@@ -70,12 +70,14 @@ def solidify(
     stages = Stages(progress)
     with stages("fit") as done, workers(executor, field) as work:
         made = field_complex(field, lo, hi, tol, work=work, progress=done)
-        shape, expected = summary(made.complex), betti_numbers(made.field, lo, hi)
+        moments = measure.face_moments(made.complex)
+        shape, expected = summary(made.complex, moments), betti_numbers(made.field, lo, hi)
         if expected is not None and shape.betti != expected:
             made = field_complex(field, lo, hi, tol, probed=True, work=work, progress=done)
-            shape = summary(made.complex)
+            moments = measure.face_moments(made.complex)
+            shape = summary(made.complex, moments)
     with stages("build"):
-        built = kernel.build(made.complex)
+        built = kernel.build(made.complex, moments)
     with stages("check"):
         found = kernel.check_shape(built.shape)
         volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)

@@ -11,7 +11,7 @@ import numpy as np
 
 from tpmscad import kernel, surfaces
 from tpmscad.certify import lattice_certificate
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import KernelError
 from tpmscad.model import Cells, Model, Progress, Stages
 from tpmscad.patches import lattice as lattices
 from tpmscad.patches import mapped as mappings
@@ -224,13 +224,7 @@ def _mapped(request: LatticeRequest, bend: Map, stages: Stages) -> tuple[PatchCo
             reach = float(np.abs(request.offset).max())
             placements = mappings.reaching(patch, symmetry, bend, bounds, request.cells, phase, cell, reach)
         surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
-        limit = mappings.greatest_offset(surface)
-        worst = max(request.offset, key=abs)
-        if abs(worst) >= limit:
-            raise InvalidRequest(
-                f"offset {worst:g} passes the least curvature radius of the mapped {name}, {limit:.6g}: "
-                f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
-            )
+        mappings.within_curvature(surface, request.offset, f"mapped {name}")
         lower, upper, deviation = mappings.fit_layers(surface, request.layers, request.tol, done)
     with stages("assemble"):
         complex = mappings.assemble(surface, lower, upper, natural=bounds is None)

@@ -17,7 +17,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel import convert
-from tpmscad.kernel.build import compound
+from tpmscad.kernel.build import compound, wrapped
 from tpmscad.kernel.read import solids_of
 
 
@@ -34,10 +34,7 @@ class Solids:
     @property
     def solid(self) -> Any:
         """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
-        from build123d import Compound, Solid  # takes seconds to import, and files are written without it
-
-        shape = self.shape
-        return Solid(shape) if len(self.solids) == 1 else Compound(shape)
+        return wrapped(self.shape, len(self.solids))
 
 
 @contextmanager

@@ -54,9 +54,7 @@ class Built:
     @property
     def solid(self) -> Any:
         """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
-        from build123d import Compound, Solid  # takes seconds to import, and files are written without it
-
-        return Solid(self.shape) if len(self.solids) == 1 else Compound(self.shape)
+        return wrapped(self.shape, len(self.solids))
 
 
 def build(complex: PatchComplex, moments: measure.Moments | None = None) -> Built:
@@ -82,6 +80,13 @@ def build(complex: PatchComplex, moments: measure.Moments | None = None) -> Buil
     nested = nesting(complex, inside, moments)
     solids = tuple(solid_of([shells[s] for s in piece]) for piece in nested.pieces)
     return Built(solids[0] if len(solids) == 1 else compound(solids), solids, faces, nested)
+
+
+def wrapped(shape: TopoDS_Shape, solids: int) -> Any:
+    """The build123d Solid, or Compound where the shape holds several."""
+    from build123d import Compound, Solid  # takes seconds to import, and files are written without it
+
+    return Solid(shape) if solids == 1 else Compound(shape)
 
 
 def compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:

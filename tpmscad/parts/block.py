@@ -22,9 +22,7 @@ from tpmscad.patches.joints import Joints, joints
 from tpmscad.request import LatticeRequest
 from tpmscad.solids import solidify
 from tpmscad.trimming import box, trim
-
-CUT = 5e-10
-"""Of the cell: how far a cut's curve may be from its patch."""
+from tpmscad.workflows import CUT
 
 FIELD_MARGIN = 0.0137
 """Of the body's extent: how far a field's block reaches beyond the body's box."""

@@ -85,11 +85,6 @@ def _stretched(
     reach = float(np.abs(request.offset).max())
     placements = mappings.reaching(patch, symmetry, bend, box, cells, phase, cell, reach)
     surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
-    limit, worst = mappings.greatest_offset(surface), max(request.offset, key=abs)
-    if abs(worst) >= limit:
-        raise InvalidRequest(
-            f"offset {worst:g} passes the least curvature radius of the stretched {name}, {limit:.6g}: "
-            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
-        )
+    mappings.within_curvature(surface, request.offset, f"stretched {name}")
     lower, upper, deviation = mappings.fit_layers(surface, request.layers, request.tol, progress)
     return mappings.assemble(surface, lower, upper, natural=False), deviation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -184,6 +184,16 @@ def greatest_offset(mapped: MappedSurface) -> float:
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
     largest = max(np.linalg.norm(curvature(smooth_fit.surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles)
     return float(1.0 / largest)
+
+
+def within_curvature(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
+    """InvalidRequest where an offset passes the greatest there is; `name` says which surface it is of."""
+    limit, worst = greatest_offset(mapped), max(offsets, key=abs)
+    if abs(worst) >= limit:
+        raise InvalidRequest(
+            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g}: "
+            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
+        )
 
 
 def assemble(mapped: MappedSurface, lower: Layer | None, upper: Layer | None, *, natural: bool) -> PatchComplex:
