@@ -23,6 +23,10 @@ GAUSS = 2
 LEAST = 40
 """Lines of the grid along the longest edge, at least."""
 
+SETTLED, FINER = 3e-4, 2
+"""Relative change from one grid to the next at which a volume is taken, and grids half as wide again that are tried for it: long
+boxes of small cells need them."""
+
 WHOLE = 1e-9
 
 FLAT = 1e-2
@@ -30,13 +34,18 @@ FLAT = 1e-2
 
 
 def volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, float]:
-    """The volume of {field < 0} in [lo, hi], and how much it changes when the grid is made half as wide again.
+    """The volume of {field < 0} in [lo, hi], and how much the last refinement of the grid changed it. `spacing` is tried first.
 
     Of boxes of whole periods one is measured: `spacing` need not be a part of the period.
     """
     lo, hi, copies = _one_period(field, lo, hi)
     spacing = min(spacing, float((hi - lo).max()) / LEAST)
     fine, coarse = (_volume(field, lo, hi, s) for s in (spacing, 1.5 * spacing))
+    for _ in range(FINER):
+        if abs(fine - coarse) <= SETTLED * abs(fine):
+            break
+        spacing /= 1.5
+        fine, coarse = _volume(field, lo, hi, spacing), fine
     return float(copies * fine), float(copies * abs(fine - coarse))
 
 
