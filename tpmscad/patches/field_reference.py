@@ -29,8 +29,9 @@ boxes of small cells need them."""
 
 WHOLE = 1e-9
 
-FLAT = 1e-2
-"""Part of the mean square slope that stands in where the field has none."""
+FLAT = 0.1
+"""Part of the mean square slope that stands in where the field has none: with a hundredth, a rod of sixteen lines to the cell was
+off by 5e-3, with a fifth a wall of a five-hundredth of the cell by 1e-3."""
 
 
 def volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, float]:
