@@ -1,14 +1,12 @@
 """Lattices trimmed by bodies of planes and quadrics against the kernel's boolean of the same lattice and body, in one run.
 
     python benchmarks/trimming.py [--surfaces gyroid,diamond,schwarz_p,iwp] [--bodies box,cylinder,...] [--boolean yes]
-    python benchmarks/trimming.py --stress 200 [--seed 1] [--boolean yes]
     python benchmarks/trimming.py --cells 10
 
 All times are CPU seconds. *cut* is the trim alone, *build* makes kernel faces and solids of the result, *boolean* is
 BRepAlgoAPI_Common of the body with a closed block of the same lattice around it. Volumes must agree with the boolean's, or, where
 that is left out, the solid's and the void's must add up to the body's. `valid` is the kernel's check; *ratio* is boolean over
-cut + build. The stress test's bodies are random in kind, place, size and tilt; a fifth are put through corners, sides and
-middles of patches, half of these tangent there. `--cells 10` is a gyroid of that many cells a side in its inscribed cylinder.
+cut + build. `--cells 10` is a gyroid of that many cells a side in its inscribed cylinder.
 """
 
 from __future__ import annotations
@@ -16,7 +14,6 @@ from __future__ import annotations
 import argparse
 import resource
 import time
-from collections import Counter
 from dataclasses import replace
 
 import build123d as bd
@@ -25,11 +22,11 @@ import numpy as np
 from tpmscad import kernel
 from tpmscad.kernel import boolean
 from tpmscad.kernel.tool import body_complex
-from tpmscad.parts.cover import cover
+from tpmscad.parts.cover import Cover, cover
 from tpmscad.patches import measure
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.request import lattice_request
-from tpmscad.trimming import Trimmed, TrimmingError, box, trim
+from tpmscad.trimming import TrimmingError, box, trim
 
 CELL, TOL = 10.0, 1e-3
 HEAD = f"{'surface':>10} {'body':>12} {'patches':>7} {'faces':>6} {'cut':>6} {'build':>6} {'boolean':>8} {'ratio':>6} "
@@ -63,13 +60,18 @@ def turned(lattice: PatchComplex) -> PatchComplex:
     return replace(lattice, faces=replace(lattice.faces, sense=-lattice.faces.sense))
 
 
-def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[PatchComplex, PatchComplex]:
-    """Whole patches around a box, and their solid in a box a little larger."""
+def covering(surface: str, low: np.ndarray, high: np.ndarray) -> Cover:
+    """Whole patches around a box."""
     request = lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
-    around = cover(request, low, high, lambda _: None)
+    return cover(request, low, high, lambda _: None)
+
+
+def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[PatchComplex, PatchComplex]:
+    """Whole patches around a box, and their solid in a box a little larger."""
+    around = covering(surface, low, high)
     return around.patches, trim(around.patches, box(around.low, around.high)).complex
 
 
@@ -100,81 +102,6 @@ def measured(
         off = (found + volume(trim(turned(patches), tool).complex)) / volume(tool) - 1
         line += f"{'':>8} {'':>6} "
     print(f"{line} {valid!s:>5} {found:13.6f} {off:9.1e} {cut.report.shifted:7.1e}", flush=True)
-
-
-def random_body(rng: np.random.Generator, patches: PatchComplex) -> tuple[str, bd.Part]:
-    """A body somewhere in the middle of the lattice; every fifth on purpose where it is hard."""
-    a, b, c = rng.uniform(2.0, 4.5, 3)
-    kind = ("box", "cylinder", "sphere", "cone", "torus")[rng.integers(5)]
-    shape = {
-        "box": lambda: bd.Box(2 * a, 2 * b, 2 * c),
-        "cylinder": lambda: bd.Cylinder(a, 2 * b),
-        "sphere": lambda: bd.Sphere(a),
-        "cone": lambda: bd.Cone(a, a * rng.uniform(0.0, 0.8), 2 * b),
-        "torus": lambda: bd.Torus(a, a * rng.uniform(0.3, 0.7)),
-    }[kind]()
-    turn = bd.Rot(*rng.uniform(-180, 180, 3)) if rng.random() < 0.75 else bd.Rot(0, 0, 0)
-    if rng.random() >= 0.2:
-        return kind, bd.Pos(*rng.uniform(8, 12, 3)) * turn * shape
-    face = shape.faces()[int(rng.integers(len(shape.faces())))]
-    on, normal = face.position_at(*rng.uniform(0.2, 0.8, 2)), None
-    normal = face.normal_at(on)
-    where = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5)][rng.integers(3)]
-    while True:
-        f = int(rng.integers(len(patches.faces)))
-        patch, rotation = patches.carriers[patches.faces.carrier[f]], patches.faces.rotation[f]
-        at = rotation @ patch(*where) + patches.faces.translation[f]
-        if np.abs(at - 10).max() < 3:
-            break
-    if rng.random() < 0.5:  # tangent
-        up = rotation @ patch.normal(*where)
-        source, target = bd.Plane(on, z_dir=normal), bd.Plane(at.tolist(), z_dir=up.tolist())
-        return f"{kind}, tangent", target.location * source.location.inverse() * shape
-    place = bd.Pos(*(at - [on.X, on.Y, on.Z]).tolist())
-    return f"{kind}, special", place * shape
-
-
-def stress(count: int, seed: int, by_boolean: bool) -> None:
-    """Random bodies: what became of them."""
-    outcomes: Counter[str] = Counter()
-    lattices = {s: lattice_around(s, np.full(3, -1.0), np.full(3, 21.0)) for s in ("gyroid", "diamond", "schwarz_p")}
-    spent = 0.0
-    for i in range(count):
-        rng = np.random.default_rng([seed, i])
-        surface = ("gyroid", "diamond", "schwarz_p")[i % 3]
-        patches, block = lattices[surface]
-        name, shape = random_body(rng, patches)
-        begun = time.process_time()
-        try:
-            cut = trim(patches, body_complex(shape))
-        except TrimmingError as error:
-            outcome = f"left to the kernel: {error}"
-        else:
-            spent += time.process_time() - begun
-            outcome = judged(cut, patches, block, shape, by_boolean)
-        outcomes[outcome.split(":")[0]] += 1
-        if outcome != "good":
-            print(f"{i:>4} {surface:>10} {name:>18} {outcome}", flush=True)
-    print(", ".join(f"{n} {what}" for what, n in outcomes.items()), f"of {count}; {spent / count:.2f} s each")
-
-
-def judged(cut: Trimmed, patches: PatchComplex, block: PatchComplex, shape: bd.Part, by_boolean: bool) -> str:
-    """Validity, closedness, and the volume by a second way."""
-    found = volume(cut.complex)
-    if len(cut.complex.faces):
-        report = kernel.check_shape(kernel.build(cut.complex).shape)
-        if not (report.valid and report.closed):
-            return "invalid"
-        if abs(report.volume / found - 1) > 1e-6:
-            return f"volume by the kernel: {report.volume / found - 1:.1e}"
-    if by_boolean:
-        other = sum(kernel.check_shape(s).volume for s in boolean.common(kernel.build(block).shape, shape.wrapped))
-        off = other - found
-    else:
-        off = found + volume(trim(turned(patches), body_complex(shape)).complex) - volume(body_complex(shape))
-    if abs(off) > 1e-6 * float(shape.volume):
-        return f"volume: off by {off:.1e} of {found:.6f}"
-    return f"moved: by {cut.report.shifted:.0e}, {cut.report.reason}" if cut.report.shifted else "good"
 
 
 def large(n: int) -> None:
@@ -210,14 +137,10 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--surfaces", default="gyroid,diamond,schwarz_p,iwp")
     parser.add_argument("--bodies", default=",".join(BODIES))
     parser.add_argument("--boolean", choices=("yes", "no"), default="yes")
-    parser.add_argument("--stress", type=int, default=0)
-    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--cells", type=int, default=0)
     options = parser.parse_args(arguments)
     by_boolean = options.boolean == "yes"
-    if options.stress:
-        stress(options.stress, options.seed, by_boolean)
-    elif options.cells:
+    if options.cells:
         large(options.cells)
     else:
         print(f"{HEAD} {'valid':>5} {'volume':>13} {'off':>9} {'moved':>7}")

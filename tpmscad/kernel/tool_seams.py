@@ -119,9 +119,14 @@ def _crossings(body: Body, face: Face, axis: int, at: float) -> list[_Crossing]:
                 return float(trace(body, face, use, np.array([s]))[0, axis] - at)
 
             for k in np.flatnonzero(side[:-1] != side[1:]).tolist():
-                if distance(t[k]) * distance(t[k + 1]) > 0:
+                there = np.array([distance(t[k]), distance(t[k + 1])])
+                nearest = int(np.abs(there).argmin())
+                if np.abs(there[nearest]) < EXACT:  # one by one, points get other last digits than together
+                    root = float(t[k + nearest])
+                elif there[0] * there[1] > 0:
                     raise Refused("is cut by a line too near to where an edge ends")
-                root = float(brentq(distance, t[k], t[k + 1], xtol=1e-15 * max(1.0, abs(t[k]))))
+                else:
+                    root = float(brentq(distance, t[k], t[k + 1], xtol=1e-15 * max(1.0, abs(t[k]))))
                 along = float(trace(body, face, use, np.array([root]))[0, 1 - axis])
                 found.append(_Crossing(along, use.edge, root, -1))
             before, begin = trace(body, face, loop[i - 1])[-1], trace(body, face, use)[0]
@@ -143,6 +148,9 @@ def _off(body: Body, face: Face, use: Use, axis: int, at: float) -> tuple[Array,
 
 HIT = 1e-9
 """Radians within which a cut passes through a vertex."""
+
+EXACT = 1e-14
+"""Radians (of a torus's v too) that round-off comes to."""
 
 SAMPLES_ALONG = 32
 """Half the intervals of an edge in which a cut is looked for."""

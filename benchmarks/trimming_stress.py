@@ -1,0 +1,205 @@
+"""Lattices trimmed by random bodies, one line each, and what became of them all.
+
+    python benchmarks/trimming_stress.py [--first 0] [--last 200] [--seed 1] [--boolean 20] [--void] [--kinds box,cone,...]
+
+Bodies are random in kind, place, size and tilt; a fifth are put through corners, sides and middles of patches, half of these
+tangent there. Body i of a seed is always the same one, whatever the range: a line can be run again alone.
+
+*fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by the distance named. *kernel*: by the kernel's
+boolean, because the fast way was not sure. *error*: neither. *wrong*: a result that is invalid, open, or of another volume than
+the second way says. That is: lattice and void trimmed one by one must add up to the body; with --boolean yes, and where one of
+these two is left to the kernel, its boolean must agree. Times are CPU seconds of the trim alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter, defaultdict
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import build123d as bd
+import numpy as np
+from scipy.stats import qmc
+from trimming import covering, turned, volume
+
+from tpmscad import kernel
+from tpmscad.errors import TpmscadError
+from tpmscad.kernel import boolean
+from tpmscad.kernel.body import bounds_of
+from tpmscad.kernel.tool import body_complex
+from tpmscad.parts.cutting import sides_of
+from tpmscad.patches.complex import PatchComplex
+from tpmscad.trimming import TrimmingError, box, trim
+
+KINDS = ("box", "cylinder", "sphere", "cone", "torus")
+SURFACES = ("gyroid", "diamond", "schwarz_p")
+SAME = 1e-6
+"""Of the body's volume: how far two ways may be apart."""
+
+POINTS, COUNTED = 8192, 0.02
+"""Points in a body's box, and the part of the body's volume by which their count may be off."""
+
+
+class Outcome(NamedTuple):
+    word: str
+    note: str
+    volume: float
+    off: float
+    seconds: float
+
+
+class RandomBody(NamedTuple):
+    """A shape; `inside` tells points (n, 3) of its own frame, that of its location, in or out."""
+
+    name: str
+    shape: bd.Part
+    inside: Callable[[Any], Any]
+
+
+def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
+    """A body somewhere in the middle of the lattice; every fifth on purpose where it is hard."""
+    a, b, c = rng.uniform(2.0, 4.5, 3)
+    kind = KINDS[rng.integers(5)]
+    top = a * rng.uniform(0.0, 0.8) if kind == "cone" else a * rng.uniform(0.3, 0.7) if kind == "torus" else 0.0
+    shape, inside = {
+        "box": lambda: (bd.Box(2 * a, 2 * b, 2 * c), lambda x: (np.abs(x) < [a, b, c]).all(axis=1)),
+        "cylinder": lambda: (bd.Cylinder(a, 2 * b), lambda x: (around(x) < a) & (np.abs(x[:, 2]) < b)),
+        "sphere": lambda: (bd.Sphere(a), lambda x: np.linalg.norm(x, axis=1) < a),
+        "cone": lambda: (
+            bd.Cone(a, top, 2 * b),
+            lambda x: (np.abs(x[:, 2]) < b) & (around(x) < a + (top - a) * (x[:, 2] + b) / (2 * b)),
+        ),
+        "torus": lambda: (bd.Torus(a, top), lambda x: np.hypot(around(x) - a, x[:, 2]) < top),
+    }[kind]()
+    turn = bd.Rot(*rng.uniform(-180, 180, 3)) if rng.random() < 0.75 else bd.Rot(0, 0, 0)
+    if rng.random() >= 0.2:
+        return RandomBody(kind, bd.Pos(*rng.uniform(8, 12, 3)) * turn * shape, inside)
+    face = shape.faces()[int(rng.integers(len(shape.faces())))]
+    on = face.position_at(*rng.uniform(0.2, 0.8, 2))
+    normal = face.normal_at(on)
+    where = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5)][rng.integers(3)]
+    faces = patches.faces
+    places = np.stack([patches.carriers[c](*where) for c in range(int(faces.carrier.max()) + 1)])[faces.carrier]
+    places = np.einsum("fij,fj->fi", faces.rotation, places) + faces.translation
+    f = int(rng.choice(np.argsort(np.abs(places - 10).max(axis=1))[:40]))  # near the middle
+    at = places[f]
+    if rng.random() < 0.5:  # tangent
+        up = faces.rotation[f] @ patches.carriers[faces.carrier[f]].normal(*where)
+        source, target = bd.Plane(on, z_dir=normal), bd.Plane(at.tolist(), z_dir=up.tolist())
+        return RandomBody(f"{kind}, tangent", target.location * source.location.inverse() * shape, inside)
+    place = bd.Pos(*(at - [on.X, on.Y, on.Z]).tolist())
+    return RandomBody(f"{kind}, special", place * shape, inside)
+
+
+def around(x: Any) -> Any:
+    """Distances from the z axis."""
+    return np.hypot(x[:, 0], x[:, 1])
+
+
+def counted(patches: PatchComplex, body: RandomBody) -> float:
+    """The volume of lattice and body by a count of points."""
+    low, high = bounds_of(body.shape.wrapped)
+    points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(1)).random(POINTS)
+    motion = body.shape.location.wrapped.Transformation()
+    rows = np.array([[motion.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)])
+    within = points[body.inside((points - rows[:, 3]) @ rows[:, :3])]
+    return float(np.count_nonzero(sides_of(patches, within) < 0) / POINTS * np.prod(high - low))
+
+
+def by_kernel(block: Any, shape: bd.Part, note: str, begun: float) -> Outcome:
+    """The kernel's boolean of the same lattice and body, measured by the kernel."""
+    try:
+        solids = boolean.common(block, shape.wrapped)
+        reports = [kernel.check_shape(s) for s in solids]
+        left = sum(kernel.check_shape(s).volume for s in boolean.difference(shape.wrapped, block))
+    except TpmscadError as error:
+        return Outcome("error", f"{error}; {note}", np.nan, np.nan, time.process_time() - begun)
+    seconds, found = time.process_time() - begun, sum(r.volume for r in reports)
+    good = all(r.valid and r.closed for r in reports)
+    off = found + left - kernel.check_shape(shape.wrapped).volume
+    return Outcome("kernel" if good else "wrong", note if good else f"invalid; {note}", found, off, seconds)
+
+
+def outcome(
+    patches: PatchComplex, block: Callable[[], Any], body: RandomBody, by_boolean: bool, by_void: bool
+) -> Outcome:
+    """What comes of one body."""
+    begun, shape = time.process_time(), body.shape
+    try:
+        tool = body_complex(shape)
+        cut = trim(patches, tool)
+        if len(cut.complex.faces):
+            made = kernel.build(cut.complex).shape
+            seconds = time.process_time() - begun
+            report = kernel.check_shape(made)
+            if not (report.valid and report.closed):
+                raise TrimmingError("the kernel's check rejects the trimmed lattice")
+        else:
+            seconds = time.process_time() - begun
+    except TpmscadError as error:
+        return by_kernel(block(), shape, str(error), begun)
+    found = volume(cut.complex)
+    if len(cut.complex.faces) and abs(report.volume / found - 1) > SAME:
+        return Outcome("wrong", "volume by the kernel", found, report.volume - found, seconds)
+    limit, notes, good = SAME * volume(tool), [cut.report.reason] if cut.report.shifted else [], True
+    off = counted(patches, body) - found
+    sure = abs(off) < COUNTED * volume(tool)
+    if by_void:
+        try:
+            off = found + volume(trim(turned(patches), tool).complex) - volume(tool)
+            good = abs(off) < limit
+        except TrimmingError as error:
+            notes.append(f"void: {error}")
+    if by_boolean or not sure:
+        other = by_kernel(block(), shape, "", begun)
+        off, good = other.volume - found, abs(other.volume - found) < limit
+        notes.append(f"the kernel: {other.volume:.6f} {other.word} in {other.seconds - seconds:.1f} s")
+    word = ("moved" if cut.report.shifted else "fast") if good else "wrong"
+    return Outcome(word, "; ".join(notes), found, off, seconds)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--last", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--boolean", type=int, default=20)
+    parser.add_argument("--void", action="store_true")
+    parser.add_argument("--kinds", default=",".join(KINDS))
+    options = parser.parse_args(arguments)
+    lattices = {s: covering(s, np.full(3, -1.0), np.full(3, 21.0)) for s in SURFACES}
+    solids: dict[str, Any] = {}
+    table: dict[str, Counter[str]] = defaultdict(Counter)
+    spent: dict[str, float] = defaultdict(float)
+    for i in range(options.first, options.last):
+        surface = SURFACES[i % 3]
+        patches = lattices[surface].patches
+        body = random_body(np.random.default_rng([options.seed, i]), patches)
+        name = body.name
+        if name.split(",")[0] not in options.kinds.split(","):
+            continue
+
+        def block(surface: str = surface) -> Any:
+            if surface not in solids:
+                own = lattices[surface]
+                solids[surface] = kernel.build(trim(own.patches, box(own.low, own.high)).complex).shape
+            return solids[surface]
+
+        found = outcome(patches, block, body, i % options.boolean == 0, options.void)
+        for key in (name.split(",")[0], *name.split(", ")[1:], "all"):
+            table[key][found.word] += 1
+        spent[found.word] += found.seconds
+        print(
+            f"{options.seed}:{i:<4} {surface:>9} {name:>18} {found.word:>6} {found.volume:12.6f} {found.off:9.1e} "
+            f"{found.seconds:6.2f} {found.note}",
+            flush=True,
+        )
+    for key, words in table.items():
+        print(f"{key:>10}: {words.total():4}, " + ", ".join(f"{n} {word}" for word, n in sorted(words.items())))
+    print(", ".join(f"{word} {s / table['all'][word]:.2f} s" for word, s in spent.items()), "each")
+
+
+if __name__ == "__main__":
+    main()
