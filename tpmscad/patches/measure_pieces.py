@@ -20,13 +20,16 @@ from tpmscad.patches.carriers import Circle, EdgeCurve, Ellipse, Quadric, Sphere
 from tpmscad.patches.complex import Array
 from tpmscad.patches.conics import TURN
 from tpmscad.splines.bspline import Curve, Surface, design
+from tpmscad.splines.stacked import points_at
 
 COLUMNS = 16
 """Area, N (3), M (9), Q (3), as in `measure`."""
 
-LONE_SPAN, MANY_SPANS = 18, 10
-"""Gauss points of a loop curve's only span, and of each of several. Measured on degree-9 gyroid patches in a cylinder: 16 for
-each span move no face's moment by more than 3e-14 (cell 1)."""
+LONE_SPAN, MANY_SPANS, FINE_SPANS = 18, 10, 6
+"""Gauss points of a loop curve's only span, of each of several, and of each of FINE or more between knots. Measured on degree-9
+gyroid patches in a cylinder: 16 for each span move no face's moment by more than 3e-14 (cell 1), 10 for each of FINE by 6e-15."""
+
+FINE = 4
 
 ARC = np.pi / 2
 """Angle along a curve, or along a loop on a quadric, over which MANY_SPANS take all integrands (order four) to round-off."""
@@ -56,17 +59,27 @@ def curved_pieces(surface: Surface | Quadric, pieces: Pieces) -> Array:
 
 def _nodes(surface: Surface | Quadric, pieces: Pieces) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """u, v, and v' times weight at the Gauss nodes of all pieces, and which piece each is of; none where v' = 0."""
-    found, of = [], []
-    for i, (pcurve, span) in enumerate(pieces):
-        nodes, weights = span_rule(pcurve, span, _breaks(surface, pcurve, span))
-        rise = weights * pcurve(nodes, 1)[:, 1]
-        if rise.any():
-            found.append(np.column_stack([pcurve(nodes), rise]))
-            of.append(np.full(len(nodes), i))
-    if not found:
-        return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0, np.int64)
-    u, v, rise = np.concatenate(found).T
-    return u, v, rise, np.concatenate(of)
+    curves = [pcurve for pcurve, _ in pieces]
+    rules = [_rule(surface, pcurve, span) for pcurve, span in pieces]
+    of = np.repeat(np.arange(len(pieces)), [len(nodes) for nodes, _ in rules])
+    place, slope = points_at(curves, of, np.concatenate([nodes for nodes, _ in rules]), (0, 1))
+    rise = slope[:, 1] * np.concatenate([weights for _, weights in rules])
+    moving = np.zeros(len(pieces), bool)
+    moving[of[rise != 0]] = True
+    at = moving[of]
+    return place[at, 0], place[at, 1], rise[at], of[at]
+
+
+def _rule(surface: Surface | Quadric, pcurve: Curve, span: tuple[float, float]) -> tuple[Array, Array]:
+    breaks = _breaks(surface, pcurve, span)
+    return _known_rule(pcurve.knots.tobytes(), *span) if len(breaks) == 0 else span_rule(pcurve, span, breaks)
+
+
+@lru_cache(maxsize=4096)
+def _known_rule(knots: bytes, low: float, high: float) -> tuple[Array, Array]:
+    """`span_rule` broken at knots only: the curves cut on a lattice have a dozen knot vectors in all."""
+    breaks = _within(np.unique(np.frombuffer(knots)), (low, high))
+    return composite(breaks, FINE_SPANS) if len(breaks) > FINE else composite(breaks)
 
 
 def _breaks(surface: Surface | Quadric, pcurve: Curve, span: tuple[float, float]) -> Array:
@@ -74,7 +87,7 @@ def _breaks(surface: Surface | Quadric, pcurve: Curve, span: tuple[float, float]
         return _knot_crossings(surface, pcurve, span)
     angles = pcurve.poles if isinstance(surface, Sphere | Torus) else pcurve.poles[:, :1]
     pieces = int(np.ceil(np.abs(np.diff(angles, axis=0)).sum() / ARC))
-    return np.linspace(*pcurve.domain, pieces + 1)
+    return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
 
 
 def _knot_crossings(surface: Surface, pcurve: Curve, span: tuple[float, float]) -> Array:
@@ -91,13 +104,21 @@ def _knot_crossings(surface: Surface, pcurve: Curve, span: tuple[float, float]) 
 
 def span_rule(curve: EdgeCurve, span: tuple[float, float], also: Array | None = None) -> tuple[Array, Array]:
     """Composite Gauss nodes and weights on a piece of the curve, broken at its knots and at further parameters."""
-    low, high = span
-    knots = np.arange(low, high, ARC) if isinstance(curve, Circle | Ellipse) else curve.knots
-    inside = np.unique(knots if also is None else np.concatenate([knots, also]))
-    breaks = np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
-    x, w = gauss(LONE_SPAN if len(breaks) == 2 else MANY_SPANS)
+    knots = np.arange(*span, ARC) if isinstance(curve, Circle | Ellipse) else curve.knots
+    return composite(_within(np.unique(knots if also is None else np.concatenate([knots, also])), span))
+
+
+def composite(breaks: Array, points: int | None = None) -> tuple[Array, Array]:
+    """Gauss nodes and weights between each two of the breaks."""
+    x, w = gauss(points or (LONE_SPAN if len(breaks) == 2 else MANY_SPANS))
     half = 0.5 * np.diff(breaks)[:, None]
     return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
+
+
+def _within(inside: Array, span: tuple[float, float]) -> Array:
+    """The ends of the span, and the parameters between them."""
+    low, high = span
+    return np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
 
 
 @lru_cache(maxsize=64)
@@ -108,10 +129,13 @@ def gauss(points: int) -> tuple[Array, Array]:
 
 
 def _on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
-    """F at the pairs (u, v): (n, COLUMNS)."""
+    """F at the pairs (u, v): (n, COLUMNS). With e = e(u_k): S = origin + r e + z axis, S_u x S_v = r (z' e - r' axis)."""
     samples = np.arange(2 * ORDER + 1) * TURN / (2 * ORDER + 1)
-    x = quadric(samples, v[:, None])
-    n = np.cross(quadric(samples, v[:, None], 1, 0), quadric(samples, v[:, None], 0, 1))
+    e = np.cos(samples)[:, None] * quadric.x_axis + np.sin(samples)[:, None] * quadric.y_axis
+    profile, slope = quadric(0.0, v) - quadric.origin, quadric(0.0, v, 0, 1)
+    (r, z), (dr, dz) = ((a @ quadric.x_axis, a @ quadric.axis) for a in (profile, slope))
+    x = quadric.origin + r[:, None, None] * e + (z[:, None] * quadric.axis)[:, None]
+    n = (r * dz)[:, None, None] * e - ((r * dr)[:, None] * quadric.axis)[:, None]
     return _columns(x, n, to_antiderivative(u, samples))
 
 
@@ -122,38 +146,63 @@ def to_antiderivative(u: Array, samples: Array) -> Array:
     D(s) = (1 + 2 sum_m cos m s) / (2 ORDER + 1).
     """
     m = np.arange(1, ORDER + 1)
-    step = u[:, None, None] - samples[:, None]
-    waves = (np.sin(m * step) + np.sin(m * samples[:, None])) / m
-    return np.asarray((u[:, None] + 2.0 * waves.sum(axis=-1)) / len(samples))
+    cosines, sines = np.cos(np.outer(m, samples)) / m[:, None], np.sin(np.outer(m, samples)) / m[:, None]
+    waves = np.sin(np.outer(u, m)) @ cosines + (1.0 - np.cos(np.outer(u, m))) @ sines
+    return np.asarray((u[:, None] + 2.0 * waves) / len(samples))
 
 
 def _on_spline(surface: Surface, u: Array, v: Array) -> Array:
     """F at the pairs (u, v): (n, COLUMNS). Across each knot cell by Gauss, in all of them up to u."""
     poles = np.swapaxes(surface.poles, 0, 1).reshape(surface.poles.shape[1], -1)
-    ruled, slope = (
-        (design(surface.knots_v, surface.degree_v, v, order) @ poles).reshape(len(v), -1, 3) for order in (0, 1)
-    )
-    x, w = gauss(2 * surface.degree_u + 1)
+    ruled = np.concatenate(
+        [(design(surface.knots_v, surface.degree_v, v, order) @ poles).reshape(len(v), -1, 3) for order in (0, 1)],
+        axis=2,
+    )  # the poles of S and of S_v along u, at every v: (n, U, 6)
+    degree = surface.degree_u
+    x, w = gauss(2 * degree + 1)
+    x, w = 0.5 + 0.5 * x, 0.5 * w
+    unit = np.repeat([0.0, 1.0], degree + 1)
+    values, slopes = (design(unit, degree, x, order) for order in (0, 1))
     breaks = np.unique(surface.knots_u)
     result = np.zeros((len(u), COLUMNS))
     for low, high in zip(breaks[:-1], breaks[1:], strict=True):
         at = np.flatnonzero(u > low)
         if len(at) == 0:
             continue
-        half = 0.5 * (np.minimum(u[at], high) - low)
-        inner = ((low + half)[:, None] + half[:, None] * x).ravel()
-        rows, along = (
-            design(surface.knots_u, surface.degree_u, inner, order).reshape(len(at), len(x), -1) for order in (0, 1)
-        )
-        points, normal = rows @ ruled[at], np.cross(along @ ruled[at], rows @ slope[at])
-        result[at] += _columns(points, normal, half[:, None] * w)
+        part = (np.minimum(u[at], high) - low) / (high - low)
+        own = _cut_off(np.tensordot(_to_bezier(surface.knots_u, degree, low, high), ruled[at], (1, 1)), part)
+        own = own.reshape(degree + 1, -1)
+        along = (values @ own).reshape(len(x), -1, 6)
+        normal = _cross((slopes @ own).reshape(len(x), -1, 6)[..., :3], along[..., 3:])
+        result[at] += _columns(np.swapaxes(along[..., :3], 0, 1), np.swapaxes(normal, 0, 1), w)
     return result
 
 
+def _to_bezier(knots: Array, degree: int, low: float, high: float) -> Array:
+    """From the poles along all knots to the Bernstein coefficients on one interval between knots."""
+    x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
+    own = design(np.repeat([0.0, 1.0], degree + 1), degree, x)
+    return np.asarray(np.linalg.solve(own, design(knots, degree, low + (high - low) * x)))
+
+
+def _cut_off(coefficients: Array, part: Array) -> Array:
+    """Bernstein coefficients (p + 1, n, k) on [0, 1] to those on [0, part], part (n,): de Casteljau's algorithm."""
+    result = coefficients.copy()
+    for j in range(1, len(result)):
+        result[j:] = result[j - 1 : -1] + part[:, None] * (result[j:] - result[j - 1 : -1])
+    return result
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a x b: (..., 3)."""
+    (x, y, z), (p, q, r) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
+
+
 def _columns(x: Array, n: Array, weights: Array) -> Array:
-    """Sums over the points x (n, m, 3) with normals n, weighted (n, m): (n, COLUMNS)."""
+    """Sums over the points x (n, m, 3) with normals n, weighted (n, m) or (m,): (n, COLUMNS)."""
     area = (np.sqrt((n * n).sum(-1)) * weights).sum(axis=1)
-    weighted = n * weights[:, :, None]
+    weighted = n * weights[..., None]
     first = np.swapaxes(x, 1, 2) @ weighted
     cone = (x * weighted).sum(-1)
     second = (cone[:, None, :] @ x)[:, 0]
