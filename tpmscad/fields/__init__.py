@@ -20,6 +20,7 @@ from tpmscad.fields.cell_sizes import cell_sizes
 from tpmscad.fields.field import Field, as_field, constant
 from tpmscad.fields.fraction import threshold_for, volume_fraction
 from tpmscad.fields.function import from_function
+from tpmscad.fields.grading import graded_threshold
 from tpmscad.fields.image import image_region
 from tpmscad.fields.maps import mapped, rotated, scaled, translated
 from tpmscad.fields.ramps import coordinate, linear, ramp
@@ -42,6 +43,7 @@ __all__ = [
     "difference",
     "find",
     "from_function",
+    "graded_threshold",
     "halfspace",
     "image_region",
     "intersection",

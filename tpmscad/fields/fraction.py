@@ -82,6 +82,26 @@ def threshold_for(
     return _root(lambda cells, c: _cut(cells, c) - wanted, grids, least, most)
 
 
+def fractions_of(
+    phi: FieldLike,
+    thresholds: Array,
+    kind: str = "rod",
+    *,
+    level: float = 0.0,
+    domain: Domain | None = None,
+    samples: int = SAMPLES,
+) -> Array:
+    """Volume fractions (n,) of `rod` or `pore` of phi with thresholds (n,), or of sheets from level - t to level + t."""
+    fine, coarse = _cells(as_field(phi), domain, samples)
+
+    def part(cells: _Cells, t: float) -> float:
+        if kind == "sheet":
+            return _cut(cells, level + t) - _cut(cells, level - t)
+        return _cut(cells, t) if kind == "rod" else 1 - _cut(cells, t)
+
+    return np.array([_extrapolated(part(fine, t), part(coarse, t)) for t in thresholds.tolist()])
+
+
 def _root(excess: Callable[[_Cells, float], float], grids: tuple[_Cells, _Cells], low: float, high: float) -> float:
     """Where the excess, extrapolated from the fine and the coarse grid, is zero: near where that of the coarse grid is."""
     tol, span = LEVEL_TOL * max(abs(low), abs(high)), BRACKET * (high - low)
