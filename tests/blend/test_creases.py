@@ -1,0 +1,79 @@
+"""Edges of blended walls: rounded by no more than is allowed, and nothing else is touched."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from tpmscad import fields
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.creases import rounded
+
+LO, HI = np.array([0.0, 0.0, -0.5]), np.array([2.0, 0.7, 0.5])
+HALF, VOID = 0.2, 0.45
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """The weight x - 0.5, and its gradient."""
+
+    def __call__(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.asarray(points)[..., 0] - 0.5
+
+    def gradient(self, points: ArrayLike) -> NDArray[np.float64]:
+        return np.broadcast_to([1.0, 0.0, 0.0], np.shape(points)).copy()
+
+    def on_grid(self, *axes: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+
+
+def tapered(wall: fields.Field) -> BlendedField:
+    """A wall that is blended with void along x: it thins out to an edge."""
+    regions = fields.box((0, 0, -1), (1, 1, 1)), fields.box((1, 0, -1), (2, 1, 1))
+    return BlendedField((wall, fields.constant(VOID)), regions, (fields.box((0.5, 0, -1), (1.5, 1, 1)),), (Ramp(),))
+
+
+WALL = fields.sheet(fields.coordinate("z"), -HALF, HALF)
+
+
+@pytest.mark.parametrize("allowed", [1e-2, 1e-4])
+def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_allowed(allowed: float) -> None:
+    field = tapered(WALL)
+    eased = rounded(field, LO, HI, allowed)
+    assert eased is not None
+
+    def tip(f: fields.Field) -> float:
+        return brentq(lambda x: float(f(np.array([x, 0.3, 0.0]))), 0.51, 1.49, xtol=1e-14)
+
+    # (1 - w) (-HALF) + w VOID = 0
+    assert tip(field) == pytest.approx(0.5 + HALF / (HALF + VOID))
+    moved = abs(tip(eased.field) - tip(field))
+    assert 0.5 * allowed < moved <= 1.01 * allowed
+    assert eased.moved == pytest.approx(moved, rel=0.02)
+
+
+def test_only_the_edge_is_touched() -> None:
+    field = tapered(WALL)
+    eased = rounded(field, LO, HI, 1e-3)
+    assert eased is not None
+    points = np.random.default_rng(0).uniform(LO, HI, (20_000, 3))
+    far = np.abs(points[:, 2]) > 0.02
+    assert np.array_equal(eased.field(points)[far], field(points)[far])
+    assert not np.array_equal(eased.field(points), field(points))
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        WALL,
+        tapered(fields.coordinate("z") - HALF),
+        tapered(fields.sheet(fields.coordinate("z"), -HALF, 3.0)),
+    ],
+    ids=["no blend", "no wall", "crease outside the box"],
+)
+def test_a_solid_without_edges_stays_as_it_is(field: fields.Field) -> None:
+    assert rounded(field, LO, HI, 1e-3) is None

@@ -1,0 +1,138 @@
+"""Edges of a blended field's solid, rounded: walls between two levels that are blended with something else end in edges.
+
+A wall is the greater of two fields, max(f, g), and its crease {f = g} lies inside the wall. Mixed with another structure the wall
+thins out, and where it is gone the crease lies on the surface, as a sharp edge. The edge is rounded so little that the surface
+moves by less than is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.grid import Array
+from tpmscad.fields import Field
+from tpmscad.fields.booleans import Extreme, SmoothExtreme
+
+PROBES = 64
+"""Grid lines along the box's longest edge on which creases are looked for, at least."""
+
+NEWTON = 12
+ON = 1e-7
+"""Of the box's diagonal: how near to the edge its points are found."""
+
+LEAST = 1e-3
+"""Least share of a structure in the blend whose creases matter."""
+
+TRIES = 6
+NEAR = 0.9
+"""The rounding is scaled until the surface moves by at least this part of what is allowed."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rounded:
+    """The field with its edges rounded, the greatest distance `moved` by which its level set moves, and where that is."""
+
+    field: BlendedField
+    moved: float
+    near: Array
+
+
+def rounded(field: Field, lo: Array, hi: Array, allowed: float) -> Rounded | None:
+    """The field with edges of its solid in the box rounded, its level set within `allowed` of what it was; None if it has none.
+
+    Measured at points of the edges, to first order along the rounded field's slope: nowhere else does the surface move further.
+    """
+    if not isinstance(field, BlendedField):
+        return None
+    creases = [node for structure in field.structures for node in _extremes(structure)]
+    found = [(node, _edge_points(field, node, lo, hi)) for node in creases]
+    if not any(len(points) for _, points in found):
+        return None
+    points = np.concatenate([p for _, p in found])
+    # of each crease a width in proportion to the slope across it: then all are rounded alike
+    slopes = {id(node): _slope(node, p) for node, p in found}
+    scale = allowed
+    for _ in range(TRIES):
+        eased = _eased(field, {key: scale * slope for key, slope in slopes.items()})
+        moved = _moved(field, eased, points)
+        if NEAR * allowed <= moved.max() <= allowed:
+            break
+        scale *= 0.5 * (1 + NEAR) * allowed / max(float(moved.max()), 1e-300)
+    return Rounded(eased, float(moved.max()), points[moved.argmax()])
+
+
+def _extremes(structure: Field) -> Iterator[Extreme]:
+    if isinstance(structure, Extreme):
+        yield structure
+        yield from _extremes(structure.first)
+        yield from _extremes(structure.second)
+
+
+def _smooth(structure: Field, widths: dict[int, float]) -> Field:
+    if not isinstance(structure, Extreme):
+        return structure
+    first, second = _smooth(structure.first, widths), _smooth(structure.second, widths)
+    return SmoothExtreme(first, second, structure.sign, widths[id(structure)])
+
+
+def _eased(field: BlendedField, widths: dict[int, float]) -> BlendedField:
+    return replace(field, structures=tuple(_smooth(structure, widths) for structure in field.structures))
+
+
+def _edge_points(field: BlendedField, node: Extreme, lo: Array, hi: Array) -> Array:
+    """Points in the box where the crease lies on the surface (n, 3): {first = second} and {field = 0}.
+
+    On the crease the field's slope is that of one side; the edge is followed on that side's smooth continuation of the mean.
+    """
+    counts = np.maximum(8, np.ceil(PROBES * (hi - lo) / (hi - lo).max())).astype(int)
+    axes = [np.linspace(a, b, n + 1) for a, b, n in zip(lo, hi, counts, strict=True)]
+    crease = node.first - node.second
+    step = float(((hi - lo) / counts).max())
+    value, slope = crease.gradient_on_grid(*axes)
+    near = np.abs(value) <= step * np.linalg.norm(slope, axis=-1)
+    points = np.stack([axis[i] for axis, i in zip(axes, np.nonzero(near), strict=True)], axis=-1)
+    value, slope = field.value_and_gradient(points)
+    points = start = points[np.abs(value) <= 4 * step * np.linalg.norm(slope, axis=1)]
+    if not len(points):
+        return points
+    # one width for all, small next to the box: a smooth field of the same crease points
+    tiny = 1e-6 * step * float(np.median(np.linalg.norm(crease.gradient(points), axis=1)))
+    smooth = _eased(field, {id(e): tiny for s in field.structures for e in _extremes(s)})
+    for _ in range(NEWTON):
+        d, across = crease.value_and_gradient(points)
+        # on the crease itself both sides share in the slope
+        points = points - (d / np.maximum((across**2).sum(axis=1), 1e-300))[:, None] * across
+        f, slope = smooth.value_and_gradient(points)
+        across = crease.gradient(points)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-300)
+        slope -= (slope * across).sum(axis=1, keepdims=True) * across
+        move = -(f / np.maximum((slope**2).sum(axis=1), 1e-300))[:, None] * slope
+        length = np.linalg.norm(move, axis=1)
+        points = points + np.minimum(1.0, step / np.maximum(length, 1e-300))[:, None] * move
+        points = np.clip(points, lo - step, hi + step)
+    diagonal = float(np.linalg.norm(hi - lo))
+    d, across = crease.value_and_gradient(points)
+    f, slope = smooth.value_and_gradient(points)
+    on = (np.abs(d) <= ON * diagonal * np.linalg.norm(across, axis=1)) & (length <= ON * diagonal)
+    on &= np.abs(f) <= ON * diagonal * np.linalg.norm(slope, axis=1)
+    on &= ((points >= lo) & (points <= hi)).all(axis=1) & (np.linalg.norm(points - start, axis=1) < 6 * step)
+    # a structure that has no part in the blend there has no edges there
+    on &= np.abs(smooth(points) - field(points)) >= LEAST * tiny / 6
+    return points[on]
+
+
+def _slope(node: Extreme, points: Array) -> float:
+    """The usual slope across a crease."""
+    if not len(points):
+        return 1.0
+    return float(np.median(np.linalg.norm((node.first - node.second).gradient(points), axis=1)))
+
+
+def _moved(field: BlendedField, eased: BlendedField, points: Array) -> Array:
+    """How far the level set moves at points of the edges, to first order: (n,)."""
+    value, slope = eased.value_and_gradient(points)
+    return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
