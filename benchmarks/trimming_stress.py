@@ -1,14 +1,15 @@
 """Lattices trimmed by random bodies, one line each, and what became of them all.
 
-    python benchmarks/trimming_stress.py [--first 0] [--last 200] [--seed 1] [--boolean 20] [--void] [--kinds box,cone,...]
+    python benchmarks/trimming_stress.py [--first 0] [--last 200] [--seed 1] [--round] [--boolean 20] [--void]
 
 Bodies are random in kind, place, size and tilt; a fifth are put through corners, sides and middles of patches, half of these
-tangent there. Body i of a seed is always the same one, whatever the range: a line can be run again alone.
+tangent there. With --round they are what people draw. Body i of a seed is always the same: a line can be run again alone.
 
-*fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by the distance named. *kernel*: by the kernel's
+*fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by a few tolerances. *kernel*: by the kernel's
 boolean, because the fast way was not sure. *error*: neither. *wrong*: a result that is invalid, open, or of another volume than
-the second way says. That is: lattice and void trimmed one by one must add up to the body; with --boolean yes, and where one of
-these two is left to the kernel, its boolean must agree. Times are CPU seconds of the trim alone.
+the second way says: a count of points, told in or out by neither, which is good to `COUNTED`; the kernel's boolean for every n-th
+body (--boolean n), and where the count is off; with --void lattice and void, trimmed one by one, must add up to the body. The
+last figures are the difference to the second way, CPU seconds of trimming and building, and why not fast.
 """
 
 from __future__ import annotations
@@ -58,12 +59,9 @@ class RandomBody(NamedTuple):
     inside: Callable[[Any], Any]
 
 
-def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
-    """A body somewhere in the middle of the lattice; every fifth on purpose where it is hard."""
-    a, b, c = rng.uniform(2.0, 4.5, 3)
-    kind = KINDS[rng.integers(5)]
-    top = a * rng.uniform(0.0, 0.8) if kind == "cone" else a * rng.uniform(0.3, 0.7) if kind == "torus" else 0.0
-    shape, inside = {
+def solid(kind: str, a: float, b: float, c: float, top: float) -> tuple[bd.Part, Callable[[Any], Any]]:
+    """A body about the origin, and what tells points in or out."""
+    made: tuple[bd.Part, Callable[[Any], Any]] = {
         "box": lambda: (bd.Box(2 * a, 2 * b, 2 * c), lambda x: (np.abs(x) < [a, b, c]).all(axis=1)),
         "cylinder": lambda: (bd.Cylinder(a, 2 * b), lambda x: (around(x) < a) & (np.abs(x[:, 2]) < b)),
         "sphere": lambda: (bd.Sphere(a), lambda x: np.linalg.norm(x, axis=1) < a),
@@ -73,6 +71,15 @@ def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
         ),
         "torus": lambda: (bd.Torus(a, top), lambda x: np.hypot(around(x) - a, x[:, 2]) < top),
     }[kind]()
+    return made
+
+
+def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
+    """A body somewhere in the middle of the lattice; every fifth on purpose where it is hard."""
+    a, b, c = rng.uniform(2.0, 4.5, 3)
+    kind = KINDS[rng.integers(5)]
+    top = a * rng.uniform(0.0, 0.8) if kind == "cone" else a * rng.uniform(0.3, 0.7) if kind == "torus" else 0.0
+    shape, inside = solid(kind, a, b, c, top)
     turn = bd.Rot(*rng.uniform(-180, 180, 3)) if rng.random() < 0.75 else bd.Rot(0, 0, 0)
     if rng.random() >= 0.2:
         return RandomBody(kind, bd.Pos(*rng.uniform(8, 12, 3)) * turn * shape, inside)
@@ -91,6 +98,19 @@ def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
         return RandomBody(f"{kind}, tangent", target.location * source.location.inverse() * shape, inside)
     place = bd.Pos(*(at - [on.X, on.Y, on.Z]).tolist())
     return RandomBody(f"{kind}, special", place * shape, inside)
+
+
+def round_body(rng: np.random.Generator) -> RandomBody:
+    """What people draw: round numbers, square to the lattice or turned by 45 degrees, centred on its points of symmetry."""
+    a, b, c = rng.choice([2.5, 3.0, 4.0, 5.0], 3).tolist()
+    kind = KINDS[rng.integers(5)]
+    if kind == "torus":
+        a, top = max(a, 3.0), rng.choice([1.0, 1.5, 2.0])
+    else:
+        top = a / 2 if rng.random() < 0.7 else 0.0
+    shape, inside = solid(kind, a, b, c, top)
+    turn = bd.Rot(*rng.choice([0.0, 0.0, 90.0, 45.0], 3).tolist())
+    return RandomBody(f"{kind}, round", bd.Pos(*rng.choice([7.5, 10.0, 11.0, 12.5], 3).tolist()) * turn * shape, inside)
 
 
 def around(x: Any) -> Any:
@@ -166,6 +186,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--last", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--boolean", type=int, default=20)
+    parser.add_argument("--round", action="store_true")
     parser.add_argument("--void", action="store_true")
     parser.add_argument("--kinds", default=",".join(KINDS))
     options = parser.parse_args(arguments)
@@ -176,7 +197,8 @@ def main(arguments: list[str] | None = None) -> None:
     for i in range(options.first, options.last):
         surface = SURFACES[i % 3]
         patches = lattices[surface].patches
-        body = random_body(np.random.default_rng([options.seed, i]), patches)
+        rng = np.random.default_rng([options.seed, i])
+        body = round_body(rng) if options.round else random_body(rng, patches)
         name = body.name
         if name.split(",")[0] not in options.kinds.split(","):
             continue

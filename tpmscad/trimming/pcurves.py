@@ -34,8 +34,9 @@ def parameter_curve(
         uv = uv + (repeated(uv[len(uv) // 2], region.carrier, region.middle) - uv[len(uv) // 2])
         poles = inverse @ uv
         u, v = (rows @ poles).T
-        error = float(np.linalg.norm(region.carrier(u, v) - curve(low + (high - low) * checks), axis=1).max())
-        if error < tol:
+        points = curve(low + (high - low) * checks)
+        error = float(np.linalg.norm(region.carrier(u, v) - points, axis=1).max())
+        if error < tol + np.abs(region.carrier.distance(points)).max():  # which no parameters can mend
             return Curve(poles, low + (high - low) * knots, DEGREE), error
     raise TrimmingError(
         f"a cut's parameters on the body are still {error:.3g} off, near {curve(np.array([low]))[0].round(6)}"
