@@ -21,7 +21,7 @@ from tpmscad.fields.field import Field, as_field
 from tpmscad.model import Model, Progress, Stages
 from tpmscad.patches import field_reference, measure
 from tpmscad.patches.certificate import Certificate, certificate_of
-from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.field_complex import FieldSolid, checked_box, field_complex
 from tpmscad.patches.field_work import workers
 from tpmscad.patches.summary import Summary, summary
 
@@ -70,7 +70,7 @@ def solidify(
 
         return infill(domain, field, tol=tol, progress=progress)
     field = as_field(field)
-    lo, hi = _corners(domain)
+    lo, hi = checked_box(*_corners(domain), tol)
     stages = Stages(progress)
     smooth, moved, notes = _without_edges(field, lo, hi, tol)
     with stages("fit") as done, workers(executor, smooth) as work:
@@ -85,6 +85,9 @@ def solidify(
         built = kernel.build(made.complex, moments)
     with stages("check"):
         found = kernel.check_shape(built.shape)
+        if moved and expected is not None and (asked := betti_numbers(field, lo, hi)) not in (None, expected):
+            notes = (*notes, f"rounding changes the field's Betti numbers from {asked} to {expected}: use a finer tol")
+            expected = asked
         volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
         made = replace(
             made, tol=tol, to_field=made.to_field + moved, from_field=made.from_field + moved, notes=notes + made.notes

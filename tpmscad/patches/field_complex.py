@@ -71,9 +71,7 @@ def field_complex(
     LayoutError names where the field can't be laid out, and why; InvalidRequest what is wrong with the request. Betti numbers
     and volume are the caller's to compare (`tpmscad.solids`).
     """
-    lo, hi = _box(lo, hi)
-    if not 0 < tol < (hi - lo).min():
-        raise InvalidRequest(f"tol {tol!r} must be above zero and below the box's least edge, {(hi - lo).min():g}")
+    lo, hi = checked_box(lo, hi, tol)
     done = progress or (lambda share: None)
     parts = tuple(inside(part, lo, hi) for part in layers(field))
     spacing = float((hi - lo).max()) / PROBE_SIDE
@@ -136,11 +134,14 @@ def _off_corners(
     return tuple(result), moved
 
 
-def _box(lo: Array, hi: Array) -> tuple[Array, Array]:
+def checked_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
+    """The corners as arrays; InvalidRequest unless they span a box, and tol is above zero and below its edges."""
     try:
         low, high = np.asarray(lo, float), np.asarray(hi, float)
     except (TypeError, ValueError) as error:
         raise InvalidRequest(f"domain ({lo!r}, {hi!r}) must be two points of three numbers") from error
     if low.shape != (3,) or high.shape != (3,) or not (low < high).all() or not np.isfinite([low, high]).all():
         raise InvalidRequest(f"domain ({lo!r}, {hi!r}) must be two points (x, y, z), the first below the second")
+    if not 0 < tol < (high - low).min():
+        raise InvalidRequest(f"tol {tol!r} must be above zero and below the box's least edge, {(high - low).min():g}")
     return low, high
