@@ -17,7 +17,7 @@ from tpmscad.fields.fraction import ACCURACY, Domain, fractions_of, threshold_fo
 from tpmscad.fields.points import Array, Jet
 
 NODES = 17
-"""Thresholds whose fractions are sampled: between 0.1 and 0.9 of the catalogue the spline is off by less than 1e-4 of a fraction."""
+"""Thresholds whose fractions are sampled; for gyroid rods of 0.2 to 0.5 the spline is off by 2e-5 at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

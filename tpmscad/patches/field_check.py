@@ -15,7 +15,6 @@ from tpmscad.patches.field_fit import NetFit, bezier, tensor
 from tpmscad.patches.field_work import PIECE, Work, here
 from tpmscad.patches.layout.net import Net
 from tpmscad.patches.layout.octree import Array, Ints, Mask
-from tpmscad.patches.layout.relax import onto
 
 SAMPLES = 13
 """Samples along each parameter of a patch, borders included."""
@@ -34,19 +33,21 @@ nearest samples may all be of patches beyond it."""
 @dataclass(frozen=True, slots=True, eq=False)
 class Sampled:
     """Patches sampled: greatest and mean square distance (Q,), least cosine of the normal with the gradient (Q,), where the
-    distance is greatest (Q, 3), and normals (Q, 4, m, 3) and curvature tensors (Q, 4, m, 3, 3) along their sides.
+    distance is greatest (Q, 3), and along their sides normals and curvature tensors: those of patch q are normals[row[q]], of
+    (R, 4, m, 3), and bends[row[q]], of (R, 4, m, 3, 3); copies share theirs.
     """
 
     distance: Array
     square: Array
     cosine: Array
     where: Array
+    row: Ints
     normals: Array
     bends: Array
 
     def taken(self, patches: Ints) -> Sampled:
         """The measures of these patches; of any where the number is below zero."""
-        return Sampled(*(array[patches] for array in _arrays(self)))
+        return Sampled(*(array[patches] for array in _each(self)), self.row[patches], self.normals, self.bends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -66,23 +67,35 @@ def measure(
     net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None, work: Work = here
 ) -> Measured:
     """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
-    count = len(fit.patches)
-    wanted = np.arange(count)
-    if before is None:
-        m = 2 * HALF - 1
-        of = Sampled(*(np.empty((count, *s)) for s in ((), (), (), (3,), (4, m, 3), (4, m, 3, 3))))
-    else:
-        of, wanted = Sampled(*(array.copy() for array in _arrays(before[0]))), np.flatnonzero(before[1])
+    own, copies = np.flatnonzero(fit.copies.own_patches), fit.copies
+    row = np.searchsorted(own, copies.patch)
+    m = 2 * HALF - 1
+    of = Sampled(
+        *(np.empty((len(own), *s)) for s in ((), (), (), (3,))), np.arange(len(own)),
+        np.empty((len(own), 4, m, 3)), np.empty((len(own), 4, m, 3, 3)),
+    )  # fmt: skip
+    wanted = own
+    if before is not None:
+        old = np.flatnonzero(~before[1][own])
+        for array, values in zip(_each(of), _each(before[0]), strict=True):
+            array[old] = values[own[old]]
+        of.normals[old], of.bends[old] = (a[before[0].row[own[old]]] for a in (before[0].normals, before[0].bends))
+        wanted = own[before[1][own]]
     parts = [at[i : i + PIECE] for _, at in shapes(fit, wanted) for i in range(0, len(at), PIECE)]
     done = work(sampled, [(field, np.stack([fit.patches[i] for i in part])) for part in parts])
     for part, found in zip(parts, done, strict=True):
-        for array, values in zip(_arrays(of), _arrays(found), strict=True):
-            array[part] = values
-    return Measured(of, *_joints(net, of.normals, of.bends))
+        for array, values in zip(
+            (*_each(of), of.normals, of.bends), (*_each(found), found.normals, found.bends), strict=True
+        ):
+            array[row[part]] = values
+    of = Sampled(
+        of.distance[row], of.square[row], of.cosine[row], of.where[row] + copies.patch_shift, row, of.normals, of.bends
+    )
+    return Measured(of, *_joints(net, of))
 
 
-def _arrays(of: Sampled) -> tuple[Array, ...]:
-    return of.distance, of.square, of.cosine, of.where, of.normals, of.bends
+def _each(of: Sampled) -> tuple[Array, ...]:
+    return of.distance, of.square, of.cosine, of.where
 
 
 def sampled(field: Field, poles: Array) -> Sampled:
@@ -102,6 +115,7 @@ def sampled(field: Field, poles: Array) -> Sampled:
         square=(d**2).mean(axis=1),
         cosine=(np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1),
         where=points[np.arange(len(poles)), d.argmax(axis=1)],
+        row=np.arange(len(poles)),
         normals=np.stack([n for n, _ in sides], axis=1),
         bends=np.stack([b for _, b in sides], axis=1),
     )
@@ -159,30 +173,6 @@ def _feet(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Ar
     return np.linalg.norm(points - foot, axis=1)
 
 
-def samples_of(field: Field, lo: Array, hi: Array, spacing: float) -> Array:
-    """Points of {field = 0} in the box: where it crosses the lines of a grid of about that spacing, shifted off every layout."""
-    counts = np.maximum(2, np.ceil((hi - lo) / spacing)).astype(int) + 1
-    axes = [np.linspace(low, high, n) for low, high, n in zip(lo, hi, counts, strict=True)]
-    values = field.on_grid(*axes)
-    found = []
-    for axis in range(3):
-        swapped = np.moveaxis(values, axis, 0)
-        i, j, k = np.nonzero((swapped[:-1] > 0) != (swapped[1:] > 0))
-        f0, f1 = swapped[i, j, k], swapped[i + 1, j, k]
-        b, c = (a for a in range(3) if a != axis)
-        points = np.empty((len(i), 3))
-        points[:, axis] = axes[axis][i] + f0 / (f0 - f1) * (axes[axis][i + 1] - axes[axis][i])
-        points[:, b], points[:, c] = axes[b][j], axes[c][k]
-        fixed = np.ones(points.shape, bool)
-        fixed[:, axis] = False
-        found.append(onto(field, points, fixed, np.full(len(points), 0.5 * spacing)))
-    points = np.concatenate(found)
-    inside = ((points >= lo) & (points <= hi)).all(axis=1)
-    value, slope = field.value_and_gradient(points)
-    converged = np.abs(value) <= 1e-6 * spacing * np.linalg.norm(slope, axis=1)
-    return points[inside & converged]
-
-
 def _along(poles: Array, side: int) -> tuple[Array, Array]:
     """Unit normals (n, m, 3) and curvature tensors (n, m, 3, 3) along a side, run counter-clockwise."""
     t = np.linspace(0.0, 1.0, 2 * HALF - 1)
@@ -212,27 +202,50 @@ def _inverse(first: Array) -> Array:
     return adjugate / np.maximum(a * c - b * b, 1e-12 * (a + c) ** 2 + 1e-100)[..., None, None]
 
 
-def _joints(net: Net, normals: Array, bends: Array) -> tuple[Ints, Array, Array, Array]:
-    """Jumps across the half sides that two patches share."""
-    keys, n_rows, k_rows = [], [], []
+PARTS = (slice(None, HALF), slice(HALF - 1, None), slice(None, None, 2))
+"""Of a side's samples: either half, or all of a side that is half of a curve."""
+
+JOINTS = 4096
+"""Joints measured at once: 70 MB."""
+
+
+def _joints(net: Net, of: Sampled) -> tuple[Ints, Array, Array, Array]:
+    """Jumps across the half sides that two patches share; those between copies of the same two sides are measured once."""
+    keys, sides = [], []
     for piece in (0, 1, 2):
         q, s = np.nonzero(net.piece == piece)
-        n, k = normals[q, s], bends[q, s]
-        back = net.sense[q, s] < 0
-        n, k = np.where(back[:, None, None], n[:, ::-1], n), np.where(back[:, None, None, None], k[:, ::-1], k)
-        for half, part in ((0, slice(None, HALF)), (1, slice(HALF - 1, None))) if piece == 0 else (
-            (piece - 1, slice(None, None, 2)),
-        ):  # fmt: skip
+        for half, part in ((0, 0), (1, 1)) if piece == 0 else ((piece - 1, 2),):
             keys.append(2 * net.curve[q, s] + half)
-            n_rows.append(n[:, part])
-            k_rows.append(k[:, part])
-    key = np.concatenate(keys)
+            sides.append(np.column_stack([of.row[q], s, net.sense[q, s] < 0, np.full(len(q), part)]))
+    key, side = np.concatenate(keys), np.concatenate(sides)
     order = np.argsort(key, kind="stable")
     pair = np.flatnonzero(key[order][:-1] == key[order][1:])
     a, b = order[pair], order[pair + 1]
-    n, k = np.concatenate(n_rows), np.concatenate(k_rows)
-    sine = np.linalg.norm(np.cross(n[a], n[b]), axis=-1)
-    jump = np.degrees(np.arctan2(sine, np.einsum("nmi,nmi->nm", n[a], n[b]))).max(axis=1)
-    bend = np.linalg.norm(k[a] - k[b], axis=(-2, -1)).max(axis=1)
-    size = np.maximum(np.linalg.norm(k[a], axis=(-2, -1)), np.linalg.norm(k[b], axis=(-2, -1))).max(axis=1)
-    return key[a] // 2, jump, bend, size
+    distinct, index = np.unique(np.column_stack([side[a], side[b]]), axis=0, return_inverse=True)
+    found = np.empty((3, len(distinct)))
+    for start in range(0, len(distinct), JOINTS):
+        rows = distinct[start : start + JOINTS]
+        one, other = (_along_sides(of, rows[:, k : k + 4]) for k in (0, 4))
+        sine = np.linalg.norm(np.cross(one[0], other[0]), axis=-1)
+        angle = np.arctan2(sine, np.einsum("nmi,nmi->nm", one[0], other[0]))
+        size = np.maximum(*(np.linalg.norm(k, axis=(-2, -1)) for k in (one[1], other[1])))
+        found[:, start : start + JOINTS] = (
+            np.degrees(angle).max(axis=1),
+            np.linalg.norm(one[1] - other[1], axis=(-2, -1)).max(axis=1),
+            size.max(axis=1),
+        )
+    jump, bend, curvature = found[:, index.ravel()]
+    return key[a] // 2, jump, bend, curvature
+
+
+def _along_sides(of: Sampled, sides: Ints) -> tuple[Array, Array]:
+    """Normals (n, m, 3) and curvature tensors (n, m, 3, 3) along parts of sides: rows (row, side, whether run back, part)."""
+    n, k = np.empty((len(sides), HALF, 3)), np.empty((len(sides), HALF, 3, 3))
+    for back in (0, 1):
+        for part, samples in enumerate(PARTS):
+            at = np.flatnonzero((sides[:, 2] == back) & (sides[:, 3] == part))
+            row, side = sides[at, 0], sides[at, 1]
+            for array, values in ((n, of.normals), (k, of.bends)):
+                found = values[row, side]
+                array[at] = (found[:, ::-1] if back else found)[:, samples]
+    return n, k

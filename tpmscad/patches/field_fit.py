@@ -15,6 +15,7 @@ from math import comb
 import numpy as np
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.field_period import Copies, no_copies
 from tpmscad.patches.field_work import PIECE, Work, here
 from tpmscad.patches.layout.net import Net
 from tpmscad.patches.layout.octree import Array, Ints, Mask
@@ -30,10 +31,11 @@ PASSES = 2
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetFit:
-    """Bezier poles on [0, 1]: `curves[i]` (p + 1, 3) and `patches[i]` (p + 1, q + 1, 3)."""
+    """Bezier poles on [0, 1]: `curves[i]` (p + 1, 3) and `patches[i]` (p + 1, q + 1, 3); copies are moved, not fitted."""
 
     curves: list[Array]
     patches: list[Array]
+    copies: Copies
 
 
 def bezier(degree: int, t: Array, order: int = 0) -> Array:
@@ -48,14 +50,19 @@ def fit_net(
     patch_degree: Ints,
     before: tuple[NetFit, Mask, Mask] | None = None,
     work: Work = here,
+    copies: Copies | None = None,
 ) -> NetFit:
     """Fit every curve with its degree (C,), then every patch with its degree (Q,), raised where its sides' are higher.
 
     `before`: an earlier fit of the net, and the curves (C,) and patches (Q,) of it to be fitted anew; the others are kept.
+    `copies`: what repeats in the net (nothing if neither is given); copies must have the degrees of what they are copies of.
     """
+    copies = copies or (before[0].copies if before else no_copies(len(net.ends), len(net.curve)))
     curves = list(before[0].curves) if before else [np.empty(0)] * len(net.ends)
-    anew = before[1] if before else np.ones(len(net.ends), bool)
+    anew = copies.own_curves & (before[1] if before else True)
     main, spokes = np.flatnonzero(anew[: net.n_sides]), net.n_sides + np.flatnonzero(anew[net.n_sides :])
+    of_copies = np.flatnonzero(~copies.own_curves)
+    group_copies = of_copies[of_copies < net.n_sides], of_copies[of_copies >= net.n_sides]
     start = net.vertices[net.ends[:, 0]]
     end = net.vertices[net.ends[:, 1]]
     for group in (main, spokes):
@@ -71,6 +78,8 @@ def fit_net(
             for part, found in zip(parts, done, strict=True):
                 for i, poles in zip(part, found, strict=True):
                     curves[i] = poles
+        for i in group_copies[group is spokes]:
+            curves[i] = curves[copies.curve[i]] + copies.curve_shift[i]
 
     side_degree = curve_degree[net.curve]
     degrees = np.stack(
@@ -78,7 +87,7 @@ def fit_net(
         1,
     )
     patches = list(before[0].patches) if before else [np.empty(0)] * len(net.curve)
-    wanted = np.flatnonzero(before[2]) if before else np.arange(len(net.curve))
+    wanted = np.flatnonzero(copies.own_patches & (before[2] if before else True))
     tasks, parts = [], []
     for degree_u, degree_v in np.unique(degrees[wanted], axis=0):
         for part in _pieces(wanted[(degrees[wanted] == (degree_u, degree_v)).all(axis=1)]):
@@ -88,7 +97,9 @@ def fit_net(
     for part, found in zip(parts, work(fit_patches, tasks), strict=True):
         for i, poles in zip(part, found, strict=True):
             patches[i] = poles
-    return NetFit(curves, patches)
+    for i in np.flatnonzero(~copies.own_patches):
+        patches[i] = patches[copies.patch[i]] + copies.patch_shift[i]
+    return NetFit(curves, patches, copies)
 
 
 def _pieces(numbers: Ints) -> list[Ints]:

@@ -9,6 +9,7 @@ import numpy as np
 from tpmscad.fields.field import Field
 from tpmscad.patches import field_check
 from tpmscad.patches.field_fit import NetFit, fit_net
+from tpmscad.patches.field_period import repeated, tied
 from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
@@ -68,7 +69,7 @@ def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, 
 
     `before`: the layout of a coarser tree, of which vertices are kept where the tree has not changed.
     """
-    mesh = relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before)
+    mesh = tied(relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before), field, tree)
     slope = field.gradient(mesh.vertices)
     normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
     bad = [_doubled(mesh)]
@@ -108,12 +109,14 @@ def fitted(
     net = net_of(mesh, field)
     curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
     if before is None:
-        fit = fit_net(net, field, curve_degree, patch_degree, work=work)
+        net, copies = repeated(net, field, tree)
+        fit = fit_net(net, field, curve_degree, patch_degree, work=work, copies=copies)
         measured = field_check.measure(net, fit, field, work=work)
     else:
         same = kept(net, before.net)
         old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
         known, done = same.curve >= 0, same.patch >= 0
+        net, copies = repeated(net, field, tree, (known, done))
         curves, patches = [np.empty(0)] * len(known), [np.empty(0)] * len(done)
         for i, k in zip(np.flatnonzero(known), old_curves, strict=True):
             curves[i] = before.fit.curves[k]
@@ -121,16 +124,19 @@ def fitted(
             patches[i] = before.fit.patches[k]
         curve_degree[known] = [len(before.fit.curves[k]) - 1 for k in old_curves]
         patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
-        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches), ~known, ~done), work)
+        curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
+        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches, copies), ~known, ~done), work)
         measured = field_check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done), work)
     for degree in DEGREES[1:]:
         folded, coarse, rough = _wrong(net, measured, tol)
         weak = folded | coarse | rough
         if not weak.any() or weak.mean() > MANY:
             break
+        weak = copies.any_patch(weak)
         patch_degree = np.where(weak, degree, patch_degree)
         raised = np.zeros(len(net.ends), bool)
         raised[net.curve[weak].ravel()] = True
+        raised = copies.any_curve(raised)
         curve_degree = np.where(raised, degree, curve_degree)
         raised[net.n_sides :] |= raised[net.middle_of]
         changed = weak | raised[net.curve].any(axis=1)

@@ -23,11 +23,16 @@ HALVES = ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0))
 def assemble(
     layers: Sequence[tuple[Net, NetFit]], fixed: Sequence[Mask], lo: Array, hi: Array, corner_solid: Mask
 ) -> PatchComplex:
-    """The complex that the layers and the box's faces bound. fixed: which coordinates of each net's vertices lie on the box."""
+    """The complex that the layers and the box's faces bound. fixed: which coordinates of each net's vertices lie on the box.
+
+    Curves and patches that are copies in a layer's fit are in the complex once, and placed.
+    """
     carriers: list[Surface] = []
     curves: list[Curve] = []
     edge_rows: list[tuple[int, int, int]] = []
     vertices, spans = [], []
+    face_carrier: list[int] = []
+    edge_shift, face_shift = [], []
     use_rows: list[tuple[int, int, int]] = []
     use_start = [0]
     open_rows: list[tuple[int, int, int, int, int]] = []
@@ -47,21 +52,30 @@ def assemble(
         start[net.n_sides :] = middle[net.middle_of]
         end = n_vertices + net.ends[:, 1]
         first_edge = np.full((len(net.ends), 3), -1)
-        for c in range(len(net.ends)):
-            poles = fit.curves[c]
-            number = len(curves)
+        number_of = np.full(len(net.ends), -1)
+        own = fit.copies.own_curves
+        number_of[own] = len(curves) + np.arange(np.count_nonzero(own))
+        for poles in (fit.curves[c] for c in np.flatnonzero(own)):
             curves.append(Curve(poles, np.repeat([0.0, 1.0], len(poles)), len(poles) - 1))
+        for c in range(len(net.ends)):
+            number = number_of[fit.copies.curve[c]]
             for piece in (1, 2) if split[c] else (0,):
                 first_edge[c, piece] = len(edge_rows)
                 begin = middle[c] if piece == 2 else start[c]
                 stop = middle[c] if piece == 1 else end[c]
                 edge_rows.append((number, begin, stop))
+                edge_shift.append(fit.copies.curve_shift[c])
                 spans.append(HALVES[piece])
         owner_sense = np.zeros(len(net.ends), np.int64)
-        for q in range(len(net.curve)):
-            poles = fit.patches[q]
+        carrier_of = np.full(len(net.curve), -1)
+        own = fit.copies.own_patches
+        carrier_of[own] = len(carriers) + np.arange(np.count_nonzero(own))
+        for poles in (fit.patches[q] for q in np.flatnonzero(own)):
             p, r = poles.shape[0] - 1, poles.shape[1] - 1
             carriers.append(Surface(poles, np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], r + 1), p, r))
+        face_carrier += carrier_of[fit.copies.patch].tolist()
+        face_shift.append(fit.copies.patch_shift)
+        for q in range(len(net.curve)):
             for s in range(4):
                 c, w, piece = int(net.curve[q, s]), int(net.sense[q, s]), int(net.piece[q, s])
                 owner_sense[c] = w
@@ -84,16 +98,16 @@ def assemble(
         number = len(edge_rows)
         length = float(np.linalg.norm(points[b] - points[a]))
         edge_rows.append((len(curves), a, b))
+        edge_shift.append(np.zeros(3))
         spans.append((0.0, length))
         curves.append(line(points[a], points[b], (0.0, length)))
         for plane, w in zip(planes, senses, strict=True):
             open_rows.append((plane, number, w, *((a, b) if w > 0 else (b, a))))
 
-    n_patches = len(carriers)
+    n_patches, n_splines = len(face_carrier), len(carriers)
     table = np.array(open_rows, np.int64).reshape(-1, 5)
     open_edges = OpenEdges(*table.T)
-    polylines = np.array([_polyline(curves[edge_rows[e][0]], spans[e], w) for e, w in table[:, 1:3]])
-    face_carrier = list(range(n_patches))
+    polylines = np.array([edge_shift[e] + _polyline(curves[edge_rows[e][0]], spans[e], w) for e, w in table[:, 1:3]])
     loop_start = list(range(n_patches + 1))
     planes = []
     for index in range(6):
@@ -102,7 +116,8 @@ def assemble(
             continue
         plane = box_plane(index, lo, hi)
         for face in cap_loops(plane, open_edges, at, polylines[at]):
-            face_carrier.append(n_patches + len(planes))
+            face_carrier.append(n_splines + len(planes))
+            face_shift.append(np.zeros((1, 3)))
             for loop in face:
                 use_rows += [(e, w, -1) for e, w in loop]
                 use_start.append(len(use_rows))
@@ -119,7 +134,7 @@ def assemble(
         edges=Edges(
             curve=edge[:, 0],
             rotation=np.tile(np.eye(3), (n_edges, 1, 1)),
-            translation=np.zeros((n_edges, 3)),
+            translation=np.array(edge_shift, float).reshape(-1, 3),
             span=np.array(spans, float).reshape(-1, 2),
             start=edge[:, 1],
             end=edge[:, 2],
@@ -129,7 +144,7 @@ def assemble(
         faces=Faces(
             carrier=np.array(face_carrier, np.int64),
             rotation=np.tile(np.eye(3), (n_faces, 1, 1)),
-            translation=np.zeros((n_faces, 3)),
+            translation=np.concatenate(face_shift),
             sense=np.ones(n_faces, np.int64),
             tag=(np.arange(n_faces) >= n_patches).astype(np.int64),
             loop_start=np.array(loop_start, np.int64),
