@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
+from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -15,6 +17,17 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # No deadline: the first example of a compiled or cached function pays for all the others.
 settings.register_profile("tpmscad", deadline=None, print_blob=True)
 settings.load_profile("tpmscad")
+
+
+KERNEL = re.compile(r"^pytestmark = .*pytest\.mark\.kernel", re.MULTILINE)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With -m "not kernel and ..." a file of nothing but the kernel's tests is not opened: importing OCP takes seconds."""
+    words = config.option.markexpr.split()
+    if "or" in words or "not kernel" not in " ".join(words) or collection_path.suffix != ".py":
+        return None
+    return True if KERNEL.search(collection_path.read_text(encoding="utf-8")) else None
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
