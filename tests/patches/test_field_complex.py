@@ -94,6 +94,7 @@ def test_a_level_through_a_corner_of_the_box_is_told() -> None:
         (fields.sheet(GYROID, -0.02, 0.02), 0.1, "thick near"),
         (fields.rod(GYROID, 0.1) & fields.sphere((5, 5, 5), 4.0), 1e-2, "cross near"),
         (fields.sphere((50, 5, 5), 4.0), 1e-2, "no surface"),
+        (fields.from_function(lambda p: np.where(p[:, 0] > 4.4, GYROID(p), GYROID(p - [1.0, 2.0, 3.0]))), 1e-2, "jumps"),
     ],
 )
 def test_what_cannot_be_laid_out_says_why(field: fields.Field, tol: float, message: str) -> None:

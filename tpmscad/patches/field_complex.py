@@ -14,11 +14,11 @@ import numpy as np
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.patches import field_check
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_inside import inside
 from tpmscad.patches.field_layers import check_apart, layers, rejoined
+from tpmscad.patches.field_samples import samples_of
 from tpmscad.patches.field_search import laid_out
 from tpmscad.patches.field_solid import assemble
 from tpmscad.patches.field_work import Work, here
@@ -79,7 +79,7 @@ def field_complex(
     for part in parts:
         if (period := part.periods()) is not None:
             spacing = min(spacing, min(period) / 8)
-        samples.append(field_check.samples_of(part, lo, hi, spacing))
+        samples.append(samples_of(part, lo, hi, spacing))
     if not any(len(s) for s in samples):
         raise LayoutError("the field has no surface inside the box: check the level and the domain")
     notes: list[str] = []
@@ -128,7 +128,7 @@ def _off_corners(
             where = ", ".join(f"{x:g}" for x in corners[near][0])
             notes.append(f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}")
             part = part + shift
-            points = field_check.samples_of(part, lo, hi, spacing)
+            points = samples_of(part, lo, hi, spacing)
         result.append(part)
         moved.append(points)
     return tuple(result), moved
