@@ -23,6 +23,9 @@ TURN = 4.0
 GRADE = 0.5
 """Near a focus the parameter runs by this much times the logarithm of the distance from it."""
 
+STEP = 1e-9
+"""A Newton step onto the cut that is shorter in (u, v) is the last: its square is what is left."""
+
 SADDLE = 1e-7
 """Sine of the angle between patch and surface below which a curve's end is a saddle."""
 
@@ -73,16 +76,20 @@ class Sections:
         value = self.levels.value(self.points(uv[:, [0, -1]]))
         x = np.linspace(0.0, 1.0, m)
         target = value[:, :1] * (1 - x) ** 4 + value[:, 1:] * x**4
-        uv = uv.copy()
+        uv, problem, rows = uv.copy(), self, np.arange(len(uv))
         for _ in range(12):
-            s, su, sv = self.jet(uv[:, 1:-1], 1)
-            g, gradient = self.levels.jet(s, 1)
-            g = g - target[:, 1:-1]
+            s, su, sv = problem.jet(uv[rows, 1:-1], 1)
+            g, gradient = problem.levels.jet(s, 1)
+            g = g - target[rows, 1:-1]
             slope = np.stack([np.einsum("nmk,nmk->nm", d, gradient) for d in (su, sv)], axis=2)
             step = slope * (g / np.maximum((slope**2).sum(axis=2), 1e-300))[..., None]
-            uv[:, 1:-1] -= step
-            if np.abs(step).max(initial=0.0) < 1e-13:
+            uv[rows, 1:-1] -= step
+            left = np.abs(step).max(axis=(1, 2), initial=0.0) > STEP
+            if not left.any():
                 break
+            if not left.all():
+                rows = rows[left]
+                problem = self.of(rows)
         return uv
 
     def along(self, uv: Array) -> tuple[Array, Array, Array, Array]:
@@ -139,8 +146,8 @@ class Sections:
         length = total[:, -1:]
         return x, slope, total / length, density / length
 
-    def resampled(self, uv: Array, at: Array) -> Array:
-        """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
+    def spread(self, uv: Array) -> Spread:
+        """The curves through points uv (n, m, 2) on them, with the even parameter."""
         x, slope, s, density = self.along(uv)
         lost = ~(np.diff(s, axis=1) > 0).all(axis=1)  # NaN as well
         if lost.any():  # hopeless so far: by length, and more points may do
@@ -148,16 +155,18 @@ class Sections:
             density[lost] = 1.0 / np.maximum(x[lost, -1:], LEAST)
             if not (np.diff(x, axis=1) > 0).all():
                 raise TrimmingError("the points of a cut curve do not follow each other")
-        i, f = _locate(s, at)
-        row = np.arange(len(uv))[:, None]
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)
         # x(s) is kept monotone (Fritsch and Carlson's slope limit) where the points are too sparse for a good s
         rate = 1.0 / np.maximum(density, np.maximum(_padded(secant, 0), _padded(secant, 1)) / 3.0)
-        target = _cubic(s, x[..., None], rate[..., None], row, i, f)[..., 0]
-        h = x[row, i + 1] - x[row, i]
-        guess = _cubic(x, uv, slope, row, i, np.clip((target - x[row, i]) / h, 0.0, 1.0))
-        guess[:, [0, -1]] = uv[:, [0, -1]]
-        return self.onto(guess)
+        return Spread(uv, x, slope, s, rate)
+
+    def sampled(self, spread: Spread, at: Array) -> Array:
+        """Points (n, len(at), 2) on the curves at even parameters."""
+        return self.onto(spread.guess(at))
+
+    def resampled(self, uv: Array, at: Array) -> Array:
+        """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
+        return self.sampled(self.spread(uv), at)
 
     def off(self, uv: Array) -> Array:
         """Distances of points (n, m, 2) from their surfaces: (n, m)."""
@@ -167,6 +176,31 @@ class Sections:
         """Points (n, m, 3) dropped onto their surfaces."""
         g, gradient = self.levels.jet(points, 1)
         return points - g[..., None] * gradient
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Spread:
+    """Points uv (n, m, 2) along n curves, their arc lengths x, d(u, v)/dx, even parameters s from 0 to 1, and dx/ds."""
+
+    uv: Array
+    x: Array
+    slope: Array
+    s: Array
+    rate: Array
+
+    def of(self, rows: Ints) -> Spread:
+        """Some of the curves."""
+        return Spread(self.uv[rows], self.x[rows], self.slope[rows], self.s[rows], self.rate[rows])
+
+    def guess(self, at: Array) -> Array:
+        """(u, v) at even parameters, near the curves: (n, len(at), 2)."""
+        i, f = _locate(self.s, at)
+        row = np.arange(len(self.uv))[:, None]
+        target = _cubic(self.s, self.x[..., None], self.rate[..., None], row, i, f)[..., 0]
+        h = self.x[row, i + 1] - self.x[row, i]
+        guess = _cubic(self.x, self.uv, self.slope, row, i, np.clip((target - self.x[row, i]) / h, 0.0, 1.0))
+        guess[:, [0, -1]] = self.uv[:, [0, -1]]
+        return guess
 
 
 def foci_in_space(surfaces: Sequence[Surface], foci: Sequence[Array]) -> Array:
