@@ -137,9 +137,13 @@ def by_kernel(block: Any, shape: bd.Part, note: str, begun: float) -> Outcome:
     except TpmscadError as error:
         return Outcome("error", f"{error}; {note}", np.nan, np.nan, time.process_time() - begun)
     seconds, found = time.process_time() - begun, sum(r.volume for r in reports)
-    good = all(r.valid and r.closed for r in reports)
-    off = found + left - kernel.check_shape(shape.wrapped).volume
-    return Outcome("kernel" if good else "wrong", note if good else f"invalid; {note}", found, off, seconds)
+    off, whole = found + left - float(shape.volume), float(shape.volume)
+    word = "kernel"
+    if not all(r.valid and r.closed for r in reports):
+        word, note = "wrong", f"the kernel's is invalid; {note}"
+    elif abs(off) > SAME * whole:
+        word, note = "wrong", f"the kernel's common and difference do not add up; {note}"
+    return Outcome(word, note, found, off, seconds)
 
 
 def outcome(
@@ -174,8 +178,13 @@ def outcome(
             notes.append(f"void: {error}")
     if by_boolean or not sure:
         other = by_kernel(block(), shape, "", begun)
-        off, good = other.volume - found, abs(other.volume - found) < limit
-        notes.append(f"the kernel: {other.volume:.6f} {other.word} in {other.seconds - seconds:.1f} s")
+        spent = f"in {other.seconds - seconds:.1f} s"
+        if other.word == "kernel":
+            off, good = other.volume - found, abs(other.volume - found) < limit
+            notes.append(f"the kernel: {other.volume:.6f} {spent}")
+        else:
+            good = sure
+            notes.append(f"no second way: {other.note} {other.volume:.6f} {spent}")
     word = ("moved" if cut.report.shifted else "fast") if good else "wrong"
     return Outcome(word, "; ".join(notes), found, off, seconds)
 

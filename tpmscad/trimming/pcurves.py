@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tpmscad.patches.carriers import Plane, Quadric
+from tpmscad.patches.carriers import Cone, Plane, Quadric, Sphere
 from tpmscad.splines.bspline import Curve, design
 from tpmscad.trimming.fitting import DEGREE, SPANS, interpolation
 from tpmscad.trimming.regions import Region, repeated
@@ -15,6 +15,15 @@ from tpmscad.trimming.tool import Array, TrimmingError
 
 CHECKS = 4
 """Points between knots where the deviation is measured."""
+
+NEAREST = 32
+"""Intervals in which the point of a curve nearest to an axis is looked for, again and again."""
+
+WIDTH = 2.0
+"""Angles that turn within less than this many spans get knots of their own."""
+
+LEAST = 0.1
+"""Nearer to a pole than this part of the tolerance the angle is of no account."""
 
 
 def parameter_curve(
@@ -24,12 +33,14 @@ def parameter_curve(
 
     least: spans to begin with.
 
-    TrimmingError where `tol` is not reached: a curve that passes a pole or an apex too near.
+    TrimmingError where `tol` is not reached.
     """
     low, high = float(span[0]), float(span[1])
+    close = _closest_to_axis(lambda x: curve(low + (high - low) * x), region.carrier, tol)
     error = np.inf
     for spans in [s for s in SPANS if s >= least] or SPANS[-1:]:
-        knots, sites, inverse, checks, rows = _space(spans)
+        graded = close is not None and _worth_grading(close[1], spans)
+        knots, sites, inverse, checks, rows = _graded(spans, *close) if graded and close else _space(spans)
         uv = _in_one_piece(region.carrier, curve(low + (high - low) * sites))
         uv = uv + (repeated(uv[len(uv) // 2], region.carrier, region.middle) - uv[len(uv) // 2])
         poles = inverse @ uv
@@ -41,6 +52,47 @@ def parameter_curve(
     raise TrimmingError(
         f"a cut's parameters on the body are still {error:.3g} off, near {curve(np.array([low]))[0].round(6)}"
     )
+
+
+def _closest_to_axis(
+    curve: Callable[[Array], Array], carrier: Plane | Quadric, tol: float
+) -> tuple[float, float] | None:
+    """Where on [0, 1] a curve passes a pole or an apex, by which angles turn quickly, and over what part of it they do."""
+    if not isinstance(carrier, Sphere | Cone):
+        return None
+
+    def away(x: Array) -> Array:
+        arm = curve(x) - carrier.origin
+        return np.asarray(np.linalg.norm(arm - (arm @ carrier.axis)[:, None] * carrier.axis, axis=1))
+
+    low, high = 0.0, 1.0
+    for _ in range(8):  # narrowed down around the nearest sample
+        x = np.linspace(low, high, NEAREST + 1)
+        r = away(x)
+        i = int(r.argmin())
+        low, high = float(x[max(i - 1, 0)]), float(x[min(i + 1, NEAREST)])
+    ends = curve(np.array([low, high]))
+    speed = float(np.linalg.norm(ends[1] - ends[0])) / (high - low)
+    return float(x[i]), max(float(r[i]), LEAST * tol) / max(speed, 1e-300)
+
+
+def _worth_grading(width: float, spans: int) -> bool:
+    return width * spans < WIDTH
+
+
+def _graded(spans: int, at: float, width: float) -> tuple[Array, Array, Array, Array, Array]:
+    """As `_space`, with knots ever denser towards `at`, to a fraction of `width` there."""
+    reach = np.arcsinh(np.array([-at, 1.0 - at]) / width)
+    s = np.linspace(*reach, 4001)
+    x = at + width * np.sinh(s)
+    x[[0, -1]] = 0.0, 1.0
+    even = s + np.ptp(reach) * x  # half of the knots in even steps
+    inner = np.interp(np.linspace(even[0], even[-1], spans + 1), even, x)[1:-1]
+    knots = np.concatenate([np.zeros(DEGREE + 1), inner, np.ones(DEGREE + 1)])
+    sites = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(spans + DEGREE)])
+    ends = knots[DEGREE:-DEGREE]
+    checks = np.unique(ends[:-1, None] + np.diff(ends)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1))
+    return knots, sites, np.linalg.inv(design(knots, DEGREE, sites)), checks, design(knots, DEGREE, checks)
 
 
 def _in_one_piece(carrier: Plane | Quadric, points: Array) -> Array:
