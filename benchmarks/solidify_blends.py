@@ -3,9 +3,9 @@
     python benchmarks/solidify_blends.py [FIRST [LAST [2x1x1,3x1x1,...]]]
 
 Pairs are those of random_pairs.py; a period is that of the mean number of periods along x. The box has the periods stated (in
-turn), its middle on the middle of the blending region. The tolerance is 5e-3 of the period. Beside the certificate each solid
-goes through the kernel's check once more, and the field's Betti numbers are counted on a grid of its own: a solid that is met and
-fails one of these is WRONG.
+turn; less where the regions end), its middle on the middle of the blending region. The tolerance is 5e-3 of the period. Beside
+the certificate each solid goes through the kernel's check once more, and the field's Betti numbers are counted on a grid of its
+own: a solid that is met and fails one of these is WRONG.
 """
 
 from __future__ import annotations
@@ -29,11 +29,15 @@ LINES = 223
 
 
 def box_of(pair: Pair, periods: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, float]:
-    """The box of so many periods about the middle of the pair's blending region, and the period."""
-    counts = [float(name.rsplit(" x", 1)[1]) for name in pair.name.split(", side")[0].split(" + ")]
+    """The box of so many periods about the middle of the pair's blending region, and the period.
+
+    The blend is defined in its regions only, [0, 1] x [0, side]^2: the box ends there at the latest.
+    """
+    structures, rest = pair.name.split(", side ")
+    counts, side = [float(name.rsplit(" x", 1)[1]) for name in structures.split(" + ")], float(rest.split(",")[0])
     period = 1 / float(np.mean(counts))
-    half = 0.5 * periods[0] * period
-    return np.array([0.5 - half, 0, 0]), np.array([0.5 + half, *(period * n for n in periods[1:])]), period
+    half = min(0.5, 0.5 * periods[0] * period)
+    return np.array([0.5 - half, 0, 0]), np.array([0.5 + half, *(min(side, period * n) for n in periods[1:])]), period
 
 
 def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
@@ -57,7 +61,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
         made += c.met and right
         missed += not c.met
         wrong += c.met and not right
-        faces.append(c.n_faces / np.prod(periods))
+        faces.append(c.n_faces / np.prod((hi - lo) / period))
         print(
             f"{line} {'NOT MET' if not c.met else 'met' if right else 'WRONG'} {'valid' if valid else 'NOT VALID'} "
             f"faces {c.n_faces} ({faces[-1]:.0f} a period) deviation {c.max_deviation / period:.1e} "
