@@ -1,8 +1,8 @@
 """Volume, area and centroid of a complex by Gauss quadrature on its own surfaces, trimmed faces included, without the kernel.
 
 A face's moments  N = int n dA,  M = int x n^T dA,  Q = int x (x . n) dA  follow a rigid motion in closed form, so they are taken
-once for each piece of geometry (`measure_pieces`) and then placed. By the divergence theorem volume = tr M / 3, and the centroid
-is int Q / (4 volume), over outward normals.
+once for each piece of geometry (`measure_pieces`, `measure_whole`) and then placed. By the divergence theorem volume = tr M / 3,
+and the centroid is int Q / (4 volume), over outward normals.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import numpy as np
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.measure_pieces import COLUMNS, curved_pieces, span_rule
+from tpmscad.patches.measure_whole import whole_moments
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +34,8 @@ def face_moments(complex: PatchComplex) -> Moments:
     carrier = faces.carrier[face]
     planar = np.array([isinstance(c, Plane) for c in complex.carriers], bool)[carrier]
 
-    moments = np.zeros((len(faces), COLUMNS))
-    curved = np.flatnonzero(~planar)
+    whole, moments = whole_moments(complex)
+    curved = np.flatnonzero(~planar & ~whole[face])
     if len(curved):
         span = complex.edges.span[uses.edge[curved]]
         keys, key_of_use = np.unique(
@@ -48,6 +49,7 @@ def face_moments(complex: PatchComplex) -> Moments:
             pieces = [(complex.pcurves[int(p)], (low, high)) for _, p, low, high in keys[start:stop].tolist()]
             table[start:stop] = curved_pieces(surface, pieces)
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
+    if len(curved) or whole.any():
         moments = _placed(moments, faces.rotation, faces.translation)
     _add_planar_pieces(moments, complex, np.flatnonzero(planar), face)
 

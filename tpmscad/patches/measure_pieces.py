@@ -136,7 +136,7 @@ def _on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
     (r, z), (dr, dz) = ((a @ quadric.x_axis, a @ quadric.axis) for a in (profile, slope))
     x = quadric.origin + r[:, None, None] * e + (z[:, None] * quadric.axis)[:, None]
     n = (r * dz)[:, None, None] * e - ((r * dr)[:, None] * quadric.axis)[:, None]
-    return _columns(x, n, to_antiderivative(u, samples))
+    return columns(x, n, to_antiderivative(u, samples))
 
 
 def to_antiderivative(u: Array, samples: Array) -> Array:
@@ -174,7 +174,7 @@ def _on_spline(surface: Surface, u: Array, v: Array) -> Array:
         own = own.reshape(degree + 1, -1)
         along = (values @ own).reshape(len(x), -1, 6)
         normal = _cross((slopes @ own).reshape(len(x), -1, 6)[..., :3], along[..., 3:])
-        result[at] += _columns(np.swapaxes(along[..., :3], 0, 1), np.swapaxes(normal, 0, 1), w)
+        result[at] += columns(np.swapaxes(along[..., :3], 0, 1), np.swapaxes(normal, 0, 1), w)
     return result
 
 
@@ -199,7 +199,7 @@ def _cross(a: Array, b: Array) -> Array:
     return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
 
 
-def _columns(x: Array, n: Array, weights: Array) -> Array:
+def columns(x: Array, n: Array, weights: Array) -> Array:
     """Sums over the points x (n, m, 3) with normals n, weighted (n, m) or (m,): (n, COLUMNS)."""
     area = (np.sqrt((n * n).sum(-1)) * weights).sum(axis=1)
     weighted = n * weights[..., None]
