@@ -29,5 +29,5 @@ def test_patches_in_one_piece_or_two_a_side_have_the_moments_that_line_integrals
 def test_a_ball_of_whole_patches_has_its_centre_and_volume() -> None:
     solid = field_complex(fields.sphere((5.0, 5.2, 4.9), 4.0), np.zeros(3), np.full(3, 10.0), 1e-3).complex
     moments = measure.face_moments(solid)
-    assert measure.volume(moments)[0] == pytest.approx(4 / 3 * np.pi * 64, rel=1e-5)
-    assert measure.centroid(moments) == pytest.approx([5.0, 5.2, 4.9], abs=1e-5)
+    assert measure.volume(moments)[0] == pytest.approx(4 / 3 * np.pi * 64, rel=2e-4)
+    assert measure.centroid(moments) == pytest.approx([5.0, 5.2, 4.9], abs=1e-3)
