@@ -1,7 +1,7 @@
 """The coarsest layout of a level set that passes: uniform leaves first, split where layouts fold or fits miss.
 
 A layout is made and looked at in a small part of the time of a fit. So leaves are split first until nothing is folded that no fit
-could save, and only then by what the fit misses.
+could save, and only then by what the fit misses. What passes is simplified, where no periods have to stay alike.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.field_caps import LayoutError
+from tpmscad.patches.field_fewer import fewer
 from tpmscad.patches.field_layer import Layer, fitted, laid, split
 from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout import octree
@@ -56,7 +57,7 @@ def laid_out(
     for tree, mesh in _starts(field, lo, hi, _first_spacing(field, samples), probed):
         found = _followed(field, tree, mesh, tol, samples, work)
         if not len(found.bad):
-            return found
+            return fewer(found, tol, samples, work)
         if best is None or found.doubtful < best.doubtful:
             best = found
     assert best is not None

@@ -63,20 +63,20 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
     there, bit for bit, but for those within RINGS polygons of one that is new.
     """
     if before is None:
-        return _relaxed(mesh, np.ones(len(mesh.vertices), bool), field, lo, hi, sweeps)
+        return settled(mesh, np.ones(len(mesh.vertices), bool), field, lo, hi, sweeps)
     distance, same = cKDTree(before.start).query(mesh.start)
     old = distance <= SAME * np.linalg.norm(hi - lo)
     mesh = replace(mesh, vertices=np.where(old[:, None], before.vertices[same], mesh.start))
     free = ~old
     if free.all():
-        return _relaxed(mesh, free, field, lo, hi, sweeps)
+        return settled(mesh, free, field, lo, hi, sweeps)
     for _ in range(RINGS):
         near = mesh.corners[(free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)]
         free[near[near >= 0]] = True
     touched = (free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)
     part, of = _part(mesh, touched)
     vertices = mesh.vertices.copy()
-    vertices[of] = _relaxed(part, free[of], field, lo, hi, sweeps).vertices
+    vertices[of] = settled(part, free[of], field, lo, hi, sweeps).vertices
     return replace(mesh, vertices=vertices)
 
 
@@ -94,7 +94,7 @@ def _part(mesh: Mesh, polygons: Mask) -> tuple[Mesh, Ints]:
     return part, of
 
 
-def _relaxed(mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int) -> Mesh:
+def settled(mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int) -> Mesh:
     on_edge = mesh.fixed.sum(axis=1) == 2
     corners = mesh.corners
     three = corners[:, 3] < 0
