@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import subprocess
 import sys
 from pathlib import Path
@@ -69,16 +70,17 @@ def room(path: Path) -> str:
     return row_of(".".join(path.relative_to(ROOT).with_suffix("").parts))
 
 
-def imported(tree: ast.Module) -> set[str]:
-    """Every absolute dotted name imported anywhere in a module, `from a import b` as a.b."""
-    names = set()
+@functools.cache
+def read(source: str) -> tuple[set[str], bool]:
+    """Every absolute dotted name imported anywhere in a module, `from a import b` as a.b; whether it has a docstring."""
+    tree, names = ast.parse(source), set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"relative import in line {node.lineno}"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+    return names, bool(ast.get_docstring(tree))
 
 
 def row_of(name: str) -> str:
@@ -97,7 +99,7 @@ def offences(path: Path, source: str) -> list[str]:
     if here not in ALLOWED:
         return [f"{where} is in no room of the house: add it to the design first"]
     found = []
-    for name in sorted(imported(ast.parse(source))):
+    for name in sorted(read(source)[0]):
         row = row_of(name)
         at_home = row == here and name.split(".")[0] in PACKAGES
         if not at_home and row not in ALLOWED[here] | GROUND | sys.stdlib_module_names:
@@ -117,7 +119,7 @@ class TestEveryModule:
 
     def test_says_what_it_is(self, path: Path) -> None:
         source = path.read_text()
-        assert not source.strip() or ast.get_docstring(ast.parse(source)), "no module docstring"
+        assert not source.strip() or read(source)[1], "no module docstring"
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import tpmscad
@@ -62,6 +62,7 @@ class TestLines:
         assert [lines["b c", "d", 2], lines["t", "u", "k", "q.r", 0, "s"], lines["t", "v"]] == [5, 7, 22]
         assert [lines["t", "u", "p"], lines["arr", 1, "sub", "y"], lines["arr", 1, "deep", 1, "z"]] == [11, 17, 20]
 
+    @settings(max_examples=50)
     @given(st.data())
     def test_keys_are_found_where_they_were_written(self, data: st.DataObject) -> None:
         text, expected = "", {}

@@ -112,7 +112,7 @@ def deviation(name: str, offset: float, fitted: Surface) -> float:
     return max(farthest(surface, original), farthest(original, surface))
 
 
-FAST = [*product(CELL, (0.4,), (1e-2, 1e-4)), ("gyroid", 0.0, 1e-4), ("diamond", 0.4, 1e-6)]
+FAST = [("gyroid", 0.4, 1e-4), ("diamond", 0.4, 1e-6), ("schwarz_p", 0.0, 1e-2)]
 
 
 @pytest.mark.parametrize(("name", "offset", "tol"), FAST)

@@ -47,7 +47,7 @@ def assert_same(found: Pairs, expected: Pairs, *, located: bool) -> None:
 @pytest.mark.parametrize("convention", COMPLEXES)
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 @given(field=distinct())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_without_ties_values_and_voxels_are_gudhis(convention: str, dimension: int, field: np.ndarray) -> None:
     assert_same(
         persistence(field, dimension, convention), reference.persistence(field, dimension, convention), located=True
@@ -58,7 +58,7 @@ def test_without_ties_values_and_voxels_are_gudhis(convention: str, dimension: i
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 @given(field=tied())
 @example(field=np.ones((3, 4, 5)))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_with_ties_values_are_gudhis(convention: str, dimension: int, field: np.ndarray) -> None:
     assert_same(
         persistence(field, dimension, convention), reference.persistence(field, dimension, convention), located=False
@@ -68,7 +68,7 @@ def test_with_ties_values_are_gudhis(convention: str, dimension: int, field: np.
 @pytest.mark.parametrize("convention", CONNECTIVITY)
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 @given(field=st.one_of(distinct(), tied()), level=st.sampled_from((0.0, -0.3, 0.5, 9.0, -9.0)))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_the_straddling_pairs_are_those_alive_at_the_level(
     convention: str, dimension: int, field: np.ndarray, level: float
 ) -> None:
@@ -82,7 +82,7 @@ def test_the_straddling_pairs_are_those_alive_at_the_level(
 @pytest.mark.parametrize("convention", CONNECTIVITY)
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 @given(field=st.one_of(distinct(), tied()))
-@settings(max_examples=30)
+@settings(max_examples=20)
 def test_voxels_have_the_values_of_their_pairs(convention: str, dimension: int, field: np.ndarray) -> None:
     pairs = persistence(field, dimension, convention)
     flat = field.ravel()

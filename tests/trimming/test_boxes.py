@@ -171,7 +171,7 @@ def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[
     assert volume(trimmed.complex) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
 
 
-@pytest.mark.parametrize("by", NEAR)
+@pytest.mark.parametrize("by", [NEAR[0], slowly(NEAR[1]), *NEAR[2:]])
 @pytest.mark.parametrize("name", ["gyroid", slowly("diamond"), slowly("schwarz_p")])
 def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., PatchComplex]) -> None:
     """A patch's middle is a saddle over the plane of its tangents, which is a coordinate plane."""
@@ -205,13 +205,13 @@ def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
 
 
 def test_a_lattice_that_does_not_cover_the_box_is_refused(cover: Callable[..., PatchComplex]) -> None:
-    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SHEET)
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SKELETAL)
     with pytest.raises(TrimmingError, match="open border"):
-        trim_box(lattice, np.zeros(3), np.full(3, 1.6 * CELL), TOL)
+        trim_box(lattice, np.zeros(3), CELL * np.array([1.6, 0.4, 0.3]), TOL)
 
 
 def test_bad_requests_are_named(cover: Callable[..., PatchComplex]) -> None:
-    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SHEET)
+    lattice = cover("gyroid", (1, 1, 1), AT_HOME, SKELETAL)
     with pytest.raises(InvalidRequest, match="lo < hi"):
         trim_box(lattice, np.zeros(3), np.array([1.0, 0.0, 1.0]))
     with pytest.raises(InvalidRequest, match="tol"):
