@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.patches.layout.dual import Mesh
-from tpmscad.patches.layout.octree import Ints
+from tpmscad.patches.layout.octree import Ints, Mask
 
 Polygon = tuple[int, ...]
 
@@ -38,15 +38,14 @@ class Change:
 
 
 class Polygons:
-    """The polygons of a mesh by number, with what is around each vertex; changed in place."""
+    """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go."""
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.mesh = mesh
+    def __init__(self, mesh: Mesh, locked: Mask) -> None:
+        self.mesh, self.locked = mesh, locked
         self.fixed = mesh.fixed.sum(axis=1).tolist()
         self.polygon: dict[int, Polygon] = {}
         self.around: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
         self.beside: dict[tuple[int, int], int] = {}
-        self.into = np.arange(len(mesh.vertices))
         self.next = 0
         on_box = mesh.side_plane >= 0
         self.plane = {
@@ -134,6 +133,8 @@ class Polygons:
             if not odd:
                 break
             v = min(odd)
+            if self.locked[v]:
+                return False
             one, other = [list(p) for p in new if v in p] + [
                 list(self.polygon[f]) for f in sorted(self.around[v] - old)
             ]

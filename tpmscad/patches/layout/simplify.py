@@ -18,7 +18,7 @@ from tpmscad.fields.field import Field
 from tpmscad.patches.layout.collapse import Change, Polygon, Polygons, mesh_of
 from tpmscad.patches.layout.dual import Mesh
 from tpmscad.patches.layout.octree import Array, Ints, Mask
-from tpmscad.patches.layout.relax import corner_sines, onto, relaxed, settled
+from tpmscad.patches.layout.relax import corner_sines, onto, settled
 
 SINE, TILT, TURN = 0.42, 0.8, -0.3
 """Polygons are wanted with corners of at least this sine, sides and diagonals that leave the surface by at most this sine, and
@@ -28,7 +28,7 @@ and a turning below 90 degrees 98 % were fitted within tol at degree 5; of those
 BEFORE = 1.25
 """Changes are tried that are worse than the limits by this before vertices are relaxed."""
 
-SWEEPS, ROUNDS, BETWEEN = 10, 10, 4
+SWEEPS, LAST, ROUNDS, BETWEEN = 10, 60, 10, 4
 STRIP = 8
 """Quadrilaterals of the longest strips that are collapsed."""
 
@@ -42,7 +42,7 @@ class Simplified:
 
 
 def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | None = None) -> Simplified:
-    """The mesh with polygons merged; vertices that are `locked` (V,) stay apart."""
+    """The mesh with polygons merged; vertices that are `locked` (V,) stay where they are, bit for bit."""
     work = _Work(mesh, field, lo, hi, np.zeros(len(mesh.vertices), bool) if locked is None else locked)
     for _ in range(ROUNDS):
         for _ in range(BETWEEN):
@@ -55,7 +55,10 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     into = work.into
     while (into != into[into]).any():
         into = into[into]
-    return Simplified(relaxed(small, field, lo, hi), np.searchsorted(of, into))
+    into = np.searchsorted(of, into)
+    free = np.ones(len(of), bool)
+    free[into[work.locked]] = False
+    return Simplified(settled(small, free, field, lo, hi, LAST), into)
 
 
 class _Work:
@@ -63,7 +66,7 @@ class _Work:
 
     def __init__(self, mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask) -> None:
         self.field, self.lo, self.hi, self.locked = field, lo, hi, locked
-        self.polygons = Polygons(mesh)
+        self.polygons = Polygons(mesh, locked)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf = mesh.size.copy()
         self.normals = _unit(field.gradient(self.vertices))
@@ -134,6 +137,7 @@ class _Work:
         free = np.zeros(len(self.vertices), bool)
         for _, _, near in chosen:
             free[list(near)] = True
+        free &= ~self.locked
         touched = sorted({f for _, _, near in chosen for v in near for f in polygons.around[v]})
         part, of = mesh_of(polygons, self.vertices, self.size(), touched)
         self.vertices[of] = settled(part, free[of], self.field, self.lo, self.hi, SWEEPS).vertices
