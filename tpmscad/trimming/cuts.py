@@ -6,11 +6,10 @@ patch in distance) are a class; planes seen from either side are one class, turn
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.patches.carriers import Carrier
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import fitting, marching
@@ -18,6 +17,7 @@ from tpmscad.trimming.borders import Border
 from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.sides import Sides
 from tpmscad.trimming.strands import FLAT, Crossings
+from tpmscad.trimming.sweeping import march_all
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
 
 
@@ -70,10 +70,9 @@ def cut_patches(
     label = label.ravel()
 
     carrier, seen = faces.carrier[face[first]], seen.of(first)
-    traces = []
-    for i, (p, c) in enumerate(zip(first, carrier, strict=True)):
-        borders = _borders(complex, sides, crossings, int(face[p]), int(surface[p]), int(turn[p]))
-        traces.append(_trace(complex.carriers[c], seen.of(np.array([i])), borders, corner_on[p], FLAT * tol))
+    borders = [_borders(complex, sides, crossings, int(face[p]), int(surface[p]), int(turn[p])) for p in first]
+    patches = [patch for patch in (complex.carriers[c] for c in carrier) if isinstance(patch, Surface)]
+    traces = march_all(patches, seen, borders, corner_on[first], FLAT * tol)
     cuts, first_cut = _fitted(complex, traces, carrier, seen, tol)
 
     side_sign = {
@@ -110,15 +109,6 @@ def _borders(
         sign = int(crossings.sign[edge, surface]) * turn
         result.append(Border(x, sign) if forward else Border(1.0 - x[::-1], sign * (-1) ** len(x)))
     return tuple(result)
-
-
-def _trace(patch: Carrier, level: Levels, borders: tuple[Border, ...], on_corner: Flags, flat: float) -> marching.Trace:
-    assert isinstance(patch, Surface)
-    if level.flat[0] and not on_corner.any():
-        values = patch.poles @ level.axis[0] + level.a[0]  # they bound the patch
-        if (values > 0).all() or (values < 0).all():
-            return replace(marching.NONE, sign=1 if values.flat[0] > 0 else -1)
-    return marching.march(patch, level, borders, on_corner, flat)
 
 
 def _fitted(
