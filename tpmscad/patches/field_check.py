@@ -47,7 +47,8 @@ class Sampled:
 
     def taken(self, patches: Ints) -> Sampled:
         """The measures of these patches; of any where the number is below zero."""
-        return Sampled(*(array[patches] for array in _each(self)), self.row[patches], self.normals, self.bends)
+        of = [array[patches] for array in _each(self)]
+        return Sampled(of[0], of[1], of[2], of[3], self.row[patches], self.normals, self.bends)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,11 +70,16 @@ def measure(
     """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
     own, copies = np.flatnonzero(fit.copies.own_patches), fit.copies
     row = np.searchsorted(own, copies.patch)
-    m = 2 * HALF - 1
+    m, count = 2 * HALF - 1, len(own)
     of = Sampled(
-        *(np.empty((len(own), *s)) for s in ((), (), (), (3,))), np.arange(len(own)),
-        np.empty((len(own), 4, m, 3)), np.empty((len(own), 4, m, 3, 3)),
-    )  # fmt: skip
+        distance=np.empty(count),
+        square=np.empty(count),
+        cosine=np.empty(count),
+        where=np.empty((count, 3)),
+        row=np.arange(count),
+        normals=np.empty((count, 4, m, 3)),
+        bends=np.empty((count, 4, m, 3, 3)),
+    )
     wanted = own
     if before is not None:
         old = np.flatnonzero(~before[1][own])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tpmscad.patches.complex import Array, PatchComplex
 from tpmscad.patches.measure_pieces import COLUMNS, LONE_SPAN, columns, gauss
-from tpmscad.splines.bspline import Curve, Surface, design
+from tpmscad.splines.bspline import Surface, design
 
 AT_ONCE = 256
 """Patches evaluated at once: 10 MB, in the processor's cache for the most part."""
@@ -51,7 +51,7 @@ def _is_bezier(carrier: object) -> bool:
 def _ends(complex: PatchComplex) -> tuple[Array, NDArray[np.bool_]]:
     """Parameters where each use's edge begins and ends, (K, 2, 2), and whether it runs straight between them: (K,)."""
     uses = complex.uses
-    lines = [isinstance(c, Curve) and c.degree == 1 and len(c.poles) == 2 for c in complex.pcurves]
+    lines = [c.degree == 1 and len(c.poles) == 2 for c in complex.pcurves]
     straight = np.array([*lines, False], bool)[uses.pcurve]
     poles = np.zeros((len(lines) + 1, 2, 2))
     domain = np.tile([0.0, 1.0], (len(lines) + 1, 1))

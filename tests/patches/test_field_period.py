@@ -1,0 +1,140 @@
+"""Laws of what repeats: copies are translates of what they are copies of, and a solid of copies is as good as one without."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.patches import field_check, field_fit, field_layer
+from tpmscad.patches.connectivity import is_closed
+from tpmscad.patches.field_complex import FieldSolid, field_complex
+from tpmscad.patches.field_inside import inside
+from tpmscad.patches.field_period import no_copies, repeated, tied
+from tpmscad.patches.field_work import workers
+from tpmscad.patches.joints import joints
+from tpmscad.patches.layout import octree
+from tpmscad.patches.layout.dual import dual_mesh
+from tpmscad.patches.layout.net import Net, net_of
+from tpmscad.patches.layout.octree import Octree
+from tpmscad.patches.layout.relax import relaxed
+from tpmscad.patches.summary import summary
+from tpmscad.splines.bspline import Surface
+
+LO, TOL = np.zeros(3), 1e-2
+GYROID = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+
+
+@cache
+def net(counts: tuple[int, int, int], size: tuple[float, float, float], refined: bool) -> tuple[Net, Octree]:
+    hi = np.array(size)
+    tree = octree.uniform(LO, hi, np.array(counts))
+    if refined:  # one leaf at the lower corner
+        tree = octree.split(tree, np.arange(len(tree.size)) == 0)
+    field = inside(GYROID, LO, hi)
+    return net_of(tied(relaxed(dual_mesh(tree, field), field, LO, hi, sweeps=20), field, tree), field), tree
+
+
+@pytest.mark.parametrize("refined", [False, True])
+def test_copies_are_translates_by_whole_periods_with_all_that_bounds_them(refined: bool) -> None:
+    laid, tree = net((16, 8, 4), (40.0, 20.0, 10.0), refined)
+    laid, copies = repeated(laid, GYROID, tree)
+    assert 0.2 * len(laid.curve) < np.count_nonzero(~copies.own_patches)
+    for shift in (copies.curve_shift, copies.patch_shift):
+        assert np.array_equal(shift, 10.0 * np.rint(shift / 10.0))
+        assert (shift[:, 2] == 0).all()  # the box is a single period high
+    main = np.arange(laid.n_sides)
+    ends = laid.vertices[laid.ends[main]]
+    moved = laid.vertices[laid.ends[copies.curve[main]]] + copies.curve_shift[main, None]
+    assert np.abs(ends - moved).max() < 1e-13 * 40
+    assert np.array_equal(laid.plane, laid.plane[copies.curve])
+    sides, firsts = laid.curve, laid.curve[copies.patch]
+    assert np.array_equal(copies.curve[sides], copies.curve[firsts])
+    between = copies.curve_shift[sides] - copies.curve_shift[firsts]
+    assert np.array_equal(between, np.repeat(copies.patch_shift[:, None], 4, axis=1))
+    assert np.array_equal(laid.sense, laid.sense[copies.patch])
+
+
+def test_nothing_repeats_where_leaves_are_no_whole_number_to_a_period() -> None:
+    laid, tree = net((15, 8, 4), (38.0, 20.0, 10.0), False)
+    _, copies = repeated(laid, GYROID, tree)
+    assert (copies.patch_shift[:, 0] == 0).all()
+    single, tree = net((4, 4, 4), (10.0, 10.0, 10.0), False)
+    assert repeated(single, GYROID, tree)[1].own_patches.all()
+
+
+@cache
+def solid(copied: bool) -> FieldSolid:
+    with pytest.MonkeyPatch.context() as patch:
+        if not copied:
+            patch.setattr(field_layer, "repeated", lambda n, *_: (n, no_copies(len(n.ends), len(n.curve))))
+        return field_complex(GYROID, LO, np.array([40.0, 10.0, 10.0]), TOL)
+
+
+def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
+    one, other = solid(True), solid(False)
+    assert len(one.complex.carriers) < 0.8 * len(other.complex.carriers)
+    assert len(one.complex.faces) == len(other.complex.faces)
+    assert is_closed(one.complex)
+    assert joints(one.complex, ("surface",)).gap < 1e-12
+    assert np.abs(one.complex.vertices - other.complex.vertices).max() < 1e-12
+    for i in range(0, len(one.complex.faces), 37):
+        a, b = (c.complex.carriers[c.complex.faces.carrier[i]] for c in (one, other))
+        if isinstance(a, Surface):
+            assert isinstance(b, Surface)
+            assert (
+                np.abs(a.poles + one.complex.faces.translation[i] - b.poles).max() < 1e-6
+            )  # fits amplify round-off, far below tol
+    assert summary(one.complex).volume == pytest.approx(summary(other.complex).volume, rel=1e-12)
+    for name in ("to_field", "from_field", "rms", "cosine", "jump_deg", "jump_p95_deg", "curvature_jump"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-6), name
+
+
+def test_copies_are_neither_fitted_nor_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted, measured = [], []
+    fit, sample = field_fit.fit_patches, field_check.sampled
+    monkeypatch.setattr(field_fit, "fit_patches", lambda f, b, j: fitted.append(len(b[0])) or fit(f, b, j))
+    monkeypatch.setattr(field_check, "sampled", lambda f, p: measured.append(len(p)) or sample(f, p))
+    made = field_complex(GYROID, LO, np.array([50.0, 10.0, 10.0]), TOL).complex
+    own = sum(isinstance(c, Surface) for c in made.carriers)
+    assert sum(fitted) == sum(measured) == own < 0.7 * len(made.faces)
+
+
+class Late(Executor):
+    """Runs nothing until it is asked for, and then the last first."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Any, Any]] = []
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        ask = future.result
+
+        def result(timeout: float | None = None) -> Any:
+            while self.waiting:
+                f, call, given = self.waiting.pop()
+                f.set_result(call(*given))
+            return ask(timeout)
+
+        future.result = result  # type: ignore[method-assign]
+        self.waiting.append((future, fn, args))
+        return future
+
+
+@pytest.mark.parametrize("executor", [Late, lambda: ThreadPoolExecutor(3)], ids=["one of the caller's own", "threads"])
+def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (field_fit, field_check):
+        monkeypatch.setattr(module, "PIECE", 64)
+    box = LO, np.array([20.0, 10.0, 10.0])
+    serial = field_complex(GYROID, *box, TOL).complex
+    with executor() as pool, workers(pool, GYROID) as work:
+        pooled = field_complex(GYROID, *box, TOL, work=work).complex
+    assert np.array_equal(pooled.vertices, serial.vertices)
+    assert np.array_equal(pooled.faces.carrier, serial.faces.carrier)
+    assert np.array_equal(pooled.faces.translation, serial.faces.translation)
+    for one, other in zip(pooled.carriers, serial.carriers, strict=True):
+        assert not isinstance(one, Surface) or np.array_equal(one.poles, other.poles)
