@@ -30,6 +30,13 @@ PROBE_SIDE = 40
 """Grid lines along the box's longest edge on which curvature is sampled, at least."""
 
 
+SHARE = 3e-4
+"""Part of the solid's volume by which a level may change it when it is moved off a corner of the box."""
+
+CROSSINGS = 1.5
+"""Crossings of a surface with a grid's lines, per step squared of its area: the mean of |nx| + |ny| + |nz|."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldSolid:
     """A field's solid as a complex, with what was measured on it; lengths in model units, angles in degrees.
@@ -83,7 +90,7 @@ def field_complex(
     if not any(len(s) for s in samples):
         raise LayoutError("the field has no surface inside the box: check the level and the domain")
     notes: list[str] = []
-    parts, samples = _off_corners(parts, samples, lo, hi, tol, spacing, notes)
+    parts, samples = _off_corners(field, parts, samples, lo, hi, tol, spacing, notes)
     shown = rejoined(field, parts)
     wall = check_apart(shown, parts, samples, tol)
 
@@ -115,16 +122,24 @@ def field_complex(
 
 
 def _off_corners(
-    parts: tuple[Field, ...], samples: list[Array], lo: Array, hi: Array, tol: float, spacing: float, notes: list[str]
+    field: Field,
+    parts: tuple[Field, ...],
+    samples: list[Array],
+    lo: Array,
+    hi: Array,
+    tol: float,
+    spacing: float,
+    notes: list[str],
 ) -> tuple[tuple[Field, ...], list[Array]]:
-    """Levels moved by at most a tenth of tol where the surface passes through a corner of the box."""
+    """Levels moved by at most a tenth of tol where the surface passes through a corner of the box, and the volume by SHARE."""
     corners = np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
     result, moved = [], []
     for part, points in zip(parts, samples, strict=True):
         value, slope = part.value_and_gradient(corners)
         near = np.abs(value) < 1e-2 * tol * np.linalg.norm(slope, axis=1)
         if near.any() and len(points):
-            shift = 0.1 * tol * float(np.linalg.norm(part.gradient(points), axis=1).min())
+            move = min(0.1 * tol, SHARE * _volume_by_area(field, points, lo, hi, spacing))
+            shift = move * float(np.linalg.norm(part.gradient(points), axis=1).min())
             where = ", ".join(f"{x:g}" for x in corners[near][0])
             notes.append(f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}")
             part = part + shift
@@ -132,6 +147,14 @@ def _off_corners(
         result.append(part)
         moved.append(points)
     return tuple(result), moved
+
+
+def _volume_by_area(field: Field, points: Array, lo: Array, hi: Array, spacing: float) -> float:
+    """The solid's volume by the area of a level set, both roughly: from where that crosses a grid's lines, as samples_of does."""
+    axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / spacing))) + 1) for a, b in zip(lo, hi, strict=True)]
+    volume = float(np.mean(field.on_grid(*axes) < 0) * np.prod(hi - lo))
+    step = float(np.prod([axis[1] - axis[0] for axis in axes]) ** (2 / 3))
+    return volume / (len(points) * step / CROSSINGS)
 
 
 def checked_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
