@@ -120,8 +120,12 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
         kernel.write_shape(model, path, schema=schema, name=name)
 
 
-def export_model(model: Model, path: str | Path, *, instanced: bool, schema: str) -> None:
+def export_model(
+    model: Model, path: str | Path, *, instanced: bool, schema: str, stored_volume: float = STORED_VOLUME
+) -> None:
     """Write a model from its patches, then read the file back: KernelError if it is not the valid solid that was written.
+
+    stored_volume: relative, how far the volume read back may be off.
 
     The reader mends nothing on this occasion: the file is valid as it stands.
     """
@@ -134,7 +138,7 @@ def export_model(model: Model, path: str | Path, *, instanced: bool, schema: str
 
     def verify(written: Path) -> None:
         found = kernel.check_step(written, healed=False)
-        if not found.ok or abs(found.shape.volume - expected) > STORED_VOLUME * expected:
+        if not found.ok or abs(found.shape.volume - expected) > stored_volume * expected:
             raise KernelError("export_step", f"written with volume {expected:.12g}, the file reads back as: {found}")
 
     kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances, verify=verify)

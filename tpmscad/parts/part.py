@@ -49,7 +49,7 @@ class Part(Model):
         if instanced:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
         if self.bounded:
-            export_model(self, path, instanced=False, schema=schema)
+            export_model(self, path, instanced=False, schema=schema, stored_volume=STORED_VOLUME)
         else:
             write_checked(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
 
