@@ -165,7 +165,7 @@ def outcome(
     except TpmscadError as error:
         return by_kernel(block(), shape, str(error), begun)
     found = volume(cut.complex)
-    if len(cut.complex.faces) and abs(report.volume / found - 1) > SAME:
+    if len(cut.complex.faces) and abs(report.volume - found) > SAME * volume(tool):
         return Outcome("wrong", "volume by the kernel", found, report.volume - found, seconds)
     limit, notes, good = SAME * volume(tool), [cut.report.reason] if cut.report.shifted else [], True
     off = counted(patches, body) - found
