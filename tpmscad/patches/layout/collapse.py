@@ -24,21 +24,24 @@ FEWEST, MOST = 3, 7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """Polygons by number that go, polygons that come, which vertices went `into` which, and the patches saved."""
+    """Polygons by number that go, polygons that come, which vertices went `into` which, those that were `dropped` beside which
+    others as only two polygons met there, and the patches saved."""
 
     old: tuple[int, ...]
     new: tuple[Polygon, ...]
     into: dict[int, int]
+    dropped: dict[int, int]
     saved: int
 
     @property
     def vertices(self) -> set[int]:
         """What the change touches: corners of the polygons that come, and the vertices that go."""
-        return {v for polygon in self.new for v in polygon} | set(self.into)
+        return {v for polygon in self.new for v in polygon} | set(self.into) | set(self.dropped)
 
 
 class Polygons:
-    """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go."""
+    """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go,
+    nor polygons with no others."""
 
     def __init__(self, mesh: Mesh, locked: Mask) -> None:
         self.mesh, self.locked = mesh, locked
@@ -98,10 +101,11 @@ class Polygons:
         if not all(f in self.polygon for f in change.old):
             return False
         again = self._checked(set(change.old), list(change.new), dict(change.into))
-        return again is not None and again.old == change.old
+        return again is not None and again.old == change.old and not again.dropped
 
     def _checked(self, old: set[int], new: list[Polygon], into: dict[int, int]) -> Change | None:
-        if not self._without_doublets(old, new, into):
+        dropped: dict[int, int] = {}
+        if not self._without_doublets(old, new, dropped) or any(self._is_locked(f) for f in old):
             return None
         edges = [(polygon[i - 1], v) for polygon in new for i, v in enumerate(polygon)]
         here = set(edges)
@@ -120,9 +124,12 @@ class Polygons:
         if not self._fans(old, new, set(into.values())):
             return None
         saved = sum(_patches(self.polygon[f]) for f in old) - sum(map(_patches, new))
-        return Change(tuple(sorted(old)), tuple(new), into, saved) if saved > 0 else None
+        return Change(tuple(sorted(old)), tuple(new), into, dropped, saved) if saved > 0 else None
 
-    def _without_doublets(self, old: set[int], new: list[Polygon], into: dict[int, int]) -> bool:
+    def _is_locked(self, number: int) -> bool:
+        return all(self.locked[v] for v in self.polygon[number])
+
+    def _without_doublets(self, old: set[int], new: list[Polygon], dropped: dict[int, int]) -> bool:
         """Polygons joined where only two meet at an inner vertex, in place; False where that leaves nothing."""
         while new:
             inside: dict[int, int] = {}
@@ -147,7 +154,7 @@ class Polygons:
                 return False
             old |= self.around[v]
             new[:] = [p for p in new if v not in p] + [tuple(corners)]
-            into.setdefault(v, first[0])
+            dropped[v] = first[0]
         return bool(new)
 
     def _fans(self, old: set[int], new: list[Polygon], merged: set[int]) -> bool:

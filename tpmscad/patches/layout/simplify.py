@@ -58,7 +58,8 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     into = np.searchsorted(of, into)
     free = np.ones(len(of), bool)
     free[into[work.locked]] = False
-    return Simplified(settled(small, free, field, lo, hi, LAST), into)
+    last = settled(small, free, field, lo, hi, LAST)
+    return Simplified(last if _worst(last, field) <= max(1.0, _worst(small, field)) else small, into)
 
 
 class _Work:
@@ -128,11 +129,10 @@ class _Work:
             kept = {f: polygons.polygon[f] for f in change.old}
             planes = polygons.rims(change.old)
             for v, w in change.into.items():
+                if not self.fixed[w].any() or self.fixed[w].sum() == self.fixed[v].sum():
+                    self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
+            for v, w in (change.into | change.dropped).items():
                 self.into[v] = w
-                if not self.fixed[w].any():
-                    self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
-                elif self.fixed[w].sum() == self.fixed[v].sum():
-                    self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
             undo.append((polygons.apply(change), kept, planes))
         free = np.zeros(len(self.vertices), bool)
         for _, _, near in chosen:
@@ -152,7 +152,7 @@ class _Work:
                 self.stale |= here
                 continue
             polygons.undo(change, numbers, old, planes)
-            for v in change.into:
+            for v in change.into | change.dropped:
                 self.into[v] = v
             at = list(near)
             self.vertices[at], self.normals[at] = before[at], old_normals[at]
@@ -264,6 +264,11 @@ class _Work:
         if one and other and (not on_box or one + other == 4):
             return None
         return {a: b} if (other, b) > (one, a) else {b: a}
+
+
+def _worst(mesh: Mesh, field: Field) -> float:
+    rows = [tuple(row if row[3] >= 0 else row[:3]) for row in mesh.corners.tolist()]
+    return float(badness(mesh.vertices, _unit(field.gradient(mesh.vertices)), rows).max(initial=0.0))
 
 
 def badness(vertices: Array, normals: Array, polygons: Sequence[Polygon]) -> Array:

@@ -1,0 +1,167 @@
+"""Laws of simplified layouts: the same closed two-manifold on the box and on the field, of fewer and well shaped polygons."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmscad import fields
+from tpmscad.patches.layout import octree
+from tpmscad.patches.layout.collapse import Polygons, mesh_of
+from tpmscad.patches.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.layout.relax import relaxed
+from tpmscad.patches.layout.simplify import badness, simplified
+
+LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
+FIELDS = {
+    "gyroid": fields.rod(fields.tpms("gyroid", 10.0), -0.3),
+    "schwarz_p": fields.rod(fields.tpms("schwarz_p", 10.0, phase=(0.1, 0.0, 0.0)), 0.2),
+    "iwp": fields.pore(fields.tpms("iwp", 11.0), 0.3),
+    "ball": fields.sphere((5.1, 5.3, 4.2), 3.0),
+    "ball cut by the box": fields.sphere((1.1, 9.3, 4.2), 3.0),
+}
+
+
+@cache
+def layout(name: str, seed: int = 4, share: float = 0.1) -> Mesh:
+    rng = np.random.default_rng(seed)
+    tree = octree.uniform(LO, HI, np.array((4, 5, 4)))
+    tree = octree.split(tree, rng.random(len(tree.size)) < share)
+    field = FIELDS[name]
+    return relaxed(dual_mesh(tree, field), field, LO, HI)
+
+
+@cache
+def smaller(name: str) -> tuple[Mesh, np.ndarray]:
+    found = simplified(layout(name), FIELDS[name], LO, HI)
+    return found.mesh, found.into
+
+
+def patches(mesh: Mesh) -> int:
+    return int(np.where(mesh.corners[:, 3] < 0, 3, 1).sum())
+
+
+def euler(mesh: Mesh) -> int:
+    return len(mesh.vertices) - len(mesh.side_ends) + len(mesh.corners)
+
+
+def normals(mesh: Mesh, name: str) -> np.ndarray:
+    slope = FIELDS[name].gradient(mesh.vertices)
+    return slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+
+def rows(mesh: Mesh) -> list[tuple[int, ...]]:
+    return [tuple(v for v in corners if v >= 0) for corners in mesh.corners.tolist()]
+
+
+@pytest.mark.parametrize("name", FIELDS)
+class TestEverySimplifiedLayout:
+    def test_has_fewer_patches(self, name: str) -> None:
+        assert patches(smaller(name)[0]) < 0.95 * patches(layout(name))
+
+    def test_is_the_same_surface(self, name: str) -> None:
+        mesh, _ = smaller(name)
+        assert euler(mesh) == euler(layout(name))
+        ends = np.sort(mesh.side_ends, axis=1)
+        assert len(np.unique(ends, axis=0)) == len(ends)
+        assert (ends[:, 0] < ends[:, 1]).all()
+        directed: dict[tuple[int, int], int] = {}
+        for corners in mesh.corners.tolist():
+            polygon = [v for v in corners if v >= 0]
+            assert len(set(polygon)) == len(polygon)
+            for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+                assert (a, b) not in directed
+                directed[a, b] = 1
+        for (a, b), plane in zip(mesh.side_ends.tolist(), mesh.side_plane, strict=True):
+            assert directed.get((a, b), 0) + directed.get((b, a), 0) == (2 if plane < 0 else 1)
+
+    def test_has_one_fan_of_polygons_round_each_vertex(self, name: str) -> None:
+        mesh, _ = smaller(name)
+        after: dict[int, dict[int, int]] = {}
+        for corners in mesh.corners.tolist():
+            polygon = [v for v in corners if v >= 0]
+            for i, v in enumerate(polygon):
+                after.setdefault(v, {})[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
+        for v in range(len(mesh.vertices)):
+            steps = after[v]
+            starts = set(steps) - set(steps.values())
+            assert len(starts) == int(mesh.fixed[v].any())
+            at, seen = (next(iter(starts)) if starts else next(iter(steps))), 0
+            while at in steps and seen < len(steps):
+                at, seen = steps[at], seen + 1
+            assert seen == len(steps)
+
+    def test_ends_on_the_box_where_the_layout_did(self, name: str) -> None:
+        mesh, before = smaller(name)[0], layout(name)
+        at = np.nonzero(mesh.fixed)
+        assert np.isin(mesh.vertices[at], [0.0, *HI]).all()
+        assert ((mesh.vertices == LO) | (mesh.vertices == HI) | ~mesh.fixed).all()
+        on_box = np.flatnonzero(mesh.side_plane >= 0)
+        axis, upper = np.divmod(mesh.side_plane[on_box], 2)
+        bound = np.where(upper, HI[axis], LO[axis])
+        points = mesh.vertices[mesh.side_ends[on_box]]
+        assert (np.take_along_axis(points, axis[:, None, None], 2)[..., 0] == bound[:, None]).all()
+        ends, old_ends = (m.vertices[m.fixed.sum(axis=1) == 2] for m in (mesh, before))
+        assert len(ends) == len(old_ends)
+        assert np.allclose(np.sort(ends, axis=0), np.sort(old_ends, axis=0), rtol=0, atol=1e-12)
+
+    def test_lies_on_the_surface_with_polygons_no_worse_than_the_limit_or_than_before(self, name: str) -> None:
+        mesh = smaller(name)[0]
+        assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
+        assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
+        before, after = (badness(m.vertices, normals(m, name), rows(m)).max() for m in (layout(name), mesh))
+        assert after <= max(1.0, before)
+
+
+def test_locked_vertices_stay_to_the_last_bit() -> None:
+    before = layout("gyroid")
+    locked = before.vertices[:, 0] < 5.0
+    found = simplified(before, FIELDS["gyroid"], LO, HI, locked)
+    assert np.array_equal(found.mesh.vertices[found.into[locked]], before.vertices[locked])
+    assert len(np.unique(found.into[locked])) == locked.sum()
+    assert patches(found.mesh) < patches(before)
+
+
+def test_a_layout_with_all_vertices_locked_is_left_alone() -> None:
+    before = layout("iwp")
+    found = simplified(before, FIELDS["iwp"], LO, HI, np.ones(len(before.vertices), bool))
+    assert np.array_equal(found.mesh.vertices[found.into], before.vertices)
+    assert patches(found.mesh) == patches(before)
+
+
+@given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 3)), min_size=1, max_size=25))
+@settings(max_examples=15, deadline=None)
+def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draws: list[tuple[int, int]]) -> None:
+    mesh = layout("schwarz_p")
+    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    fixed = mesh.fixed.any(axis=1)
+    for number, turn in draws:
+        chosen = sorted(polygons.polygon)[number % len(polygons.polygon)]
+        polygon = polygons.polygon[chosen]
+        a, b = polygon[turn % len(polygon)], polygon[(turn + len(polygon) // 2) % len(polygon)]
+        if fixed[a] or fixed[b]:
+            continue
+        change = polygons.collapsed({a: b}, [chosen, polygons.beside.get((b, a), chosen)])
+        if change is None:
+            continue
+        state = _state(polygons)
+        old, plane = {f: polygons.polygon[f] for f in change.old}, polygons.rims(change.old)
+        made = polygons.apply(change)
+        assert change.saved > 0
+        polygons.undo(change, made, old, plane)
+        assert _state(polygons) == state
+        polygons.apply(change)
+    after, _ = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    assert euler(after) == euler(mesh)
+    assert np.array_equal(
+        np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
+        np.where(after.side_plane < 0, 2, 1),
+    )
+
+
+def _state(polygons: Polygons) -> tuple[object, ...]:
+    return dict(polygons.polygon), [set(a) for a in polygons.around], dict(polygons.beside), dict(polygons.plane)
