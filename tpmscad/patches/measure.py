@@ -1,8 +1,8 @@
 """Volume, area and centroid of a complex by Gauss quadrature on its own surfaces, trimmed faces included, without the kernel.
 
 A face's moments  N = int n dA,  M = int x n^T dA,  Q = int x (x . n) dA  follow a rigid motion in closed form, so they are taken
-once for each piece of geometry (`measure_pieces`, `measure_whole`) and then placed. By the divergence theorem volume = tr M / 3,
-and the centroid is int Q / (4 volume), over outward normals.
+once for each piece of geometry (`measure_pieces`, `measure_span`, `measure_whole`) and then placed. By the divergence theorem
+volume = tr M / 3, and the centroid is int Q / (4 volume), over outward normals.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ import numpy as np
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.patches.measure_pieces import COLUMNS, curved_pieces, span_rule
+from tpmscad.patches.measure_span import has_one_span, span_pieces
 from tpmscad.patches.measure_whole import whole_moments
+from tpmscad.splines.bspline import Surface
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +49,8 @@ def face_moments(complex: PatchComplex) -> Moments:
             surface = complex.carriers[int(keys[start, 0])]
             assert not isinstance(surface, Plane)
             pieces = [(complex.pcurves[int(p)], (low, high)) for _, p, low, high in keys[start:stop].tolist()]
-            table[start:stop] = curved_pieces(surface, pieces)
+            one_span = isinstance(surface, Surface) and has_one_span(surface)
+            table[start:stop] = span_pieces(surface, pieces) if one_span else curved_pieces(surface, pieces)
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
     if len(curved) or whole.any():
         moments = _placed(moments, faces.rotation, faces.translation)

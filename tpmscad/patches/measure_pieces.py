@@ -46,7 +46,7 @@ Pieces = Sequence[tuple[Curve, tuple[float, float]]]
 
 def curved_pieces(surface: Surface | Quadric, pieces: Pieces) -> Array:
     """The line integral of F dv along each piece: (n, COLUMNS)."""
-    u, v, rise, of = _nodes(surface, pieces)
+    u, v, rise, of = loop_nodes(surface, pieces)
     result = np.zeros((len(pieces), COLUMNS))
     for start in range(0, len(u), AT_ONCE):
         at = slice(start, start + AT_ONCE)
@@ -57,7 +57,7 @@ def curved_pieces(surface: Surface | Quadric, pieces: Pieces) -> Array:
     return result
 
 
-def _nodes(surface: Surface | Quadric, pieces: Pieces) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+def loop_nodes(surface: Surface | Quadric, pieces: Pieces) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """u, v, and v' times weight at the Gauss nodes of all pieces, and which piece each is of; none where v' = 0."""
     curves = [pcurve for pcurve, _ in pieces]
     rules = [_rule(surface, pcurve, span) for pcurve, span in pieces]
