@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tpmscad.patches.complex import Array, Edges, Faces, Ints, PatchComplex, Uses
+from tpmscad.patches.selection import selected
 from tpmscad.trimming import TrimmingError
 
 NEAR = 2e-6
@@ -145,29 +146,3 @@ def _starts(each: Sequence[Ints]) -> Ints:
         parts.append(starts[1:] + total)
         total += int(starts[-1])
     return np.concatenate(parts)
-
-
-def selected(whole: PatchComplex, kept: Ints) -> PatchComplex:
-    """The complex of some of the faces, on the edges and vertices that these use."""
-    faces, uses, e = whole.faces, whole.uses, whole.edges
-    loops = [range(faces.loop_start[f], faces.loop_start[f + 1]) for f in kept]
-    spans = [range(faces.use_start[loop], faces.use_start[loop + 1]) for of in loops for loop in of]
-    at = np.array([k for span in spans for k in span], np.int64)
-    used, edge = np.unique(uses.edge[at], return_inverse=True)
-    vertices, ends = np.unique(np.concatenate([e.start[used], e.end[used]]), return_inverse=True)
-    start, end = np.split(ends.ravel(), 2)
-    return replace(
-        whole,
-        vertices=whole.vertices[vertices],
-        edges=Edges(e.curve[used], e.rotation[used], e.translation[used], e.span[used], start, end, e.deviation[used]),
-        uses=Uses(edge.ravel(), uses.sense[at], uses.pcurve[at]),
-        faces=Faces(
-            carrier=faces.carrier[kept],
-            rotation=faces.rotation[kept],
-            translation=faces.translation[kept],
-            sense=faces.sense[kept],
-            tag=faces.tag[kept],
-            loop_start=np.cumsum([0, *map(len, loops)]),
-            use_start=np.cumsum([0, *map(len, spans)]),
-        ),
-    )

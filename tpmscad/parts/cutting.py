@@ -1,40 +1,47 @@
-"""Lattice and body cut to each other: on the patches' own parameters where the body is of planes and quadrics, or by the kernel.
+"""Lattice and body cut to each other: on the patches' own parameters where the body is of planes and quadrics; else the kernel
+splits the patches near the body's faces, and if that fails too, it is the kernel's plain boolean.
 
 Whichever way, the result is held against an even sample of points of the body's box, told in or out by neither.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from scipy.stats import qmc
 
 from tpmscad import kernel
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import boolean
-from tpmscad.kernel.body import Body, bounds_of
+from tpmscad.kernel.body import Body
 from tpmscad.kernel.boolean import Solids
-from tpmscad.kernel.distance import body_field
+from tpmscad.kernel.build import compound
+from tpmscad.kernel.crossing import crossed
+from tpmscad.kernel.lines import points_within
 from tpmscad.kernel.tool import body_complex
 from tpmscad.parts.block import Block
 from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex
+from tpmscad.patches.selection import flipped
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import TrimmingError, trim
 
 PATCHES, KERNEL = "patches", "kernel"
 
-POINTS = 1024
-"""Of the sample: a piece left out, or a void filled, of a tenth of the volume shows."""
+LINES, POINTS = 512, 4
+"""Lines through the body's box and points on each: a piece left out, or a void filled, of a tenth of the volume shows."""
 
 ERRORS = 5.0
 """Standard errors of a plain random sample by which a volume may miss the sample's."""
 
 NODES = 5
 """Nodes along u and v of every patch that tell on which side of the lattice a point is."""
+
+REACH = 2.0
+"""Patches at most this many times a patch's size away from the points are looked at first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,84 +60,98 @@ class Cut:
 
 def lattice_in(block: Block, body: Body) -> Cut:
     """The solids of lattice and body; none where they do not meet."""
-    try:
-        found = trimmed(block.patches, block, body, sign=1)
-    except (InvalidRequest, TrimmingError, KernelError) as refusal:
-        solids = boolean.common(block.shape, body.shape)
-        cut = Cut(Solids(solids), None, KERNEL, (_by_kernel(refusal),))
-        _check(sum(map(boolean.rough_volume, solids)), block, body, sign=1)
-        return cut
-    return found
+    return _cut(block.patches, body, lambda: boolean.common(block.shape, body.shape))
 
 
 def voids_in(block: Block, body: Body) -> Cut:
     """The solids of the body without the lattice."""
+    return _cut(flipped(block.patches), body, lambda: boolean.difference(body.shape, block.shape))
+
+
+def _cut(patches: PatchComplex, body: Body, plainly: Callable[[], tuple[Any, ...]]) -> Cut:
+    """What the patches bound in the body: trimmed on their parameters; or the kernel splits those near its faces; or plainly."""
     try:
-        return trimmed(flipped(block.patches), block, body, sign=-1)
-    except (InvalidRequest, TrimmingError, KernelError) as refusal:
-        solids = boolean.difference(body.shape, block.shape)
-        _check(sum(map(boolean.rough_volume, solids)), block, body, sign=-1)
-        return Cut(Solids(solids), None, KERNEL, (_by_kernel(refusal),))
+        return trimmed(patches, body)
+    except (InvalidRequest, TrimmingError, KernelError) as error:
+        refusal = error
+    try:
+        cut = split(patches, body, refusal)
+    except KernelError as error:
+        cut = Cut(Solids(plainly()), None, KERNEL, (f"trimmed by the kernel's boolean: {refusal}; {error}",))
+        _check(sum(map(boolean.rough_volume, cut.solids)), patches, body)
+    return cut
 
 
-def trimmed(patches: PatchComplex, block: Block, body: Body, sign: int) -> Cut:
-    """The patches trimmed by the body as a complex; TrimmingError, InvalidRequest or KernelError where that can't be done.
-
-    sign: +1 for the lattice, -1 for what it leaves.
-    """
+def trimmed(patches: PatchComplex, body: Body) -> Cut:
+    """The patches trimmed by the body as a complex; TrimmingError, InvalidRequest or KernelError where that can't be done."""
     cut = trim(patches, body_complex(body.shape))
     if not len(cut.complex.faces):
-        _check(0.0, block, body, sign)
+        _check(0.0, patches, body)
         return Cut(Solids(()), None, PATCHES, ())
     built = kernel.build(cut.complex)
     if not kernel.is_valid(built.shape):
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
-    _check(float(measure.volume(built.nesting.moments)[0]), block, body, sign)
+    _check(float(measure.volume(built.nesting.moments)[0]), patches, body)
     notes = ["trimmed on the patches' parameters"]
     if cut.report.shifted:
         notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
     return Cut(built, cut.complex, PATCHES, tuple(notes))
 
 
-def flipped(patches: PatchComplex) -> PatchComplex:
-    """The patches that bound what the lattice leaves: the other side of every one is out."""
-    return replace(patches, faces=replace(patches.faces, sense=-patches.faces.sense))
+def split(patches: PatchComplex, body: Body, refusal: Exception) -> Cut:
+    """What the kernel makes of the patches near the body's faces, with all others whole; KernelError where that fails."""
+    found = crossed(patches, body.shape, lambda points: sides_of(patches, points))
+    if not kernel.is_valid(compound(found.solids)):
+        raise KernelError("trim", "the kernel's check rejects what it split itself")
+    _check(found.volume, patches, body)
+    return Cut(
+        Solids(found.solids),
+        None,
+        KERNEL,
+        (f"the {found.patches} patches near the body's faces were split by the kernel: {refusal}",),
+    )
 
 
-def _by_kernel(refusal: Exception) -> str:
-    return f"trimmed by the kernel's boolean: {refusal}"
-
-
-def _check(volume: float, block: Block, body: Body, sign: int) -> None:
-    """KernelError if a volume can't be right, by an even sample."""
-    low, high = bounds_of(body.shape)
-    points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(1)).random(POINTS)
-    box = float(np.prod(high - low))
-    within = points[body_field(body.shape)(points) < 0]
-    share = np.count_nonzero(sign * sides_of(block.patches, within) < 0) / POINTS
-    error = ERRORS * np.sqrt(max(share * (1 - share), 1 / POINTS) / POINTS) * box
-    if abs(volume - share * box) > error:
+def _check(volume: float, patches: PatchComplex, body: Body) -> None:
+    """KernelError if a volume can't be right, by an even sample of the body."""
+    within = points_within(body.shape, LINES, POINTS)
+    share = float((sides_of(patches, within) < 0).mean())
+    error = ERRORS * np.sqrt(max(share * (1 - share), 1 / len(within)) / len(within))
+    if abs(volume / body.volume - share) > error:
         raise KernelError(
             "trim",
-            f"the trimmed solid has volume {volume:.6g}, a sample of {POINTS} points says {share * box:.4g} +- {error:.2g}",
+            f"the trimmed solid fills {volume / body.volume:.3g} of {body.name}, but {share:.3g} +- {error:.2g} of a sample",
         )
 
 
 def sides_of(patches: PatchComplex, points: Array) -> Array:
     """Below 0 for points (n, 3) in the lattice, by the nearest node of its patches: distances along the outward normal (n,)."""
+    sizes = [np.ptp(c.poles, axis=(0, 1)).max() for c in patches.carriers if isinstance(c, Surface)]
+    for reach in (REACH * max(sizes), np.inf):
+        nodes, normals = _nodes(patches, points.min(axis=0) - reach, points.max(axis=0) + reach)
+        if len(nodes):
+            distance, nearest = cKDTree(nodes).query(points)
+            if distance.max() <= reach - max(sizes):  # no patch that was left out is nearer
+                break
+    return np.einsum("ni,ni->n", points - nodes[nearest], normals[nearest])
+
+
+def _nodes(patches: PatchComplex, low: Array, high: Array) -> tuple[Array, Array]:
+    """Nodes, and normals out of the lattice, of the patches whose middles lie in a box: (n, 3), (n, 3)."""
     faces = patches.faces
-    at, outward = [], []
+    at, outward = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for index in np.unique(faces.carrier).tolist():
         carrier = patches.carriers[index]
         if not isinstance(carrier, Surface):
             continue
         u, v = (g.ravel() for g in np.meshgrid(*(np.linspace(*d, NODES) for d in carrier.domain), indexing="ij"))
+        net = carrier(u, v)
         own = np.flatnonzero(faces.carrier == index)
+        middle = np.einsum("fij,j->fi", faces.rotation[own], net.mean(axis=0)) + faces.translation[own]
+        own = own[((middle >= low) & (middle <= high)).all(axis=1)]
         rotation = faces.rotation[own]
         way = faces.sense[own] * np.sign(np.linalg.det(rotation))
-        at.append((np.einsum("fij,nj->fni", rotation, carrier(u, v)) + faces.translation[own, None]).reshape(-1, 3))
+        at.append((np.einsum("fij,nj->fni", rotation, net) + faces.translation[own, None]).reshape(-1, 3))
         normal = np.einsum("fij,nj->fni", rotation, carrier.normal(u, v)) * way[:, None, None]
         outward.append(normal.reshape(-1, 3))
-    nodes, normals = np.concatenate(at), np.concatenate(outward)
-    nearest = cKDTree(nodes).query(points)[1]
-    return np.einsum("ni,ni->n", points - nodes[nearest], normals[nearest])
+    return np.concatenate(at), np.concatenate(outward)

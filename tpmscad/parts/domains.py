@@ -20,11 +20,11 @@ from tpmscad.kernel.splitting import Cell, split
 from tpmscad.kernel.tool import body_faces
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, lattice_block
-from tpmscad.parts.conformal import conformal, selected
-from tpmscad.parts.cutting import flipped
+from tpmscad.parts.conformal import conformal
 from tpmscad.parts.filling import lattice_turn
 from tpmscad.parts.part import CHIP, part_certificate, write_checked
 from tpmscad.patches import measure
+from tpmscad.patches.selection import flipped, selected
 from tpmscad.request import lattice_request
 from tpmscad.trimming import TrimmingError, trim
 

@@ -1,0 +1,113 @@
+"""Which patches of a lattice a body's faces may cross, and which lie inside the body: by samples, no face is intersected."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN
+from OCP.TopoDS import TopoDS_Solid
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tpmscad.kernel import convert
+from tpmscad.kernel.build import TOLERANCE
+from tpmscad.kernel.sampling import faces_of, samples
+from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.splines.bspline import Surface
+
+Flags = NDArray[np.bool_]
+
+NODES = 9
+"""Nodes along u and v of every patch."""
+
+COVER = 1.1
+"""On half the diagonal between nodes: no point of a patch is farther from its nearest node."""
+
+SPACING = 1.5
+"""Samples of the body are this many half diagonals apart."""
+
+LEVEL = 0.1
+"""Of the spacing: how far the body may be off the plane of a sample next to it, whose normal turns by 4 degrees to the next."""
+
+PROBE = 17
+"""Points on which an edge's length is measured."""
+
+
+def near_and_inside(patches: PatchComplex, solid: TopoDS_Solid) -> tuple[Flags, Flags]:
+    """Faces that the solid's faces may cross, and those of the others that lie in the solid: (F,), (F,).
+
+    Faces that are no B-spline patches, which close a block outside of all, are never near.
+    """
+    nodes, half = _nodes(patches)
+    spacing = SPACING * float(np.median(half[half > 0]))
+    on_faces, on_edges = samples(faces_of(solid), spacing), _along_edges(solid, spacing)
+    at = np.concatenate([on_faces.points, on_edges])
+    normal = np.concatenate([on_faces.normals, np.zeros_like(on_edges)])
+    tree = cKDTree(at)
+    near = np.zeros(len(patches.faces), bool)
+    for face, points in nodes:
+        reach = COVER * half[face[0]] + LEVEL * spacing
+        far, nearest = tree.query(points, distance_upper_bound=reach + spacing)
+        close = np.isfinite(far)
+        far, arm = far[close], points[close] - at[nearest[close]]
+        height = np.abs(np.einsum("nk,nk->n", arm, normal[nearest[close]]))
+        above = (nearest[close] < len(on_faces.points)) & (far**2 - height**2 < spacing**2)
+        close[close] = np.where(above, height, far - 0.5 * spacing) <= reach
+        near[face] = close.any(axis=1)
+    return near, _inside(patches, near, solid)
+
+
+def _nodes(patches: PatchComplex) -> tuple[list[tuple[Ints, Array]], Array]:
+    """Faces (f,) and their nodes (f, NODES^2, 3), carrier by carrier; half the diagonal between each face's nodes, or 0 (F,)."""
+    faces = patches.faces
+    result, half = [], np.zeros(len(faces))
+    for index in np.unique(faces.carrier).tolist():
+        carrier = patches.carriers[index]
+        if not isinstance(carrier, Surface):
+            continue
+        u, v = (np.linspace(*d, NODES) for d in carrier.domain)
+        net = carrier.grid(u, v)
+        own = np.flatnonzero(faces.carrier == index)
+        diagonals = net[1:, 1:] - net[:-1, :-1], net[1:, :-1] - net[:-1, 1:]
+        half[own] = 0.5 * max(float(np.linalg.norm(d, axis=-1).max()) for d in diagonals)
+        placed = np.einsum("fij,uvj->fuvi", faces.rotation[own], net) + faces.translation[own, None, None]
+        result.append((own, placed.reshape(len(own), -1, 3)))
+    return result, half
+
+
+def _along_edges(solid: TopoDS_Solid, spacing: float) -> Array:
+    """Points along the solid's edges, about `spacing` apart: (n, 3)."""
+    points = []
+    for shape, _ in convert.ancestors(solid, TopAbs_EDGE, TopAbs_FACE):
+        edge = convert.as_edge(shape)
+        if BRep_Tool.Degenerated_s(edge):
+            continue
+        curve = BRepAdaptor_Curve(edge)
+        span = curve.FirstParameter(), curve.LastParameter()
+        probe = np.array([curve.Value(t).Coord() for t in np.linspace(*span, PROBE).tolist()])
+        count = 2 + int(np.linalg.norm(np.diff(probe, axis=0), axis=1).sum() / spacing)
+        points += [curve.Value(t).Coord() for t in np.linspace(*span, max(count, PROBE)).tolist()]
+    return np.array(points)
+
+
+def _inside(patches: PatchComplex, near: Flags, solid: TopoDS_Solid) -> Flags:
+    """Faces in the solid: what hangs together over edges, and is not near, is in or out as a whole; one vertex tells."""
+    n, uses, face = len(patches.faces), patches.uses, patches.face_of_use
+    far = ~near[face]
+    links = coo_array(
+        (np.ones(int(far.sum()), bool), (face[far], n + uses.edge[far])), shape=(n + len(patches.edges),) * 2
+    )
+    label = connected_components(links, directed=False)[1][:n]
+    first_use = patches.faces.use_start[patches.faces.loop_start[:-1]]
+    vertex = patches.edges.start[uses.edge[first_use]]
+    classifier = BRepClass3d_SolidClassifier(solid)
+    inside = np.zeros(n, bool)
+    for component in np.unique(label[~near]).tolist():
+        members = np.flatnonzero(~near & (label == component))
+        classifier.Perform(convert.point(patches.vertices[vertex[members[0]]]), TOLERANCE)
+        inside[members] = classifier.State() == TopAbs_IN
+    return inside
