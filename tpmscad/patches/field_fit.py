@@ -77,7 +77,7 @@ def fit_net(
             done = work(fit_curves, [(field, start[part], end[part], fixed[part], int(degree)) for part in parts])
             for part, found in zip(parts, done, strict=True):
                 for i, poles in zip(part, found, strict=True):
-                    curves[i] = poles
+                    curves[i] = poles.copy()  # Dask hands out arrays in read-only memory, which scipy refuses
         for i in group_copies[group is spokes]:
             curves[i] = curves[copies.curve[i]] + copies.curve_shift[i]
 
@@ -96,7 +96,7 @@ def fit_net(
             parts.append(part)
     for part, found in zip(parts, work(fit_patches, tasks), strict=True):
         for i, poles in zip(part, found, strict=True):
-            patches[i] = poles
+            patches[i] = poles.copy()
     for i in np.flatnonzero(~copies.own_patches):
         patches[i] = patches[copies.patch[i]] + copies.patch_shift[i]
     return NetFit(curves, patches, copies)
