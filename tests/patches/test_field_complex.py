@@ -10,7 +10,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.patches import field_reference
+from tpmscad.patches import field_check, field_reference
 from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_complex import FieldSolid, field_complex
@@ -164,3 +164,14 @@ def test_workers_make_the_same_solid_face_by_face() -> None:
     for one, other in zip(pooled.carriers, serial.carriers, strict=True):
         assert type(one) is type(other)
         assert not hasattr(one, "poles") or np.array_equal(one.poles, other.poles)
+
+
+def test_a_patch_that_leaves_the_box_is_off_by_as_much_as_it_leaves_it() -> None:
+    field = inside(fields.coordinate("z"), np.array([-1.0, -1.0, -1.0]), np.ones(3))
+    poles = np.zeros((1, 4, 2, 3))
+    poles[0, :, 1, 0] = 1.0
+    poles[0, :, :, 1] = np.linspace(0.0, 1.0, 4)[:, None]
+    poles[0, 1:3, 1, 0] = 1.4  # a side whose ends are on the box and which bulges by 3/4 of 0.4
+    assert field_check.sampled(field, poles).distance[0] == pytest.approx(0.3, rel=0.02)
+    poles[0, 1:3, 1, 0] = 1.0
+    assert field_check.sampled(field, poles).distance[0] == pytest.approx(0.0, abs=1e-12)

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.field_fit import NetFit, bezier, tensor
+from tpmscad.patches.field_inside import Inside
 from tpmscad.patches.field_work import PIECE, Work, here
 from tpmscad.patches.layout.net import Net
 from tpmscad.patches.layout.octree import Array, Ints, Mask
@@ -114,6 +115,9 @@ def sampled(field: Field, poles: Array) -> Sampled:
     value, slope = field.value_and_gradient(points)
     steep = np.linalg.norm(slope, axis=-1)
     d = np.abs(value) / np.maximum(steep, 1e-300)
+    if isinstance(field, Inside):
+        # beyond the box there is no solid: borders that leave it between their ends are off by as much
+        d += np.maximum(np.maximum(field.lo - points, points - field.hi).max(axis=-1), 0.0)
     length = np.linalg.norm(normal, axis=-1) * steep
     sides = [_along(poles, s) for s in range(4)]
     return Sampled(

@@ -8,7 +8,7 @@ names the place.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.patches.field_caps import LayoutError
-from tpmscad.patches.field_inside import inside
+from tpmscad.patches.field_inside import Inside, inside
 from tpmscad.patches.field_layers import check_apart, layers, rejoined
 from tpmscad.patches.field_samples import samples_of
 from tpmscad.patches.field_search import laid_out
@@ -123,14 +123,14 @@ def field_complex(
 
 def _off_corners(
     field: Field,
-    parts: tuple[Field, ...],
+    parts: tuple[Inside, ...],
     samples: list[Array],
     lo: Array,
     hi: Array,
     tol: float,
     spacing: float,
     notes: list[str],
-) -> tuple[tuple[Field, ...], list[Array]]:
+) -> tuple[tuple[Inside, ...], list[Array]]:
     """Levels moved by at most a tenth of tol where the surface passes through a corner of the box, and the volume by SHARE."""
     corners = np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1).reshape(-1, 3)
     result, moved = [], []
@@ -142,7 +142,7 @@ def _off_corners(
             shift = move * float(np.linalg.norm(part.gradient(points), axis=1).min())
             where = ", ".join(f"{x:g}" for x in corners[near][0])
             notes.append(f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}")
-            part = part + shift
+            part = replace(part, field=part.field + shift)
             points = samples_of(part, lo, hi, spacing)
         result.append(part)
         moved.append(points)
