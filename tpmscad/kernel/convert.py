@@ -7,6 +7,7 @@ TopoDS.Face); everything else here is common to both. Poles go in and out at abo
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,13 @@ def shape_list(shapes: Iterable[Any]) -> Any:
 
 
 def _knots(knots: Array) -> tuple[Any, Any]:
-    values, counts = np.unique(knots, return_counts=True)
+    """Distinct knots and their multiplicities, which constructors copy: those of many curves are the same."""
+    return _known_knots(knots.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _known_knots(knots: bytes) -> tuple[Any, Any]:
+    values, counts = np.unique(np.frombuffer(knots), return_counts=True)
     reals, ints = RealArray(1, len(values)), IntArray(1, len(values))
     for i, (value, count) in enumerate(zip(values.tolist(), counts.tolist(), strict=True), 1):
         reals.SetValue(i, value)

@@ -49,8 +49,10 @@ def face_moments(complex: PatchComplex) -> Moments:
             surface = complex.carriers[int(keys[start, 0])]
             assert not isinstance(surface, Plane)
             pieces = [(complex.pcurves[int(p)], (low, high)) for _, p, low, high in keys[start:stop].tolist()]
-            one_span = isinstance(surface, Surface) and has_one_span(surface)
-            table[start:stop] = span_pieces(surface, pieces) if one_span else curved_pieces(surface, pieces)
+            if isinstance(surface, Surface) and has_one_span(surface):
+                table[start:stop] = span_pieces(surface, pieces)
+            else:
+                table[start:stop] = curved_pieces(surface, pieces)
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
     if len(curved) or whole.any():
         moments = _placed(moments, faces.rotation, faces.translation)
