@@ -45,7 +45,7 @@ def exported(model: object, folder: Path) -> tuple[Path, float]:
     return path, tpmscad.check_step(path).shape.volume
 
 
-@pytest.mark.parametrize("size", [0.6, 0.9])
+@pytest.mark.parametrize("size", [0.7, 0.9])
 def test_a_cell_is_meshed_periodically(example: ModuleType, tmp_path: Path, size: float) -> None:
     path, volume = exported(example.cell(), tmp_path)
     found = example.mesh(path, size, periodic=True)
@@ -59,7 +59,7 @@ def test_a_cell_is_meshed_periodically(example: ModuleType, tmp_path: Path, size
 
 @pytest.mark.parametrize(
     ("surface", "size", "kind"),
-    [("diamond", 0.6, {"thickness": 1.2}), ("schwarz_p", 0.8, {"volume_fraction": 0.4, "kind": "skeletal"})],
+    [("diamond", 0.6, {"thickness": 1.2}), ("schwarz_p", 1.0, {"volume_fraction": 0.4, "kind": "skeletal"})],
 )
 def test_other_cells_are_periodic_too(
     example: ModuleType, tmp_path: Path, surface: str, size: float, kind: dict[str, object]
@@ -73,7 +73,7 @@ def test_other_cells_are_periodic_too(
 
 def test_an_infilled_part_is_meshed(example: ModuleType, tmp_path: Path) -> None:
     path, volume = exported(example.part(), tmp_path)
-    is_as_asked(example.mesh(path, 0.8), 0.8, volume)
+    is_as_asked(example.mesh(path, 1.0), 1.0, volume)
 
 
 def test_sides_that_differ_are_not_taken_for_periodic(example: ModuleType, tmp_path: Path) -> None:
