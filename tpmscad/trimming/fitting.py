@@ -24,8 +24,12 @@ SPANS = tuple(spans for stage in STAGES for spans in stage)
 with degree 9; 28 with degrees 5 and 13; 30 if the spans are doubled each time. Numbers of a stage share the points by which
 length and turning are measured; those are skipped that leave too much of the last error even at the full order of convergence."""
 
-NODES = 8
-"""Points along a curve for each span of a stage's last number, which carry its length and turning."""
+NODES = 4
+"""Points along a curve for each span of a stage's last number, which carry its length and turning. With 8 there are as many
+poles in the end."""
+
+START = NODES * STAGES[0][-1] + 1
+"""Points of the coarse paths that are brought onto the cuts first; curves with foci keep all that they have."""
 
 CHECKS = 5
 """Points between knots where the deviation is measured."""
@@ -59,17 +63,24 @@ def fit(
     s = surfaces[0]
     poles, space = np.stack([surface.poles for surface in surfaces]), (s.knots_u, s.knots_v, s.degree_u, s.degree_v)
     sections = Sections(poles, space, levels, foci_in_space(surfaces, foci))
-    start = sections.onto(_refined(paths, NODES * SPANS[0] + 1))
     result: list[Cut | None] = [None] * len(paths)
-    waiting, error = np.arange(len(paths)), np.zeros(0)
-    for problem in (sections, sections.without_foci()):  # far foci may do harm
-        found, error = _fitted(problem.of(waiting), start[waiting], tol)
-        for i, cut in zip(waiting.tolist(), found, strict=True):
-            result[i] = cut
-        waiting = waiting[[cut is None for cut in found]]
-        if len(waiting) == 0:
-            return tuple(c for c in result if c is not None)
-    raise TrimmingError(f"a cut curve is still {error.max():.3g} from its patch with {SPANS[-1]} spans, over {tol:.3g}")
+    sharp = np.array([len(own) > 0 for own in foci])
+    calm = [path if own else _thinned(path, START) for path, own in zip(paths, sharp.tolist(), strict=True)]
+    for waiting in (np.flatnonzero(~sharp), np.flatnonzero(sharp)):
+        error = np.zeros(0)
+        for problem in (sections, sections.without_foci()):  # far foci may do harm
+            if len(waiting) == 0:
+                break
+            problem = problem.of(waiting)
+            found, error = _fitted(problem, problem.onto(_refined([calm[i] for i in waiting], START)), tol)
+            for i, cut in zip(waiting.tolist(), found, strict=True):
+                result[i] = cut
+            waiting = waiting[[cut is None for cut in found]]
+        if len(waiting):
+            raise TrimmingError(
+                f"a cut curve is still {error.max():.3g} from its patch with {SPANS[-1]} spans, over {tol:.3g}"
+            )
+    return tuple(c for c in result if c is not None)
 
 
 def _fitted(sections: Sections, uv: Array, tol: float) -> tuple[list[Cut | None], Array]:
@@ -102,6 +113,11 @@ def _fitted(sections: Sections, uv: Array, tol: float) -> tuple[list[Cut | None]
         if len(waiting) == 0:
             break
     return result, error
+
+
+def _thinned(path: Array, most: int) -> Array:
+    """At most so many points of a path, its ends among them."""
+    return path[np.round(np.linspace(0, len(path) - 1, min(most, len(path)))).astype(int)]
 
 
 def _refined(paths: Sequence[Array], least: int) -> Array:
