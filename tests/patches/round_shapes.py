@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from box_shapes import CORNERS, SIDES
 from scipy.interpolate import make_interp_spline
 
 from tpmscad.patches.carriers import Circle, Cone, Cylinder, Ellipse, Plane, Sphere, Torus
@@ -217,8 +218,7 @@ def pierced_block(
     """A block about the origin with a hole from below upwards, leaning towards x: elliptic rims, a wall in two halves."""
     half = np.array(size) / 2
     axis, across = np.array([np.sin(tilt), 0.0, np.cos(tilt)]), np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
-    sides = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+    corners = (2 * CORNERS - 1) * half
     curves, spans, ends, uses, use_start, loop_start, carriers, pcurves = [], [], [], [], [0], [0], [], []
     known: dict[tuple[int, int], int] = {}
     rim = {}
@@ -240,7 +240,7 @@ def pierced_block(
         curves.append(line(a, b, (low, high)))
         spans.append((low, high))
         ends.append((8 + k, 10 + k))
-    for side in sides:
+    for side in SIDES:
         a, b, _, d = corners[side]
         x, y = (b - a) / np.linalg.norm(b - a), (d - a) / np.linalg.norm(d - a)
         carriers.append(Plane(a, x, np.cross(x, y)))

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from box_shapes import CORNERS, SIDES, plane_box
 from scipy.spatial.transform import Rotation
 
 from tpmscad.patches import connectivity, measure
-from tpmscad.patches.carriers import Plane
-from tpmscad.patches.complex import Edges, Faces, PatchComplex, Uses
+from tpmscad.patches.complex import Faces, PatchComplex
 from tpmscad.patches.measure_pieces import curved_pieces
 from tpmscad.patches.weld import weld
 from tpmscad.splines.bspline import Surface, line
 from tpmscad.splines.knots import restrict
 
 SIZE = np.array([2.0, 3.0, 5.0])
-CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) * SIZE
-# Each face counter-clockwise as seen from outside.
-SIDES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
 
 
 def patch_box(degree: int = 1) -> PatchComplex:
@@ -25,7 +22,7 @@ def patch_box(degree: int = 1) -> PatchComplex:
     s, t = np.linspace(0, 1, degree + 1), np.linspace(0, 1, degree + 1)
     knots = np.repeat([0.0, 1.0], degree + 1)
     for side in SIDES:
-        a, b, c, d = CORNERS[side]
+        a, b, c, d = (CORNERS * SIZE)[side]
         poles = (
             np.multiply.outer(np.outer(1 - s, 1 - t), a)
             + np.multiply.outer(np.outer(s, 1 - t), b)
@@ -40,38 +37,6 @@ def patch_box(degree: int = 1) -> PatchComplex:
     )
 
 
-def plane_box(rotation: np.ndarray, translation: np.ndarray) -> PatchComplex:
-    """The same box of planar faces on straight edges, placed by one motion per face and edge."""
-    planes, uses, senses, edges = [], [], [], {}
-    for side in SIDES:
-        a, b, _, d = CORNERS[side]
-        x, y = (b - a) / np.linalg.norm(b - a), (d - a) / np.linalg.norm(d - a)
-        planes.append(Plane(a, x, np.cross(x, y)))
-        for i, j in zip(side, np.roll(side, -1), strict=True):
-            key = (min(i, j), max(i, j))
-            uses.append(edges.setdefault(key, len(edges)))
-            senses.append(1 if (i, j) == key else -1)
-    ends = np.array(list(edges))
-    motion = {n: (np.tile(rotation, (n, 1, 1)), np.tile(translation, (n, 1))) for n in (6, 12)}
-    return PatchComplex(
-        carriers=tuple(planes),
-        curves=tuple(line(CORNERS[i], CORNERS[j]) for i, j in ends),
-        pcurves=(),
-        vertices=CORNERS @ rotation.T + translation,
-        edges=Edges(np.arange(12), *motion[12], np.tile([0.0, 1.0], (12, 1)), ends[:, 0], ends[:, 1], np.zeros(12)),
-        uses=Uses(np.array(uses), np.array(senses), np.full(24, -1)),
-        faces=Faces(
-            np.arange(6),
-            *motion[6],
-            np.full(6, round(np.linalg.det(rotation))),  # a mirror turns each face's own normal inwards
-            np.zeros(6, int),
-            np.arange(7),
-            4 * np.arange(7),
-        ),
-        tags=("box",),
-    )
-
-
 MOTIONS = {
     "at rest": (np.eye(3), np.zeros(3)),
     "turned": (Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix(), np.array([0.4, -7.0, 2.5])),
@@ -82,7 +47,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_box_of_planes_has_its_volume_area_and_centre_wherever_it_stands(motion: str) -> None:
     rotation, translation = MOTIONS[motion]
-    moments = measure.face_moments(plane_box(rotation, translation))
+    moments = measure.face_moments(plane_box(SIZE, rotation, translation))
     assert measure.volume(moments)[0] == pytest.approx(30.0, rel=1e-13)
     assert moments.area.sum() == pytest.approx(62.0, rel=1e-13)
     np.testing.assert_allclose(measure.centroid(moments), rotation @ (SIZE / 2) + translation, rtol=0, atol=1e-12)
@@ -92,7 +57,7 @@ def test_a_box_of_planes_has_its_volume_area_and_centre_wherever_it_stands(motio
 @pytest.mark.parametrize("degree", [1, 2, 5])
 def test_a_box_of_patches_equals_the_box_of_planes(degree: int) -> None:
     moments = measure.face_moments(patch_box(degree))
-    planar = measure.face_moments(plane_box(np.eye(3), np.zeros(3)))
+    planar = measure.face_moments(plane_box(SIZE))
     for name in ("area", "normal", "first", "second"):
         np.testing.assert_allclose(getattr(moments, name), getattr(planar, name), rtol=0, atol=1e-12)
 
@@ -133,7 +98,7 @@ def test_inner_knots_do_not_blur_the_quadrature() -> None:
 
 
 def test_a_box_is_one_closed_shell_of_a_sphere() -> None:
-    for box in (patch_box(2), plane_box(np.eye(3), np.zeros(3))):
+    for box in (patch_box(2), plane_box(SIZE)):
         assert connectivity.is_closed(box)
         count, shell = connectivity.shells(box)
         assert count == 1

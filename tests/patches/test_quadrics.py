@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from tpmscad.patches.carriers import Circle, Cone, Cylinder, Ellipse, Plane, Sphere, Torus
 from tpmscad.patches.complex import scaled
+from tpmscad.patches.joints import joints
 from tpmscad.patches.summary import summary
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
@@ -183,3 +184,8 @@ def test_a_scaled_solid_has_the_cube_of_the_volume_on_the_square_of_the_area(mak
     small, large = summary(make()), summary(scaled(make(), 2.5))
     assert large.volume == pytest.approx(2.5**3 * small.volume, rel=1e-13)
     assert large.area == pytest.approx(2.5**2 * small.area, rel=1e-13)
+
+
+def test_edges_of_quadrics_and_planes_are_no_joints_of_patches() -> None:
+    body = flask()
+    assert joints(body, body.tags).classes == 0

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array, Ints, PatchComplex
 from tpmscad.splines.bspline import Curve, Surface
 
@@ -50,7 +49,7 @@ def joints(complex: PatchComplex, tags: tuple[str, ...]) -> Joints:
 def _joint_uses(complex: PatchComplex, tags: tuple[str, ...]) -> tuple[Ints, Ints]:
     """The two uses of every edge that joins two B-spline faces with these tags."""
     face = complex.face_of_use
-    smooth = np.array([not isinstance(c, Plane) for c in complex.carriers])[complex.faces.carrier]
+    smooth = np.array([isinstance(c, Surface) for c in complex.carriers])[complex.faces.carrier]
     wanted = smooth & np.isin(complex.faces.tag, [complex.tags.index(t) for t in tags if t in complex.tags])
     uses = np.flatnonzero(wanted[face])
     uses = uses[np.argsort(complex.uses.edge[uses], kind="stable")]
