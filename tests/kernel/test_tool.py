@@ -134,6 +134,13 @@ def test_a_crossing_is_truer_than_the_kernels_edges() -> None:
     assert summary(body_complex(body.solid())).volume == pytest.approx(4 / 3 * np.pi * ball**3 - removed, rel=1e-11)
 
 
+def test_a_seam_is_cut_wherever_round_off_puts_it() -> None:
+    """The cut passes through a sampled point of both circles."""
+    for x, y, z in np.random.default_rng(3).uniform(-180, 180, (12, 3)).tolist():
+        cone = bd.Pos(11.6, 10.97, 9.25) * bd.Rot(x, y, z) * bd.Cone(2.14, 1.07, 6.59)
+        assert len(body_complex(cone).faces) == 4  # two halves
+
+
 @pytest.mark.parametrize("off", [0.3, 1e-2, 1e-3])
 def test_a_ball_may_be_cut_beside_its_poles(off: float) -> None:
     body = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
