@@ -15,7 +15,7 @@ from tpmscad.trimming.body import Body, faces_uses
 from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.faces import Face, Use
 from tpmscad.trimming.hits import Hits
-from tpmscad.trimming.pcurves import parameter_curve
+from tpmscad.trimming.pcurves import parameter_curves
 from tpmscad.trimming.pieces import Pieces
 from tpmscad.trimming.regions import Region
 from tpmscad.trimming.strands import Crossings, Strands, points_on
@@ -126,17 +126,14 @@ def assemble(
                 (p, int(body.complex.uses.sense[k]), pcurve) for p in table.get(int(body.complex.uses.edge[k]), [])
             ]
         turn = int(body.complex.faces.sense[f])
-        for i in open_of.get(f, []):
-            edge, sense, pcurve = int(open_edges.edge[i]), int(open_edges.sense[i]) * turn, -1
-            if not flat:
-                own, (low, high) = curves[edges.curve[edge]], edges.span[edge]
-                part = (high - low) / (own.domain[1] - own.domain[0])  # of the curve, which was fitted as finely
-                least = int(part * (len(own.poles) - own.degree))
-                made, off = parameter_curve(_placed(curves, edges, edge), edges.span[edge], region, tol, least)
-                deviation[edge] = max(deviation[edge], MARGIN * off)
-                pcurve = len(pcurves)
-                pcurves.append(made)
-            uses.append((edge, sense, pcurve))
+        own = np.array(open_of.get(f, []), np.int64)
+        edge, made = open_edges.edge[own], np.full(len(own), -1)
+        if len(own) and not flat:
+            found, off = _on_wall(curves, edges, edge, region, tol)
+            deviation[edge] = np.maximum(deviation[edge], MARGIN * off)
+            made = len(pcurves) + np.arange(len(own))
+            pcurves += found
+        uses += zip(edge.tolist(), (open_edges.sense[own] * turn).tolist(), made.tolist(), strict=True)
         if uses:
             walls += [(f, face) for face in _wall(region, uses, edges, all_curves, pcurves)]
     return _complex(
@@ -144,9 +141,15 @@ def assemble(
     )
 
 
-def _placed(curves: Sequence[Curve], edges: Edges, edge: int) -> Callable[[Array], Array]:
-    curve, rotation, translation = curves[edges.curve[edge]], edges.rotation[edge], edges.translation[edge]
-    return lambda t: curve(t) @ rotation.T + translation
+def _on_wall(
+    curves: Sequence[Curve], edges: Edges, edge: Ints, region: Region, tol: float
+) -> tuple[list[Curve], Array]:
+    """Parameter curves of edges on a round face, and how far they are off."""
+    own, (low, high) = [curves[c] for c in edges.curve[edge]], edges.span[edge].T
+    part = (high - low) / np.array([c.domain[1] - c.domain[0] for c in own])  # of the curve, which was fitted as finely
+    least = (part * np.array([len(c.poles) - c.degree for c in own])).astype(np.int64)
+    places = edges.rotation[edge], edges.translation[edge]
+    return parameter_curves(own, places, edges.span[edge], region, tol, least)
 
 
 def _wall(

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 
 from tpmscad.patches.carriers import Cone, Plane, Quadric, Sphere
 from tpmscad.splines.bspline import Curve, design
+from tpmscad.splines.stacked import points_at
 from tpmscad.trimming.fitting import DEGREE, SPANS, interpolation
 from tpmscad.trimming.regions import Region, repeated
-from tpmscad.trimming.tool import Array, TrimmingError
+from tpmscad.trimming.tool import Array, Ints, TrimmingError
 
 CHECKS = 4
 """Points between knots where the deviation is measured."""
@@ -24,6 +25,45 @@ WIDTH = 2.0
 
 LEAST = 0.1
 """Nearer to a pole than this part of the tolerance the angle is of no account."""
+
+
+def parameter_curves(
+    curves: Sequence[Curve], places: tuple[Array, Array], span: Array, region: Region, tol: float, least: Ints
+) -> tuple[list[Curve], Array]:
+    """`parameter_curve` for n curves, moved by `places`, rotations (n, 3, 3) and translations (n, 3), over spans (n, 2).
+
+    All that need no more than `least` (n,) spans are made together.
+    """
+    made: list[Curve | None] = [None] * len(curves)
+    error = np.zeros(len(curves))
+    first = np.array(SPANS)[np.minimum(np.searchsorted(SPANS, least), len(SPANS) - 1)]
+    for spans in np.unique(first).tolist():
+        knots, sites, inverse, checks, basis = _space(spans)
+        rows = np.flatnonzero(first == spans)
+        low, high = span[rows].T
+        t = low[:, None] + (high - low)[:, None] * np.concatenate([sites, checks])
+        index = np.repeat(np.arange(len(rows)), t.shape[1])
+        local = points_at([curves[i] for i in rows.tolist()], index, t.ravel())[0].reshape(*t.shape, 3)
+        points = local @ np.swapaxes(places[0][rows], 1, 2) + places[1][rows, None]
+        on_curve, between = points[:, : len(sites)], points[:, len(sites) :]
+        uv = _in_one_piece(region.carrier, on_curve)
+        middle = uv[:, [len(sites) // 2]]
+        poles = inverse @ (uv + (repeated(middle, region.carrier, region.middle) - middle))
+        u, v = np.moveaxis(basis @ poles, -1, 0)
+        error[rows] = np.linalg.norm(region.carrier(u, v) - between, axis=2).max(axis=1)
+        for k in np.flatnonzero(error[rows] < tol + np.abs(region.carrier.distance(between)).max(axis=1)):
+            made[rows[k]] = Curve(poles[k].copy(), low[k] + (high[k] - low[k]) * knots, DEGREE)
+    result = []
+    for i, curve in enumerate(made):
+        if curve is None:
+            placed = partial(_placed, curves[i], places[0][i], places[1][i])
+            curve, error[i] = parameter_curve(placed, span[i], region, tol, int(least[i]))
+        result.append(curve)
+    return result, error
+
+
+def _placed(curve: Curve, rotation: Array, translation: Array, t: Array) -> Array:
+    return curve(t) @ rotation.T + translation
 
 
 def parameter_curve(
@@ -99,7 +139,7 @@ def _in_one_piece(carrier: Plane | Quadric, points: Array) -> Array:
     uv = carrier.parameters(points)
     for axis, period in enumerate(carrier.period):
         if period:
-            uv[:, axis] = np.unwrap(uv[:, axis], period=period)
+            uv[..., axis] = np.unwrap(uv[..., axis], period=period)
     return uv
 
 
