@@ -135,8 +135,8 @@ def test_a_crossing_is_truer_than_the_kernels_edges() -> None:
 
 
 def test_a_seam_is_cut_wherever_round_off_puts_it() -> None:
-    """The cut passes through a sampled point of both circles."""
-    for x, y, z in np.random.default_rng(3).uniform(-180, 180, (12, 3)).tolist():
+    """The cut passes through a sampled point of both circles; of forty tilts one was refused, which is among these."""
+    for x, y, z in np.random.default_rng(3).uniform(-180, 180, (40, 3))[20:26].tolist():
         cone = bd.Pos(11.6, 10.97, 9.25) * bd.Rot(x, y, z) * bd.Cone(2.14, 1.07, 6.59)
         assert len(body_complex(cone).faces) == 4  # two halves
 
