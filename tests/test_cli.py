@@ -22,6 +22,8 @@ from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
 
 ROOT = Path(__file__).resolve().parent.parent
+LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
+HELP_LINES = [line for command in cli.app.registered_commands for line in LINE.findall(command.epilog or "")]
 README_LINES = re.findall(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", (ROOT / "README.md").read_text(), re.MULTILINE)
 
 
@@ -210,10 +212,10 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
     assert json.loads(Path("part.json").read_text())["bytes"] == Path("part.png").stat().st_size
 
 
-@pytest.mark.parametrize("line", README_LINES)
-def test_a_command_of_the_readme_is_good_usage(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", [*README_LINES, *HELP_LINES])
+def test_an_example_in_readme_or_help_is_good_usage(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("gyroid.step", "bracket.step"):
+    for name in ("gyroid.step", "bracket.step", "filled.step"):
         Path(name).touch()
     Path("examples").symlink_to(ROOT / "examples")
     group: Any = typer.main.get_command(cli.app)
@@ -234,6 +236,27 @@ def test_help_on_any_command_loads_no_kernel() -> None:
     answer = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, check=True)
     assert answer.stdout.count("Usage: ") == len(commands) > 5
     assert answer.stderr.strip() == "[]"
+
+
+def test_every_command_has_an_example() -> None:
+    assert {line.split()[0] for line in HELP_LINES} == {c.callback.__name__ for c in cli.app.registered_commands}
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [("tpmscad inf", "infill"), ("tpmscad lattice gy", "gyroid"), ("tpmscad lattice P --kind sk", "skeletal")],
+)
+def test_the_shell_completes_commands_surfaces_and_choices(words: str, expected: str) -> None:
+    asked = {
+        "_TPMSCAD_COMPLETE": "complete_bash",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(len(words.split()) - 1),
+    }
+    script = "from tpmscad import cli; cli.main([])"
+    answer = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, env=os.environ | asked, capture_output=True, text=True, check=True
+    )
+    assert answer.stdout.split() == [expected]
 
 
 class Terminal(io.StringIO):

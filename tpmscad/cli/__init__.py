@@ -18,23 +18,59 @@ import typer
 from tpmscad.cli import files, infill, lattice, recipe, surfaces
 from tpmscad.errors import InvalidRequest, TpmscadError
 
+STATUS = """Exit status: 0 if made and as requested; 1 if it could not be made or misses the request, then nothing is written;
+2 if the request can't be carried out as written."""
+
 app = typer.Typer(
     name="tpmscad",
     help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids. Lengths are in mm.",
     no_args_is_help=True,
-    add_completion=False,
+    epilog=STATUS,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-app.command()(surfaces.surfaces)
-app.command()(lattice.lattice)
-app.command()(infill.infill)
-app.command()(recipe.blend)
-app.command()(recipe.solidify)
-app.command()(files.check)
-app.command()(files.render)
+
+def examples(*lines: str) -> str:
+    """The end of a command's help; what follows \b keeps its line breaks."""
+    return "\b\n" + "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
+
+
+for command, short, lines in (
+    (surfaces.surfaces, "List the catalogue of surfaces.", ["surfaces"]),
+    (
+        lattice.lattice,
+        "Make a lattice of a minimal surface in a box.",
+        [
+            "lattice gyroid --cell 10 --cells 2,2,2 --thickness 1 -o gyroid.step",
+            "lattice diamond --cell 10,10,14 --offset -0.6,0.4 -o d.step",
+            "lattice P --cell 8 --volume-fraction 0.3 --kind skeletal -o p.step",
+        ],
+    ),
+    (
+        infill.infill,
+        "Fill the solid in a STEP file with a lattice.",
+        ["infill bracket.step gyroid --cell 8 --thickness 0.8 --skin 1.5 -o filled.step"],
+    ),
+    (
+        recipe.blend,
+        "Join porous structures as a TOML file says.",
+        ["blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"],
+    ),
+    (
+        recipe.solidify,
+        "Make the solid of a field as a TOML file says.",
+        ["solidify examples/graded.toml -o graded.step --report graded.json"],
+    ),
+    (
+        files.check,
+        "Read a STEP file back and say what is in it.",
+        ["check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"],
+    ),
+    (files.render, "Draw a STEP file as a PNG picture.", ["render gyroid.step -o gyroid.png"]),
+):
+    app.command(short_help=short, epilog=examples(*lines))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -17,15 +17,40 @@ def numbers(text: str) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
-Surface = Annotated[str, typer.Argument(help="Name of the surface, see `tpmscad surfaces`.")]
-Cell = Annotated[Any, typer.Option(parser=numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm.")]
-Cells = Annotated[Any, typer.Option(parser=numbers, metavar="N|X,Y,Z", help="Number of cells along each axis.")]
-Thickness = Annotated[float | None, typer.Option(metavar="MM", help="Wall thickness along the normal, mm.")]
-Offset = Annotated[
-    Any, typer.Option(parser=numbers, metavar="LO,HI", help="Signed normal distances of the two sides, mm.")
+def surfaces_that_begin(incomplete: str) -> list[str]:
+    """Names of the catalogue, for the shell's completion."""
+    from tpmscad.surfaces import CATALOGUE
+
+    return [name for name in CATALOGUE if name.startswith(incomplete)]
+
+
+Surface = Annotated[
+    str, typer.Argument(autocompletion=surfaces_that_begin, help="Name of the surface, see `tpmscad surfaces`.")
 ]
-VolumeFraction = Annotated[float | None, typer.Option(metavar="0..1", help="Solid share of the box; sets thickness.")]
-Tol = Annotated[float | None, typer.Option(metavar="MM", help="Greatest deviation from the reference, mm.")]
+Cell = Annotated[
+    Any, typer.Option(parser=numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm, or one for each axis.")
+]
+Cells = Annotated[
+    Any, typer.Option(parser=numbers, metavar="N|X,Y,Z", help="Number of cells along every axis, or along each.")
+]
+Thickness = Annotated[
+    float | None, typer.Option(metavar="MM", help="Wall thickness along the normal, mm. This, or one of the next two.")
+]
+Offset = Annotated[
+    Any,
+    typer.Option(
+        parser=numbers,
+        metavar="LO,HI",
+        help="Signed normal distances of the wall's two sides, mm; one distance for --kind skeletal.",
+    ),
+]
+VolumeFraction = Annotated[
+    float | None, typer.Option(metavar="0..1", help="Solid share of the whole cell, which sets the distances.")
+]
+Tol = Annotated[
+    float | None,
+    typer.Option(metavar="MM", help="Greatest deviation from the reference, mm.  [default: a thousandth of the cell]"),
+]
 Kind = Annotated[Literal["sheet", "skeletal"], typer.Option(help="Between two offset surfaces, or on one side of one.")]
 Side = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
 Reference = Annotated[
