@@ -15,6 +15,7 @@ from tpmscad import fields
 from tpmscad.kernel.sampling import faces_of
 from tpmscad.parts import FluidDomains
 from tpmscad.parts.cutting import sides_of
+from tpmscad.parts.part import write_checked
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -202,6 +203,16 @@ class TestFluidDomains:
         assert found.ok
         assert {"wall", "channel +", "channel -"} <= set(found.products)
         assert found.shape.volume == pytest.approx(np.pi * 64 * 12, rel=1e-6)
+
+
+def test_a_file_that_does_not_read_back_as_written_is_not_left(tmp_path: Path) -> None:
+    box, path = bd.Box(2, 3, 4), tmp_path / "box.step"
+    write_checked(box.wrapped, path, schema="ap242", name="box", volume=24.0)
+    path.unlink()
+    for shape, volume in ((box, 24.001), (bd.Shell(box.faces()[1:]), 24.0)):
+        with pytest.raises(tpmscad.KernelError):
+            write_checked(shape.wrapped, path, schema="ap242", name="box", volume=volume)
+        assert not list(tmp_path.iterdir())
 
 
 class TestBodyField:

@@ -136,12 +136,20 @@ def export_model(
         instances, copies = kernel.Instances.shifted(model.cells.translations), len(model.cells.translations)
     expected = copies * float(measure.volume(nesting.moments)[0])
 
+    verify = verified(expected, stored_volume)
+    kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances, verify=verify)
+
+
+def verified(volume: float, within: float = STORED_VOLUME) -> Callable[[Path], None]:
+    """What a written file must pass, or KernelError: read back with nothing mended it holds valid solids of this volume,
+    `within` a relative tolerance."""
+
     def verify(written: Path) -> None:
         found = kernel.check_step(written, healed=False)
-        if not found.ok or abs(found.shape.volume - expected) > stored_volume * expected:
-            raise KernelError("export_step", f"written with volume {expected:.12g}, the file reads back as: {found}")
+        if not found.ok or abs(found.shape.volume - volume) > within * volume:
+            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {found}")
 
-    kernel.write_step(complex, nesting, path, schema=schema, name=model.name, instances=instances, verify=verify)
+    return verify
 
 
 def check_step(path: str | Path) -> Any:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad import kernel
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean import betti_numbers
 from tpmscad.kernel.build import compound
 from tpmscad.kernel.check import bounding_box
@@ -18,7 +18,7 @@ from tpmscad.model import Model
 from tpmscad.parts.block import Block
 from tpmscad.patches.certificate import Certificate
 from tpmscad.splines.bspline import Surface
-from tpmscad.workflows import export_model
+from tpmscad.workflows import export_model, verified
 
 STORED_VOLUME = 1e-7
 """Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""
@@ -58,12 +58,7 @@ def write_checked(
     shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()
 ) -> None:
     """Write a kernel shape as STEP; the file is there whole and read back as what was written, or not at all."""
-
-    def verify(written: Path) -> None:
-        found = kernel.check_step(written)
-        if not found.ok or abs(found.shape.volume - volume) > STORED_VOLUME * volume:
-            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {found}")
-
+    verify = verified(volume, STORED_VOLUME)
     kernel.write_shape(shape, path, schema=schema, name=name, verify=verify, names=tuple(names))
 
 
