@@ -39,7 +39,7 @@ class Curve:
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Points, or derivatives of the given order, at t: (..., D)."""
-        return np.asarray(BSpline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
+        return np.asarray(_spline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
 
     def reversed(self) -> Curve:
         """The same points on the same domain, run the other way."""
@@ -141,7 +141,12 @@ def design(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
     count = len(knots) - degree - 1
     if count == degree + 1 and knots[0] == knots[degree] and knots[-1] == knots[count]:
         return _bernstein(float(knots[0]), float(knots[-1]), degree, t, order)
-    return np.asarray(BSpline(knots, np.eye(count), degree)(t, order))
+    return np.asarray(_spline(knots, np.eye(count), degree)(t, order))
+
+
+def _spline(knots: Array, coefficients: Array, degree: int) -> BSpline:
+    """SciPy's spline without its checks, which take longer than a few points do."""
+    return BSpline.construct_fast(np.asarray(knots, float), np.asarray(coefficients, float), degree)
 
 
 def _bernstein(low: float, high: float, degree: int, t: Array, order: int) -> Array:
