@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Literal
 
 import cadquery as cq
@@ -81,17 +81,21 @@ def tpmsInfill(
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     skin: float | None = None,
+    open_faces: str | Iterable[Any] = (),
     tol: float | None = None,
     progress: Callable[[str, float], None] | None = None,
 ) -> cq.Workplane:
     """The solid on the stack, or the nearest up the chain, filled with a lattice; it is the new stack.
 
-    Takes the keywords of `tpmscad.infill`, in global coordinates: the lattice is anchored at their origin.
+    Takes the keywords of `tpmscad.infill`, in global coordinates: the lattice is anchored at their origin. open_faces may be a
+    selector of the solid's faces as well (">Z").
 
     InvalidRequest names what can't be had and what would do; NotMet carries the certificate of a result that misses the
     request. To read the certificate of one that keeps it, call `tpmscad.infill` with the workplane and put the result on a
     stack: `newObject([cq.Shape.cast(model.wrapped)])`.
     """
+    if isinstance(open_faces, str):
+        open_faces = self.newObject([self.findSolid()]).faces(open_faces).vals()
     model = infill(
         self,
         surface,
@@ -105,6 +109,7 @@ def tpmsInfill(
         phase=phase,
         rotation=rotation,
         skin=skin,
+        open_faces=open_faces,
         tol=tol,
         progress=progress,
     )

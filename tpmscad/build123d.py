@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, Self
 
 from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
@@ -120,6 +120,7 @@ class TpmsInfill(Part):
         phase: Sequence[float] = (0.0, 0.0, 0.0),
         rotation: Sequence[float] = (0.0, 0.0, 0.0),
         skin: float | None = None,
+        open_faces: Iterable[Any] = (),
         tol: float | None = None,
         progress: Callable[[str, float], None] | None = None,
         mode: Mode = Mode.REPLACE,
@@ -146,6 +147,7 @@ class TpmsInfill(Part):
         self.phase = phase
         self.rotation = rotation
         self.skin = skin
+        self.open_faces = tuple(open_faces)
         self.tol = tol
         self.mode = mode
         self.model = infill(
@@ -161,6 +163,7 @@ class TpmsInfill(Part):
             phase=phase,
             rotation=rotation,
             skin=skin,
+            open_faces=self.open_faces,
             tol=tol,
             progress=progress,
         )
@@ -173,6 +176,6 @@ class TpmsInfill(Part):
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """A copy of the part, as build123d makes of everything it moves; what was made and measured once is shared."""
-        for shared in (self.model, self.certificate, self.surface):
+        for shared in (self.model, self.certificate, self.surface, self.open_faces):
             memo[id(shared)] = shared
         return super().__deepcopy__(memo)

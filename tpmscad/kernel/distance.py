@@ -11,7 +11,7 @@ from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN
-from OCP.TopoDS import TopoDS_Solid
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.fields.field import Field
@@ -26,11 +26,12 @@ STEP = 1e-4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyDistance(Field):
-    """Signed distance to a solid's faces, negative inside; outside the solid's box by the box's test alone."""
+    """Signed distance to a solid's faces, or to some of them, negative inside; outside its box by the box's test alone."""
 
     solid: TopoDS_Solid
     low: Array
     high: Array
+    faces: tuple[TopoDS_Face, ...]
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         points, shape = stacked(x, y, z)
@@ -52,7 +53,7 @@ class BodyDistance(Field):
 
     def _distances(self, points: Array) -> tuple[Array, Array]:
         measure = BRepExtrema_DistShapeShape()
-        measure.LoadS2(compound(faces_of(self.solid)))
+        measure.LoadS2(compound(self.faces))
         classify = BRepClass3d_SolidClassifier(self.solid)
         within = np.all((points > self.low) & (points < self.high), axis=1).tolist()
         value, feet = np.empty(len(points)), np.empty((len(points), 3))
@@ -75,4 +76,4 @@ def body_field(shape: Any) -> Field:
     Each point takes the kernel about a quarter of a millisecond.
     """
     body = read_body(shape)
-    return BodyDistance(body.shape, *bounds_of(body.shape))
+    return BodyDistance(body.shape, *bounds_of(body.shape), tuple(faces_of(body.shape)))

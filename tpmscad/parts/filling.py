@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from inspect import signature
 from typing import Any
@@ -13,8 +13,9 @@ from scipy.spatial.transform import Rotation
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.body import Body, read_body
-from tpmscad.kernel.boolean import Solids
-from tpmscad.kernel.offset import hollowed, shrunk
+from tpmscad.kernel.boolean import Solids, betti_numbers
+from tpmscad.kernel.hollow import hollowed, open_faces_of
+from tpmscad.kernel.offset import shrunk
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, field_block, lattice_block
 from tpmscad.parts.cutting import Cut, lattice_in, voids_in
@@ -37,6 +38,7 @@ def infill(
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     skin: float | None = None,
+    open_faces: Iterable[Any] = (),
     tol: float | None = None,
     progress: Progress | None = None,
 ) -> Part:
@@ -45,7 +47,9 @@ def infill(
     body: a build123d or CadQuery shape, a TopoDS shape or the path of a STEP file, one closed solid; its own faces stay exact.
     surface: a name, with the keywords of `tpmscad.lattice`, or a field (f < 0 solid) in the body's coordinates, with tol alone.
     The lattice is anchored at the origin of the body's coordinates; rotation turns it there, in degrees about x, then its own
-    y, then its own z. skin: thickness of a wall that is kept all around the body, joined to the lattice inside it.
+    y, then its own z. skin: thickness of a wall that is kept all around the body, joined to the lattice inside it. open_faces:
+    plane faces of the body that stay without skin, so that powder gets out and fluid in: build123d, CadQuery or TopoDS faces of
+    that very shape, or their numbers in its order.
 
     InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
     """
@@ -71,12 +75,15 @@ def infill(
         _nothing_else(lattice | {"rotation": rotation})
         block, name = field_block(surface, read, tol, stages), "field infill"
     with stages("trim"):
+        openings = open_faces_of(read, open_faces)
         if skin is None:
+            if openings:
+                raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
             cut = lattice_in(block, read)
             if not cut.solids:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
         else:
-            cut = within_skin(block, read, skin)
+            cut = within_skin(block, read, skin, openings)
     with stages("check"):
         certificate = part_certificate(cut.solids, block, cut.notes)
     patches = block.patches if cut.complex is None else cut.complex
@@ -90,17 +97,27 @@ def infill(
     )
 
 
-def within_skin(block: Block, body: Body, skin: float) -> Cut:
-    """The body but for the voids that the lattice leaves in it deeper than the skin: they become shells inside one solid."""
-    voids = voids_in(block, shrunk(body, skin))
+def within_skin(block: Block, body: Body, skin: float, open_faces: Sequence[Any] = ()) -> Cut:
+    """The body but for the voids that the lattice leaves in it deeper than the skin.
+
+    They become shells inside one solid, or reach the outside through the open faces.
+    """
+    voids = voids_in(block, shrunk(body, skin, open_faces))
     if not voids.solids:
         raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
-    count = "a channel" if len(voids.solids) == 1 else f"{len(voids.solids)} channels that do not meet"
-    closed = (
+    solids = hollowed(body, voids.solids, open_faces)
+    return Cut(Solids(solids), None, voids.by, (*voids.notes, *_closed_off(solids)))
+
+
+def _closed_off(solids: Sequence[Any]) -> tuple[str, ...]:
+    closed = betti_numbers(solids)[2]
+    if not closed:
+        return ()
+    count = "a channel" if closed == 1 else f"{closed} channels that do not meet"
+    return (
         f"the skin closes off {count}: each is bounded by a shell of its own inside the solid; "
-        "bore through the skin to let powder or fluid out"
+        "name open_faces, or bore through the skin, to let powder or fluid out",
     )
-    return Cut(Solids((hollowed(body, voids.solids),)), None, voids.by, (*voids.notes, closed))
 
 
 def _nothing_else(given: dict[str, Any]) -> None:
