@@ -18,10 +18,12 @@ from tpmscad.blend.creases import rounded
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.booleans import Extreme
 from tpmscad.fields.field import Field, as_field
+from tpmscad.kernel.body import bounds_of, read_body
 from tpmscad.model import Model, Progress, Stages
 from tpmscad.patches import field_reference, measure
 from tpmscad.patches.certificate import Certificate, certificate_of
 from tpmscad.patches.field_complex import FieldSolid, checked_box, field_complex
+from tpmscad.patches.field_inside import Inside, continued, inside
 from tpmscad.patches.field_work import workers
 from tpmscad.patches.summary import Summary, summary
 
@@ -57,7 +59,8 @@ def solidify(
     """The solid {field < 0} inside `domain`, its surface within tol of the level set.
 
     domain: a box ((x0, y0, z0), (x1, y1, z1)), or a body (a build123d or CadQuery shape, a STEP file) in the field's coordinates:
-    then the solid is laid out in a box a little larger and trimmed by the body, whose own faces stay exact.
+    then the solid is laid out in a box a little larger and trimmed by the body, whose own faces stay exact; what the field is
+    beyond the body's box does not matter.
     The field may be any of tpmscad.fields or a function of points. executor: any concurrent.futures.Executor whose workers can
     import this package does the fits in a box; None: a pool of this machine's cores, where that pays. The result is the same,
     bit for bit. LayoutError names where a field can't be made a solid and why; a result that misses what was asked for has
@@ -68,7 +71,8 @@ def solidify(
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         from tpmscad.parts import infill  # which fills the body with what solidify makes of its box
 
-        return infill(domain, field, tol=tol, progress=progress)
+        bounds = bounds_of(read_body(domain).shape)
+        return infill(domain, continued(as_field(field), *bounds), tol=tol, progress=progress)
     field = as_field(field)
     lo, hi = checked_box(*_corners(domain), tol)
     stages = Stages(progress)
@@ -98,15 +102,13 @@ def solidify(
 
 def _without_edges(field: Field, lo: np.ndarray, hi: np.ndarray, tol: float) -> tuple[Field, float, tuple[str, ...]]:
     """The field to lay out, how far its level set is from the one asked for, and what is to be said of it."""
-    eased = rounded(field, lo, hi, ROUNDING * tol)
+    seen = field if isinstance(field, Inside) else inside(field, lo, hi)
+    eased = rounded(seen.field, np.maximum(lo, seen.lo), np.minimum(hi, seen.hi), ROUNDING * tol)
     if eased is None:
         return field, 0.0, ()
     where = ", ".join(f"{x:.5g}" for x in eased.near)
-    return (
-        eased.field,
-        eased.moved,
-        (f"edges were rounded: the surface moves by up to {eased.moved:.3g}, at ({where})",),
-    )
+    smooth = replace(field, field=eased.field) if isinstance(field, Inside) else eased.field
+    return smooth, eased.moved, (f"edges were rounded: the surface moves by up to {eased.moved:.3g}, at ({where})",)
 
 
 def betti_numbers(field: Field, lo: np.ndarray, hi: np.ndarray) -> tuple[int, int, int] | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.fields.field import Field
+from tpmscad.fields.field import Extreme, Field
 from tpmscad.fields.points import Array, Jet, Triple
 
 
@@ -43,3 +43,10 @@ class Inside(Field):
 def inside(field: Field, lo: Array, hi: Array) -> Inside:
     """`field` as the box [lo, hi] sees it."""
     return Inside(field, tuple(map(float, lo)), tuple(map(float, hi)))  # type: ignore[arg-type]
+
+
+def continued(field: Field, lo: Array, hi: Array) -> Field:
+    """`field` as the box [lo, hi] sees it, each level set by itself where it is made of several; periodic ones as they are."""
+    if isinstance(field, Extreme):
+        return Extreme(continued(field.first, lo, hi), continued(field.second, lo, hi), field.sign)
+    return field if field.periods() is not None else inside(field, lo, hi)
