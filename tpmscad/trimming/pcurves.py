@@ -23,6 +23,9 @@ NEAREST = 32
 WIDTH = 2.0
 """Angles that turn within less than this many spans get knots of their own."""
 
+FINE = 4001
+"""Points from which graded knots are read off."""
+
 LEAST = 0.1
 """Nearer to a pole than this part of the tolerance the angle is of no account."""
 
@@ -122,17 +125,18 @@ def _worth_grading(width: float, spans: int) -> bool:
 
 def _graded(spans: int, at: float, width: float) -> tuple[Array, Array, Array, Array, Array]:
     """As `_space`, with knots ever denser towards `at`, to a fraction of `width` there."""
-    reach = np.arcsinh(np.array([-at, 1.0 - at]) / width)
-    s = np.linspace(*reach, 4001)
+    low, high = float(np.arcsinh(-at / width)), float(np.arcsinh((1.0 - at) / width))
+    s = np.linspace(low, high, FINE)
     x = at + width * np.sinh(s)
     x[[0, -1]] = 0.0, 1.0
-    even = s + np.ptp(reach) * x  # half of the knots in even steps
+    even = s + (high - low) * x  # half of the knots in even steps
     inner = np.interp(np.linspace(even[0], even[-1], spans + 1), even, x)[1:-1]
     knots = np.concatenate([np.zeros(DEGREE + 1), inner, np.ones(DEGREE + 1)])
     sites = np.array([knots[i + 1 : i + DEGREE + 1].mean() for i in range(spans + DEGREE)])
     ends = knots[DEGREE:-DEGREE]
     checks = np.unique(ends[:-1, None] + np.diff(ends)[:, None] * np.linspace(0.0, 1.0, CHECKS + 1))
-    return knots, sites, np.linalg.inv(design(knots, DEGREE, sites)), checks, design(knots, DEGREE, checks)
+    inverse = np.asarray(np.linalg.inv(design(knots, DEGREE, sites)))
+    return knots, sites, inverse, checks, design(knots, DEGREE, checks)
 
 
 def _in_one_piece(carrier: Plane | Quadric, points: Array) -> Array:
