@@ -8,8 +8,8 @@ are trigonometric polynomials of u, of order three at most, so F has a closed fo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
@@ -60,7 +60,8 @@ def curved_pieces(surface: Surface | Quadric, pieces: Pieces) -> Array:
 def loop_nodes(surface: Surface | Quadric, pieces: Pieces) -> tuple[Array, Array, Array, NDArray[np.int64]]:
     """u, v, and v' times weight at the Gauss nodes of all pieces, and which piece each is of; none where v' = 0."""
     curves = [pcurve for pcurve, _ in pieces]
-    rules = [_rule(surface, pcurve, span) for pcurve, span in pieces]
+    breaks = _breaks_on(surface)
+    rules = [_rule(breaks(pcurve, span), pcurve, span) for pcurve, span in pieces]
     of = np.repeat(np.arange(len(pieces)), [len(nodes) for nodes, _ in rules])
     place, slope = points_at(curves, of, np.concatenate([nodes for nodes, _ in rules]), (0, 1))
     rise = slope[:, 1] * np.concatenate([weights for _, weights in rules])
@@ -70,8 +71,7 @@ def loop_nodes(surface: Surface | Quadric, pieces: Pieces) -> tuple[Array, Array
     return place[at, 0], place[at, 1], rise[at], of[at]
 
 
-def _rule(surface: Surface | Quadric, pcurve: Curve, span: tuple[float, float]) -> tuple[Array, Array]:
-    breaks = _breaks(surface, pcurve, span)
+def _rule(breaks: Array, pcurve: Curve, span: tuple[float, float]) -> tuple[Array, Array]:
     return _known_rule(pcurve.knots.tobytes(), *span) if len(breaks) == 0 else span_rule(pcurve, span, breaks)
 
 
@@ -82,22 +82,31 @@ def _known_rule(knots: bytes, low: float, high: float) -> tuple[Array, Array]:
     return composite(breaks, FINE_SPANS) if len(breaks) > FINE else composite(breaks)
 
 
-def _breaks(surface: Surface | Quadric, pcurve: Curve, span: tuple[float, float]) -> Array:
-    if isinstance(surface, Surface):
-        return _knot_crossings(surface, pcurve, span)
-    angles = pcurve.poles if isinstance(surface, Sphere | Torus) else pcurve.poles[:, :1]
+def _breaks_on(surface: Surface | Quadric) -> Callable[[Curve, tuple[float, float]], Array]:
+    """What tells where else than at its knots a parameter curve's piece is broken."""
+    if not isinstance(surface, Surface):
+        return partial(_turns, isinstance(surface, Sphere | Torus))
+    inner = [np.unique(knots)[1:-1] for knots in (surface.knots_u, surface.knots_v)]
+    return partial(_knot_crossings, inner) if any(len(k) for k in inner) else _nowhere
+
+
+def _nowhere(pcurve: Curve, span: tuple[float, float]) -> Array:
+    return np.zeros(0)
+
+
+def _turns(both: bool, pcurve: Curve, span: tuple[float, float]) -> Array:
+    angles = pcurve.poles if both else pcurve.poles[:, :1]
     pieces = int(np.ceil(np.abs(np.diff(angles, axis=0)).sum() / ARC))
     return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
 
 
-def _knot_crossings(surface: Surface, pcurve: Curve, span: tuple[float, float]) -> Array:
+def _knot_crossings(inner: Sequence[Array], pcurve: Curve, span: tuple[float, float]) -> Array:
     """Where the parameter curve passes an inner knot of the surface, where derivatives may jump."""
     found = []
-    for axis, knots in ((0, surface.knots_u), (1, surface.knots_v)):
-        inner = np.unique(knots)[1:-1]
-        if len(inner):
+    for axis, knots in enumerate(inner):
+        if len(knots):
             piecewise = PPoly.from_spline((pcurve.knots, pcurve.poles[:, axis], pcurve.degree))
-            found += [piecewise.solve(knot, extrapolate=False) for knot in inner]
+            found += [piecewise.solve(knot, extrapolate=False) for knot in knots]
     at = np.concatenate([np.zeros(0), *found])
     return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
 

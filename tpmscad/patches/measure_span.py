@@ -6,8 +6,9 @@ the number of its nodes, and one table of coefficients for the patch.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
-from numpy.polynomial import legendre
 
 from tpmscad.patches.complex import Array
 from tpmscad.patches.measure_pieces import COLUMNS, Pieces, columns, gauss, loop_nodes
@@ -17,8 +18,8 @@ MORE = 1
 """Terms beyond the 4 p of x (x . n), which are exact. The area's square root is as good: on I-WP, whose |n| varies most, 25 more
 move it by 4e-14 of itself."""
 
-AT_ONCE = 256
-"""Pieces whose matrices are multiplied by the table at once."""
+AT_ONCE = 32
+"""Pieces taken at once: their nodes' polynomials stay in the processor's cache."""
 
 
 def has_one_span(carrier: Surface) -> bool:
@@ -35,13 +36,16 @@ def span_pieces(surface: Surface, pieces: Pieces) -> Array:
     (u0, u1), (v0, v1) = surface.domain
     terms = 4 * surface.degree_u + MORE, 4 * surface.degree_v + MORE
     table = _series(surface, terms).reshape(-1, COLUMNS)
-    along_u = 0.5 * (u1 - u0) * _antiderivatives(2.0 * (u - u0) / (u1 - u0) - 1.0, terms[0])
-    along_v = rise[:, None] * legendre.legvander(2.0 * (v - v0) / (v1 - v0) - 1.0, terms[1] - 1)
+    x, y = 2.0 * (u - u0) / (u1 - u0) - 1.0, 2.0 * (v - v0) / (v1 - v0) - 1.0
     moving, start = np.unique(of, return_index=True)
-    stop = np.append(start[1:], len(of))
+    bounds = np.append(start, len(of))
     for at in range(0, len(moving), AT_ONCE):
-        own = zip(start[at : at + AT_ONCE].tolist(), stop[at : at + AT_ONCE].tolist(), strict=True)
-        products = np.stack([along_u[a:b].T @ along_v[a:b] for a, b in own])
+        own = bounds[at : at + AT_ONCE + 1]
+        rows = slice(own[0], own[-1])
+        along_u = 0.5 * (u1 - u0) * _antiderivatives(x[rows], terms[0])
+        along_v = rise[rows] * _legendre(y[rows], terms[1])
+        ends = (own - own[0]).tolist()
+        products = np.stack([along_u[:, a:b] @ along_v[:, a:b].T for a, b in pairwise(ends)])
         result[moving[at : at + AT_ONCE]] = products.reshape(-1, len(table)) @ table
     return result
 
@@ -55,16 +59,24 @@ def _series(surface: Surface, terms: tuple[int, int]) -> Array:
     normals = np.cross(surface.grid(us, vs, 1, 0), surface.grid(us, vs, 0, 1))
     values = columns(points.reshape(-1, 1, 3), normals.reshape(-1, 1, 3), np.ones(1)).reshape(*terms, COLUMNS)
     to_u, to_v = (
-        (legendre.legvander(t, n - 1) * (w[:, None] * (np.arange(n) + 0.5))).T
-        for t, w, n in ((x, wx, terms[0]), (y, wy, terms[1]))
+        _legendre(t, n) * (w * (np.arange(n) + 0.5)[:, None]) for t, w, n in ((x, wx, terms[0]), (y, wy, terms[1]))
     )
     return np.asarray(np.einsum("iu,uvk,jv->ijk", to_u, values, to_v, optimize=True))
 
 
 def _antiderivatives(x: Array, terms: int) -> Array:
-    """Integrals of the Legendre polynomials from -1 to x (n,): (n, terms)."""
-    values = legendre.legvander(x, terms)
-    result = np.empty((len(x), terms))
-    result[:, 0] = x + 1.0
-    result[:, 1:] = (values[:, 2:] - values[:, :-2]) / (2.0 * np.arange(1, terms) + 1.0)
+    """Integrals of the Legendre polynomials from -1 to x (n,): (terms, n)."""
+    values = _legendre(x, terms + 1)
+    result = np.empty((terms, len(x)))
+    result[0] = x + 1.0
+    result[1:] = (values[2:] - values[:-2]) / (2.0 * np.arange(1, terms) + 1.0)[:, None]
     return result
+
+
+def _legendre(x: Array, terms: int) -> Array:
+    """The Legendre polynomials at x (n,): (terms, n)."""
+    values = np.empty((terms, len(x)))
+    values[0], values[1] = 1.0, x
+    for k in range(2, terms):
+        values[k] = ((2 * k - 1) * x * values[k - 1] - (k - 1) * values[k - 2]) / k
+    return values
