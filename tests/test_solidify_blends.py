@@ -1,4 +1,4 @@
-"""Blended walls as solids: where a wall thins out to an edge the edge is rounded, and the certificate says so."""
+"""Blends as solids: edges of walls that thin out are rounded, and the certificate says so; bodies bound what counts."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from scipy.optimize import brentq
 
 from tpmscad import fields, kernel
 from tpmscad.blend.composition import BlendedField
+from tpmscad.patches.field_caps import LayoutError
 from tpmscad.solids import solidify
 from tpmscad.splines.bspline import Surface
 
@@ -65,3 +66,19 @@ def test_a_wall_that_thins_out_to_an_edge_is_a_solid_whose_edge_is_rounded_withi
 
     model.export_step(tmp_path / "wall.step")
     assert kernel.check_step(tmp_path / "wall.step").ok
+
+
+def test_what_a_field_is_beyond_a_body_does_not_matter() -> None:
+    from build123d import Cylinder
+
+    ball = fields.sphere((0.0, 0.0, 0.0), 0.7)
+    field = fields.from_function(
+        lambda p: np.where(np.abs(p[:, 2]) > 0.5, 5.0, ball(p)),
+        lambda p: np.where(np.abs(p[:, 2:]) > 0.5, 0.0, ball.gradient(p)),
+    )
+    with pytest.raises(LayoutError, match="jumps"):
+        solidify(field, ((-0.61, -0.61, -0.51), (0.61, 0.61, 0.51)), tol=5e-3)
+    found = solidify(field, Cylinder(0.6, 1.0), tol=5e-3).certificate
+    assert found.met, found.shortfalls
+    assert found.betti == (1, 0, 0)
+    assert found.volume == pytest.approx(quad(lambda z: np.pi * min(0.36, 0.49 - z * z), -0.5, 0.5)[0], rel=1e-3)
