@@ -59,6 +59,16 @@ def test_in_a_builder_it_replaces_the_part_and_building_goes_on(tmp_path: Path) 
     assert tpmscad.check_step(tmp_path / "part.step").ok
 
 
+def test_faces_of_the_part_being_built_may_stay_open() -> None:
+    with bd.BuildPart() as built:
+        bd.Box(20, 16, 14)
+        ends = built.faces().sort_by(bd.Axis.Z)
+        whole = TpmsInfill("P", **P, skin=1.5, open_faces=[ends[0], ends[-1]])
+    assert whole.open_faces == (ends[0], ends[-1])
+    assert built.part.is_valid
+    assert len(built.part.solids()) == len(built.part.shells()) == 1
+
+
 def test_selectors_find_the_body_s_own_faces(filled: TpmsInfill) -> None:
     assert {f.geom_type for f in filled.faces()} >= {bd.GeomType.PLANE, bd.GeomType.CYLINDER}
     assert all(f.radius == pytest.approx(7) for f in filled.faces().filter_by(bd.GeomType.CYLINDER))

@@ -65,6 +65,15 @@ def test_the_chain_goes_on(cq: Any, tmp_path: Path) -> None:
     assert tpmscad.check_step(tmp_path / "assembly.step").ok
 
 
+def test_faces_that_stay_open_may_be_selected(cq: Any) -> None:
+    block = cq.Workplane().box(20, 16, 14)
+    part = block.tpmsInfill(**P, skin=1.5, open_faces="<Z or >Z")
+    assert part.val().isValid()
+    assert part.solids().size() == part.shells().size() == 1
+    again = block.tpmsInfill(**P, skin=1.5, open_faces=block.faces("<Z or >Z").vals())
+    assert again.val().Volume() == pytest.approx(part.val().Volume(), rel=1e-9)
+
+
 def test_what_cannot_be_filled_is_refused(cq: Any) -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="holds no solid"):
         cq.Workplane().rect(20, 20).tpmsInfill(**P)
