@@ -15,6 +15,7 @@ from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.field_complex import FieldSolid, field_complex
 from tpmscad.patches.field_inside import inside
 from tpmscad.patches.field_period import no_copies, repeated, tied
+from tpmscad.patches.field_period_tree import piece_of, repeated_tree
 from tpmscad.patches.field_work import workers
 from tpmscad.patches.joints import joints
 from tpmscad.patches.layout import octree
@@ -138,3 +139,35 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
     assert np.array_equal(pooled.faces.translation, serial.faces.translation)
     for one, other in zip(pooled.carriers, serial.carriers, strict=True):
         assert not isinstance(one, Surface) or np.array_equal(one.poles, other.poles)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lo, hi = np.array([0.0, 1.0, 2.0]), np.array([40.0, 51.0, 17.0])
+    end, periods = piece_of(GYROID, lo, hi)
+    assert end.tolist() == [20.0, 21.0, 17.0]
+    assert periods.tolist() == [4, 5, 0]
+    tree = octree.uniform(lo, end, np.array([8, 8, 6]))
+    for _ in range(2):
+        tree = octree.split(tree, rng.random(len(tree.size)) < 0.03)
+    whole = repeated_tree(tree, hi, periods)
+    assert np.allclose(whole.step, tree.step, rtol=1e-12)
+    for number in rng.integers(0, len(whole.size), 200):
+        corner, size = whole.origin[number], whole.size[number]
+        inner = np.stack(np.meshgrid(*(np.arange(size),) * 3, indexing="ij"), -1).reshape(-1, 3) + corner
+        per = tree.shape // np.where(periods > 0, 2, 1)
+        last = np.where(periods > 0, periods, 1) - 1
+        within, cell = inner % per, inner // per
+        found = []
+        for upper in np.ndindex(2, 2, 2):  # the leaves of the piece that the place stands for
+            use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
+            found.append(tree.size[tree.leaf[tuple((within + use * per).T)]])
+        assert size <= np.min(found)
+    assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
+
+
+def test_only_long_boxes_of_whole_periods_are_searched_in_a_piece() -> None:
+    for size in ((20.0, 10.0, 10.0), (39.0, 10.0, 10.0)):
+        assert not piece_of(GYROID, LO, np.array(size))[1].any()
+    assert not piece_of(fields.sphere((0, 0, 0), 30.0), LO, np.array([40.0, 40.0, 40.0]))[1].any()

@@ -14,6 +14,7 @@ from tpmscad.fields.field import Field
 from tpmscad.patches.field_caps import LayoutError
 from tpmscad.patches.field_fewer import fewer
 from tpmscad.patches.field_layer import Layer, fitted, laid, split
+from tpmscad.patches.field_period_tree import piece_of, repeated_tree
 from tpmscad.patches.field_work import Work, here
 from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.dual import Mesh
@@ -65,28 +66,37 @@ def laid_out(
 
 
 def _starts(field: Field, lo: Array, hi: Array, first: float, probed: bool) -> Iterator[tuple[Octree, Mesh]]:
-    """Layouts to start from, those of the fewest patches first."""
+    """Layouts to start from, those of the fewest patches first. Of periodic fields a piece is searched, and repeated."""
     found: list[tuple[int, Octree, Mesh]] = []
     seen: set[tuple[int, ...]] = set()
     least = np.iinfo(np.int64).max
+    end, periods = piece_of(field, lo, hi)
+
+    def whole(tree: Octree, mesh: Mesh) -> tuple[Octree, Mesh]:
+        if not periods.any():
+            return tree, mesh
+        made = _unfolded(field, repeated_tree(tree, hi, periods), None, np.inf)
+        assert made is not None
+        return made
+
     for finer in TRIED:
-        counts = _counts(field, lo, hi, first / finer)
+        counts = _counts(field, lo, end, first / finer)
         if tuple(counts) in seen:
             continue
         seen.add(tuple(counts))
-        tree = octree.uniform(lo, hi, counts)
+        tree = octree.uniform(lo, end, counts)
         made = _unfolded(field, _refined(tree, field, None) if probed else tree, None, WORTH * least)
         if made is not None and finer == TRIED[0] and made[0].size.max() == 1:
-            yield made
+            yield whole(*made)
         elif made is not None:
             found.append((_patches(made[1]), *made))
             least = min(least, found[-1][0])
     for _, tree, mesh in sorted(found, key=lambda each: each[0])[:MOST]:
-        yield tree, mesh
-    tree = _refined(octree.uniform(lo, hi, _counts(field, lo, hi, first)), field, CONE)
+        yield whole(tree, mesh)
+    tree = _refined(octree.uniform(lo, end, _counts(field, lo, end, first)), field, CONE)
     made = _unfolded(field, tree, None, np.inf)
     if made is not None:
-        yield made
+        yield whole(*made)
 
 
 def _unfolded(field: Field, tree: Octree, before: Mesh | None, most: float) -> tuple[Octree, Mesh] | None:
