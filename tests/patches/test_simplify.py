@@ -14,7 +14,8 @@ from tpmscad.patches.layout import octree
 from tpmscad.patches.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.layout.relax import relaxed
-from tpmscad.patches.layout.simplify import badness, simplified
+from tpmscad.patches.layout.shape import badness
+from tpmscad.patches.layout.simplify import simplified
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
 FIELDS = {
@@ -113,7 +114,7 @@ class TestEverySimplifiedLayout:
         mesh = smaller(name)[0]
         assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
         assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
-        before, after = (badness(m.vertices, normals(m, name), rows(m)).max() for m in (layout(name), mesh))
+        before, after = (badness(m.vertices, normals(m, name), m.fixed, rows(m)).max() for m in (layout(name), mesh))
         assert after <= max(1.0, before)
 
 

@@ -29,6 +29,9 @@ SINE, TURN = 0.02, -0.8
 SECTION = -0.3
 """Least cosine between the normals of the surface's section with the box at the ends of a side."""
 
+TYPICAL_DEG = 0.5
+"""Tangent jump that at most one joint in twenty may exceed; degrees are raised beside those that do."""
+
 MANY = 0.1
 """Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
 
@@ -130,7 +133,9 @@ def fitted(
     for degree in DEGREES[1:]:
         folded, coarse, rough = _wrong(net, measured, tol)
         weak = folded | coarse | rough
-        if not weak.any() or weak.mean() > MANY:
+        many = weak.mean() > MANY
+        weak |= _uneven(net, measured)
+        if many or not weak.any():
             break
         weak = copies.any_patch(weak)
         patch_degree = np.where(weak, degree, patch_degree)
@@ -175,6 +180,14 @@ def _wrong(net: Net, measured: field_check.Measured, tol: float) -> tuple[Mask, 
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
     steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
     return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
+
+
+def _uneven(net: Net, measured: field_check.Measured) -> Mask:
+    """Patches (Q,) beside the steeper joints, where too many are above the typical."""
+    steep = np.zeros(len(net.ends), bool)
+    if len(measured.jump) and np.percentile(measured.jump, 95) > 0.8 * TYPICAL_DEG:
+        steep[measured.curve[measured.jump > TYPICAL_DEG]] = True
+    return np.asarray(steep[net.curve].any(axis=1))
 
 
 def _doubled(mesh: Mesh) -> Ints:

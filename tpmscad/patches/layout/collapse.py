@@ -238,7 +238,8 @@ def mesh_of(polygons: Polygons, vertices: np.ndarray, size: np.ndarray, numbers:
     sides = np.full(corners.shape, -1)
     sides[q, i] = number.ravel()
     plane = np.full(len(ends), -1)
-    both = np.flatnonzero(polygons.mesh.fixed[of].any(axis=1)[ends].all(axis=1))
+    on_box = np.asarray(polygons.fixed)[of] > 0
+    both = np.flatnonzero(on_box[ends[:, 0]] & on_box[ends[:, 1]])
     for s in both:
         a, b = of[ends[s]].tolist()
         plane[s] = polygons.plane.get((a, b), -1)

@@ -1,10 +1,10 @@
 """Layouts with fewer patches: polygons merged for as long as what is left is shaped well enough to be fitted.
 
 A layout's patches are given by where its octree had to be fine: near necks, in 2:1 transitions, and in triangles, which count
-three. Merging takes vertices into others (`collapse`): along a diagonal of a quadrilateral, along a side of a triangle, or along
-a strip of quadrilaterals from one triangle to another, which leaves neither. In every round the changes that leave the best
-polygons are made wherever they are out of each other's way, the vertices near them are relaxed on the surface, and those after
-which a polygon is worse than the limits, and worse than before, are taken back.
+three. Merging takes vertices into others (`changes`): along a diagonal of a quadrilateral, along a side of a triangle, or along
+a strip of quadrilaterals between triangles or sides on the box. In every round the changes that leave the best polygons are made
+wherever they are out of each other's way, the vertices near them are relaxed on the surface, and those after which a polygon is
+worse than the limits, and worse than before, are taken back.
 """
 
 from __future__ import annotations
@@ -15,22 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.layout.changes import changes
 from tpmscad.patches.layout.collapse import Change, Polygon, Polygons, mesh_of
 from tpmscad.patches.layout.dual import Mesh
 from tpmscad.patches.layout.octree import Array, Ints, Mask
-from tpmscad.patches.layout.relax import corner_sines, onto, settled
-
-SINE, TILT, TURN = 0.42, 0.8, -0.3
-"""Polygons are wanted with corners of at least this sine, sides and diagonals that leave the surface by at most this sine, and
-normals at the corners with at least this cosine. Of 12,000 patches of nine uniform layouts of blends with a least sine above 0.4
-and a turning below 90 degrees 98 % were fitted within tol at degree 5; of those with a sine of 0.1 to 0.2, 80 %."""
+from tpmscad.patches.layout.relax import onto, settled
+from tpmscad.patches.layout.shape import badness, between, unit, worst
 
 BEFORE = 1.25
 """Changes are tried that are worse than the limits by this before vertices are relaxed."""
 
-SWEEPS, LAST, ROUNDS, BETWEEN = 10, 60, 10, 4
-STRIP = 8
-"""Quadrilaterals of the longest strips that are collapsed."""
+SWEEPS, LAST = 10, 60
+"""Sweeps of the relaxation after a round, and of all that is not locked in the end."""
+
+ROUNDS, BETWEEN = 10, 4
+"""Times that polygons are looked at again whose surroundings have moved, and rounds from one to the next."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +58,7 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     free = np.ones(len(of), bool)
     free[into[work.locked]] = False
     last = settled(small, free, field, lo, hi, LAST)
-    return Simplified(last if _worst(last, field) <= max(1.0, _worst(small, field)) else small, into)
+    return Simplified(last if worst(last, field) <= max(1.0, worst(small, field)) else small, into)
 
 
 class _Work:
@@ -70,7 +69,7 @@ class _Work:
         self.polygons = Polygons(mesh, locked)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf = mesh.size.copy()
-        self.normals = _unit(field.gradient(self.vertices))
+        self.normals = unit(field.gradient(self.vertices))
         self.into = np.arange(len(mesh.vertices))
         self.known: dict[int, list[tuple[float, int, Change]]] = {}
         self.dirty = set(self.polygons.polygon)
@@ -141,8 +140,11 @@ class _Work:
         touched = sorted({f for _, _, near in chosen for v in near for f in polygons.around[v]})
         part, of = mesh_of(polygons, self.vertices, self.size(), touched)
         self.vertices[of] = settled(part, free[of], self.field, self.lo, self.hi, SWEEPS).vertices
-        self.normals[of] = _unit(self.field.gradient(self.vertices[of]))
+        self.normals[of] = unit(self.field.gradient(self.vertices[of]))
         bad = self._bad(touched)
+        seen = [polygons.polygon[f] for f in touched]
+        missed = between(self.field, self.vertices, self.normals, self.fixed, seen)
+        bad = {f: max(bad[f], float(m)) for f, m in zip(touched, missed, strict=True)}
         kept_count = 0
         for (number, change, near), was, (numbers, old, planes) in zip(chosen, worst_before, undo, strict=True):
             here = {f for v in near for f in polygons.around[v]}
@@ -162,7 +164,7 @@ class _Work:
     def _bad(self, numbers: Iterable[int]) -> dict[int, float]:
         """How bad polygons are, by number."""
         order = sorted(numbers)
-        found = badness(self.vertices, self.normals, [self.polygons.polygon[f] for f in order])
+        found = badness(self.vertices, self.normals, self.fixed, [self.polygons.polygon[f] for f in order])
         return dict(zip(order, found.tolist(), strict=True))
 
     def _look(self) -> None:
@@ -173,13 +175,14 @@ class _Work:
             del self.known[number]
         for number in sorted(f for f in self.dirty if f in polygons.polygon):
             self.known[number] = []
-            found += [(number, change) for change in self._changes(number)]
+            found += [(number, change) for change in changes(polygons, number)]
         self.dirty = set()
         if not found:
             return
         # where vertices would go, as vertices of their own behind the mesh's
         place: list[dict[int, int]] = []
-        points, fixed, reach = [], [], []
+        points: list[Array] = []
+        fixed, reach = [], []
         for _, change in found:
             own: dict[int, int] = {}
             for w in sorted(set(change.into.values())):
@@ -193,9 +196,10 @@ class _Work:
         if points:
             new = onto(self.field, np.array(points), np.array(fixed), np.array(reach), 4)
             vertices = np.concatenate([self.vertices, new])
-            normals = np.concatenate([self.normals, _unit(self.field.gradient(new))])
+            normals = np.concatenate([self.normals, unit(self.field.gradient(new))])
+            held = np.concatenate([self.fixed, np.array(fixed)])
         else:
-            vertices, normals = self.vertices, self.normals
+            vertices, normals, held = self.vertices, self.normals, self.fixed
         rows: list[Polygon] = []
         owner: list[int] = []
         for i, ((_, change), own) in enumerate(zip(found, place, strict=True)):
@@ -203,92 +207,8 @@ class _Work:
             for polygon in [*change.new, *(polygons.polygon[f] for f in sorted(around))]:
                 rows.append(tuple(own.get(v, v) for v in polygon))
                 owner.append(i)
-        worst = np.zeros(len(found))
-        np.maximum.at(worst, owner, badness(vertices, normals, rows))
-        for i in np.flatnonzero(worst <= BEFORE):
+        most = np.zeros(len(found))
+        np.maximum.at(most, owner, badness(vertices, normals, held, rows))
+        for i in np.flatnonzero(most <= BEFORE):
             number, change = found[i]
-            self.known[number].append((float(worst[i]) - 0.05 * change.saved, len(self.known[number]), change))
-
-    def _changes(self, number: int) -> list[Change]:
-        """The changes that start from a polygon."""
-        polygons, polygon = self.polygons, self.polygons.polygon[number]
-        found: list[Change | None] = []
-        if len(polygon) == 4:
-            for a, c in ((polygon[0], polygon[2]), (polygon[1], polygon[3])):
-                into = self._merging(a, c, False)
-                if into is not None:
-                    found.append(polygons.collapsed(into, [number]))
-        else:
-            for i, v in enumerate(polygon):
-                u = polygon[i - 1]
-                other = polygons.beside.get((v, u), -1)
-                if other >= 0 and len(polygons.polygon[other]) == 3:
-                    found.append(polygons.joined(number, other, u, v))
-                found += self._strips(number, u, v)
-        return [change for change in found if change is not None]
-
-    def _strips(self, number: int, u: int, v: int) -> list[Change | None]:
-        """Collapses of the side u to v of a triangle and of those opposite, one after another, up to a triangle or the box."""
-        polygons = self.polygons
-        found: list[Change | None] = []
-        into: dict[int, int] = {}
-        used: set[int] = set()
-        gone = [number]
-        for _ in range(STRIP):
-            step = self._merging(u, v, (min(u, v), max(u, v)) in polygons.plane)
-            if step is None or used & {u, v}:
-                break
-            used |= {u, v}
-            into.update(step)
-            other = polygons.beside.get((v, u), -1)
-            if other < 0 or other in gone:
-                if other < 0:
-                    found.append(polygons.collapsed(dict(into), gone))
-                break
-            corners = polygons.polygon[other]
-            if len(corners) == 3:
-                found.append(polygons.collapsed(dict(into), [*gone, other]))
-                break
-            if len(gone) == 1:
-                found.append(polygons.collapsed(dict(into), gone))
-            gone.append(other)
-            i = corners.index(v)
-            v, u = corners[i - 1], corners[(i + 2) % 4]
-        return found
-
-    def _merging(self, a: int, b: int, on_box: bool) -> dict[int, int] | None:
-        """Which of two vertices goes into the other: towards the box and its edges, and along the box only."""
-        if self.locked[a] or self.locked[b]:
-            return None
-        one, other = int(self.fixed[a].sum()), int(self.fixed[b].sum())
-        if one and other and (not on_box or one + other == 4):
-            return None
-        return {a: b} if (other, b) > (one, a) else {b: a}
-
-
-def _worst(mesh: Mesh, field: Field) -> float:
-    rows = [tuple(row if row[3] >= 0 else row[:3]) for row in mesh.corners.tolist()]
-    return float(badness(mesh.vertices, _unit(field.gradient(mesh.vertices)), rows).max(initial=0.0))
-
-
-def badness(vertices: Array, normals: Array, polygons: Sequence[Polygon]) -> Array:
-    """How near polygons are to the limits of their shape, (Q,): above 1 beyond them."""
-    result = np.zeros(len(polygons))
-    count = np.array([len(p) for p in polygons])
-    for n in (3, 4):
-        at = np.flatnonzero(count == n)
-        if not len(at):
-            continue
-        corners = np.array([polygons[i] for i in at])
-        each, points = normals[corners], vertices[corners]
-        sine = corner_sines(vertices, corners, normals).min(axis=1)
-        turn = (each @ np.swapaxes(each, 1, 2)).min(axis=(1, 2))
-        chord = points[:, :, None] - points[:, None]
-        length = np.linalg.norm(chord, axis=3)
-        tilt = np.abs(np.einsum("qijx,qix->qij", chord, each)) / np.maximum(length, 1e-300)
-        result[at] = np.maximum.reduce([(1 - sine) / (1 - SINE), tilt.max(axis=(1, 2)) / TILT, (1 - turn) / (1 - TURN)])
-    return result
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))
+            self.known[number].append((float(most[i]) - 0.05 * change.saved, len(self.known[number]), change))
