@@ -1,0 +1,58 @@
+"""Laws of layers made again with fewer patches: they pass, too, or the layer stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.patches import field_fewer
+from tpmscad.patches.field_fewer import fewer
+from tpmscad.patches.field_layer import Layer, fitted, laid
+from tpmscad.patches.field_samples import samples_of
+from tpmscad.patches.layout import octree
+
+LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
+BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)
+
+
+@cache
+def layer() -> tuple[Layer, np.ndarray]:
+    tree = octree.uniform(LO, HI, np.array((6, 7, 5)))
+    tree = octree.split(tree, np.random.default_rng(3).random(len(tree.size)) < 0.1)
+    samples = samples_of(BALL, LO, HI, 0.7)
+    mesh, _ = laid(tree, BALL)
+    return fitted(BALL, tree, mesh, TOL, samples), samples
+
+
+def test_a_layer_that_passes_is_made_of_fewer_patches_that_pass_too() -> None:
+    whole, samples = layer()
+    assert not len(whole.bad)
+    small = fewer(whole, TOL, samples)
+    assert not len(small.bad)
+    assert len(small.fit.patches) < 0.7 * len(whole.fit.patches)
+    assert small.measured.of.distance.max() <= TOL
+    assert small.measured.jump.max() <= 2.0
+
+
+def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, samples = layer()
+    tried = []
+
+    def failing(*args: object) -> Layer:
+        tried.append(args)
+        return replace(whole, bad=np.unique(whole.mesh.cell)[:3])
+
+    monkeypatch.setattr(field_fewer, "fitted", failing)
+    assert fewer(whole, TOL, samples) is whole
+    assert 1 < len(tried) <= field_fewer.ATTEMPTS
+
+
+def test_periods_stay_alike() -> None:
+    field = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+    whole, samples = layer()
+    periodic = replace(whole, field=field)
+    assert fewer(periodic, TOL, samples) is periodic
