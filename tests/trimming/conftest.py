@@ -1,9 +1,14 @@
-"""Lattices to trim: Bezier patches through Chebyshev points of the exact surfaces, equal on common sides to round-off."""
+"""Lattices to trim: Bezier patches through Chebyshev points of the exact surfaces, equal on common sides to round-off.
+
+The folder's own modules and those of patches (solids of revolution made by hand) can be imported by its tests.
+"""
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +17,8 @@ from tpmscad import surfaces
 from tpmscad.patches import lattice as lattices
 from tpmscad.patches.complex import PatchComplex, scaled
 from tpmscad.splines.bspline import Surface, design
+
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "patches")]
 
 CELL = 10.0
 Cover = Callable[..., PatchComplex]

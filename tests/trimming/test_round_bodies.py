@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+import round_shapes as shapes
+from misfits import misfit
 from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
 from tpmscad.errors import InvalidRequest
 from tpmscad.patches import connectivity, measure
 from tpmscad.patches import lattice as lattices
-from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import TrimmingError, polyhedron, trim
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "patches"))  # solids of revolution made by hand
-import round_shapes as shapes
 
 CELL = 10.0
 TOL = 1e-7
@@ -71,25 +67,6 @@ BODIES = {
     "pierced block": lambda: shifted(shapes.pierced_block(), (7.0, 8.0, 9.0)),
     "bracket": bracket,
 }
-
-
-def misfit(complex: PatchComplex) -> np.ndarray:
-    """For every use, how far the carrier at its parameter curve is from the edge's curve, and that from the edge's vertices."""
-    result = []
-    faces, edges, uses = complex.faces, complex.edges, complex.uses
-    for use, face in enumerate(complex.face_of_use):
-        edge = uses.edge[use]
-        t = np.linspace(*edges.span[edge], 14)
-        points = complex.curves[edges.curve[edge]](t) @ edges.rotation[edge].T + edges.translation[edge]
-        carrier = complex.carriers[faces.carrier[face]]
-        local = (points - faces.translation[face]) @ faces.rotation[face]
-        if isinstance(carrier, Plane):
-            off = np.abs(carrier.distance(local))
-        else:
-            off = np.linalg.norm(carrier(*complex.pcurves[uses.pcurve[use]](t).T) - local, axis=1)
-        ends = complex.vertices[[edges.start[edge], edges.end[edge]]]
-        result.append(max(off.max(), np.linalg.norm(points[[0, -1]] - ends, axis=1).max()))
-    return np.array(result)
 
 
 @pytest.mark.parametrize(

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+import round_shapes as shapes
 
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.trimming import box, cuts, marching, sweeping, trim
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "patches"))  # solids of revolution made by hand
-import round_shapes as shapes
 
 BODIES = {
     "box": lambda: box(np.array([1.3, 2.1, 1.7]), np.array([8.2, 9.1, 7.9])),
