@@ -92,7 +92,7 @@ def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
             )  # fits amplify round-off, far below tol
     assert summary(one.complex).volume == pytest.approx(summary(other.complex).volume, rel=1e-9)
     for name in ("to_field", "from_field", "rms", "cosine", "jump_deg", "jump_p95_deg", "curvature_jump"):
-        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-6), name
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-4), name
 
 
 def test_copies_are_neither_fitted_nor_measured(monkeypatch: pytest.MonkeyPatch) -> None:
