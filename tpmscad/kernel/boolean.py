@@ -12,7 +12,6 @@ from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
@@ -85,20 +84,12 @@ def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
     """Pieces, tunnels and voids of solids, from their shells' Euler characteristics."""
     pieces = voids = euler = 0
     for solid in solids:
-        shells = _count(solid, TopAbs_SHELL)
+        shells = len(convert.explored(solid, TopAbs_SHELL))
         pieces, voids = pieces + 1, voids + shells - 1
         edges = [e for e, _ in convert.ancestors(solid, TopAbs_EDGE, TopAbs_FACE)]
         proper = sum(not BRep_Tool.Degenerated_s(convert.as_edge(e)) for e in edges)
         vertices = len(convert.ancestors(solid, TopAbs_VERTEX, TopAbs_EDGE))
-        faces = _count(solid, TopAbs_FACE)
-        wires = _count(solid, TopAbs_WIRE)
+        faces = len(convert.explored(solid, TopAbs_FACE))
+        wires = len(convert.explored(solid, TopAbs_WIRE))
         euler += vertices - proper + 2 * faces - wires  # a face with h holes counts as 1 - h
     return pieces, pieces + voids - euler // 2, voids
-
-
-def _count(shape: TopoDS_Shape, kind: object) -> int:
-    explorer, count = TopExp_Explorer(shape, kind), 0
-    while explorer.More():
-        count += 1
-        explorer.Next()
-    return count

@@ -14,7 +14,6 @@ from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.Geom import Geom_BSplineSurface, Geom_Plane
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_VERTEX
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
@@ -172,7 +171,7 @@ def bounding_box(shape: Any) -> tuple[Array, Array]:
     for edge, _ in convert.ancestors(topods, TopAbs_EDGE, TopAbs_FACE):
         if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
             BRepBndLib.AddOptimal_s(edge, box, False, False)
-    for face in _explored(topods, TopAbs_FACE):
+    for face in convert.explored(topods, TopAbs_FACE):
         if not isinstance(BRep_Tool.Surface_s(convert.as_face(face)), (Geom_BSplineSurface, Geom_Plane)):
             BRepBndLib.Add_s(face, box)
     if box.IsVoid():
@@ -187,10 +186,10 @@ def _triple(values: Array) -> tuple[float, float, float]:
 
 
 def _measured(solid: TopoDS_Solid) -> _Solid:
-    faces = [convert.as_face(f) for f in _explored(solid, TopAbs_FACE)]
+    faces = [convert.as_face(f) for f in convert.explored(solid, TopAbs_FACE)]
     edges = convert.ancestors(solid, TopAbs_EDGE, TopAbs_FACE)
     return _Solid(
-        shells=len(_explored(solid, TopAbs_SHELL)),
+        shells=len(convert.explored(solid, TopAbs_SHELL)),
         faces=len(faces),
         edges=len(edges),
         valid=is_valid(solid),
@@ -201,14 +200,6 @@ def _measured(solid: TopoDS_Solid) -> _Solid:
             float(BRep_Tool.MaxTolerance_s(solid, kind)) for kind in (TopAbs_VERTEX, TopAbs_EDGE, TopAbs_FACE)
         ),
     )
-
-
-def _explored(shape: TopoDS_Shape, kind: Any) -> list[TopoDS_Shape]:
-    explorer, found = TopExp_Explorer(shape, kind), []
-    while explorer.More():
-        found.append(explorer.Current())
-        explorer.Next()
-    return found
 
 
 def _placed_box(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:

@@ -30,7 +30,7 @@ from OCP.Geom import (
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
 from OCP.gp import gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
 from OCP.TCollection import TCollection_AsciiString
-from OCP.TopExp import TopExp
+from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS
 
 from tpmscad.patches.carriers import Circle, Cone, Cylinder, EdgeCurve, Ellipse, Quadric, Sphere
@@ -221,6 +221,15 @@ def first_vertex(edge: Any) -> Any:
 def last_vertex(edge: Any) -> Any:
     """Where the edge's curve ends."""
     return TopExp.LastVertex_s(edge)
+
+
+def explored(shape: Any, kind: Any) -> list[Any]:
+    """The sub-shapes of a kind (TopAbs_FACE, ...) as the shape uses them, one for each use."""
+    explorer, found = TopExp_Explorer(shape, kind), []
+    while explorer.More():
+        found.append(explorer.Current())
+        explorer.Next()
+    return found
 
 
 def ancestors(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:

@@ -12,7 +12,6 @@ from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_Plane
 from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_WIRE
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
 
 from tpmscad.errors import InvalidRequest, KernelError
@@ -101,11 +100,7 @@ def open_faces_of(body: Body, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
 
 
 def _shells(solid: TopoDS_Solid) -> list[Any]:
-    explorer, found = TopExp_Explorer(solid, TopAbs_SHELL), []
-    while explorer.More():
-        found.append(convert.as_shell(explorer.Current()))
-        explorer.Next()
-    return found
+    return [convert.as_shell(shell) for shell in convert.explored(solid, TopAbs_SHELL)]
 
 
 def _outward_plane(face: TopoDS_Face) -> Plane:
@@ -149,11 +144,7 @@ def _pierced(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> I
 
 def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
     """The face's loops as seen from outside, counter-clockwise around it."""
-    explorer, found = TopExp_Explorer(face, TopAbs_WIRE), []
-    while explorer.More():
-        found.append(convert.as_wire(explorer.Current()))
-        explorer.Next()
-    return found
+    return [convert.as_wire(wire) for wire in convert.explored(face, TopAbs_WIRE)]
 
 
 def _along(edge: Any, pieces: int) -> Array:

@@ -19,7 +19,6 @@ from OCP.Geom import Geom_BSplineSurface, Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopAbs import TopAbs_FACE, TopAbs_ON, TopAbs_REVERSED
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -72,11 +71,7 @@ class Creases:
 
 def faces_of(shape: Any) -> list[TopoDS_Face]:
     """The faces of a shape as its solids use them, in the explorer's order."""
-    explorer, found = TopExp_Explorer(getattr(shape, "wrapped", shape), TopAbs_FACE), []
-    while explorer.More():
-        found.append(convert.as_face(explorer.Current()))
-        explorer.Next()
-    return found
+    return [convert.as_face(face) for face in convert.explored(getattr(shape, "wrapped", shape), TopAbs_FACE)]
 
 
 def samples(faces: Sequence[TopoDS_Face], spacing: float) -> Samples:

@@ -44,6 +44,7 @@ class Block:
     reference: str
     joints: Joints
     bounds: Mapping[str, float]
+    figures: Mapping[str, float]
     shortfalls: tuple[str, ...]
     notes: tuple[str, ...]
 
@@ -79,7 +80,7 @@ def lattice_block(request: LatticeRequest, turn: Array, body: Body, stages: Stag
         return moved(closed, turn, np.zeros(3))
 
     reference = f"{request.reference} {request.surface} surface"
-    return Block(patches, close, request.tol, around.deviation, reference, smooth, around.bounds, (), ())
+    return Block(patches, close, request.tol, around.deviation, reference, smooth, around.bounds, {}, (), ())
 
 
 def field_block(field: Field | Callable[..., Any], body: Body, tol: float | None, stages: Stages) -> Block:
@@ -99,6 +100,7 @@ def field_block(field: Field | Callable[..., Any], body: Body, tol: float | None
         found.reference,
         Joints(found.gap, found.tangent_jump_deg, found.curvature_jump, 0),
         found.bounds,
+        {name: value for name, value in found.figures.items() if "volume" not in name},  # that is the block's own
         found.shortfalls,
         found.notes,
     )

@@ -22,8 +22,9 @@ from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, lattice_block
 from tpmscad.parts.conformal import conformal
 from tpmscad.parts.filling import lattice_turn
-from tpmscad.parts.part import CHIP, part_certificate, write_checked
+from tpmscad.parts.part import part_certificate, write_checked
 from tpmscad.patches import measure
+from tpmscad.patches.certificate import CHIP
 from tpmscad.patches.selection import flipped, selected
 from tpmscad.request import lattice_request
 from tpmscad.trimming import TrimmingError, trim

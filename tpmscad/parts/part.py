@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +16,12 @@ from tpmscad.kernel.build import compound
 from tpmscad.kernel.check import bounding_box
 from tpmscad.model import Model
 from tpmscad.parts.block import Block
-from tpmscad.patches.certificate import Certificate
-from tpmscad.splines.bspline import Surface
+from tpmscad.patches.certificate import Certificate, certificate_of
+from tpmscad.patches.summary import Piece, Summary
 from tpmscad.workflows import export_model, verified
 
 STORED_VOLUME = 1e-7
 """Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""
-
-CHIP = 1e-2
-"""A piece below this fraction of the largest is named a chip in the notes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,9 +62,8 @@ def write_checked(
 def part_certificate(solids: tuple[Any, ...], block: Block, notes: tuple[str, ...]) -> Certificate:
     """Measure kernel solids and hold them against the request; the block knows what was measured on the lattice's patches."""
     tol, deviation, smooth = block.tol, block.deviation, block.joints
-    splines = [c for c in block.patches.carriers if isinstance(c, Surface)]
-    shortfalls = block.shortfalls
     report = kernel.check_shape(compound(solids))
+    shortfalls = list(block.shortfalls)
     for wrong, what in (
         (deviation.max > tol, f"deviation {deviation.max:.3g} exceeds tol {tol:g}"),
         (not report.closed, "the faces do not close"),
@@ -79,10 +75,14 @@ def part_certificate(solids: tuple[Any, ...], block: Block, notes: tuple[str, ..
         ),
     ):
         if wrong:
-            shortfalls = (*shortfalls, what)
-    return Certificate(
-        met=not shortfalls,
-        shortfalls=shortfalls,
+            shortfalls.append(what)
+    found = certificate_of(
+        block.patches,
+        Summary(
+            report.closed, report.volume, report.area, report.centroid, betti_numbers(solids), _pieces(solids, report)
+        ),
+        shortfalls,
+        (*block.notes, *notes),
         tol=tol,
         max_deviation=deviation.max,
         rms_deviation=deviation.rms,
@@ -91,26 +91,15 @@ def part_certificate(solids: tuple[Any, ...], block: Block, notes: tuple[str, ..
         tangent_jump_deg=smooth.tangent_jump_deg,
         curvature_jump=smooth.curvature_jump,
         valid=report.valid,
-        closed=report.closed,
-        volume=report.volume,
-        area=report.area,
-        betti=betti_numbers(solids),
-        pieces=report.volumes,
-        n_faces=report.faces,
-        n_primitives=len(splines),
-        n_poles=sum(c.poles.shape[0] * c.poles.shape[1] for c in splines),
         bounds=dict(block.bounds),
-        notes=(*block.notes, *notes, *piece_notes(solids, report.volumes)),
+        figures=dict(block.figures),
     )
+    return replace(found, n_faces=report.faces)
 
 
-def piece_notes(solids: tuple[Any, ...], volumes: tuple[float, ...]) -> tuple[str, ...]:
-    """A line on each piece beside the first: a body's faces can cut off chips."""
-    if len(solids) < 2:
-        return ()
-    notes = [f"{len(solids)} separate pieces; another phase may join or shed the small ones"]
-    for solid, volume in zip(solids[1:], volumes[1:], strict=True):
-        kind = "chip" if volume < CHIP * volumes[0] else "piece"
-        x, y, z = np.mean(bounding_box(solid), axis=0)
-        notes.append(f"{kind} of volume {volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
-    return tuple(notes)
+def _pieces(solids: tuple[Any, ...], report: kernel.ShapeReport) -> tuple[Piece, ...]:
+    """Each solid's volume and middle; of an only one the centroid, which costs nothing."""
+    if len(solids) == 1:
+        return (Piece(report.volume, report.centroid),)
+    middles = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
+    return tuple(Piece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, middles, strict=True))
