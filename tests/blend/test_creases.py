@@ -54,6 +54,10 @@ def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_all
     moved = abs(tip(eased.field) - tip(field))
     assert 0.5 * allowed < moved <= 1.01 * allowed
     assert eased.moved == pytest.approx(moved, rel=0.02)
+    # |z| = HALF - VOID w / (1 - w) has the slope VOID / (1 - w)^2 at the edge, where w = HALF / (HALF + VOID)
+    half = np.arctan((HALF + VOID) ** 2 / VOID)
+    assert eased.opening == pytest.approx(np.degrees(2 * half), rel=1e-3)
+    assert eased.radius == pytest.approx(moved / (1 / np.sin(half) - 1), rel=0.02)
 
 
 def test_only_the_edge_is_touched() -> None:

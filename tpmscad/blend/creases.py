@@ -27,6 +27,12 @@ ON = 1e-7
 LEAST = 1e-3
 """Least share of a structure in the blend whose creases matter."""
 
+ASIDE = 1e-6
+"""Of the edges' extent: how far beside them the slopes of their sides are taken."""
+
+FLAT = 1.5
+"""Half openings (radians) above which there is no edge to speak of."""
+
 TRIES = 6
 NEAR = 0.9
 """The rounding is scaled until the surface moves by at least this part of what is allowed."""
@@ -34,11 +40,16 @@ NEAR = 0.9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rounded:
-    """The field with its edges rounded, the greatest distance `moved` by which its level set moves, and where that is."""
+    """The field with its edges rounded, and the greatest distance `moved` by which its level set moves.
+
+    The sharpest edge: it opens by `opening` degrees at the point `near` and is rounded with about `radius`.
+    """
 
     field: BlendedField
     moved: float
     near: Array
+    opening: float
+    radius: float
 
 
 def rounded(field: Field, lo: Array, hi: Array, allowed: float) -> Rounded | None:
@@ -62,7 +73,11 @@ def rounded(field: Field, lo: Array, hi: Array, allowed: float) -> Rounded | Non
         if NEAR * allowed <= moved.max() <= allowed:
             break
         scale *= 0.5 * (1 + NEAR) * allowed / max(float(moved.max()), 1e-300)
-    return Rounded(eased, float(moved.max()), points[moved.argmax()])
+    half = np.concatenate([_half_openings(field, node, p) for node, p in found])
+    sharp = int(half.argmin())
+    # of a wedge whose edge is set back by d
+    radius = np.inf if half[sharp] >= FLAT else moved[sharp] / (1 / max(float(np.sin(half[sharp])), 1e-9) - 1)
+    return Rounded(eased, float(moved.max()), points[sharp], float(np.degrees(2 * half[sharp])), float(radius))
 
 
 def _extremes(structure: Field) -> Iterator[Extreme]:
@@ -136,3 +151,12 @@ def _moved(field: BlendedField, eased: BlendedField, points: Array) -> Array:
     """How far the level set moves at points of the edges, to first order: (n,)."""
     value, slope = eased.value_and_gradient(points)
     return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
+
+
+def _half_openings(field: BlendedField, node: Extreme, points: Array) -> Array:
+    """Half the angles in which the solid's sides meet at points of its edges (n,), in radians."""
+    across = (node.first - node.second).gradient(points)
+    across *= ASIDE * float(np.ptp(points, axis=0).max(initial=0.0)) / np.linalg.norm(across, axis=1, keepdims=True)
+    one, other = (field.gradient(points + way * across) for way in (1, -1))
+    cosine = (one * other).sum(axis=1) / (np.linalg.norm(one, axis=1) * np.linalg.norm(other, axis=1))
+    return np.asarray(0.5 * (np.pi - np.arccos(np.clip(cosine, -1.0, 1.0))))
