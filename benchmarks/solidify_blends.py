@@ -70,7 +70,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
             flush=True,
         )
     print(
-        f"{made} of {last - first} met, {missed} not met, {wrong} wrong, faces a period: median {np.median(faces):.0f}"
+        f"{made} of {last - first} met, {missed} not met, {wrong} wrong, faces a period: median {np.median(faces or [np.nan]):.0f}"
     )
 
 
