@@ -66,7 +66,7 @@ def copies() -> None:
 
 
 HEAD = (
-    "seconds are CPU, workers' too; deviation in cells; jump: greatest, 95th percentile, degrees; volume: relative, to the field's.\n"
+    "seconds are CPU, workers' too; deviation in cells; jump: greatest, 95th percentile, degrees; volume: relative.\n"
     "facets: triangles of marching cubes at the deviation asked, MB of STEP and seconds; * scaled up from 4000 triangles;\n"
     "last, how many it takes at the deviation that the solid has.\n"
     f"{'':26s} {'':7s} faces  poles seconds    MB deviation  jump        volume  betti           facets       MB  seconds"

@@ -23,7 +23,7 @@ GAUSS = 2
 LEAST = 40
 """Lines of the grid along the longest edge, at least."""
 
-SETTLED, FINER = 3e-4, 2
+SETTLED, FINER = 1e-3, 2
 """Relative change from one grid to the next at which a volume is taken, and grids half as wide again that are tried for it: long
 boxes of small cells need them."""
 
