@@ -152,7 +152,8 @@ def _walls(
     return float(values[0]), float(values[1])
 
 
-def _number(label: str, value: Any) -> float:
+def finite(label: str, value: Any) -> float:
+    """The value as a finite number; InvalidRequest if it is none."""
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -163,7 +164,7 @@ def _number(label: str, value: Any) -> float:
 
 
 def _positive(label: str, value: Any) -> float:
-    number = _number(label, value)
+    number = finite(label, value)
     if number <= 0:
         raise InvalidRequest(f"{label} {number:g} must be positive")
     return number
@@ -173,7 +174,7 @@ def _triple(label: str, value: Any) -> tuple[float, float, float]:
     values = list(value) if np.ndim(value) else [value]
     if len(values) != 3:
         raise InvalidRequest(f"{label} takes three numbers, one for each axis; here {len(values)}")
-    x, y, z = (_number(label, v) for v in values)
+    x, y, z = (finite(label, v) for v in values)
     return x, y, z
 
 

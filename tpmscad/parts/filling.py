@@ -21,7 +21,10 @@ from tpmscad.parts.block import Block, field_block, lattice_block
 from tpmscad.parts.cutting import Cut, lattice_in, voids_in
 from tpmscad.parts.part import Part, part_certificate
 from tpmscad.patches.complex import Array
-from tpmscad.request import lattice_request
+from tpmscad.request import finite, lattice_request
+
+THINNEST = 1e-5
+"""Model units: of walls of a hundred times the kernel's tolerance the trimmed edges are still told apart."""
 
 
 def infill(
@@ -70,6 +73,10 @@ def infill(
         if cell is None:
             raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
         request = lattice_request(surface, cells=1, boundary="box", tol=tol, mapped=False, **lattice)
+        if np.ptp(request.offset) < THINNEST and request.kind == "sheet":
+            raise InvalidRequest(
+                f"a wall of {np.ptp(request.offset):g} is thinner than {THINNEST:g}, a hundred times the kernel's tolerance"
+            )
         block, name = lattice_block(request, lattice_turn(rotation), read, stages), f"{request.surface} infill"
     else:
         _nothing_else(lattice | {"rotation": rotation})
@@ -102,6 +109,7 @@ def within_skin(block: Block, body: Body, skin: float, open_faces: Sequence[Any]
 
     They become shells inside one solid, or reach the outside through the open faces.
     """
+    skin = finite("skin", skin)
     voids = voids_in(block, shrunk(body, skin, open_faces))
     if not voids.solids:
         raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
@@ -132,7 +140,10 @@ def _nothing_else(given: dict[str, Any]) -> None:
 
 def lattice_turn(rotation: Sequence[float]) -> Array:
     """The matrix of rotations about x, then its own y, then its own z, in degrees; quarter turns come out exact."""
-    angles = np.asarray(rotation, float)
+    try:
+        angles = np.asarray(rotation, float)
+    except (TypeError, ValueError):
+        angles = np.full(3, np.nan)
     if angles.shape != (3,) or not np.isfinite(angles).all():
         raise InvalidRequest(f"rotation {rotation!r} takes three finite angles in degrees, about x, y and z")
     turn = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
