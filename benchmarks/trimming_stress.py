@@ -6,10 +6,10 @@ Bodies are random in kind, place, size and tilt; a fifth are put through corners
 tangent there. With --round they are what people draw. Body i of a seed is always the same: a line can be run again alone.
 
 *fast*: trimmed on the patches' parameters. *moved*: so, with the lattice moved by a few tolerances. *split*: the patches near the
-body's faces by the kernel, because the fast way was not sure. *kernel*: all of them. *error*: none of these. *wrong*: a result that
-is invalid, open, or of another volume than the second way says: a count of points, told in or out by neither, which is good to
-`COUNTED`; the kernel for every n-th body (--boolean n), and where the count is off; with --void lattice and void, trimmed one by
-one, must add up to the body. The last figures are the difference to the second way, CPU seconds of trimming and building, and
+body's faces by the kernel, because the fast way was not sure. *kernel*: all of them. *error*: none of these. *wrong*: a result
+that is invalid, open, or of another volume than the second way says: a count of points, told in or out by neither, which is good
+to `COUNTED`; the kernel for every n-th body (--boolean n), and where the count is off; with --void lattice and void, trimmed one
+by one, must add up to the body. The last figures are the difference to the second way, CPU seconds of trimming and building, and
 why not fast.
 """
 
