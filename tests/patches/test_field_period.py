@@ -76,6 +76,7 @@ def solid(copied: bool) -> FieldSolid:
         return field_complex(GYROID, LO, np.array([40.0, 10.0, 10.0]), TOL)
 
 
+@pytest.mark.slow
 def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
     one, other = solid(True), solid(False)
     assert len(one.complex.carriers) < 0.8 * len(other.complex.carriers)
