@@ -15,6 +15,7 @@ from tpmscad.splines.bspline import Surface, design
 from tpmscad.trimming.borders import CELLS_U, CELLS_V, Border, fractions
 from tpmscad.trimming.levels import Levels
 from tpmscad.trimming.marching import NONE, Arc, Trace, march
+from tpmscad.trimming.stationary import hidden
 from tpmscad.trimming.tool import Array, Flags, Ints
 
 AT_ONCE = 32
@@ -47,8 +48,8 @@ def march_all(
 def _apart(surface: Surface, planes: Levels, on_corner: Flags, at: Ints, traces: list[Trace | None]) -> Flags:
     """Which planes pass the patch by, as its poles tell: their traces are entered at `at`."""
     values = surface.poles.reshape(-1, 3) @ planes.axis.T + planes.a
-    above = (values > 0).all(axis=0)
-    result: Flags = (above | (values < 0).all(axis=0)) & ~on_corner.any(axis=1)
+    above = np.asarray((values > 0).all(axis=0))
+    result: Flags = np.asarray((above | (values < 0).all(axis=0)) & ~on_corner.any(axis=1))
     for k in np.flatnonzero(result).tolist():
         traces[at[k]] = replace(NONE, sign=1 if above[k] else -1)
     return result
@@ -108,7 +109,7 @@ def _plain(grid: _Grid, levels: Levels, borders: _Table, on_corner: Flags) -> li
     g, gu, gv = grid.levels(levels)
     us, vs = grid.us, grid.vs
     m, nu, nv = g.shape
-    plain = ~_hidden(g, gu, gv, us, vs) & (borders.sign != 0).all(axis=1)
+    plain = ~hidden(grid.surface, levels, g, gu, gv, us, vs) & (borders.sign != 0).all(axis=1)
     negative = g < 0
     sides = negative[:, :, 0], negative[:, -1], negative[:, ::-1, -1], negative[:, 0, ::-1]
     last = borders.sign * (1 - 2 * (borders.count % 2))
@@ -146,22 +147,6 @@ def _plain(grid: _Grid, levels: Levels, borders: _Table, on_corner: Flags) -> li
         sign = 0 if own else -1 if negative[i].flat[nu * nv // 2] else 1
         result[i] = replace(NONE, arcs=tuple(own), sign=sign)
     return result
-
-
-def _hidden(g: Array, gu: Array, gv: Array, us: Array, vs: Array) -> Flags:
-    """Patches with a place where `critical_points` would look for one: (m,)."""
-    small = 2.0 * (np.abs(np.diff(g, 2, axis=1)).max(axis=(1, 2)) + np.abs(np.diff(g, 2, axis=2)).max(axis=(1, 2)))
-    near = np.abs(g) < 2.0 * small[:, None, None]
-    flat = ((gu * np.diff(us).max()) ** 2 + (gv * np.diff(vs).max()) ** 2).reshape(len(g), -1).argmin(axis=1)
-    cells = _mixed(gu) & _mixed(gv) & near[:, :-1, :-1]
-    return np.asarray(cells.any(axis=(1, 2)) | near.reshape(len(g), -1)[np.arange(len(g)), flat])
-
-
-def _mixed(a: Array) -> Flags:
-    """Cells at whose corners `a` has both signs."""
-    n = a < 0
-    some = n[:, :-1, :-1] | n[:, 1:, :-1] | n[:, :-1, 1:] | n[:, 1:, 1:]
-    return some & ~(n[:, :-1, :-1] & n[:, 1:, :-1] & n[:, :-1, 1:] & n[:, 1:, 1:])
 
 
 def _links(negative: Flags) -> tuple[Ints, Ints, Ints]:
