@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 from tpmscad import fields
 from tpmscad.patches.layout import octree
-from tpmscad.patches.layout.collapse import Polygons, mesh_of
+from tpmscad.patches.layout.changes import changes
+from tpmscad.patches.layout.collapse import FEWEST, MOST, Polygons, mesh_of
 from tpmscad.patches.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.layout.relax import relaxed
 from tpmscad.patches.layout.shape import badness
@@ -162,6 +163,35 @@ def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draw
         np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
         np.where(after.side_plane < 0, 2, 1),
     )
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=15, deadline=None)
+def test_collapses_at_random_stop_before_the_surface_changes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = small(("ball", "schwarz_p", "gyroid")[seed % 3])
+    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    for _ in range(300):
+        chosen = int(rng.choice(sorted(polygons.polygon)))
+        found = changes(polygons, chosen)
+        if found:
+            polygons.apply(found[rng.integers(len(found))])
+    after, _ = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    assert len(after.corners) < 0.8 * len(mesh.corners)
+    round_each = np.bincount(after.corners[after.corners >= 0])
+    inner = ~after.fixed.any(axis=1)
+    assert round_each[inner].min(initial=FEWEST) >= FEWEST
+    assert round_each.max() <= max(MOST, np.bincount(mesh.corners[mesh.corners >= 0]).max())
+    assert euler(after) == euler(mesh)
+    assert np.array_equal(
+        np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
+        np.where(after.side_plane < 0, 2, 1),
+    )
+
+
+@cache
+def small(name: str) -> Mesh:
+    return dual_mesh(octree.uniform(LO, HI, np.array((4, 4, 4))), FIELDS[name])
 
 
 def _state(polygons: Polygons) -> tuple[object, ...]:
