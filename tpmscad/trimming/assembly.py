@@ -15,7 +15,7 @@ from tpmscad.trimming.body import Body, faces_uses
 from tpmscad.trimming.cuts import PatchCuts
 from tpmscad.trimming.faces import Face, Use
 from tpmscad.trimming.hits import Hits
-from tpmscad.trimming.pcurves import parameter_curves
+from tpmscad.trimming.pcurves import on_wall
 from tpmscad.trimming.pieces import Pieces
 from tpmscad.trimming.regions import Region
 from tpmscad.trimming.strands import Crossings, Strands, points_on
@@ -129,7 +129,7 @@ def assemble(
         own = np.array(open_of.get(f, []), np.int64)
         edge, made = open_edges.edge[own], np.full(len(own), -1)
         if len(own) and not flat:
-            found, off = _on_wall(curves, edges, edge, region, tol)
+            found, off = on_wall(curves, edges, edge, region, tol)
             deviation[edge] = np.maximum(deviation[edge], MARGIN * off)
             made = len(pcurves) + np.arange(len(own))
             pcurves += found
@@ -139,17 +139,6 @@ def assemble(
     return _complex(
         lattice, body, tuple(all_curves), tuple(pcurves), faces, walls, replace(edges, deviation=deviation), everywhere
     )
-
-
-def _on_wall(
-    curves: Sequence[Curve], edges: Edges, edge: Ints, region: Region, tol: float
-) -> tuple[list[Curve], Array]:
-    """Parameter curves of edges on a round face, and how far they are off."""
-    own, (low, high) = [curves[c] for c in edges.curve[edge]], edges.span[edge].T
-    part = (high - low) / np.array([c.domain[1] - c.domain[0] for c in own])  # of the curve, which was fitted as finely
-    least = (part * np.array([len(c.poles) - c.degree for c in own])).astype(np.int64)
-    places = edges.rotation[edge], edges.translation[edge]
-    return parameter_curves(own, places, edges.span[edge], region, tol, least)
 
 
 def _wall(

@@ -8,6 +8,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from tpmscad.patches.carriers import Cone, Plane, Quadric, Sphere
+from tpmscad.patches.complex import Edges
 from tpmscad.splines.bspline import Curve, design
 from tpmscad.splines.stacked import points_at
 from tpmscad.trimming.fitting import DEGREE, SPANS, interpolation
@@ -28,6 +29,15 @@ FINE = 4001
 
 LEAST = 0.1
 """Nearer to a pole than this part of the tolerance the angle is of no account."""
+
+
+def on_wall(curves: Sequence[Curve], edges: Edges, edge: Ints, region: Region, tol: float) -> tuple[list[Curve], Array]:
+    """Parameter curves of edges on a round face, and how far they are off."""
+    own, (low, high) = [curves[c] for c in edges.curve[edge]], edges.span[edge].T
+    part = (high - low) / np.array([c.domain[1] - c.domain[0] for c in own])  # of the curve, which was fitted as finely
+    least = (part * np.array([len(c.poles) - c.degree for c in own])).astype(np.int64)
+    places = edges.rotation[edge], edges.translation[edge]
+    return parameter_curves(own, places, edges.span[edge], region, tol, least)
 
 
 def parameter_curves(
