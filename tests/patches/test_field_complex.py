@@ -140,9 +140,10 @@ def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
     changed = fields.from_function(
         lambda p: either(p, rod(p), other(p)), lambda p: either(p, rod.gradient(p), other.gradient(p))
     )
-    there, (here, shape) = field_complex(changed, LO, HI, TOL), made("rod")
-    assert len(there.complex.faces) == pytest.approx(len(here.complex.faces), rel=0.2)
-    assert summary(there.complex).volume == pytest.approx(shape.volume, rel=1e-4)
+    plain = fields.from_function(rod, rod.gradient)  # the periods of a periodic field stay alike, which takes more faces
+    there, here = (field_complex(f, LO, HI, TOL).complex for f in (changed, plain))
+    assert len(there.faces) == pytest.approx(len(here.faces), rel=0.2)
+    assert summary(there).volume == pytest.approx(summary(here).volume, rel=1e-4)
 
 
 def test_a_field_seen_from_a_box_is_itself_inside_and_continuously_differentiable_across_the_faces() -> None:
