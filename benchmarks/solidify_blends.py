@@ -69,9 +69,8 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
             f"cpu {taken:.1f} s wall {wall:.1f} s {'; '.join((*c.shortfalls, *c.notes))}",
             flush=True,
         )
-    print(
-        f"{made} of {last - first} met, {missed} not met, {wrong} wrong, faces a period: median {np.median(faces or [np.nan]):.0f}"
-    )
+    median = np.median(faces or [np.nan])
+    print(f"{made} of {last - first} met, {missed} not met, {wrong} wrong, faces a period: median {median:.0f}")
 
 
 if __name__ == "__main__":
