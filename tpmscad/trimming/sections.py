@@ -137,8 +137,9 @@ class Sections:
             apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
             density = np.sqrt(density**2 + GRADE**2 / (apart + self.foci[:, f, None, 3] ** 2))
         x = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(chord, axis=1)], axis=1)
+        apart = np.maximum(x[:, 2:] - x[:, :-2], LEAST)  # points on one another are told from their order
         rise = np.empty_like(density)  # of the density, for the corrected trapezium rule
-        rise[:, 1:-1] = (density[:, 2:] - density[:, :-2]) / (x[:, 2:] - x[:, :-2])
+        rise[:, 1:-1] = (density[:, 2:] - density[:, :-2]) / apart
         rise[:, [0, -1]] = rise[:, [1, -2]]
         steps = chord * 0.5 * (density[:, 1:] + density[:, :-1])
         steps = np.maximum(steps - chord**2 / 12.0 * np.diff(rise, axis=1), 0.5 * steps)
