@@ -27,7 +27,7 @@ import blend_scaffold
 from tpmscad import fields, kernel, topology
 from tpmscad.blend import BlendResult, blend
 from tpmscad.errors import TpmscadError
-from tpmscad.patches import field_reference
+from tpmscad.patches.levelset import reference
 from tpmscad.solids import solidify
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -129,7 +129,7 @@ def measured(row: Row, tol: float) -> str:
     stored = cpu() - begun - solid
     c = model.certificate
     lo, hi = np.array(row.box, float)
-    volume, spread = field_reference.volume(whole, lo, hi, float((hi - lo).max()) / 160)
+    volume, spread = reference.volume(whole, lo, hi, float((hi - lo).max()) / 160)
     counted = " ".join(str(sampled_betti(whole, row.box, n)) for n in LINES)
     periods = float(np.prod((hi - lo) / row.period)) if row.model is None else _periods(row, lo, hi)
     return (
@@ -144,7 +144,7 @@ def measured(row: Row, tol: float) -> str:
 def _periods(row: Row, lo: np.ndarray, hi: np.ndarray) -> float:
     """The body's volume in periods."""
     assert row.model is not None
-    return field_reference.volume(row.model, lo, hi, float((hi - lo).max()) / 60)[0] / row.period**3
+    return reference.volume(row.model, lo, hi, float((hi - lo).max()) / 60)[0] / row.period**3
 
 
 def main() -> None:

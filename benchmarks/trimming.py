@@ -21,7 +21,7 @@ import numpy as np
 
 from tpmscad import kernel
 from tpmscad.kernel import boolean
-from tpmscad.kernel.tool import body_complex
+from tpmscad.kernel.tool.complex import body_complex
 from tpmscad.parts.cover import Cover, cover
 from tpmscad.patches import measure
 from tpmscad.patches.complex import PatchComplex

@@ -30,7 +30,7 @@ from tpmscad import kernel
 from tpmscad.errors import TpmscadError
 from tpmscad.kernel import boolean
 from tpmscad.kernel.body import bounds_of, read_body
-from tpmscad.kernel.tool import body_complex
+from tpmscad.kernel.tool.complex import body_complex
 from tpmscad.parts.cutting import sides_of, split
 from tpmscad.patches.complex import PatchComplex
 from tpmscad.trimming import TrimmingError, box, trim

@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 
 from tpmscad import fields, kernel
 from tpmscad.blend.composition import BlendedField
-from tpmscad.patches.field_caps import LayoutError
+from tpmscad.patches.levelset.caps import LayoutError
 from tpmscad.solids import solidify
 from tpmscad.splines.bspline import Surface
 

@@ -20,12 +20,13 @@ from tpmscad.fields.booleans import Extreme
 from tpmscad.fields.field import Field, as_field
 from tpmscad.kernel.body import bounds_of, read_body
 from tpmscad.model import Model, Progress, Stages
-from tpmscad.patches import field_reference, measure
+from tpmscad.patches import measure
 from tpmscad.patches.certificate import Certificate, certificate_of
-from tpmscad.patches.field_caps import LayoutError
-from tpmscad.patches.field_complex import FieldSolid, checked_box, field_complex
-from tpmscad.patches.field_inside import Inside, continued, inside
-from tpmscad.patches.field_work import workers
+from tpmscad.patches.levelset import reference
+from tpmscad.patches.levelset.caps import LayoutError
+from tpmscad.patches.levelset.complex import FieldSolid, checked_box, field_complex
+from tpmscad.patches.levelset.inside import Inside, continued, inside
+from tpmscad.patches.levelset.work import workers
 from tpmscad.patches.summary import Summary, summary
 
 TANGENT_JUMP_DEG = (0.5, 2.0)
@@ -97,7 +98,7 @@ def solidify(
         if moved and expected is not None and (asked := betti_numbers(field, lo, hi)) not in (None, expected):
             notes = (*notes, f"rounding changes the field's Betti numbers from {asked} to {expected}: use a finer tol")
             expected = asked
-        volume, spread = field_reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
+        volume, spread = reference.volume(field, lo, hi, float((hi - lo).max()) / REFERENCE_LINES)
         made = replace(
             made, tol=tol, to_field=made.to_field + moved, from_field=made.from_field + moved, notes=notes + made.notes
         )

@@ -19,7 +19,7 @@ from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex, scaled
 from tpmscad.patches.deviation import Deviation
 from tpmscad.patches.maps import Map, as_map, composed, stretched
-from tpmscad.patches.mirror_cover import mirror_covering
+from tpmscad.patches.mirror.cover import mirror_covering
 from tpmscad.patches.primitive import SheetFit, fit_sheet
 from tpmscad.patches.sheet import Sheet
 from tpmscad.request import SMALLEST_RELATIVE_TOL, LatticeRequest, lattice_request

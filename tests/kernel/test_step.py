@@ -24,7 +24,7 @@ from tpmscad import kernel  # noqa: E402
 from tpmscad.errors import InvalidRequest, KernelError  # noqa: E402
 from tpmscad.kernel import convert  # noqa: E402
 from tpmscad.kernel.read import quiet  # noqa: E402
-from tpmscad.kernel.step_text import real, string  # noqa: E402
+from tpmscad.kernel.step.text import real, string  # noqa: E402
 from tpmscad.patches import measure  # noqa: E402
 
 STAMP = "2026-01-01T00:00:00"

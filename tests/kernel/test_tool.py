@@ -18,7 +18,7 @@ from scipy.integrate import dblquad  # noqa: E402
 
 from tpmscad import kernel  # noqa: E402
 from tpmscad.errors import InvalidRequest  # noqa: E402
-from tpmscad.kernel.tool import NotQuadric, body_complex, body_faces  # noqa: E402
+from tpmscad.kernel.tool.complex import NotQuadric, body_complex, body_faces  # noqa: E402
 from tpmscad.patches.carriers import Plane  # noqa: E402
 from tpmscad.patches.summary import summary  # noqa: E402
 

@@ -10,13 +10,13 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.patches import field_check, field_reference
 from tpmscad.patches.connectivity import is_closed
-from tpmscad.patches.field_caps import LayoutError
-from tpmscad.patches.field_complex import FieldSolid, field_complex
-from tpmscad.patches.field_inside import inside
-from tpmscad.patches.field_work import workers
 from tpmscad.patches.joints import joints
+from tpmscad.patches.levelset import check, reference
+from tpmscad.patches.levelset.caps import LayoutError
+from tpmscad.patches.levelset.complex import FieldSolid, field_complex
+from tpmscad.patches.levelset.inside import inside
+from tpmscad.patches.levelset.work import workers
 from tpmscad.patches.summary import Summary, summary
 
 LO, HI, TOL = np.zeros(3), np.full(3, 10.0), 1e-2
@@ -44,7 +44,7 @@ class TestEverySolid:
         assert shape.betti == FIELDS[name][1]
 
     def test_has_the_volume_of_the_field(self, name: str) -> None:
-        volume, uncertainty = field_reference.volume(FIELDS[name][0], LO, HI, 0.25)
+        volume, uncertainty = reference.volume(FIELDS[name][0], LO, HI, 0.25)
         assert abs(made(name)[1].volume - volume) < 1e-3 * volume + uncertainty
 
     def test_keeps_within_tol_and_smooth(self, name: str) -> None:
@@ -123,11 +123,11 @@ def test_bad_requests_are_refused(lo: np.ndarray, hi: np.ndarray, tol: float) ->
 
 def test_volumes_by_columns_converge_to_closed_forms() -> None:
     ball, shell = fields.sphere((5, 5.1, 5.2), 3.0), fields.sheet(fields.sphere((5, 5.1, 5.2), 3.0), -0.02, 0.02)
-    volume, uncertainty = field_reference.volume(ball, LO, HI, 0.2)
+    volume, uncertainty = reference.volume(ball, LO, HI, 0.2)
     assert volume == pytest.approx(36 * np.pi, rel=1e-4)
     assert uncertainty < 1e-2
     exact = 4 / 3 * np.pi * (3.02**3 - 2.98**3)
-    assert field_reference.volume(shell, LO, HI, 0.2)[0] == pytest.approx(exact, rel=1e-3)
+    assert reference.volume(shell, LO, HI, 0.2)[0] == pytest.approx(exact, rel=1e-3)
 
 
 def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
@@ -140,7 +140,9 @@ def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
     changed = fields.from_function(
         lambda p: either(p, rod(p), other(p)), lambda p: either(p, rod.gradient(p), other.gradient(p))
     )
-    plain = fields.from_function(rod, rod.gradient)  # the periods of a periodic field stay alike, which takes more faces
+    plain = fields.from_function(
+        rod, rod.gradient
+    )  # the periods of a periodic field stay alike, which takes more faces
     there, here = (field_complex(f, LO, HI, TOL).complex for f in (changed, plain))
     assert len(there.faces) == pytest.approx(len(here.faces), rel=0.2)
     assert summary(there).volume == pytest.approx(summary(here).volume, rel=1e-4)
@@ -173,6 +175,6 @@ def test_a_patch_that_leaves_the_box_is_off_by_as_much_as_it_leaves_it() -> None
     poles[0, :, 1, 0] = 1.0
     poles[0, :, :, 1] = np.linspace(0.0, 1.0, 4)[:, None]
     poles[0, 1:3, 1, 0] = 1.4  # a side whose ends are on the box and which bulges by 3/4 of 0.4
-    assert field_check.sampled(field, poles).distance[0] == pytest.approx(0.3, rel=0.02)
+    assert check.sampled(field, poles).distance[0] == pytest.approx(0.3, rel=0.02)
     poles[0, 1:3, 1, 0] = 1.0
-    assert field_check.sampled(field, poles).distance[0] == pytest.approx(0.0, abs=1e-12)
+    assert check.sampled(field, poles).distance[0] == pytest.approx(0.0, abs=1e-12)

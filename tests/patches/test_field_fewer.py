@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.patches import field_fewer
-from tpmscad.patches.field_fewer import fewer
-from tpmscad.patches.field_layer import Layer, fitted, laid
-from tpmscad.patches.field_samples import samples_of
-from tpmscad.patches.layout import octree
+from tpmscad.patches.levelset import fewer as field_fewer
+from tpmscad.patches.levelset.fewer import fewer
+from tpmscad.patches.levelset.layer import Layer, fitted, laid
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.samples import samples_of
 
 LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
 BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)

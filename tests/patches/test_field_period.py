@@ -10,19 +10,21 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.patches import field_check, field_fit, field_layer
 from tpmscad.patches.connectivity import is_closed
-from tpmscad.patches.field_complex import FieldSolid, field_complex
-from tpmscad.patches.field_inside import inside
-from tpmscad.patches.field_period import no_copies, repeated, tied
-from tpmscad.patches.field_period_tree import piece_of, repeated_tree
-from tpmscad.patches.field_work import workers
 from tpmscad.patches.joints import joints
-from tpmscad.patches.layout import octree
-from tpmscad.patches.layout.dual import dual_mesh
-from tpmscad.patches.layout.net import Net, net_of
-from tpmscad.patches.layout.octree import Octree
-from tpmscad.patches.layout.relax import relaxed
+from tpmscad.patches.levelset import check as field_check
+from tpmscad.patches.levelset import fit as field_fit
+from tpmscad.patches.levelset import layer as field_layer
+from tpmscad.patches.levelset.complex import FieldSolid, field_complex
+from tpmscad.patches.levelset.inside import inside
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.dual import dual_mesh
+from tpmscad.patches.levelset.layout.net import Net, net_of
+from tpmscad.patches.levelset.layout.octree import Octree
+from tpmscad.patches.levelset.layout.relax import relaxed
+from tpmscad.patches.levelset.period import no_copies, repeated, tied
+from tpmscad.patches.levelset.period_tree import piece_of, repeated_tree
+from tpmscad.patches.levelset.work import workers
 from tpmscad.patches.summary import summary
 from tpmscad.splines.bspline import Surface
 

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmscad import fields
-from tpmscad.patches.layout import octree
-from tpmscad.patches.layout.dual import Mesh, dual_mesh
-from tpmscad.patches.layout.net import kept, net_of
-from tpmscad.patches.layout.relax import corner_sines, relaxed
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.levelset.layout.net import kept, net_of
+from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
 FIELDS = {

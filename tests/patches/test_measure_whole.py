@@ -7,7 +7,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.patches import measure
-from tpmscad.patches.field_complex import field_complex
+from tpmscad.patches.levelset.complex import field_complex
 from tpmscad.patches.measure_whole import whole_moments
 
 

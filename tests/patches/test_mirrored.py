@@ -8,11 +8,11 @@ from scipy.optimize import minimize
 
 from tpmscad import fields, surfaces, topology
 from tpmscad.patches import connectivity, lattice
-from tpmscad.patches.harmonic import chart
 from tpmscad.patches.joints import joints
-from tpmscad.patches.mirror_cover import mirror_covering
-from tpmscad.patches.mirror_deviation import mirror_deviation
-from tpmscad.patches.mirrored import DEGREES, fit_piece, fit_pieces
+from tpmscad.patches.mirror.cover import mirror_covering
+from tpmscad.patches.mirror.deviation import mirror_deviation
+from tpmscad.patches.mirror.harmonic import chart
+from tpmscad.patches.mirror.pieces import DEGREES, fit_piece, fit_pieces
 from tpmscad.patches.primitive import fit_sheet
 from tpmscad.patches.summary import summary
 from tpmscad.splines.bspline import Surface

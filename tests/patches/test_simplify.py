@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmscad import fields
-from tpmscad.patches.layout import octree
-from tpmscad.patches.layout.changes import changes
-from tpmscad.patches.layout.collapse import FEWEST, MOST, Polygons, mesh_of
-from tpmscad.patches.layout.dual import Mesh, dual_mesh
-from tpmscad.patches.layout.relax import relaxed
-from tpmscad.patches.layout.shape import badness
-from tpmscad.patches.layout.simplify import simplified
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.changes import changes
+from tpmscad.patches.levelset.layout.collapse import FEWEST, MOST, Polygons, mesh_of
+from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.levelset.layout.relax import relaxed
+from tpmscad.patches.levelset.layout.shape import badness
+from tpmscad.patches.levelset.layout.simplify import simplified
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
 FIELDS = {

@@ -57,7 +57,7 @@ def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(
     name: str, cover: Callable[..., PatchComplex]
 ) -> None:
     from tpmscad.kernel import boolean
-    from tpmscad.kernel.tool import body_complex
+    from tpmscad.kernel.tool.complex import body_complex
 
     lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), body(name)
     trimmed = trim(lattice, body_complex(shape))

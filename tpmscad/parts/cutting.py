@@ -21,7 +21,7 @@ from tpmscad.kernel.boolean import Solids
 from tpmscad.kernel.build import compound
 from tpmscad.kernel.crossing import crossed
 from tpmscad.kernel.lines import points_within
-from tpmscad.kernel.tool import body_complex
+from tpmscad.kernel.tool.complex import body_complex
 from tpmscad.parts.block import Block
 from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex

@@ -17,7 +17,7 @@ from tpmscad.kernel.check import is_valid
 from tpmscad.kernel.regions import build_regions
 from tpmscad.kernel.sampling import faces_of
 from tpmscad.kernel.splitting import Cell, split
-from tpmscad.kernel.tool import body_faces
+from tpmscad.kernel.tool.complex import body_faces
 from tpmscad.model import Progress, Stages
 from tpmscad.parts.block import Block, lattice_block
 from tpmscad.parts.conformal import conformal

@@ -15,7 +15,7 @@ import numpy as np
 from tpmscad import surfaces
 from tpmscad.patches.border import incidence, unpinched
 from tpmscad.patches.complex import Array, Ints, PatchComplex
-from tpmscad.patches.mirror_cover import mirror_covering
+from tpmscad.patches.mirror.cover import mirror_covering
 from tpmscad.patches.sheet import TAGS, TOUCH, Sheet
 from tpmscad.patches.weld import WELD, cluster, weld
 from tpmscad.splines.bspline import Curve, Surface

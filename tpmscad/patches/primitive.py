@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.patches.deviation import Deviation, deviation, worst
-from tpmscad.patches.mirrored import fit_pieces
+from tpmscad.patches.mirror.pieces import fit_pieces
 from tpmscad.patches.sheet import Sheet
 from tpmscad.splines import bounds
 from tpmscad.splines.adaptive import Fit, Space, adapt

@@ -1,0 +1,206 @@
+"""Points, surfaces and curves of a patch complex as Part 21 entities, each placed one written once.
+
+Coordinates are rounded to `DIGITS` digits of the model's extent, so that points which coincide to round-off become one
+CARTESIAN_POINT.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmscad.kernel.step.replica import MIRROR, bases, write_replicas
+from tpmscad.kernel.step.text import Entities, real, reals
+from tpmscad.patches.carriers import Carrier, Circle, Cone, Cylinder, EdgeCurve, Ellipse, Plane, Quadric, Sphere
+from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.splines.bspline import Curve, Surface
+
+DIGITS = 14
+"""Digits kept after the leading digit of the greatest coordinate: a hundred times float64's round-off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """Distinct placed primitives: which primitive, its motion, and the index of each face's or edge's."""
+
+    primitive: Ints
+    rotation: Array
+    translation: Array
+    index: Ints
+
+    @classmethod
+    def of(cls, primitive: Ints, rotation: Array, translation: Array) -> Placed:
+        rows = np.column_stack([primitive, rotation.reshape(-1, 9), translation])
+        _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(first)  # number them as they come
+        rank = np.empty_like(order)
+        rank[order] = np.arange(len(order))
+        at = first[order]
+        return cls(primitive[at], rotation[at], translation[at], rank[index.ravel()])
+
+    def bases(self, spline: NDArray[np.bool_]) -> Placed:
+        """What replicas need instead: planes as they are, and each primitive once for either handedness, where it was made."""
+        base, primitive, mirrored = bases(self.primitive[spline], self.rotation[spline])
+        planes = np.flatnonzero(~spline)
+        index = np.empty(len(spline), np.int64)
+        index[planes] = np.arange(len(planes))
+        index[spline] = len(planes) + base
+        return Placed(
+            np.concatenate([self.primitive[planes], primitive]),
+            np.concatenate([self.rotation[planes], np.where(mirrored[:, None, None], MIRROR, np.eye(3))]),
+            np.concatenate([self.translation[planes], np.zeros((len(primitive), 3))]),
+            index,
+        )
+
+    def points(self, local: list[Array]) -> list[Array]:
+        """Placed points of each, (n, 3), given those of the primitives."""
+        placed: list[Array] = [np.zeros((0, 3))] * len(self.primitive)
+        for p in np.unique(self.primitive).tolist():
+            at = np.flatnonzero(self.primitive == p)
+            moved = np.einsum("mij,pj->mpi", self.rotation[at], local[p]) + self.translation[at, None]
+            for i, points in zip(at.tolist(), moved, strict=True):
+                placed[i] = points
+        return placed
+
+
+def poles_of(value: Carrier | EdgeCurve) -> Array:
+    """Poles of a spline (n, 3); none of anything that STEP stores without points, straight curves included."""
+    if isinstance(value, Surface):
+        return value.poles.reshape(-1, 3)
+    return value.poles if isinstance(value, Curve) and not is_straight(value) else np.zeros((0, 3))
+
+
+def is_straight(curve: EdgeCurve) -> bool:
+    return isinstance(curve, Curve) and curve.degree == 1 and len(curve.poles) == 2
+
+
+def write_points(entities: Entities, points: Array) -> Ints:
+    """Write the distinct points; each point's entity number."""
+    decimals = DIGITS - int(np.floor(np.log10(np.abs(points).max())))
+    grid = np.rint(points * 10.0**decimals).astype(np.int64)
+    first, index = _distinct(grid)
+    values = reals((grid[first] / 10.0**decimals).ravel().tolist())
+    numbers = entities.extend(
+        [f"CARTESIAN_POINT('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
+    )
+    return numbers.start + index
+
+
+def _distinct(rows: Ints) -> tuple[Ints, Ints]:
+    """First member of each class of equal rows, in order of appearance, and each row's class."""
+    # Mixing the columns into one 64-bit key sorts ten times faster than rows do; equal keys of unequal rows are looked for.
+    mixed = rows[:, 0] * 0x9E3779B97F4A7C1 + rows[:, 1] * 0x1B873593CC9E2D5 + rows[:, 2] * 0x27D4EB2F165667C5
+    _, first, index = np.unique(mixed, return_index=True, return_inverse=True)
+    if not np.array_equal(rows[first][index.ravel()], rows):
+        _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return first[order], rank[index.ravel()]
+
+
+def _knots(*vectors: Array) -> str:
+    """Multiplicities of every vector, then the distinct knots of every vector."""
+    found = [np.unique(v, return_counts=True) for v in vectors]
+    counts = [f"({','.join(map(str, c.tolist()))})" for _, c in found]
+    values = [f"({','.join(reals(v.tolist()))})" for v, _ in found]
+    return ",".join([*counts, *values])
+
+
+def write_surfaces(entities: Entities, complex: PatchComplex, placed: Placed, numbers: list[Ints]) -> Ints:
+    """Each placed carrier's entity number; `numbers` are those of its placed poles."""
+    heads, tails = [], []
+    for carrier in complex.carriers:
+        if isinstance(carrier, Surface):
+            rows, columns, _ = carrier.poles.shape
+            row = "(" + ",".join(["#%d"] * columns) + ")"
+            heads.append(
+                f"B_SPLINE_SURFACE_WITH_KNOTS('',{carrier.degree_u},{carrier.degree_v},({','.join([row] * rows)})"
+            )
+            tails.append(f",.UNSPECIFIED.,.F.,.F.,.F.,{_knots(carrier.knots_u, carrier.knots_v)},.UNSPECIFIED.)")
+        else:
+            heads.append("")
+            tails.append("")
+    bodies = []
+    for i, p in enumerate(placed.primitive.tolist()):
+        carrier = complex.carriers[p]
+        if isinstance(carrier, Surface):
+            bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
+        else:
+            bodies.append(_elementary(entities, carrier, placed.rotation[i], placed.translation[i]))
+    return np.array(entities.extend(bodies))
+
+
+def _elementary(entities: Entities, carrier: Plane | Quadric, rotation: Array, translation: Array) -> str:
+    """A plane, its normal the placed x axis times y axis; or a quadric. Frames in STEP are right-handed, so that a quadric's
+    S_u x S_v points away from its axis, mirrored or not."""
+    origin, x = rotation @ carrier.origin + translation, rotation @ carrier.x_axis
+    if isinstance(carrier, Plane):
+        return f"PLANE('',#{placement(entities, origin, np.cross(x, rotation @ carrier.y_axis), x)})"
+    axis = rotation @ carrier.axis
+    if isinstance(carrier, Cone):  # STEP's cones open along their axis
+        angle = abs(carrier.angle)
+        at = placement(entities, origin, axis if carrier.angle > 0 else -axis, x)
+        return f"CONICAL_SURFACE('',#{at},{real(carrier.radius)},{real(angle)})"
+    at = placement(entities, origin, axis, x)
+    if isinstance(carrier, Cylinder):
+        return f"CYLINDRICAL_SURFACE('',#{at},{real(carrier.radius)})"
+    if isinstance(carrier, Sphere):
+        return f"SPHERICAL_SURFACE('',#{at},{real(carrier.radius)})"
+    return f"TOROIDAL_SURFACE('',#{at},{real(carrier.major)},{real(carrier.minor)})"
+
+
+def write_copies(entities: Entities, placed: Placed, spline: NDArray[np.bool_], base: Placed, number: Ints) -> Ints:
+    """Each placed carrier's entity number, given those of the bases."""
+    result = number[base.index]
+    result[spline] = write_replicas(entities, result[spline], placed.rotation[spline], placed.translation[spline])
+    return result
+
+
+def write_curves(entities: Entities, complex: PatchComplex, placed: Placed, numbers: list[Ints]) -> Ints:
+    """Each placed curve's entity number; 0 for straight ones, which every edge writes from its own vertices."""
+    heads, tails = [], []
+    for curve in complex.curves:
+        if isinstance(curve, Curve):
+            heads.append(f"B_SPLINE_CURVE_WITH_KNOTS('',{curve.degree},({','.join(['#%d'] * len(curve.poles))})")
+            tails.append(f",.UNSPECIFIED.,.F.,.F.,{_knots(curve.knots)},.UNSPECIFIED.)")
+        else:
+            heads.append("")
+            tails.append("")
+    bent, bodies = [], []
+    for i, p in enumerate(placed.primitive.tolist()):
+        curve = complex.curves[p]
+        if is_straight(curve):
+            continue
+        bent.append(i)
+        if isinstance(curve, Curve):
+            bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
+        else:
+            bodies.append(_conic(entities, curve.moved(placed.rotation[i], placed.translation[i])))
+    result = np.zeros(len(placed.primitive), np.int64)
+    result[bent] = entities.extend(bodies)
+    return result
+
+
+def _conic(entities: Entities, curve: Circle | Ellipse) -> str:
+    at = placement(entities, curve.origin, curve.normal, curve.x_axis)
+    if isinstance(curve, Circle):
+        return f"CIRCLE('',#{at},{real(curve.radius)})"
+    return f"ELLIPSE('',#{at},{real(curve.major)},{real(curve.minor)})"
+
+
+def directions(entities: Entities, vectors: Array) -> range:
+    values = reals(vectors.ravel().tolist())
+    return entities.extend(
+        [f"DIRECTION('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
+    )
+
+
+def placement(entities: Entities, origin: Array, axis: Array, reference: Array) -> int:
+    """AXIS2_PLACEMENT_3D: z along `axis`, x along `reference`."""
+    x, y, z = reals(origin.tolist())
+    at = entities.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
+    normal, along = directions(entities, np.stack([axis, reference]))
+    return entities.add(f"AXIS2_PLACEMENT_3D('',#{at},#{normal},#{along})")

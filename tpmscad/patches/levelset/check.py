@@ -1,0 +1,261 @@
+"""What a fit of a level set is worth, measured on it: distances, normals and joints of every patch, and what the patches miss.
+
+Distances are to the level set along the field's gradient, and back from points of the level set to their feet on the patches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad.fields.field import Field
+from tpmscad.patches.levelset.fit import NetFit, bezier, tensor
+from tpmscad.patches.levelset.inside import Inside
+from tpmscad.patches.levelset.layout.net import Net
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.work import PIECE, Work, here
+
+SAMPLES = 13
+"""Samples along each parameter of a patch, borders included."""
+
+HALF = 17
+"""Samples along half a side: joints are measured half by half, so that a side meets the two beyond a T-vertex."""
+
+FEET = 6
+"""Newton steps of a foot on a patch."""
+
+NEAREST = (3, 24)
+"""Samples from whose patches the nearest foot is taken, and for points that miss with them: near a side that runs askew the
+nearest samples may all be of patches beyond it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sampled:
+    """Patches sampled: greatest and mean square distance (Q,), least cosine of the normal with the gradient (Q,), where the
+    distance is greatest (Q, 3), and along their sides normals and curvature tensors: those of patch q are normals[row[q]], of
+    (R, 4, m, 3), and bends[row[q]], of (R, 4, m, 3, 3); copies share theirs.
+    """
+
+    distance: Array
+    square: Array
+    cosine: Array
+    where: Array
+    row: Ints
+    normals: Array
+    bends: Array
+
+    def taken(self, patches: Ints) -> Sampled:
+        """The measures of these patches; of any where the number is below zero."""
+        of = [array[patches] for array in _each(self)]
+        return Sampled(of[0], of[1], of[2], of[3], self.row[patches], self.normals, self.bends)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """What each patch is worth, and per half side (n,) of curves `curve`: tangent jump in degrees, curvature jump and greatest
+    curvature.
+    """
+
+    of: Sampled
+    curve: Ints
+    jump: Array
+    bend: Array
+    curvature: Array
+
+
+def measure(
+    net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None, work: Work = here
+) -> Measured:
+    """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
+    own, copies = np.flatnonzero(fit.copies.own_patches), fit.copies
+    row = np.searchsorted(own, copies.patch)
+    m, count = 2 * HALF - 1, len(own)
+    of = Sampled(
+        distance=np.empty(count),
+        square=np.empty(count),
+        cosine=np.empty(count),
+        where=np.empty((count, 3)),
+        row=np.arange(count),
+        normals=np.empty((count, 4, m, 3)),
+        bends=np.empty((count, 4, m, 3, 3)),
+    )
+    wanted = own
+    if before is not None:
+        old = np.flatnonzero(~before[1][own])
+        for array, values in zip(_each(of), _each(before[0]), strict=True):
+            array[old] = values[own[old]]
+        of.normals[old], of.bends[old] = (a[before[0].row[own[old]]] for a in (before[0].normals, before[0].bends))
+        wanted = own[before[1][own]]
+    parts = [at[i : i + PIECE] for _, at in shapes(fit, wanted) for i in range(0, len(at), PIECE)]
+    done = work(sampled, [(field, np.stack([fit.patches[i] for i in part])) for part in parts])
+    for part, found in zip(parts, done, strict=True):
+        for array, values in zip(
+            (*_each(of), of.normals, of.bends), (*_each(found), found.normals, found.bends), strict=True
+        ):
+            array[row[part]] = values
+    of = Sampled(
+        of.distance[row], of.square[row], of.cosine[row], of.where[row] + copies.patch_shift, row, of.normals, of.bends
+    )
+    return Measured(of, *_joints(net, of))
+
+
+def _each(of: Sampled) -> tuple[Array, ...]:
+    return of.distance, of.square, of.cosine, of.where
+
+
+def sampled(field: Field, poles: Array) -> Sampled:
+    """Measures of patches of one degree, poles (n, p + 1, q + 1, 3)."""
+    t = np.linspace(0.0, 1.0, SAMPLES)
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+    bu, bv, du, dv = bezier(p, t), bezier(q, t), bezier(p, t, 1), bezier(q, t, 1)
+    points = tensor(bu, poles, bv)
+    normal = np.cross(tensor(du, poles, bv), tensor(bu, poles, dv))
+    value, slope = field.value_and_gradient(points)
+    steep = np.linalg.norm(slope, axis=-1)
+    d = np.abs(value) / np.maximum(steep, 1e-300)
+    if isinstance(field, Inside):
+        # beyond the box there is no solid: borders that leave it between their ends are off by as much
+        d += np.maximum(np.maximum(field.lo - points, points - field.hi).max(axis=-1), 0.0)
+    length = np.linalg.norm(normal, axis=-1) * steep
+    sides = [_along(poles, s) for s in range(4)]
+    return Sampled(
+        distance=d.max(axis=1),
+        square=(d**2).mean(axis=1),
+        cosine=(np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1),
+        where=points[np.arange(len(poles)), d.argmax(axis=1)],
+        row=np.arange(len(poles)),
+        normals=np.stack([n for n, _ in sides], axis=1),
+        bends=np.stack([b for _, b in sides], axis=1),
+    )
+
+
+def shapes(fit: NetFit, patches: Ints | None = None) -> list[tuple[tuple[int, int], Ints]]:
+    """The degrees that occur among the patches (all of the fit's if None), each with the patches that have them."""
+    of = np.arange(len(fit.patches)) if patches is None else patches
+    each = np.array([fit.patches[i].shape[:2] for i in of]) - 1
+    return [((int(p), int(q)), of[(each == (p, q)).all(axis=1)]) for p, q in np.unique(each, axis=0)]
+
+
+def missed(fit: NetFit, points: Array, tol: float) -> Array:
+    """Distances (n,) from points of the level set to their feet on the patches; those above half of tol with more care."""
+    t = np.linspace(0.0, 1.0, SAMPLES)
+    samples, owner = [], []
+    for (p, q), at in shapes(fit):
+        samples.append(tensor(bezier(p, t), np.stack([fit.patches[i] for i in at]), bezier(q, t)).reshape(-1, 3))
+        owner.append(np.repeat(at, SAMPLES**2))
+    patch = np.concatenate(owner)
+    u, v = (np.tile(g.ravel(), len(fit.patches)) for g in np.meshgrid(t, t, indexing="ij"))
+    tree = cKDTree(np.concatenate(samples))
+    best = np.full(len(points), np.inf)
+    for count in NEAREST:
+        chosen = np.flatnonzero(best > 0.5 * tol)
+        if not len(chosen):
+            break
+        _, near = tree.query(points[chosen], k=count)
+        for k in range(count):
+            i = near[:, k]
+            for (p, q), at in shapes(fit):
+                rows = np.flatnonzero(np.isin(patch[i], at))
+                if len(rows):
+                    poles = np.stack([fit.patches[j] for j in at])[np.searchsorted(at, patch[i[rows]])]
+                    distance = _feet(poles, points[chosen[rows]], u[i[rows]], v[i[rows]], p, q)
+                    best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
+    return best
+
+
+def _feet(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Array:
+    """Distances from points to patches, one each, from starting parameters: feet kept on the patches."""
+    for _ in range(FEET):
+        bu, bv, du, dv = bezier(p, u), bezier(q, v), bezier(p, u, 1), bezier(q, v, 1)
+        across = np.einsum("nijx,nj->nix", poles, bv)
+        residual = points - np.einsum("ni,nix->nx", bu, across)
+        xu, xv = np.einsum("ni,nix->nx", du, across), np.einsum("ni,nijx,nj->nx", bu, poles, dv, optimize=True)
+        a, b, c = (np.einsum("nx,nx->n", f, g) for f, g in ((xu, xu), (xu, xv), (xv, xv)))
+        ru, rv = np.einsum("nx,nx->n", xu, residual), np.einsum("nx,nx->n", xv, residual)
+        determinant = np.maximum(a * c - b * b, 1e-300)
+        step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
+        stuck_u, stuck_v = (u + step_u < 0) | (u + step_u > 1), (v + step_v < 0) | (v + step_v > 1)
+        step_v, step_u = np.where(stuck_u, rv / c, step_v), np.where(stuck_v, ru / a, step_u)
+        u, v = np.clip(u + step_u, 0, 1), np.clip(v + step_v, 0, 1)
+    foot = np.einsum("ni,nijx,nj->nx", bezier(p, u), poles, bezier(q, v), optimize=True)
+    return np.linalg.norm(points - foot, axis=1)
+
+
+def _along(poles: Array, side: int) -> tuple[Array, Array]:
+    """Unit normals (n, m, 3) and curvature tensors (n, m, 3, 3) along a side, run counter-clockwise."""
+    t = np.linspace(0.0, 1.0, 2 * HALF - 1)
+    end = np.array([1.0 if side in (1, 2) else 0.0])
+    u, v = (t, end) if side in (0, 2) else (end, t)
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+    d = {
+        (i, j): tensor(bezier(p, u, i), poles, bezier(q, v, j))
+        for i, j in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
+    }  # fmt: skip
+    normal = np.cross(d[1, 0], d[0, 1])
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+    tangents = np.stack([d[1, 0], d[0, 1]], axis=-1)
+    first = np.swapaxes(tangents, -1, -2) @ tangents
+    dual = tangents @ _inverse(first)
+    second = np.empty(first.shape)
+    for (i, j), key in (((0, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 0), (1, 1)), ((1, 1), (0, 2))):
+        second[..., i, j] = np.einsum("nmi,nmi->nm", d[key], normal)
+    bend = dual @ second @ np.swapaxes(dual, -1, -2)
+    return (normal, bend) if side in (0, 1) else (normal[:, ::-1], bend[:, ::-1])
+
+
+def _inverse(first: Array) -> Array:
+    """Inverses of symmetric 2 x 2 matrices, large but finite where there is none: folded patches are measured, too."""
+    a, b, c = first[..., 0, 0], first[..., 0, 1], first[..., 1, 1]
+    adjugate = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
+    return adjugate / np.maximum(a * c - b * b, 1e-12 * (a + c) ** 2 + 1e-100)[..., None, None]
+
+
+PARTS = (slice(None, HALF), slice(HALF - 1, None), slice(None, None, 2))
+"""Of a side's samples: either half, or all of a side that is half of a curve."""
+
+JOINTS = 4096
+"""Joints measured at once: 70 MB."""
+
+
+def _joints(net: Net, of: Sampled) -> tuple[Ints, Array, Array, Array]:
+    """Jumps across the half sides that two patches share; those between copies of the same two sides are measured once."""
+    keys, sides = [], []
+    for piece in (0, 1, 2):
+        q, s = np.nonzero(net.piece == piece)
+        for half, part in ((0, 0), (1, 1)) if piece == 0 else ((piece - 1, 2),):
+            keys.append(2 * net.curve[q, s] + half)
+            sides.append(np.column_stack([of.row[q], s, net.sense[q, s] < 0, np.full(len(q), part)]))
+    key, side = np.concatenate(keys), np.concatenate(sides)
+    order = np.argsort(key, kind="stable")
+    pair = np.flatnonzero(key[order][:-1] == key[order][1:])
+    a, b = order[pair], order[pair + 1]
+    distinct, index = np.unique(np.column_stack([side[a], side[b]]), axis=0, return_inverse=True)
+    found = np.empty((3, len(distinct)))
+    for start in range(0, len(distinct), JOINTS):
+        rows = distinct[start : start + JOINTS]
+        one, other = (_along_sides(of, rows[:, k : k + 4]) for k in (0, 4))
+        sine = np.linalg.norm(np.cross(one[0], other[0]), axis=-1)
+        angle = np.arctan2(sine, np.einsum("nmi,nmi->nm", one[0], other[0]))
+        size = np.maximum(*(np.linalg.norm(k, axis=(-2, -1)) for k in (one[1], other[1])))
+        found[:, start : start + JOINTS] = (
+            np.degrees(angle).max(axis=1),
+            np.linalg.norm(one[1] - other[1], axis=(-2, -1)).max(axis=1),
+            size.max(axis=1),
+        )
+    jump, bend, curvature = found[:, index.ravel()]
+    return key[a] // 2, jump, bend, curvature
+
+
+def _along_sides(of: Sampled, sides: Ints) -> tuple[Array, Array]:
+    """Normals (n, m, 3) and curvature tensors (n, m, 3, 3) along parts of sides: rows (row, side, whether run back, part)."""
+    n, k = np.empty((len(sides), HALF, 3)), np.empty((len(sides), HALF, 3, 3))
+    for back in (0, 1):
+        for part, samples in enumerate(PARTS):
+            at = np.flatnonzero((sides[:, 2] == back) & (sides[:, 3] == part))
+            row, side = sides[at, 0], sides[at, 1]
+            for array, values in ((n, of.normals), (k, of.bends)):
+                found = values[row, side]
+                array[at] = (found[:, ::-1] if back else found)[:, samples]
+    return n, k

@@ -1,0 +1,203 @@
+"""One level set laid out on an octree, fitted and measured: what passes, and which leaves are too coarse for the rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad.fields.field import Field
+from tpmscad.patches.levelset import check
+from tpmscad.patches.levelset.fit import NetFit, fit_net
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.levelset.layout.net import Net, kept, net_of
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
+from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
+from tpmscad.patches.levelset.period import repeated, tied
+from tpmscad.patches.levelset.work import Work, here
+
+DEGREES = (5, 7, 9)
+
+JUMP_DEG = 2.0
+COSINE = 0.95
+"""Least cosine of a patch's normal with the gradient: far from folded."""
+
+SINE, TURN = 0.02, -0.8
+"""Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""
+
+SECTION = -0.3
+"""Least cosine between the normals of the surface's section with the box at the ends of a side."""
+
+TYPICAL_DEG = 0.5
+"""Tangent jump that at most one joint in twenty may exceed; degrees are raised beside those that do."""
+
+MANY = 0.1
+"""Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layer:
+    """One level set, fitted and measured; `bad` leaves of its tree are too coarse, and `why` says what was seen there."""
+
+    field: Field
+    tree: Octree
+    mesh: Mesh
+    net: Net
+    fit: NetFit
+    measured: check.Measured
+    missed: Array
+    bad: Ints
+    why: str
+
+    @property
+    def doubtful(self) -> float:
+        """The volume of the bad leaves: their number grows with every split."""
+        return float((self.tree.size[self.bad] ** 3).sum() * np.prod(self.tree.step))
+
+    @property
+    def share(self) -> float:
+        return len(self.bad) / max(1, len(np.unique(self.net.cell)))
+
+    @property
+    def fixed(self) -> Mask:
+        """Which coordinates of the net's vertices (V, 3) lie on the box."""
+        fixed = np.zeros((len(self.net.vertices), 3), bool)
+        fixed[: len(self.mesh.fixed)] = self.mesh.fixed
+        return fixed
+
+
+def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, Ints]:
+    """The relaxed layout on a tree, and the leaves whose polygons no fit could save: turned over, or two sides in one.
+
+    `before`: the layout of a coarser tree, of which vertices are kept where the tree has not changed.
+    """
+    mesh = tied(relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before), field, tree)
+    slope = field.gradient(mesh.vertices)
+    normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    bad = [_doubled(mesh)]
+    three = mesh.corners[:, 3] < 0
+    for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
+        if len(corners):
+            wrong = corner_sines(mesh.vertices, corners, normal) < SINE
+            each = normal[corners]
+            wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=2) < TURN
+            bad.append(mesh.cell[corners[wrong]])
+    bad.append(mesh.cell[mesh.side_ends[_turning(mesh, slope)]].ravel())
+    return mesh, np.unique(np.concatenate(bad))
+
+
+def _turning(mesh: Mesh, slope: Array) -> Ints:
+    """Sides on the box along which the surface's section turns too far."""
+    on_box = np.flatnonzero(mesh.side_plane >= 0)
+    inside = slope[mesh.side_ends[on_box]]
+    inside[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
+    inside /= np.maximum(np.linalg.norm(inside, axis=2, keepdims=True), 1e-300)
+    return on_box[np.einsum("si,si->s", inside[:, 0], inside[:, 1]) < SECTION]
+
+
+def fitted(
+    field: Field,
+    tree: Octree,
+    mesh: Mesh,
+    tol: float,
+    samples: Array,
+    before: Layer | None = None,
+    work: Work = here,
+) -> Layer:
+    """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves.
+
+    `before`: a layer of a coarser tree; patches between the same vertices as one of its own are not fitted again.
+    """
+    net = net_of(mesh, field)
+    curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
+    if before is None:
+        net, copies = repeated(net, field, tree)
+        fit = fit_net(net, field, curve_degree, patch_degree, work=work, copies=copies)
+        measured = check.measure(net, fit, field, work=work)
+    else:
+        same = kept(net, before.net)
+        old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
+        known, done = same.curve >= 0, same.patch >= 0
+        net, copies = repeated(net, field, tree, (known, done))
+        curves, patches = [np.empty(0)] * len(known), [np.empty(0)] * len(done)
+        for i, k in zip(np.flatnonzero(known), old_curves, strict=True):
+            curves[i] = before.fit.curves[k]
+        for i, k in zip(np.flatnonzero(done), old_patches, strict=True):
+            patches[i] = before.fit.patches[k]
+        curve_degree[known] = [len(before.fit.curves[k]) - 1 for k in old_curves]
+        patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
+        curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
+        fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches, copies), ~known, ~done), work)
+        measured = check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done), work)
+    for degree in DEGREES[1:]:
+        folded, coarse, rough = _wrong(net, measured, tol)
+        weak = folded | coarse | rough
+        many = weak.mean() > MANY
+        weak |= _uneven(net, measured)
+        if many or not weak.any():
+            break
+        weak = copies.any_patch(weak)
+        patch_degree = np.where(weak, degree, patch_degree)
+        raised = np.zeros(len(net.ends), bool)
+        raised[net.curve[weak].ravel()] = True
+        raised = copies.any_curve(raised)
+        curve_degree = np.where(raised, degree, curve_degree)
+        raised[net.n_sides :] |= raised[net.middle_of]
+        changed = weak | raised[net.curve].any(axis=1)
+        fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed), work)
+        measured = check.measure(net, fit, field, (measured.of, changed), work)
+    folded, coarse, rough = _wrong(net, measured, tol)
+    missed = np.zeros(0)
+    leaves = np.unique(net.cell[folded | coarse | rough])
+    why = ", ".join(
+        f"{np.count_nonzero(m)} {word}"
+        for m, word in ((folded, "folded"), (coarse, "too far off"), (rough, "not smooth"))
+        if m.any()
+    )
+    if not len(leaves):
+        missed = check.missed(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
+        leaves = np.unique(_leaves_at(tree, samples[missed > tol]))
+        why = f"{len(leaves)} parts of the surface missed" if len(leaves) else why
+    twice = _doubled(mesh)
+    if len(twice):
+        leaves = np.union1d(leaves, twice)
+        why = "two edges between the same vertices" + (f", {why}" if why else "")
+    return Layer(field, tree, mesh, net, fit, measured, missed, leaves, why)
+
+
+def split(tree: Octree, leaves: Ints) -> Octree:
+    """The tree with the leaves of these numbers split."""
+    chosen = np.zeros(len(tree.size), bool)
+    chosen[leaves] = True
+    return octree.split(tree, chosen)
+
+
+def _wrong(net: Net, measured: check.Measured, tol: float) -> tuple[Mask, Mask, Mask]:
+    """Patches (Q,) that are folded, too far off, or meet another of the rest with a kink."""
+    folded, coarse = measured.of.cosine < COSINE, measured.of.distance > tol
+    steep = np.zeros(len(net.ends), bool)
+    steep[measured.curve[measured.jump > JUMP_DEG]] = True
+    steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
+    return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
+
+
+def _uneven(net: Net, measured: check.Measured) -> Mask:
+    """Patches (Q,) beside the steeper joints, where too many are above the typical."""
+    steep = np.zeros(len(net.ends), bool)
+    if len(measured.jump) and np.percentile(measured.jump, 95) > 0.8 * TYPICAL_DEG:
+        steep[measured.curve[measured.jump > TYPICAL_DEG]] = True
+    return np.asarray(steep[net.curve].any(axis=1))
+
+
+def _doubled(mesh: Mesh) -> Ints:
+    """Leaves of the ends of sides that join the same two vertices as another, or one with itself."""
+    ends = np.sort(mesh.side_ends, axis=1)
+    _, index, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    odd = (count[index.ravel()] > 1) | (ends[:, 0] == ends[:, 1])
+    return np.unique(mesh.cell[ends[odd]])
+
+
+def _leaves_at(tree: Octree, points: Array) -> Ints:
+    cell = np.clip(((points - tree.lo) / tree.step).astype(int), 0, tree.shape - 1)
+    return tree.leaf[tuple(cell.T)].astype(np.int64)

@@ -1,0 +1,250 @@
+"""Polygons of a layout that can be merged: vertices collapsed into others, sides taken out, the surface's topology kept.
+
+Every simplification is a set of vertices that go into others (Tarini et al., "Practical quad mesh simplification", 2010: the
+collapse of a diagonal; Daniels et al., "Quadrilateral mesh simplification", 2008: the collapse of a strip), after which corners
+where only two polygons meet are taken out. A change is made only if the mesh stays a two-manifold without two sides between the
+same vertices and its sides on the box stay there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.octree import Ints, Mask
+
+Polygon = tuple[int, ...]
+
+FEWEST, MOST = 3, 7
+"""Polygons round a vertex inside the box."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """Polygons by number that go, polygons that come, which vertices went `into` which, those that were `dropped` beside which
+    others as only two polygons met there, and the patches saved."""
+
+    old: tuple[int, ...]
+    new: tuple[Polygon, ...]
+    into: dict[int, int]
+    dropped: dict[int, int]
+    saved: int
+
+    @property
+    def vertices(self) -> set[int]:
+        """What the change touches: corners of the polygons that come, and the vertices that go."""
+        return {v for polygon in self.new for v in polygon} | set(self.into) | set(self.dropped)
+
+
+class Polygons:
+    """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go,
+    nor polygons with no others."""
+
+    def __init__(self, mesh: Mesh, locked: Mask) -> None:
+        self.mesh, self.locked = mesh, locked
+        self.fixed = mesh.fixed.sum(axis=1).tolist()
+        self.polygon: dict[int, Polygon] = {}
+        self.around: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
+        self.beside: dict[tuple[int, int], int] = {}
+        self.next = 0
+        on_box = mesh.side_plane >= 0
+        self.plane = {
+            (min(a, b), max(a, b)): int(p)
+            for (a, b), p in zip(mesh.side_ends[on_box].tolist(), mesh.side_plane[on_box], strict=True)
+        }
+        for row in mesh.corners.tolist():
+            self._add(tuple(row) if row[3] >= 0 else tuple(row[:3]))
+
+    def _add(self, polygon: Polygon) -> int:
+        number, self.next = self.next, self.next + 1
+        self._put(number, polygon)
+        return number
+
+    def _put(self, number: int, polygon: Polygon) -> None:
+        self.polygon[number] = polygon
+        for i, v in enumerate(polygon):
+            self.around[v].add(number)
+            self.beside[polygon[i - 1], v] = number
+
+    def _take(self, number: int) -> None:
+        polygon = self.polygon.pop(number)
+        for i, v in enumerate(polygon):
+            self.around[v].discard(number)
+            del self.beside[polygon[i - 1], v]
+
+    def collapsed(self, into: dict[int, int], vanishing: Iterable[int]) -> Change | None:
+        """What it takes that vertices go into others; None where more than the `vanishing` polygons would go with them, or the
+        mesh would not stay what it is."""
+        expected = set(vanishing)
+        old = {f for v in into for f in self.around[v]}
+        new: list[Polygon] = []
+        for number in sorted(old):
+            corners = [into.get(v, v) for v in self.polygon[number]]
+            corners = [v for i, v in enumerate(corners) if v != corners[i - 1]]
+            if len(corners) < 3 or len(set(corners)) < len(corners):
+                if number not in expected:
+                    return None
+            else:
+                new.append(tuple(corners))
+        return self._checked(old, new, into)
+
+    def joined(self, one: int, other: int, a: int, b: int) -> Change | None:
+        """The triangles `one` and `other` made a quadrilateral: their side from a to b taken out."""
+        (c,), (d,) = ([v for v in self.polygon[number] if v not in (a, b)] for number in (one, other))
+        return self._checked({one, other}, [(a, d, b, c)], {})
+
+    def possible(self, change: Change) -> bool:
+        """Whether a change found earlier can still be made, now that others have been."""
+        if not all(f in self.polygon for f in change.old):
+            return False
+        again = self._checked(set(change.old), list(change.new), dict(change.into))
+        return again is not None and again.old == change.old and not again.dropped
+
+    def _checked(self, old: set[int], new: list[Polygon], into: dict[int, int]) -> Change | None:
+        dropped: dict[int, int] = {}
+        if not self._without_doublets(old, new, dropped) or any(self._is_locked(f) for f in old):
+            return None
+        edges = [(polygon[i - 1], v) for polygon in new for i, v in enumerate(polygon)]
+        here = set(edges)
+        if len(here) < len(edges) or any(self.beside.get(e, -1) not in old and e in self.beside for e in edges):
+            return None
+        kept = set()
+        for number in old:
+            polygon = self.polygon[number]
+            for i, v in enumerate(polygon):
+                if (v, polygon[i - 1]) not in self.beside:
+                    kept.add((into.get(polygon[i - 1], polygon[i - 1]), into.get(v, v)))
+        kept = {(a, b) for a, b in kept if a != b}
+        opened = {(a, b) for a, b in edges if (b, a) not in here and self.beside.get((b, a), -1) in old | {-1}}
+        if opened != kept:
+            return None
+        if not self._fans(old, new, set(into.values())):
+            return None
+        saved = sum(_patches(self.polygon[f]) for f in old) - sum(map(_patches, new))
+        return Change(tuple(sorted(old)), tuple(new), into, dropped, saved) if saved > 0 else None
+
+    def _is_locked(self, number: int) -> bool:
+        return all(self.locked[v] for v in self.polygon[number])
+
+    def _without_doublets(self, old: set[int], new: list[Polygon], dropped: dict[int, int]) -> bool:
+        """Polygons joined where only two meet at an inner vertex, in place; False where that leaves nothing."""
+        while new:
+            inside: dict[int, int] = {}
+            for polygon in new:
+                for v in polygon:
+                    inside[v] = inside.get(v, 0) + 1
+            odd = [v for v, n in inside.items() if not self.fixed[v] and n + len(self.around[v] - old) == 2]
+            if not odd:
+                break
+            v = min(odd)
+            if self.locked[v]:
+                return False
+            one, other = [list(p) for p in new if v in p] + [
+                list(self.polygon[f]) for f in sorted(self.around[v] - old)
+            ]
+            i, k = one.index(v), other.index(v)
+            first, second = one[i + 1 :] + one[:i], other[k + 1 :] + other[:k]
+            corners = first + second[1:-1]
+            if first[0] != second[-1] or first[-1] != second[0]:
+                return False
+            if len(corners) < 3 or len(set(corners)) < len(corners):
+                return False
+            old |= self.around[v]
+            new[:] = [p for p in new if v not in p] + [tuple(corners)]
+            dropped[v] = first[0]
+        return bool(new)
+
+    def _fans(self, old: set[int], new: list[Polygon], merged: set[int]) -> bool:
+        """Whether the polygons round each vertex are as many as are wanted, and round those that were merged one fan."""
+        count: dict[int, int] = {}
+        for polygon in new:
+            for v in polygon:
+                count[v] = count.get(v, 0) + 1
+        for v, n in count.items():
+            n += len(self.around[v] - old)
+            if n > MOST or (n < FEWEST and not self.fixed[v]):
+                return False
+        return all(self._fan(v, old, new) for v in merged if v in count)
+
+    def _fan(self, vertex: int, old: set[int], new: list[Polygon]) -> bool:
+        following = {}
+        for polygon in [p for p in new if vertex in p] + [self.polygon[f] for f in self.around[vertex] - old]:
+            i = polygon.index(vertex)
+            following[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
+        first = set(following) - set(following.values())
+        if len(first) > 1 or bool(first) != bool(self.fixed[vertex]):
+            return False
+        at = start = next(iter(first)) if first else next(iter(following))
+        for _ in following:
+            at = following.get(at, -1)
+        return at not in following if first else at == start and len(set(following.values())) == len(following)
+
+    def apply(self, change: Change) -> list[int]:
+        """Make a change that `collapsed` or `joined` gave for the mesh as it is; the numbers of the new polygons."""
+        for a, b in _rims(change.old, self):
+            plane = self.plane.pop((min(a, b), max(a, b)))
+            c, d = change.into.get(a, a), change.into.get(b, b)
+            if c != d:
+                self.plane[min(c, d), max(c, d)] = plane
+        for number in change.old:
+            self._take(number)
+        return [self._add(polygon) for polygon in change.new]
+
+    def undo(
+        self, change: Change, numbers: list[int], before: dict[int, Polygon], plane: dict[tuple[int, int], int]
+    ) -> None:
+        """Take a change back: `before` are its old polygons, `plane` their sides on the box."""
+        for a, b in _rims(numbers, self):
+            del self.plane[min(a, b), max(a, b)]
+        for number in numbers:
+            self._take(number)
+        for number, polygon in before.items():
+            self._put(number, polygon)
+        self.plane.update(plane)
+
+    def rims(self, numbers: Iterable[int]) -> dict[tuple[int, int], int]:
+        """Sides of these polygons on the box, with their planes."""
+        return {(min(e), max(e)): self.plane[min(e), max(e)] for e in _rims(numbers, self)}
+
+
+def _rims(numbers: Iterable[int], polygons: Polygons) -> list[tuple[int, int]]:
+    found = []
+    for number in numbers:
+        polygon = polygons.polygon[number]
+        found += [(polygon[i - 1], v) for i, v in enumerate(polygon) if (v, polygon[i - 1]) not in polygons.beside]
+    return found
+
+
+def _patches(polygon: Polygon) -> int:
+    return 1 if len(polygon) == 4 else 3
+
+
+def mesh_of(polygons: Polygons, vertices: np.ndarray, size: np.ndarray, numbers: Iterable[int]) -> tuple[Mesh, Ints]:
+    """The mesh of polygons of these numbers, and which of all vertices its own are."""
+    rows = [polygons.polygon[f] for f in numbers]
+    corners = np.array([r if len(r) == 4 else (*r, -1) for r in rows], np.int64).reshape(-1, 4)
+    of, place = np.unique(corners[corners >= 0], return_inverse=True)
+    small = np.full(corners.shape, -1)
+    small[corners >= 0] = place.ravel()
+    following = np.roll(small, -1, axis=1)
+    three = small[:, 3] < 0
+    following[three, 2] = small[three, 0]
+    q, i = np.nonzero(small >= 0)
+    ends = np.sort(np.stack([small[q, i], following[q, i]], axis=1), axis=1)
+    ends, number = np.unique(ends, axis=0, return_inverse=True)
+    sides = np.full(corners.shape, -1)
+    sides[q, i] = number.ravel()
+    plane = np.full(len(ends), -1)
+    on_box = np.asarray(polygons.fixed)[of] > 0
+    both = np.flatnonzero(on_box[ends[:, 0]] & on_box[ends[:, 1]])
+    for s in both:
+        a, b = of[ends[s]].tolist()
+        plane[s] = polygons.plane.get((a, b), -1)
+    mesh = polygons.mesh
+    return (
+        Mesh(vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of], small, sides, ends, plane),
+        of,
+    )

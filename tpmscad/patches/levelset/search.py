@@ -1,0 +1,194 @@
+"""The coarsest layout of a level set that passes: uniform leaves first, split where layouts fold or fits miss.
+
+A layout is made and looked at in a small part of the time of a fit. So leaves are split first until nothing is folded that no fit
+could save, and only then by what the fit misses. What passes is simplified, where no periods have to stay alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tpmscad.fields.field import Field
+from tpmscad.patches.levelset.caps import LayoutError
+from tpmscad.patches.levelset.fewer import fewer
+from tpmscad.patches.levelset.layer import Layer, fitted, laid, split
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Octree
+from tpmscad.patches.levelset.layout.refine import too_coarse
+from tpmscad.patches.levelset.period_tree import piece_of, repeated_tree
+from tpmscad.patches.levelset.work import Work, here
+
+TURN, USUAL = 1.5, 0.7
+"""Size of the first leaves times the curvature that this part of the surface stays below: four leaves to a gyroid's period."""
+
+TRIED = (1.0, 0.8, 1.25, 1.6, 2.0)
+"""First layouts tried: leaves per length of the first. How the leaves happen to lie to the surface's necks makes a difference
+of up to a half in the faces that splitting leads to, and layouts are cheap. The first does where nothing has to be split."""
+
+CONE = 0.5
+"""Cosine of the angle that normals in a leaf may make with their mean, in the layout that is tried last."""
+
+DEPTH = 4
+"""Greatest refinement of a first leaf: sixteen to one."""
+
+LAYOUTS, ROUNDS, IDLE, MOST = 8, 8, 2, 3
+"""Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
+
+WORTH = 1.3
+"""A first layout is given up at so many times the patches of the least."""
+
+FEW = 0.15
+"""Above this share of leaves that the first fit finds bad another layout is tried."""
+
+SINGULAR = 0.15
+"""Slopes below this part of the usual one are named as the cause of a failure."""
+
+
+def laid_out(
+    field: Field, lo: Array, hi: Array, tol: float, samples: Array, probed: bool = False, work: Work = here
+) -> Layer:
+    """The coarsest layout of {field = 0} in the box that passes; LayoutError where none does. samples (n, 3) of the surface.
+
+    `probed`: leaves that hide crossings from their corners are split, too, so that nothing the probes see is lost.
+    """
+    best: Layer | None = None
+    for tree, mesh in _starts(field, lo, hi, _first_spacing(field, samples), probed):
+        found = _followed(field, tree, mesh, tol, samples, work)
+        if not len(found.bad):
+            return fewer(found, tol, samples, work)
+        if best is None or found.doubtful < best.doubtful:
+            best = found
+    assert best is not None
+    raise LayoutError(_refusal(field, best))
+
+
+def _starts(field: Field, lo: Array, hi: Array, first: float, probed: bool) -> Iterator[tuple[Octree, Mesh]]:
+    """Layouts to start from, those of the fewest patches first. Of periodic fields a piece is searched, and repeated."""
+    found: list[tuple[int, Octree, Mesh]] = []
+    seen: set[tuple[int, ...]] = set()
+    least = np.iinfo(np.int64).max
+    end, periods = piece_of(field, lo, hi)
+
+    def whole(tree: Octree, mesh: Mesh) -> tuple[Octree, Mesh]:
+        if not periods.any():
+            return tree, mesh
+        made = _unfolded(field, repeated_tree(tree, hi, periods), None, np.inf)
+        assert made is not None
+        return made
+
+    for finer in TRIED:
+        counts = _counts(field, lo, end, first / finer)
+        if tuple(counts) in seen:
+            continue
+        seen.add(tuple(counts))
+        tree = octree.uniform(lo, end, counts)
+        made = _unfolded(field, _refined(tree, field, None) if probed else tree, None, WORTH * least)
+        if made is not None and finer == TRIED[0] and made[0].size.max() == 1:
+            yield whole(*made)
+        elif made is not None:
+            found.append((_patches(made[1]), *made))
+            least = min(least, found[-1][0])
+    for _, tree, mesh in sorted(found, key=lambda each: each[0])[:MOST]:
+        yield whole(tree, mesh)
+    tree = _refined(octree.uniform(lo, end, _counts(field, lo, end, first)), field, CONE)
+    made = _unfolded(field, tree, None, np.inf)
+    if made is not None:
+        yield whole(*made)
+
+
+def _unfolded(field: Field, tree: Octree, before: Mesh | None, most: float) -> tuple[Octree, Mesh] | None:
+    """The tree split until its layout is worth a fit, and the layout; None once that has more than `most` patches."""
+    for last in [False] * (LAYOUTS - 1) + [True]:
+        before, bad = laid(tree, field, before)
+        if _patches(before) > most:
+            return None
+        bad = _splittable(tree, bad)
+        if not len(bad) or last:
+            break
+        tree = split(tree, bad)
+    assert before is not None
+    return tree, before
+
+
+def _patches(mesh: Mesh) -> int:
+    """How many patches a mesh makes: triangles are cut in three."""
+    return len(mesh.corners) + 2 * int(np.count_nonzero(mesh.corners[:, 3] < 0))
+
+
+def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, work: Work) -> Layer:
+    """The best layer of those that splitting leads to from a first layout."""
+    best = layer = fitted(field, tree, mesh, tol, samples, None, work)
+    idle = 0
+    for _ in range(ROUNDS - 1):
+        deeper = _splittable(tree, layer.bad)
+        if not len(deeper) or best.share > FEW:
+            break
+        made = _unfolded(field, split(tree, deeper), mesh, np.inf)
+        assert made is not None
+        tree, mesh = made
+        layer = fitted(field, tree, mesh, tol, samples, layer, work)
+        if not len(layer.bad):
+            return layer
+        idle = 0 if layer.doubtful < best.doubtful else idle + 1
+        if idle == 0:
+            best = layer
+        elif idle == IDLE:
+            break
+    return best
+
+
+def _splittable(tree: Octree, leaves: Ints) -> Ints:
+    return leaves[tree.size[leaves] * 2**DEPTH > tree.size.max()]
+
+
+def _refined(tree: Octree, field: Field, cosine: float | None) -> Octree:
+    for _ in range(DEPTH - 1):
+        flagged = too_coarse(tree, field, cosine) & (tree.size * 2**DEPTH > tree.size.max())
+        if not flagged.any():
+            break
+        tree = octree.split(tree, flagged)
+    return tree
+
+
+def _refusal(field: Field, layer: Layer) -> str:
+    where = layer.tree.points(layer.tree.origin[layer.bad] + 0.5 * layer.tree.size[layer.bad][:, None])
+    gradient = field.gradient(where)
+    slope = np.linalg.norm(gradient, axis=1)
+    size = layer.tree.size[layer.bad][:, None] * layer.tree.step
+    at_box = (where - size < layer.tree.lo) | (where + size > layer.tree.hi)
+    level = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
+    usual = np.median(np.linalg.norm(field.gradient(layer.net.vertices), axis=1))
+    places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in where[np.argsort(slope)][:3])
+    if slope.min() < SINGULAR * usual:
+        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
+    elif (at_box.any(axis=1) & (level < SINGULAR * usual)).any():
+        cause = "the surface touches the box there without crossing it: move the domain or change the level"
+    else:
+        cause = "the surface turns too fast for the depth allowed: use a looser tol, or a smoother field"
+    return f"{len(where)} places could not be fitted within the request ({layer.why}), near {places}; {cause}"
+
+
+def _first_spacing(field: Field, samples: Array) -> float:
+    """The size of leaf for the curvature of most of the surface."""
+    step = 1e-3 * float(np.ptp(samples, axis=0).max())
+    slope = field.gradient(samples)
+    length = np.linalg.norm(slope, axis=1, keepdims=True)
+    normal = slope / np.maximum(length, 1e-300)
+    hessian = np.stack(
+        [(field.gradient(samples + step * e) - field.gradient(samples - step * e)) / (2 * step) for e in np.eye(3)], -1
+    )
+    across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    bend = across @ hessian @ across / np.maximum(length, 1e-300)[..., None]
+    return TURN / float(np.quantile(np.linalg.norm(bend, ord=2, axis=(1, 2)), USUAL))
+
+
+def _counts(field: Field, lo: Array, hi: Array, size: float) -> Ints:
+    """Leaves along each axis, none longer than size; a whole number to a period, so that periods are laid out alike."""
+    leaf = np.full(3, size)
+    periods = field.periods()
+    if periods is not None:
+        leaf = np.array(periods) / np.ceil(np.array(periods) / size - 1e-6)
+    return np.maximum(2, np.ceil((hi - lo) / leaf - 1e-6)).astype(np.int64)
