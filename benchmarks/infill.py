@@ -4,10 +4,11 @@
                                 [--plain] [--lines 160]
 
 Columns: faces of the result; CPU seconds of the trimming, from the whole patches to the solid, with the kernel's check of it and
-a sample's, and of BRepAlgoAPI_Common alone, of the block of the same patches with the body (`--plain`: neither the making of the
-block nor any check is counted there; with it come its volume and their ratio); the volume, and how far it is from a quadrature
-that knows neither: straight lines through the body, cut at its faces by the kernel's line intersector, and between these where
-the distance to the walls, by densely spread nodes of theirs, changes sign; last, CPU seconds of the whole row.
+a sample's; with `--plain` those of BRepAlgoAPI_Common of the block of the same patches with the body and of the kernel's check of
+what comes out (the making of the block is not counted), the ratio of both together to the trimming, and of volumes; the volume,
+and how far it is from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's line
+intersector, and between these where the distance to the walls, by densely spread nodes of theirs, changes sign; last, CPU seconds
+of the whole row.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from dataclasses import replace
 import build123d as bd
 import numpy as np
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from scipy.spatial import cKDTree
@@ -168,7 +170,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--plain", action="store_true")
     options = parser.parse_args(arguments)
     print(
-        f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'plain s':>8} {'ratio':>6} {'volume':>12} "
+        f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'common s':>8} {'check s':>7} {'ratio':>6} {'volume':>12} "
         f"{'plain - own':>12} {'lines/own - 1':>13} {'row s':>6}"
     )
     for body_name in options.bodies.split(","):
@@ -182,20 +184,23 @@ def main(arguments: list[str] | None = None) -> None:
             own = time.process_time() - begun
             report = kernel.check_shape(cut.built.shape)
             assert report.ok, report
-            plain, ratio, apart = float("nan"), float("nan"), float("nan")
+            plain, check, apart = float("nan"), float("nan"), float("nan")
             if options.plain:
                 shape = block.shape
                 begun = time.process_time()
                 common = BRepAlgoAPI_Common(shape, body.shape).Shape()
                 plain = time.process_time() - begun
-                ratio, apart = plain / own, kernel.check_shape(common).volume / report.volume - 1
+                begun = time.process_time()
+                BRepCheck_Analyzer(common, True, True).IsValid()
+                check = time.process_time() - begun
+                apart = kernel.check_shape(common).volume / report.volume - 1
             lines = (
                 quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / STEPS)
                 / report.volume
                 - 1
             )
             print(
-                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {ratio:6.1f} "
+                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} {(plain + check) / own:6.1f} "
                 f"{report.volume:12.4f} {apart:12.1e} {lines:13.1e} {time.process_time() - first:6.0f}",
                 flush=True,
             )
