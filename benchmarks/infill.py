@@ -170,8 +170,8 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--plain", action="store_true")
     options = parser.parse_args(arguments)
     print(
-        f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'common s':>8} {'check s':>7} {'ratio':>6} {'volume':>12} "
-        f"{'plain - own':>12} {'lines/own - 1':>13} {'row s':>6}"
+        f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'common s':>8} {'check s':>7} {'ratio':>6} "
+        f"{'volume':>12} {'plain - own':>12} {'lines/own - 1':>13} {'row s':>6}"
     )
     for body_name in options.bodies.split(","):
         body = read_body(BODIES[body_name]())
@@ -200,8 +200,9 @@ def main(arguments: list[str] | None = None) -> None:
                 - 1
             )
             print(
-                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} {(plain + check) / own:6.1f} "
-                f"{report.volume:12.4f} {apart:12.1e} {lines:13.1e} {time.process_time() - first:6.0f}",
+                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
+                f"{(plain + check) / own:6.1f} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
+                f"{time.process_time() - first:6.0f}",
                 flush=True,
             )
 
