@@ -22,7 +22,7 @@ from tpmscad.kernel.edge_nodes import EdgeKey, edges_of
 from tpmscad.kernel.offset import edge_points
 from tpmscad.kernel.sampling import creases, faces_of
 from tpmscad.kernel.shells import solids_from
-from tpmscad.kernel.tool.read import middle
+from tpmscad.kernel.tool.carrier import middle
 from tpmscad.patches.carriers import Plane
 from tpmscad.patches.complex import Array
 from tpmscad.trimming.loops import nest

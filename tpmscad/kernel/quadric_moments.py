@@ -15,7 +15,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad.kernel.edge_nodes import EdgeNodes, Nodes, breaks_of, edges_of, nodes_between
 from tpmscad.kernel.tool.body import Refused
-from tpmscad.kernel.tool.read import carrier_of, middle
+from tpmscad.kernel.tool.carrier import carrier_of, middle
 from tpmscad.patches.carriers import Cone, Plane, Quadric, Sphere
 from tpmscad.patches.complex import Array
 from tpmscad.patches.conics import TURN

@@ -19,8 +19,9 @@ from tpmscad.kernel import convert
 from tpmscad.kernel.quadrature import face_moments
 from tpmscad.kernel.read import solids_of
 from tpmscad.kernel.tool.body import Body, Refused, unrolled
+from tpmscad.kernel.tool.carrier import EXACT, carrier_of
 from tpmscad.kernel.tool.edges import NoFit, pcurve
-from tpmscad.kernel.tool.read import EXACT, carrier_of, read
+from tpmscad.kernel.tool.read import read
 from tpmscad.kernel.tool.seams import without_seams
 from tpmscad.patches import connectivity, measure
 from tpmscad.patches.carriers import EdgeCurve, Plane, Quadric
