@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import NdBSpline
 from scipy.sparse.linalg import lsqr
 from scipy.spatial import KDTree
 
@@ -87,6 +88,17 @@ def test_the_gradient_of_a_weight_is_the_limit_of_difference_quotients(weight):
     exact = weight.gradient(where)
     close = np.isclose(np.stack(quotients, axis=-1), exact, atol=1e-5 * (1 + abs(exact).max()))
     assert close.mean() > 0.995  # a point within a step of a knot or of a cell's face may see a kink
+
+
+def test_a_spline_of_three_variables_and_its_slopes_are_those_of_scipy_at_knots_and_ends_too():
+    weight = bent_volume()
+    low, high = np.array(BOX)
+    where = np.concatenate([points(300), [low, high, [low[0], high[1], low[2]], [t[5] for t in weight.knots]]])
+    value, slope = weight.value_and_gradient(where.reshape(2, -1, 3))
+    spline = NdBSpline(weight.knots, weight.coefficients, weight.degree)
+    assert np.allclose(value.ravel(), spline(where), atol=1e-13)
+    orders = [spline(where, nu=order) for order in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+    assert np.allclose(slope.reshape(-1, 3), np.stack(orders, axis=-1), atol=1e-10)
 
 
 def test_the_design_matrix_is_the_weight_as_a_linear_map_of_its_coefficients(spline):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.blend.weights_volume import VolumeWeight
 from tpmscad.fields import Field
 from tpmscad.fields.function import Function
 
@@ -62,11 +63,12 @@ class BlendedField(Field):
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
             following, rise = self.structures[stage + 1].value_and_gradient(points)
             here = inside(blending, points) | (owner > stage + 1)
-            w, dw = weight(points[here]), weight.gradient(points[here])
+            w, dw = _both(weight, points[here])
             mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
             blended = (1 - w) * value[here] + w * following[here]
             if (shift := self._shift(stage)) is not None:
-                blended, mixed = blended + shift(points[here]), mixed + shift.gradient(points[here])
+                more, rising = _both(shift, points[here])
+                blended, mixed = blended + more, mixed + rising
             later = owner > stage
             value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
             value[here], slope[here] = blended, mixed
@@ -133,6 +135,12 @@ class StageWeight:
 
 def inside(region: Field, points: Array) -> Mask:
     return np.asarray(region(points), float) <= 0
+
+
+def _both(weight: Weighting, points: Array) -> tuple[Array, Array]:
+    if isinstance(weight, VolumeWeight):
+        return weight.value_and_gradient(points)
+    return weight(points), weight.gradient(points)
 
 
 def _as_called(structure: Field, points: Array) -> Array:
