@@ -1,10 +1,11 @@
 """The blends of the paper's Table 1 and Figures 9 to 12 as solids in STEP: a row each.
 
-    python benchmarks/solidify_figures.py [--only NAME] [--tol PART_OF_PERIOD]
+    python benchmarks/solidify_figures.py [--only NAME] [--tol PART_OF_PERIOD] [--part]
 
-NAME is a part of a row's name. Free-form models (the paper's max(phi, model)) are bodies: the blend is laid out around them and
-trimmed by their own faces. The Betti numbers of the field are counted on two grids that no part of the program uses, the volume
-is by quadrature of the field along lines; files are written, read back and checked.
+NAME is a part of a row's name. With --part it is a box of each blend that holds the blending region's whole width.
+Free-form models (the paper's max(phi, model)) are bodies: the blend is laid out around them and trimmed by their own faces. The
+Betti numbers of the field are counted on two grids that no part of the program uses, the volume is by quadrature of the field
+along lines; files are written, read back and checked.
 """
 
 from __future__ import annotations
@@ -33,6 +34,9 @@ from tpmscad.solids import solidify
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 FLAT: Corners = (0, 0, 0), (1, 1, 0.25)
 BAR: Corners = (0, 0, 0), (1, 0.25, 0.25)
+MIDDLE: Corners = (0.25, 0, 0), (0.75, 0.25, 0.25)
+"""Of the bar: 4 x 2 x 2 periods round x from .3 to .7."""
+WAVE: Corners = (0, 0.2, 0), (0.5, 1, 0.25)
 LINES = (150, 230)
 """Samples along the longest edge for the field's Betti numbers."""
 
@@ -49,6 +53,8 @@ class Row:
     model: fields.Field | None = None
     bare: tuple[fields.Field, ...] = ()
     """The structures without the model."""
+    part: Corners | None = None
+    """What is made of it with --part."""
 
 
 def blended(case: Case) -> BlendResult:
@@ -77,7 +83,7 @@ def _block() -> fields.Field:
 
 
 def rows() -> list[Row]:
-    of_table = [Row(c.name, 1 / 8, lambda c=c: blended(c), BAR) for c in table1()]  # type: ignore[misc]
+    of_table = [Row(c.name, 1 / 8, lambda c=c: blended(c), BAR, part=MIDDLE) for c in table1()]  # type: ignore[misc]
     a, b, c = figure9()
     cylinder = fields.cylinder((0, 0, 0.5), 0.5, axis="z") & fields.box((-1, -1, 0), (1, 1, 1))
     ball = fields.sphere((0, 0, 0), 0.5) & fields.box((0, 0, 0), (1, 1, 1))
@@ -85,16 +91,31 @@ def rows() -> list[Row]:
     waves = [figure10(d) for d in (0.1, 0.2, 0.3)]
     return [
         *of_table,
-        Row(a.name, 1 / 4, lambda: blended(a), ((0, 0, 0), (1, 1, 1)), rounded_block, _block(), pair()),
+        Row(a.name, 1 / 4, lambda: blended(a), ((0, 0, 0), (1, 1, 1)), rounded_block, _block(), pair(),
+            ((0.25, 0.5, 0.5), (0.75, 1, 1))),
         Row(b.name, 1 / 4, lambda: blended(b), ((-0.5, -0.5, 0), (0.5, 0.5, 1)), lambda tol: drum((0, 0, 0.5), 0.5, 1.0),
-            cylinder, pair()),
-        Row(c.name, 1 / 8, lambda: blended(c), ((0, 0, 0), (0.5, 0.5, 0.5)), lambda tol: octant(0.5), ball, pair(8)),
-        *(Row(w.name, 1 / 4, lambda w=w: blended(w), FLAT) for w in waves),  # type: ignore[misc]
-        Row("Figure 11", 1 / 4, lambda: blended(figure11()), FLAT),
-        Row("Figure 12 graded", 5.0, blend_scaffold.graded, ((0, 0, 0), (15, 15, 40))),
+            cylinder, pair(), ((0, 0, 0), (0.5, 0.5, 0.5))),
+        Row(c.name, 1 / 8, lambda: blended(c), ((0, 0, 0), (0.5, 0.5, 0.5)), lambda tol: octant(0.5), ball, pair(8),
+            ((0, 0, 0), (0.5, 0.25, 0.25))),
+        *(Row(w.name, 1 / 4, lambda w=w: blended(w), FLAT, part=WAVE) for w in waves),  # type: ignore[misc]
+        Row("Figure 11", 1 / 4, lambda: blended(figure11()), FLAT, part=((0, 0, 0), (0.5, 0.5, 0.25))),
+        Row("Figure 12 graded", 5.0, blend_scaffold.graded, ((0, 0, 0), (15, 15, 40)), part=((0, 0, 5), (10, 10, 25))),
         Row("Figure 12 quadrants", 5.0, blend_scaffold.quadrants, ((-10, -10, 0), (10, 10, 8)),
-            lambda tol: drum((0, 0, 4), 10, 8), big, tuple(blend_scaffold.rods(5.0))),
+            lambda tol: drum((0, 0, 4), 10, 8), big, tuple(blend_scaffold.rods(5.0)), ((-5, -5, 0), (5, 5, 8))),
     ]  # fmt: skip
+
+
+def part_of(row: Row) -> Row:
+    """The row's part, with what of its body lies in it."""
+    assert row.part is not None
+    name, corners = f"{row.name}, part", row.part
+    if row.body is None or row.model is None:
+        return replace(row, name=name, box=corners)
+    from build123d import Align, Box, Location
+
+    size = [b - a for a, b in zip(*corners, strict=True)]
+    cut, body, model = Location(corners[0]) * Box(*size, align=(Align.MIN,) * 3), row.body, row.model
+    return replace(row, name=name, box=corners, body=lambda tol: body(tol) & cut, model=model & fields.box(*corners))
 
 
 def sampled_betti(field: fields.Field, box: Corners, lines: int) -> tuple[int, int, int]:
@@ -151,10 +172,12 @@ def main() -> None:
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("--only", default="", help="a part of the rows' names")
     options.add_argument("--tol", type=float, default=5e-3, help="tolerance, in periods")
+    options.add_argument("--part", action="store_true", help="a box of each that holds the blending region's width")
     given = options.parse_args()
     for row in rows():
         if given.only in row.name:
-            print(f"{row.name:22s}", measured(row, given.tol), flush=True)
+            row = part_of(row) if given.part else row
+            print(f"{row.name:26s}", measured(row, given.tol), flush=True)
 
 
 if __name__ == "__main__":
