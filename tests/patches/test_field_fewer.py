@@ -9,11 +9,15 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
+from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.levelset import fewer as field_fewer
 from tpmscad.patches.levelset.fewer import fewer
 from tpmscad.patches.levelset.layer import Layer, fitted, laid
 from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.samples import samples_of
+from tpmscad.patches.levelset.solid import assemble
+from tpmscad.patches.summary import summary
 
 LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
 BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)
@@ -56,3 +60,24 @@ def test_periods_stay_alike() -> None:
     whole, samples = layer()
     periodic = replace(whole, field=field)
     assert fewer(periodic, TOL, samples) is periodic
+
+
+def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
+    whole, samples = layer()
+    mesh = whole.mesh
+    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    on_box = [n for n, p in polygons.polygon.items() if len(p) == 4 and polygons.rims([n])]
+    for number in on_box[::2]:
+        a, b, c, d = polygons.polygon[number]
+        polygons._take(number)
+        polygons._add((a, b, c))
+        polygons._add((a, c, d))
+    cut, _ = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    volumes = []
+    for part in (mesh, cut):
+        made = fitted(BALL, whole.tree, part, TOL, samples)
+        complex = assemble([(made.net, made.fit)], [made.fixed], LO, HI, np.zeros((2, 2, 2), bool))
+        assert is_closed(complex)
+        volumes.append(summary(complex).volume)
+    assert len(cut.corners) > len(mesh.corners)
+    assert abs(volumes[1] - volumes[0]) < 1e-5 * volumes[0]

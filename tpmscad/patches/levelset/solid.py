@@ -87,8 +87,9 @@ def assemble(
             use_start.append(len(use_rows))
         for c in np.flatnonzero(net.plane >= 0):
             w = -owner_sense[c]
-            a, b = (start[c], end[c]) if w > 0 else (end[c], start[c])
-            open_rows.append((net.plane[c], first_edge[c, 0], w, a, b))
+            for number in first_edge[c][first_edge[c] >= 0]:
+                _, a, b = edge_rows[number]
+                open_rows.append((net.plane[c], number, w, *((a, b) if w > 0 else (b, a))))
         n_vertices += len(net.vertices) + int(np.count_nonzero(split))
 
     points = np.vstack(vertices)
