@@ -14,6 +14,7 @@ import argparse
 import resource
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,6 +38,7 @@ BAR: Corners = (0, 0, 0), (1, 0.25, 0.25)
 MIDDLE: Corners = (0.25, 0, 0), (0.75, 0.25, 0.25)
 """Of the bar: 4 x 2 x 2 periods round x from .3 to .7."""
 WAVE: Corners = (0, 0.2, 0), (0.5, 1, 0.25)
+DISC: Corners = (0.25, 0.125, 0), (0.5, 0.375, 0.25)
 LINES = (150, 230)
 """Samples along the longest edge for the field's Betti numbers."""
 
@@ -99,6 +101,7 @@ def rows() -> list[Row]:
             ((0, 0, 0), (0.5, 0.25, 0.25))),
         *(Row(w.name, 1 / 4, lambda w=w: blended(w), FLAT, part=WAVE) for w in waves),  # type: ignore[misc]
         Row("Figure 11", 1 / 4, lambda: blended(figure11()), FLAT, part=((0, 0, 0), (0.5, 0.5, 0.25))),
+        Row("Figure 11 of 8 periods", 1 / 8, lambda: blended(figure11(periods=8)), FLAT, part=DISC),
         Row("Figure 12 graded", 5.0, blend_scaffold.graded, ((0, 0, 0), (15, 15, 40)), part=((0, 0, 5), (10, 10, 25))),
         Row("Figure 12 quadrants", 5.0, blend_scaffold.quadrants, ((-10, -10, 0), (10, 10, 8)),
             lambda tol: drum((0, 0, 4), 10, 8), big, tuple(blend_scaffold.rods(5.0)), ((-5, -5, 0), (5, 5, 8))),
@@ -147,6 +150,7 @@ def measured(row: Row, tol: float) -> str:
         path = Path(folder) / "solid.step"
         model.export_step(path)
         megabytes, again = path.stat().st_size / 1e6, kernel.check_step(path)
+        kept = "" if row.body is None else f"faces in the file: {faces_of(path)}, "
     stored = cpu() - begun - solid
     c = model.certificate
     lo, hi = np.array(row.box, float)
@@ -157,9 +161,17 @@ def measured(row: Row, tol: float) -> str:
         f"{'met' if c.met else 'NOT MET'} faces {c.n_faces} ({c.n_faces / periods:.0f} a period) "
         f"deviation {c.max_deviation / row.period:.1e} periods, jump {c.tangent_jump_deg:.2f}, betti {c.betti} field {counted}, "
         f"pieces {len(c.pieces)}, volume {c.volume / volume - 1:+.1e} (quadrature +-{spread / volume:.0e}), "
-        f"{megabytes:.1f} MB, re-read {'valid' if again.ok and again.shape.faces == c.n_faces else 'NOT VALID'}, "
+        f"{kept}{megabytes:.1f} MB, re-read {'valid' if again.ok and again.shape.faces == c.n_faces else 'NOT VALID'}, "
         f"CPU {solid:.1f} s + file {stored:.1f} s {'; '.join((*c.shortfalls, *c.notes))}"
     )
+
+
+def faces_of(path: Path) -> str:
+    """How many faces of which kind a file has."""
+    from build123d import import_step
+
+    kinds = Counter(face.geom_type.name.lower() for face in import_step(path).faces())
+    return " ".join(f"{kind} {number}" for kind, number in sorted(kinds.items()))
 
 
 def _periods(row: Row, lo: np.ndarray, hi: np.ndarray) -> float:
