@@ -37,7 +37,7 @@ FLAT: Corners = (0, 0, 0), (1, 1, 0.25)
 BAR: Corners = (0, 0, 0), (1, 0.25, 0.25)
 MIDDLE: Corners = (0.25, 0, 0), (0.75, 0.25, 0.25)
 """Of the bar: 4 x 2 x 2 periods round x from .3 to .7."""
-WAVE: Corners = (0, 0.2, 0), (0.5, 1, 0.25)
+WAVE: Corners = (0, 0, 0), (0.5, 1, 0.25)
 DISC: Corners = (0.25, 0.125, 0), (0.5, 0.375, 0.25)
 LINES = (150, 230)
 """Samples along the longest edge for the field's Betti numbers."""
