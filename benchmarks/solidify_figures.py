@@ -102,7 +102,7 @@ def rows() -> list[Row]:
         *(Row(w.name, 1 / 4, lambda w=w: blended(w), FLAT, part=WAVE) for w in waves),  # type: ignore[misc]
         Row("Figure 11", 1 / 4, lambda: blended(figure11()), FLAT, part=((0, 0, 0), (0.5, 0.5, 0.25))),
         Row("Figure 11 of 8 periods", 1 / 8, lambda: blended(figure11(periods=8)), FLAT, part=DISC),
-        Row("Figure 12 graded", 5.0, blend_scaffold.graded, ((0, 0, 0), (15, 15, 40)), part=((0, 0, 5), (10, 10, 25))),
+        Row("Figure 12 graded", 5.0, blend_scaffold.graded, ((0, 0, 0), (15, 15, 40)), part=((0, 0, 5), (10, 10, 15))),
         Row("Figure 12 quadrants", 5.0, blend_scaffold.quadrants, ((-10, -10, 0), (10, 10, 8)),
             lambda tol: drum((0, 0, 4), 10, 8), big, tuple(blend_scaffold.rods(5.0)), ((-5, -5, 0), (5, 5, 8))),
     ]  # fmt: skip
