@@ -12,7 +12,7 @@ from tpmscad import fields
 from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.levelset import fewer as field_fewer
 from tpmscad.patches.levelset.fewer import fewer
-from tpmscad.patches.levelset.layer import Layer, fitted, laid
+from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.samples import samples_of
@@ -81,3 +81,14 @@ def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
         volumes.append(summary(complex).volume)
     assert len(cut.corners) > len(mesh.corners)
     assert abs(volumes[1] - volumes[0]) < 1e-5 * volumes[0]
+
+
+def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
+    whole, net = layer()[0], layer()[0].net
+    side = np.flatnonzero(net.plane == 0)
+    height = net.vertices[net.ends[side], 1].max(axis=1)
+    curve, top = side[height.argmax()], height.max()
+    for high, bad in ((top + 0.1, False), (top - 0.3 * TOL, True)):
+        tree = replace(whole.tree, hi=np.array([HI[0], high, HI[2]]))
+        _, coarse, _ = _wrong(net, whole.fit, whole.measured, tree, TOL)
+        assert coarse[(net.curve == curve).any(axis=1)].any() == bad

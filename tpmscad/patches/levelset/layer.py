@@ -8,7 +8,7 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset import check
-from tpmscad.patches.levelset.fit import NetFit, fit_net
+from tpmscad.patches.levelset.fit import NetFit, bezier, fit_net
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.levelset.layout.net import Net, kept, net_of
@@ -31,6 +31,12 @@ SECTION = -0.3
 
 TYPICAL_DEG = 0.5
 """Tangent jump that at most one joint in twenty may exceed; degrees are raised beside those that do."""
+
+LEAVES = 1e-3
+"""Part of tol by which sides in the box's faces may leave them between their ends: beyond that caps cross themselves."""
+
+ALONG = np.linspace(0.0, 1.0, 33)
+"""Where along its parameter a side is looked at for that."""
 
 MANY = 0.1
 """Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
@@ -131,7 +137,7 @@ def fitted(
         fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches, copies), ~known, ~done), work)
         measured = check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done), work)
     for degree in DEGREES[1:]:
-        folded, coarse, rough = _wrong(net, measured, tol)
+        folded, coarse, rough = _wrong(net, fit, measured, tree, tol)
         weak = folded | coarse | rough
         many = weak.mean() > MANY
         weak |= _uneven(net, measured)
@@ -147,7 +153,7 @@ def fitted(
         changed = weak | raised[net.curve].any(axis=1)
         fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed), work)
         measured = check.measure(net, fit, field, (measured.of, changed), work)
-    folded, coarse, rough = _wrong(net, measured, tol)
+    folded, coarse, rough = _wrong(net, fit, measured, tree, tol)
     missed = np.zeros(0)
     leaves = np.unique(net.cell[folded | coarse | rough])
     why = ", ".join(
@@ -173,13 +179,26 @@ def split(tree: Octree, leaves: Ints) -> Octree:
     return octree.split(tree, chosen)
 
 
-def _wrong(net: Net, measured: check.Measured, tol: float) -> tuple[Mask, Mask, Mask]:
-    """Patches (Q,) that are folded, too far off, or meet another of the rest with a kink."""
-    folded, coarse = measured.of.cosine < COSINE, measured.of.distance > tol
+def _wrong(net: Net, fit: NetFit, measured: check.Measured, tree: Octree, tol: float) -> tuple[Mask, Mask, Mask]:
+    """Patches (Q,) that are folded, too far off or beyond the box, or meet another of the rest with a kink."""
+    leaving = _beyond(net, fit, tree) > LEAVES * tol
+    folded, coarse = measured.of.cosine < COSINE, (measured.of.distance > tol) | leaving[net.curve].any(axis=1)
     steep = np.zeros(len(net.ends), bool)
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
     steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
     return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
+
+
+def _beyond(net: Net, fit: NetFit, tree: Octree) -> Array:
+    """How far curves (C,) in faces of the box leave it by its edges."""
+    result = np.zeros(len(net.ends))
+    on_box = np.flatnonzero(net.plane >= 0)
+    count = np.array([len(fit.curves[c]) for c in on_box], np.int64)
+    for n in np.unique(count):
+        at = on_box[count == n]
+        points = bezier(n - 1, ALONG) @ np.stack([fit.curves[c] for c in at])
+        result[at] = np.maximum(tree.lo - points, points - tree.hi).max(axis=(1, 2))
+    return result
 
 
 def _uneven(net: Net, measured: check.Measured) -> Mask:

@@ -24,6 +24,9 @@ BALANCE = 0.3
 off a small corner of the box, the large polygons beside would else pull the vertex out of it."""
 
 NEWTON = 12
+CONVERGED = 1e-8
+"""A step below this part of the reach is Newton's last: what is left is of the order of its square, below round-off."""
+
 WORST, POWER = 0.1, 2
 """A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
 
@@ -50,7 +53,7 @@ def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int
         length = np.linalg.norm(step, axis=1)
         shorten = np.minimum(1.0, reach[active] / np.maximum(length, 1e-300))
         points[active] += shorten[:, None] * step
-        active = active[length > 1e-14 * reach[active]]
+        active = active[length > CONVERGED * reach[active]]
         if len(active) == 0:
             break
     return points
