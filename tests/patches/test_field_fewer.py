@@ -11,10 +11,12 @@ import pytest
 from tpmscad import fields
 from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.levelset import fewer as field_fewer
+from tpmscad.patches.levelset import mended as field_mended
 from tpmscad.patches.levelset.fewer import fewer
 from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
+from tpmscad.patches.levelset.mended import mended
 from tpmscad.patches.levelset.samples import samples_of
 from tpmscad.patches.levelset.solid import assemble
 from tpmscad.patches.summary import summary
@@ -92,3 +94,17 @@ def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
         tree = replace(whole.tree, hi=np.array([HI[0], high, HI[2]]))
         _, coarse, _ = _wrong(net, whole.fit, whole.measured, tree, TOL)
         assert coarse[(net.curve == curve).any(axis=1)].any() == bad
+
+
+def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, samples = layer()
+    inner = ~whole.mesh.fixed.any(axis=1)
+    quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
+    one = replace(whole, bad=np.unique(whole.mesh.cell[quads[len(quads) // 2]]))
+    better = mended(one, TOL, samples)
+    assert not len(better.bad)
+    assert 0 < len(whole.mesh.corners) - len(better.mesh.corners) <= 3
+    same = {v.tobytes() for v in whole.mesh.vertices} & {v.tobytes() for v in better.mesh.vertices}
+    assert len(same) > 0.5 * len(whole.mesh.vertices)
+    monkeypatch.setattr(field_mended, "fitted", lambda *_: one)
+    assert mended(one, TOL, samples) is one

@@ -18,6 +18,7 @@ from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Octree
 from tpmscad.patches.levelset.layout.refine import too_coarse
+from tpmscad.patches.levelset.mended import mended
 from tpmscad.patches.levelset.period_tree import piece_of, repeated_tree
 from tpmscad.patches.levelset.work import Work, here
 
@@ -56,7 +57,7 @@ def laid_out(
     """
     best: Layer | None = None
     for tree, mesh in _starts(field, lo, hi, _first_spacing(field, samples), probed):
-        found = _followed(field, tree, mesh, tol, samples, work)
+        found = mended(_followed(field, tree, mesh, tol, samples, work), tol, samples, work)
         if not len(found.bad):
             return fewer(found, tol, samples, work)
         if best is None or found.doubtful < best.doubtful:
