@@ -11,13 +11,13 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
 CHILDREN = np.array(list(product((0, 1), repeat=3)))
+AROUND = np.array([d for d in product((-1, 0, 1), repeat=3) if any(d)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,11 +70,17 @@ def split(tree: Octree, chosen: Mask) -> Octree:
 
 
 def _unbalanced(tree: Octree) -> Mask:
-    """Leaves that touch one less than half their size."""
-    fine = maximum_filter(-tree.size[tree.leaf].astype(np.int32), 3, mode="nearest")
-    smallest = np.full(len(tree.size), np.iinfo(np.int64).max)
-    np.minimum.at(smallest, tree.leaf.ravel(), -fine.ravel().astype(np.int64))
-    return smallest * 2 < tree.size
+    """Leaves that touch one less than half their size.
+
+    A larger leaf beside a smaller one holds all of the block of the smaller's size beside it: one look-up a direction.
+    """
+    result = np.zeros(len(tree.size), bool)
+    for direction in AROUND:
+        cell = tree.origin + tree.size[:, None] * direction
+        inside = ((cell >= 0) & (cell < tree.shape)).all(axis=1)
+        beside = tree.leaf[tuple(cell[inside].T)]
+        result[beside[tree.size[beside] > 2 * tree.size[inside]]] = True
+    return result
 
 
 def _painted(origin: Ints, size: Ints, shape: Ints) -> NDArray[np.int32]:
