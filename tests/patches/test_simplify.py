@@ -135,6 +135,16 @@ def test_a_layout_with_all_vertices_locked_is_left_alone() -> None:
     assert patches(found.mesh) == patches(before)
 
 
+def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
+    before = layout("gyroid")
+    found = simplified(before, FIELDS["gyroid"], LO, HI)
+    polygons = found.polygons
+    assert [polygons.polygon[f] for f in found.numbers] == [tuple(found.of[list(r)].tolist()) for r in rows(found.mesh)]
+    for made in reversed(found.history):
+        polygons.undo(made.change, made.numbers, made.old, made.plane)
+    assert _state(polygons) == _state(Polygons(before, np.zeros(len(before.vertices), bool)))
+
+
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 3)), min_size=1, max_size=25))
 @settings(max_examples=15, deadline=None)
 def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draws: list[tuple[int, int]]) -> None:

@@ -39,6 +39,17 @@ class Change:
         return {v for polygon in self.new for v in polygon} | set(self.into) | set(self.dropped)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Made:
+    """A change that was made, and what it takes to undo it: the numbers of its new polygons, its old ones, and their sides on
+    the box with their planes. Changes whose `old` polygons are among these numbers have to be undone before it."""
+
+    change: Change
+    numbers: list[int]
+    old: dict[int, Polygon]
+    plane: dict[tuple[int, int], int]
+
+
 class Polygons:
     """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go,
     nor polygons with no others."""

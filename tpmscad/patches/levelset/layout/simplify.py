@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.changes import changes
-from tpmscad.patches.levelset.layout.collapse import Change, Polygon, Polygons, mesh_of
+from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygon, Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.relax import onto, settled
@@ -34,10 +34,18 @@ ROUNDS, BETWEEN = 10, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simplified:
-    """A mesh, and which of its vertices each of the original's went into (V,)."""
+    """A mesh, and which of its vertices each of the original's went into (V,).
+
+    `of` (V',): which of the original's vertices the mesh's are, and `numbers` (Q,) which of the `polygons`. `history`: the
+    changes made, in order; polygons numbered below the original's count are the original's, row by row.
+    """
 
     mesh: Mesh
     into: Ints
+    of: Ints
+    numbers: Ints
+    polygons: Polygons
+    history: tuple[Made, ...]
 
 
 def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | None = None) -> Simplified:
@@ -50,7 +58,8 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
         if not work.refreshed():
             break
     polygons = work.polygons
-    small, of = mesh_of(polygons, work.vertices, work.size(), sorted(polygons.polygon))
+    numbers = sorted(polygons.polygon)
+    small, of = mesh_of(polygons, work.vertices, work.size(), numbers)
     into = work.into
     while (into != into[into]).any():
         into = into[into]
@@ -58,7 +67,8 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     free = np.ones(len(of), bool)
     free[into[work.locked]] = False
     last = settled(small, free, field, lo, hi, LAST)
-    return Simplified(last if worst(last, field) <= max(1.0, worst(small, field)) else small, into)
+    best = last if worst(last, field) <= max(1.0, worst(small, field)) else small
+    return Simplified(best, into, of, np.array(numbers, np.int64), polygons, tuple(work.history))
 
 
 class _Work:
@@ -74,6 +84,7 @@ class _Work:
         self.known: dict[int, list[tuple[float, int, Change]]] = {}
         self.dirty = set(self.polygons.polygon)
         self.stale: set[int] = set()
+        self.history: list[Made] = []
 
     def size(self) -> Array:
         """A length for each vertex: of its leaf, or of its shortest side where that has become longer."""
@@ -132,7 +143,7 @@ class _Work:
                     self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
             for v, w in (change.into | change.dropped).items():
                 self.into[v] = w
-            undo.append((polygons.apply(change), kept, planes))
+            undo.append(Made(change, polygons.apply(change), kept, planes))
         free = np.zeros(len(self.vertices), bool)
         for _, _, near in chosen:
             free[list(near)] = True
@@ -146,14 +157,15 @@ class _Work:
         missed = between(self.field, self.vertices, self.normals, self.fixed, seen)
         bad = {f: max(bad[f], float(m)) for f, m in zip(touched, missed, strict=True)}
         kept_count = 0
-        for (number, change, near), was, (numbers, old, planes) in zip(chosen, worst_before, undo, strict=True):
+        for (number, change, near), was, made in zip(chosen, worst_before, undo, strict=True):
             here = {f for v in near for f in polygons.around[v]}
             if max(bad[f] for f in here) <= max(1.0, was):
                 kept_count += 1
-                self.dirty |= {f for v in change.into.values() for f in polygons.around[v]}.union(numbers)
+                self.dirty |= {f for v in change.into.values() for f in polygons.around[v]}.union(made.numbers)
                 self.stale |= here
+                self.history.append(made)
                 continue
-            polygons.undo(change, numbers, old, planes)
+            polygons.undo(change, made.numbers, made.old, made.plane)
             for v in change.into | change.dropped:
                 self.into[v] = v
             at = list(near)
