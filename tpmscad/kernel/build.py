@@ -72,14 +72,16 @@ def build(complex: PatchComplex, moments: measure.Moments | None = None) -> Buil
     members = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
     shells = [shell_of(faces[i] for i in of) for of in members]
 
-    def inside(shell: int, point: Array) -> bool:
-        classifier = BRepClass3d_SolidClassifier(solid_of(shells[shell : shell + 1]))
-        classifier.Perform(convert.point(point), TOLERANCE)
-        return bool(classifier.State() == TopAbs_IN)
-
-    nested = nesting(complex, inside, moments)
+    nested = nesting(complex, lambda shell, point: holds(shells[shell], point), moments)
     solids = tuple(solid_of([shells[s] for s in piece]) for piece in nested.pieces)
     return Built(solids[0] if len(solids) == 1 else compound(solids), solids, faces, nested)
+
+
+def holds(shell: TopoDS_Shell, point: Array) -> bool:
+    """Whether what the shell bounds holds a point (3,)."""
+    classifier = BRepClass3d_SolidClassifier(solid_of([shell]))
+    classifier.Perform(convert.point(point), TOLERANCE)
+    return bool(classifier.State() == TopAbs_IN)
 
 
 def wrapped(shape: TopoDS_Shape, solids: int) -> Any:

@@ -1,4 +1,4 @@
-"""Gauss nodes along the kernel's edges, on their 3-D curves; an edge that two faces share is walked once."""
+"""Points and Gauss nodes along the kernel's edges, on their 3-D curves; an edge that two faces share is walked once."""
 
 from __future__ import annotations
 
@@ -70,6 +70,14 @@ def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
         edges.append(convert.as_edge(explorer.Current()))
         explorer.Next()
     return edges
+
+
+def points_along(edge: TopoDS_Edge, pieces: int) -> Array:
+    """The ends of that many pieces of an edge, alike in its parameter, in the edge's own direction: (pieces + 1, 3)."""
+    curve = BRepAdaptor_Curve(edge)
+    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
+    points = np.array([curve.Value(s).Coord() for s in t.tolist()])
+    return points[::-1] if edge.Orientation() == TopAbs_REVERSED else points
 
 
 @lru_cache

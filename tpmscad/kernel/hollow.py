@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Builder, BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_Plane
@@ -18,13 +17,12 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import convert
 from tpmscad.kernel.body import Body
 from tpmscad.kernel.build import TOLERANCE, solid_of
-from tpmscad.kernel.edge_nodes import EdgeKey, edges_of
+from tpmscad.kernel.edge_nodes import EdgeKey, edges_of, points_along
 from tpmscad.kernel.offset import edge_points
 from tpmscad.kernel.sampling import creases, faces_of
 from tpmscad.kernel.shells import solids_from
 from tpmscad.kernel.tool.carrier import middle
 from tpmscad.patches.carriers import Plane
-from tpmscad.patches.complex import Array
 from tpmscad.trimming.loops import nest
 from tpmscad.trimming.tool import TrimmingError
 
@@ -113,7 +111,7 @@ def _lies_in(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> bool:
     """Whether a void's face is one in which it touches an open face."""
     if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
         return False
-    points = np.concatenate([_along(edge, 2) for edge in edges_of(face)])
+    points = np.concatenate([points_along(edge, 2) for edge in edges_of(face)])
     if np.abs(plane.distance(points)).max() > FLUSH:
         return False
     return BRepClass_FaceClassifier(opening, convert.point(points[0]), FLUSH).State() == TopAbs_IN
@@ -126,7 +124,7 @@ def _pierced(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> I
     for wire in wires:
         walk, points = BRepTools_WireExplorer(wire), []
         while walk.More():
-            points.append(_along(walk.Current(), CHORDS)[:-1])
+            points.append(points_along(walk.Current(), CHORDS)[:-1])
             walk.Next()
         polygons.append(plane.parameters(np.concatenate(points)))
     try:
@@ -145,11 +143,3 @@ def _pierced(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> I
 def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
     """The face's loops as seen from outside, counter-clockwise around it."""
     return [convert.as_wire(wire) for wire in convert.explored(face, TopAbs_WIRE)]
-
-
-def _along(edge: Any, pieces: int) -> Array:
-    """Points along an edge in its own direction: (pieces + 1, 3)."""
-    curve = BRepAdaptor_Curve(edge)
-    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
-    points = np.array([curve.Value(s).Coord() for s in t.tolist()])
-    return points[::-1] if edge.Orientation() == TopAbs_REVERSED else points

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
 from OCP.GeomAbs import GeomAbs_Intersection
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
@@ -17,6 +16,7 @@ from tpmscad.kernel import convert
 from tpmscad.kernel.body import Body, bounds_of, read_body
 from tpmscad.kernel.boolean import guarded
 from tpmscad.kernel.distance import BodyDistance
+from tpmscad.kernel.edge_nodes import points_along
 from tpmscad.kernel.sampling import faces_of
 from tpmscad.patches.complex import Array
 
@@ -31,8 +31,8 @@ SAMPLES = 2048
 AGREEMENT = 4.0
 """Standard errors of a plain random sample; the quasi-random one used is better."""
 
-EDGE_POINTS = 5
-"""Along every edge of the shrunk body."""
+PIECES = 4
+"""Of every edge of the shrunk body, at whose ends its depth is looked at."""
 
 DEPTH = 1e-4
 """Of the skin: how far from it the depth of the shrunk body's edges may be. Faces that fold over miss it by whole radii."""
@@ -90,12 +90,8 @@ def shrunk(body: Body, skin: float, open_faces: Sequence[TopoDS_Face] = ()) -> B
 
 def edge_points(shape: TopoDS_Solid) -> Array:
     """Points along every edge of a shape: (n, 3)."""
-    points = []
-    for edge, _ in convert.ancestors(shape, TopAbs_EDGE, TopAbs_FACE):
-        curve = BRepAdaptor_Curve(convert.as_edge(edge))
-        span = np.linspace(curve.FirstParameter(), curve.LastParameter(), EDGE_POINTS)
-        points += [curve.Value(t).Coord() for t in span.tolist()]
-    return np.array(points)
+    edges = [convert.as_edge(edge) for edge, _ in convert.ancestors(shape, TopAbs_EDGE, TopAbs_FACE)]
+    return np.concatenate([points_along(edge, PIECES) for edge in edges])
 
 
 def _depths(body: Body, distance: BodyDistance) -> tuple[Array, Array]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.TopAbs import TopAbs_IN
 from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
 from tpmscad.kernel import convert
-from tpmscad.kernel.build import TOLERANCE, shell_of, solid_of, topods_faces
+from tpmscad.kernel.build import holds, shell_of, solid_of, topods_faces
 from tpmscad.kernel.nesting import nesting
 from tpmscad.patches import connectivity
-from tpmscad.patches.complex import Array, Ints, PatchComplex
+from tpmscad.patches.complex import Ints, PatchComplex
 
 
 def build_regions(
@@ -39,13 +37,10 @@ def _solids(region: PatchComplex, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
             made[number] = shell_of(faces[i] for i in shells[number])
         return made[number]
 
-    def inside(number: int, point: Array) -> bool:
-        classifier = BRepClass3d_SolidClassifier(solid_of([shell(number)]))
-        classifier.Perform(convert.point(point), TOLERANCE)
-        return bool(classifier.State() == TopAbs_IN)
-
     count, label = connectivity.shells(region)
     shells: list[list[int]] = [[] for _ in range(count)]
     for face, number in enumerate(label.tolist()):
         shells[number].append(face)
-    return tuple(solid_of([shell(s) for s in piece]) for piece in nesting(region, inside).pieces)
+    return tuple(
+        solid_of([shell(s) for s in piece]) for piece in nesting(region, lambda s, point: holds(shell(s), point)).pieces
+    )

@@ -6,15 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED
+from OCP.TopAbs import TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel import convert
-from tpmscad.kernel.build import TOLERANCE, shell_of, solid_of
+from tpmscad.kernel.build import holds, shell_of, solid_of
 from tpmscad.kernel.edge_nodes import EdgeKey, edges_of
 from tpmscad.kernel.quadrature import face_moments
 from tpmscad.patches.complex import Ints
@@ -66,13 +65,9 @@ def solids_from(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, ...],
     outer = [s for s in order if volume[s] > 0]
     pieces = {s: [s] for s in outer}
     for void in order[len(outer) :]:
-        point = BRep_Tool.Pnt_s(convert.first_vertex(edges_of(members[void][0])[0]))
-        for around in reversed(outer):
-            classifier = BRepClass3d_SolidClassifier(solid_of([shells[around]]))
-            classifier.Perform(point, TOLERANCE)
-            if classifier.State() == TopAbs_IN:
-                pieces[around].append(void)
-                break
-        else:
+        point = np.array(BRep_Tool.Pnt_s(convert.first_vertex(edges_of(members[void][0])[0])).Coord())
+        around = next((s for s in reversed(outer) if holds(shells[s], point)), None)
+        if around is None:
             raise KernelError(ASSEMBLY, f"a shell of volume {volume[void]:.6g} is in no solid: inside out")
+        pieces[around].append(void)
     return tuple(solid_of([shells[s] for s in piece]) for piece in pieces.values()), float(volume.sum())
