@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN
 from OCP.TopoDS import TopoDS_Solid
@@ -15,9 +14,10 @@ from scipy.spatial import cKDTree
 
 from tpmscad.kernel import convert
 from tpmscad.kernel.build import TOLERANCE
+from tpmscad.kernel.edge_nodes import points_along
 from tpmscad.kernel.sampling import faces_of, samples
 from tpmscad.patches.complex import Array, Ints, PatchComplex
-from tpmscad.splines.bspline import Surface
+from tpmscad.patches.selection import spline_faces
 
 Flags = NDArray[np.bool_]
 
@@ -33,8 +33,8 @@ SPACING = 1.5
 LEVEL = 0.1
 """Of the spacing: how far the body may be off the plane of a sample next to it, whose normal turns by 4 degrees to the next."""
 
-PROBE = 17
-"""Points on which an edge's length is measured."""
+PROBE = 16
+"""Pieces on which an edge's length is measured."""
 
 
 def near_and_inside(patches: PatchComplex, solid: TopoDS_Solid) -> tuple[Flags, Flags]:
@@ -65,13 +65,9 @@ def _nodes(patches: PatchComplex) -> tuple[list[tuple[Ints, Array]], Array]:
     """Faces (f,) and their nodes (f, NODES^2, 3), carrier by carrier; half the diagonal between each face's nodes, or 0 (F,)."""
     faces = patches.faces
     result, half = [], np.zeros(len(faces))
-    for index in np.unique(faces.carrier).tolist():
-        carrier = patches.carriers[index]
-        if not isinstance(carrier, Surface):
-            continue
+    for own, carrier in spline_faces(patches):
         u, v = (np.linspace(*d, NODES) for d in carrier.domain)
         net = carrier.grid(u, v)
-        own = np.flatnonzero(faces.carrier == index)
         diagonals = net[1:, 1:] - net[:-1, :-1], net[1:, :-1] - net[:-1, 1:]
         half[own] = 0.5 * max(float(np.linalg.norm(d, axis=-1).max()) for d in diagonals)
         placed = np.einsum("fij,uvj->fuvi", faces.rotation[own], net) + faces.translation[own, None, None]
@@ -86,12 +82,9 @@ def _along_edges(solid: TopoDS_Solid, spacing: float) -> Array:
         edge = convert.as_edge(shape)
         if BRep_Tool.Degenerated_s(edge):
             continue
-        curve = BRepAdaptor_Curve(edge)
-        span = curve.FirstParameter(), curve.LastParameter()
-        probe = np.array([curve.Value(t).Coord() for t in np.linspace(*span, PROBE).tolist()])
-        count = 2 + int(np.linalg.norm(np.diff(probe, axis=0), axis=1).sum() / spacing)
-        points += [curve.Value(t).Coord() for t in np.linspace(*span, max(count, PROBE)).tolist()]
-    return np.array(points)
+        length = float(np.linalg.norm(np.diff(points_along(edge, PROBE), axis=0), axis=1).sum())
+        points.append(points_along(edge, max(PROBE, 1 + int(length / spacing))))
+    return np.concatenate(points) if points else np.zeros((0, 3))
 
 
 def _inside(patches: PatchComplex, near: Flags, solid: TopoDS_Solid) -> Flags:

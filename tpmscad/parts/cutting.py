@@ -25,7 +25,7 @@ from tpmscad.kernel.tool.complex import body_complex
 from tpmscad.parts.block import Block
 from tpmscad.patches import measure
 from tpmscad.patches.complex import Array, PatchComplex
-from tpmscad.patches.selection import flipped
+from tpmscad.patches.selection import flipped, spline_faces
 from tpmscad.splines.bspline import Surface
 from tpmscad.trimming import TrimmingError, trim
 
@@ -140,13 +140,9 @@ def _nodes(patches: PatchComplex, low: Array, high: Array) -> tuple[Array, Array
     """Nodes, and normals out of the lattice, of the patches whose middles lie in a box: (n, 3), (n, 3)."""
     faces = patches.faces
     at, outward = [np.zeros((0, 3))], [np.zeros((0, 3))]
-    for index in np.unique(faces.carrier).tolist():
-        carrier = patches.carriers[index]
-        if not isinstance(carrier, Surface):
-            continue
+    for own, carrier in spline_faces(patches):
         u, v = (g.ravel() for g in np.meshgrid(*(np.linspace(*d, NODES) for d in carrier.domain), indexing="ij"))
         net = carrier(u, v)
-        own = np.flatnonzero(faces.carrier == index)
         middle = np.einsum("fij,j->fi", faces.rotation[own], net.mean(axis=0)) + faces.translation[own]
         own = own[((middle >= low) & (middle <= high)).all(axis=1)]
         rotation = faces.rotation[own]

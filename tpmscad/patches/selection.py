@@ -1,12 +1,14 @@
-"""A part of a complex: some of its faces, or the same faces seen from the other side."""
+"""A part of a complex: some of its faces, those on splines, or the same faces seen from the other side."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from tpmscad.patches.complex import Edges, Faces, Ints, PatchComplex, Uses
+from tpmscad.splines.bspline import Surface
 
 
 def selected(whole: PatchComplex, kept: Ints) -> PatchComplex:
@@ -33,6 +35,14 @@ def selected(whole: PatchComplex, kept: Ints) -> PatchComplex:
             use_start=np.cumsum([0, *map(len, spans)]),
         ),
     )
+
+
+def spline_faces(patches: PatchComplex) -> Iterator[tuple[Ints, Surface]]:
+    """B-spline surfaces in turn, each with the faces on it (f,)."""
+    for index in np.unique(patches.faces.carrier).tolist():
+        carrier = patches.carriers[index]
+        if isinstance(carrier, Surface):
+            yield np.flatnonzero(patches.faces.carrier == index), carrier
 
 
 def flipped(patches: PatchComplex) -> PatchComplex:
