@@ -67,19 +67,19 @@ def threshold_for(
     """
     if not 0 < volume_fraction < 1:
         raise InvalidRequest(f"volume fraction {volume_fraction!r} must be between 0 and 1")
-    if kind not in ("rod", "pore", "sheet"):
-        raise InvalidRequest(f"kind {kind!r}: choose rod, pore or sheet")
     grids = _cells(as_field(phi), domain, samples)
+    part = _part_of(kind, level)
+
+    def excess(cells: _Cells, t: float) -> float:
+        return part(cells, t) - volume_fraction
+
     least = min(float(cells.lowest.min()) for cells in grids)
     most = max(float(cells.highest.max()) for cells in grids)
     if kind == "sheet":
         widest = max(most - level, level - least)
-        t = _root(
-            lambda cells, t: _cut(cells, level + t) - _cut(cells, level - t) - volume_fraction, grids, 0.0, widest
-        )
+        t = _root(excess, grids, 0.0, widest)
         return level - t, level + t
-    wanted = volume_fraction if kind == "rod" else 1 - volume_fraction
-    return _root(lambda cells, c: _cut(cells, c) - wanted, grids, least, most)
+    return _root(excess, grids, least, most)
 
 
 def fractions_of(
@@ -93,13 +93,19 @@ def fractions_of(
 ) -> Array:
     """Volume fractions (n,) of `rod` or `pore` of phi with thresholds (n,), or of sheets from level - t to level + t."""
     fine, coarse = _cells(as_field(phi), domain, samples)
-
-    def part(cells: _Cells, t: float) -> float:
-        if kind == "sheet":
-            return _cut(cells, level + t) - _cut(cells, level - t)
-        return _cut(cells, t) if kind == "rod" else 1 - _cut(cells, t)
-
+    part = _part_of(kind, level)
     return np.array([_extrapolated(part(fine, t), part(coarse, t)) for t in thresholds.tolist()])
+
+
+def _part_of(kind: str, level: float) -> Callable[[_Cells, float], float]:
+    """part(cells, t): what a threshold makes solid."""
+    if kind == "sheet":
+        return lambda cells, t: _cut(cells, level + t) - _cut(cells, level - t)
+    if kind == "rod":
+        return _cut
+    if kind == "pore":
+        return lambda cells, t: 1 - _cut(cells, t)
+    raise InvalidRequest(f"kind {kind!r}: choose rod, pore or sheet")
 
 
 def _root(excess: Callable[[_Cells, float], float], grids: tuple[_Cells, _Cells], low: float, high: float) -> float:
