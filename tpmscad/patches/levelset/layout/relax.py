@@ -15,6 +15,10 @@ from scipy.spatial import cKDTree
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.layout.pull import asked
+from tpmscad.patches.levelset.layout.vectors import TINY, corner_sines, unit
+
+__all__ = ["corner_sines", "onto", "relaxed", "settled"]
 
 SWEEPS = 60
 """Sweeps of the relaxation; the worst corner of single-period layouts no longer changes after 40."""
@@ -23,12 +27,9 @@ BALANCE = 0.3
 """A vertex in a face of the box keeps the shorter of its two sides there at least this part of the longer: where the surface cuts
 off a small corner of the box, the large polygons beside would else pull the vertex out of it."""
 
-NEWTON = 12
+NEWTON, LONG = 12, 30
 CONVERGED = 1e-8
 """A step below this part of the reach is Newton's last: what is left is of the order of its square, below round-off."""
-
-WORST, POWER = 0.1, 2
-"""A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
 
 RINGS = 2
 SAME = 1e-10
@@ -36,6 +37,9 @@ SAME = 1e-10
 
 STEP = 0.25
 """Greatest move of a vertex in one step, in sizes of its cell and in lengths of its shortest side."""
+
+PAUSE, STILL = 5, 0.03
+"""Sweeps after which vertices rest that the last has moved by less than this part of the greatest step."""
 
 
 def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int = NEWTON) -> Array:
@@ -49,9 +53,9 @@ def onto(field: Field, points: Array, fixed: Mask, reach: Array, iterations: int
         value, slope = field.value_and_gradient(points[active])
         slope = np.where(fixed[active], 0.0, slope)
         square = np.einsum("ni,ni->n", slope, slope)
-        step = -(value / np.maximum(square, 1e-300))[:, None] * slope
+        step = -(value / np.maximum(square, TINY))[:, None] * slope
         length = np.linalg.norm(step, axis=1)
-        shorten = np.minimum(1.0, reach[active] / np.maximum(length, 1e-300))
+        shorten = np.minimum(1.0, reach[active] / np.maximum(length, TINY))
         points[active] += shorten[:, None] * step
         active = active[length > CONVERGED * reach[active]]
         if len(active) == 0:
@@ -98,101 +102,100 @@ def _part(mesh: Mesh, polygons: Mask) -> tuple[Mesh, Ints]:
 
 
 def settled(mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int) -> Mesh:
-    on_edge = mesh.fixed.sum(axis=1) == 2
-    corners = mesh.corners
-    three = corners[:, 3] < 0
-    groups = [(corners[~three], 4), (corners[three][:, :3], 3)]
+    """The mesh with its `free` (V,) vertices relaxed and on the level set; the others stay where they are, bit for bit.
 
-    def onto_inside(old: Array, new: Array, steps: int) -> Array:
-        """`new` brought onto the surface; a point that would leave the box is brought there from `old` parallel to the face it
-        would leave by, or stays: the surface goes on beyond the box, the layout does not."""
-        points = old.copy()
-        points[free] = onto(field, new[free], mesh.fixed[free], reach[free], steps)
-        out = (points < lo) | (points > hi)
-        at = np.flatnonzero(out.any(axis=1))
-        if len(at):
-            beside_face = onto(field, old[at], mesh.fixed[at] | out[at], reach[at], NEWTON)
-            stays = np.asarray(((beside_face < lo) | (beside_face > hi)).any(axis=1))
-            points[at] = np.where(stays[:, None], old[at], beside_face)
-        return points
-
-    rim, beside = _on_faces(mesh)
-    beside, rim = beside[free[rim]], rim[free[rim]]
-
-    def balance(points: Array, neighbours: Ints) -> Array:
-        one, other = (np.linalg.norm(points - vertices[neighbours[:, i]], axis=1) for i in (0, 1))
-        return np.minimum(one, other) / np.maximum(np.maximum(one, other), 1e-300)
-
+    Vertices slide along the surface and are taken back towards it in one step, with what the field is where they come from; the
+    last sweep ends with all of Newton's. Every PAUSE sweeps those rest that, with all round them, have moved less than STILL.
+    """
     reach = STEP * mesh.size
-    vertices = onto_inside(mesh.vertices, mesh.vertices, 30)
-    full = field.gradient(vertices)
-    for sweep in range(sweeps):
-        full[free] = field.gradient(vertices[free])
-        unit = full / np.maximum(np.linalg.norm(full, axis=1, keepdims=True), 1e-300)
-        wanted, share = np.zeros_like(vertices), np.zeros(len(vertices))
-        for of, n in groups:
-            target = _regular(vertices[of], n)
-            sines = corner_sines(vertices, of, unit)
-            pull = np.repeat(1.0 / np.clip(sines.min(axis=1), WORST, 1.0) ** POWER, n)
-            share += np.bincount(of.ravel(), pull, minlength=len(vertices))
-            for axis in range(3):
-                wanted[:, axis] += np.bincount(of.ravel(), pull * target[..., axis].ravel(), minlength=len(vertices))
-        slope = np.where(mesh.fixed, 0.0, full)
-        normal = slope / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)[:, None]
-        move = np.where(mesh.fixed | (on_edge | ~free)[:, None], 0.0, wanted / share[:, None] - vertices)
-        move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
-        room = np.minimum(reach, STEP * _shortest(vertices, mesh.side_ends))
-        length = np.linalg.norm(move, axis=1)
-        move *= np.minimum(1.0, room / np.maximum(length, 1e-300))[:, None]
-        last = sweep + 1 == sweeps
-        moved = onto_inside(vertices, vertices + move, NEWTON if last else 2)
-        before, after = (balance(x, beside) for x in (vertices[rim], moved[rim]))
-        moved[rim] = np.where(((after < BALANCE) & (after < before))[:, None], vertices[rim], moved[rim])
-        vertices = moved
+    at = np.flatnonzero(free)
+    vertices = mesh.vertices.copy()
+    vertices[at] = _inside(field, vertices[at], vertices[at], mesh.fixed[at], reach[at], lo, hi)
+    normals = unit(field.gradient(vertices))
+    moving = free & (mesh.fixed.sum(axis=1) < 2)
+    for done in range(0, sweeps, PAUSE):
+        at = np.flatnonzero(moving)
+        if not len(at):
+            break
+        pulls = _pulls(mesh, moving)
+        rim, beside = _on_faces(mesh, moving)
+        fixed, far = mesh.fixed[at], reach[at]
+        for _ in range(min(PAUSE, sweeps - done)):
+            here = vertices[at]
+            value, slope = field.value_and_gradient(here)
+            normals[at] = unit(slope)
+            wanted, shortest = asked(vertices, normals, pulls)
+            slope = np.where(fixed, 0.0, slope)
+            normal = unit(slope)
+            move = np.where(fixed, 0.0, wanted[at] - here)
+            move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
+            move *= _shortened(move, np.minimum(far, STEP * shortest[at]))
+            step = -(value / np.maximum(np.einsum("ni,ni->n", slope, slope), TINY))[:, None] * slope
+            there = here + move + _shortened(step, far) * step
+            out = np.flatnonzero(((there < lo) | (there > hi)).any(axis=1))
+            if len(out):
+                there[out] = _parallel(field, here[out], there[out], fixed[out], far[out], lo, hi)
+            before = _balance(vertices, rim, beside)
+            vertices[at] = there
+            after = _balance(vertices, rim, beside)
+            back = rim[(after < BALANCE) & (after < before)]
+            vertices[back] = here[np.searchsorted(at, back)]
+        moved = np.zeros(len(vertices), bool)
+        moved[at] = np.linalg.norm(vertices[at] - here, axis=1) > STILL * far
+        moving &= _with_neighbours(mesh, moved)
+    at = np.flatnonzero(free)
+    vertices[at] = _inside(field, vertices[at], vertices[at], mesh.fixed[at], reach[at], lo, hi)
     return replace(mesh, vertices=vertices)
 
 
-def _on_faces(mesh: Mesh) -> tuple[Ints, Ints]:
-    """Vertices inside faces of the box, (n,), and their two neighbours in the same face, (n, 2)."""
+def _shortened(steps: Array, most: Array) -> Array:
+    """What steps (n, 3) are multiplied with to be at most so long, (n, 1)."""
+    return np.minimum(1.0, most / np.maximum(np.linalg.norm(steps, axis=1), TINY))[:, None]
+
+
+def _inside(field: Field, old: Array, new: Array, fixed: Mask, reach: Array, lo: Array, hi: Array) -> Array:
+    """Points (n, 3) brought onto the surface in the box."""
+    points = onto(field, new, fixed, reach, LONG)
+    out = np.flatnonzero(((points < lo) | (points > hi)).any(axis=1))
+    if len(out):
+        points[out] = _parallel(field, old[out], points[out], fixed[out], reach[out], lo, hi)
+    return points
+
+
+def _parallel(field: Field, old: Array, new: Array, fixed: Mask, reach: Array, lo: Array, hi: Array) -> Array:
+    """Points that would leave the box for `new` (n, 3), brought onto the surface from `old` parallel to the faces they would
+    leave by, or left there: the surface goes on beyond the box, the layout does not."""
+    points = onto(field, old, fixed | (new < lo) | (new > hi), reach)
+    stays = np.asarray(((points < lo) | (points > hi)).any(axis=1))
+    return np.where(stays[:, None], old, points)
+
+
+def _balance(vertices: Array, rim: Ints, beside: Ints) -> Array:
+    """The shorter of the two sides in a face of the box at each vertex of the rim, as a part of the longer."""
+    one, other = (np.linalg.norm(vertices[rim] - vertices[beside[:, i]], axis=1) for i in (0, 1))
+    return np.asarray(np.minimum(one, other) / np.maximum(np.maximum(one, other), TINY))
+
+
+def _with_neighbours(mesh: Mesh, vertices: Mask) -> Mask:
+    """The vertices (V,) and those that share a polygon with them."""
+    corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
+    result = vertices.copy()
+    result[corners[vertices[corners].any(axis=1)]] = True
+    return result
+
+
+def _pulls(mesh: Mesh, moving: Mask) -> list[Ints]:
+    """The quadrilaterals (Q, 4) and triangles (T, 3) at vertices that move."""
+    three = mesh.corners[:, 3] < 0
+    groups = (mesh.corners[~three], mesh.corners[three][:, :3])
+    return [corners[moving[corners].any(axis=1)] for corners in groups]
+
+
+def _on_faces(mesh: Mesh, moving: Mask) -> tuple[Ints, Ints]:
+    """Vertices that move inside faces of the box, (n,), and their two neighbours in the same face, (n, 2)."""
     ends = mesh.side_ends[mesh.side_plane >= 0]
     start, end = np.concatenate([ends, ends[:, ::-1]]).T
     order = np.argsort(start, kind="stable")
     start, end = start[order], end[order]
-    first = np.flatnonzero((start[:-1] == start[1:]) & (mesh.fixed[start[:-1]].sum(axis=1) == 1))
+    first = np.flatnonzero((start[:-1] == start[1:]) & (mesh.fixed[start[:-1]].sum(axis=1) == 1) & moving[start[:-1]])
     return start[first], np.stack([end[first], end[first + 1]], axis=1)
-
-
-def _shortest(vertices: Array, ends: Ints) -> Array:
-    """The length of the shortest side at each vertex."""
-    length = np.linalg.norm(vertices[ends[:, 0]] - vertices[ends[:, 1]], axis=1)
-    shortest = np.full(len(vertices), np.inf)
-    np.minimum.at(shortest, ends[:, 0], length)
-    np.minimum.at(shortest, ends[:, 1], length)
-    return shortest
-
-
-def _regular(points: Array, n: int) -> Array:
-    """The regular n-gons nearest to polygons (Q, n, 3)."""
-    centre = points.mean(axis=1, keepdims=True)
-    spokes = points - centre
-    normal = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1), 1e-300)[:, None]
-    angle = 2 * np.pi / n * np.arange(n)
-    cos, sin = np.cos(angle)[:, None], np.sin(angle)[:, None]
-
-    def turned(vectors: Array, way: float) -> Array:
-        along = np.einsum("qki,qi->qk", vectors, normal)[..., None] * normal[:, None]
-        flat = vectors - along
-        return flat * cos + way * sin * np.cross(np.broadcast_to(normal[:, None], flat.shape), flat)
-
-    first = turned(spokes, -1.0).mean(axis=1, keepdims=True)
-    return centre + turned(np.repeat(first, n, axis=1), 1.0)
-
-
-def corner_sines(vertices: Array, corners: Ints, normals: Array) -> Array:
-    """Sines of the corner angles of quadrilaterals (Q, 4), negative where a corner is turned over: (Q, 4)."""
-    points = vertices[corners]
-    ahead = np.roll(points, -1, axis=1) - points
-    back = np.roll(points, 1, axis=1) - points
-    area = np.einsum("qki,qki->qk", np.cross(ahead, back), normals[corners])
-    return area / np.maximum(np.linalg.norm(ahead, axis=2) * np.linalg.norm(back, axis=2), 1e-300)

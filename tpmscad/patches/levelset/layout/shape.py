@@ -9,7 +9,7 @@ import numpy as np
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Mask
-from tpmscad.patches.levelset.layout.relax import corner_sines
+from tpmscad.patches.levelset.layout.vectors import corner_sines, unit
 
 SINE, TILT, TURN = 0.42, 0.8, -0.3
 """Polygons are wanted with corners of at least this sine, sides and diagonals that leave the surface by at most this sine, and
@@ -94,8 +94,3 @@ def worst(mesh: Mesh, field: Field) -> float:
     """The badness of a mesh's worst polygon."""
     rows = [tuple(row if row[3] >= 0 else row[:3]) for row in mesh.corners.tolist()]
     return float(badness(mesh.vertices, unit(field.gradient(mesh.vertices)), mesh.fixed, rows).max(initial=0.0))
-
-
-def unit(vectors: Array) -> Array:
-    """Vectors (..., 3) of length one."""
-    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-300))

@@ -20,7 +20,8 @@ from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygon, Poly
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.relax import onto, settled
-from tpmscad.patches.levelset.layout.shape import badness, between, unit, worst
+from tpmscad.patches.levelset.layout.shape import badness, between, worst
+from tpmscad.patches.levelset.layout.vectors import unit
 
 BEFORE = 1.25
 """Changes are tried that are worse than the limits by this before vertices are relaxed."""
