@@ -15,6 +15,7 @@ from math import comb
 import numpy as np
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.levelset.inside import Inside
 from tpmscad.patches.levelset.layout.net import Net
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.relax import onto
@@ -27,6 +28,10 @@ CURVE_TANGENT = 1.0
 END_TANGENT = 1e3
 CROSS = 1.0
 PASSES = 2
+
+CLEAR = 0.3
+"""Curves that would leave the box keep this part of their ends' distance from its faces: where the surface grazes a face, the
+straight way between two vertices leads beyond it, across the surface's section there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,11 +115,11 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int)
     """Curves on the level set between points (n, 3) of it, in planes of the box where coordinates are `fixed`: (n, p + 1, 3)."""
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
     reach = 0.3 * np.linalg.norm(end - start, axis=1)
-    points = start[:, None] + t[:, None] * (end - start)[:, None]
+    straight = start[:, None] + t[:, None] * (end - start)[:, None]
+    points = straight
     for _ in range(2):
-        points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
-        points = _evenly(points, t)
-    points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
+        points = _evenly(_between(field, points, straight, fixed, reach), t)
+    points = _between(field, points, straight, fixed, reach)
 
     values, slopes = bezier(degree, t), bezier(degree, t, 1)
     share = np.arange(degree + 1)[:, None] / degree
@@ -122,8 +127,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int)
     inner = slice(1, degree)
     for turn in range(PASSES):
         if turn:
-            points = values @ poles
-            points[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
+            points = _between(field, values @ poles, straight, fixed, reach)
         normal = _normals(field, points, fixed)
         slope = slopes @ poles
         system = _System(degree - 1, len(start))
@@ -280,6 +284,24 @@ def _evenly(points: Array, t: Array) -> Array:
     s = ((t - low) / np.maximum(high - low, 1e-300))[..., None]
     start, end = (np.take_along_axis(points, k[..., None], 1) for k in (at, at + 1))
     return (1 - s) * start + s * end
+
+
+def _between(field: Field, points: Array, straight: Array, fixed: Mask, reach: Array) -> Array:
+    """Points of curves (n, m, 3) but for their ends brought onto the surface, in the box where there is one."""
+    result = points.copy()
+    result[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
+    if not isinstance(field, Inside):
+        return result
+    lo, hi = np.array(field.lo), np.array(field.hi)
+    leaving = np.flatnonzero(((result < lo) | (result > hi))[:, 1:-1].any(axis=(1, 2)))
+    low, high = (b + CLEAR * (straight[leaving] - b) for b in (lo, hi))
+    out = (result[leaving] < low) | (result[leaving] > high)
+    out[:, [0, -1]] = False
+    row, at = np.nonzero(out.any(axis=2))
+    if len(row):
+        moved = np.clip(result[leaving[row], at], low[row, at], high[row, at])
+        result[leaving[row], at] = onto(field, moved, fixed[leaving[row]] | out[row, at], reach[leaving[row]], 8)
+    return result
 
 
 def _onto(field: Field, points: Array, fixed: Mask, reach: Array) -> Array:
