@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from tpmscad.patches.levelset.fewer import fewer
 from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
+from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.mended import mended
 from tpmscad.patches.levelset.samples import samples_of
 from tpmscad.patches.levelset.solid import assemble
@@ -32,6 +34,12 @@ def layer() -> tuple[Layer, np.ndarray]:
     samples = samples_of(BALL, LO, HI, 0.7)
     mesh, _ = laid(tree, BALL)
     return fitted(BALL, tree, mesh, TOL, samples), samples
+
+
+def polygons_of(mesh: Mesh) -> set[tuple[tuple[float, ...], ...]]:
+    """Polygons by where the tree put their vertices."""
+    start = [tuple(point) for point in mesh.start.tolist()]
+    return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
 def test_a_layer_that_passes_is_made_of_fewer_patches_that_pass_too() -> None:
@@ -55,6 +63,24 @@ def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.Monke
     monkeypatch.setattr(field_fewer, "fitted", failing)
     assert fewer(whole, TOL, samples) is whole
     assert 1 < len(tried) <= field_fewer.ATTEMPTS
+
+
+def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, samples = layer()
+    at = int(np.argmax(whole.mesh.vertices[:, 0]))
+    wanted = {p for p in polygons_of(whole.mesh) if tuple(whole.mesh.start[at]) in p}
+    misses = []
+
+    def strict(*args: Any) -> Layer:
+        made = fitted(*args)
+        misses.append(not wanted <= polygons_of(made.mesh))
+        return replace(made, bad=whole.mesh.cell[[at]]) if misses[-1] else made
+
+    monkeypatch.setattr(field_fewer, "fitted", strict)
+    small = fewer(whole, TOL, samples)
+    assert misses[0]
+    assert wanted <= polygons_of(small.mesh)
+    assert len(small.fit.patches) < len(whole.fit.patches)
 
 
 def test_periods_stay_alike() -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad.patches.levelset.layer import TYPICAL_DEG, Layer, fitted
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.history import History
-from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.simplify import simplified
 from tpmscad.patches.levelset.work import Work, here
 
@@ -37,16 +38,22 @@ def fewer(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
         missed_before[found.bad] += 1
         undone = False
         for levels in np.unique(missed_before[found.bad]).tolist():
-            bad = _polygons_at(mesh, found.bad[missed_before[found.bad] == levels])
+            bad = _polygons_at(mesh, layer.tree, found.bad[missed_before[found.bad] == levels])
             undone |= history.undo(numbers[bad].tolist(), levels)
         if not undone:
             break
     return layer
 
 
-def _polygons_at(mesh: Mesh, leaves: Ints) -> Mask:
-    """Polygons (Q,) of which all vertices are from these leaves, or where there are none, some."""
+def _polygons_at(mesh: Mesh, tree: Octree, leaves: Ints) -> Mask:
+    """Polygons (Q,) of which all vertices are from these leaves, or else some, or else those round the nearest vertices."""
+    there = np.isin(mesh.cell, leaves)
     corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
-    there = np.isin(mesh.cell, leaves)[corners]
-    whole = np.asarray(there.all(axis=1))
-    return whole if whole.any() else np.asarray(there.any(axis=1))
+    whole = np.asarray(there[corners].all(axis=1))
+    if whole.any():
+        return whole
+    if not there.any():
+        there[cKDTree(mesh.vertices).query(tree.points(tree.origin[leaves] + 0.5 * tree.size[leaves][:, None]))[1]] = (
+            True
+        )
+    return np.asarray(there[corners].any(axis=1))
