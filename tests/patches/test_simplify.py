@@ -115,7 +115,7 @@ class TestEverySimplifiedLayout:
         mesh = smaller(name)[0]
         assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
         assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
-        before, after = (badness(m.vertices, normals(m, name), m.fixed, rows(m)).max() for m in (layout(name), mesh))
+        before, after = (badness(m.vertices, normals(m, name), m.fixed, m.corners).max() for m in (layout(name), mesh))
         assert after <= max(1.0, before)
 
 

@@ -21,6 +21,13 @@ def changes(polygons: Polygons, number: int) -> list[Change]:
             into = _merging(polygons, a, c, False)
             if into is not None:
                 found.append(polygons.collapsed(into, [number]))
+    return [change for change in found if change is not None] + sideways(polygons, number)
+
+
+def sideways(polygons: Polygons, number: int) -> list[Change]:
+    """The changes that start from that polygon but for its diagonals."""
+    polygon = polygons.polygon[number]
+    found: list[Change | None] = []
     for i, v in enumerate(polygon):
         u = polygon[i - 1]
         other = polygons.beside.get((v, u), -1)

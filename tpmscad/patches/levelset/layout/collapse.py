@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.patches.levelset.layout.dual import Mesh
-from tpmscad.patches.levelset.layout.octree import Ints, Mask
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 
 Polygon = tuple[int, ...]
 
@@ -52,7 +52,7 @@ class Made:
 
 class Polygons:
     """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go,
-    nor polygons with no others."""
+    nor polygons with no others. `rows` has the corners by number, -1 last in triangles and throughout where there is none."""
 
     def __init__(self, mesh: Mesh, locked: Mask) -> None:
         self.mesh, self.locked = mesh, locked
@@ -61,6 +61,7 @@ class Polygons:
         self.around: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
         self.beside: dict[tuple[int, int], int] = {}
         self.next = 0
+        self.rows = np.full((2 * len(mesh.corners), 4), -1)
         on_box = mesh.side_plane >= 0
         self.plane = {
             (min(a, b), max(a, b)): int(p)
@@ -76,12 +77,16 @@ class Polygons:
 
     def _put(self, number: int, polygon: Polygon) -> None:
         self.polygon[number] = polygon
+        if number >= len(self.rows):
+            self.rows = np.concatenate([self.rows, np.full(self.rows.shape, -1)])
+        self.rows[number, : len(polygon)] = polygon
         for i, v in enumerate(polygon):
             self.around[v].add(number)
             self.beside[polygon[i - 1], v] = number
 
     def _take(self, number: int) -> None:
         polygon = self.polygon.pop(number)
+        self.rows[number] = -1
         for i, v in enumerate(polygon):
             self.around[v].discard(number)
             del self.beside[polygon[i - 1], v]
@@ -233,28 +238,31 @@ def _patches(polygon: Polygon) -> int:
     return 1 if len(polygon) == 4 else 3
 
 
-def mesh_of(polygons: Polygons, vertices: np.ndarray, size: np.ndarray, numbers: Iterable[int]) -> tuple[Mesh, Ints]:
+def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[int]) -> tuple[Mesh, Ints]:
     """The mesh of polygons of these numbers, and which of all vertices its own are."""
-    rows = [polygons.polygon[f] for f in numbers]
-    corners = np.array([r if len(r) == 4 else (*r, -1) for r in rows], np.int64).reshape(-1, 4)
-    of, place = np.unique(corners[corners >= 0], return_inverse=True)
+    corners = polygons.rows[np.fromiter(numbers, np.int64)]
+    present = corners >= 0
+    of, place = np.unique(corners[present], return_inverse=True)
     small = np.full(corners.shape, -1)
-    small[corners >= 0] = place.ravel()
+    small[present] = place.ravel()
     following = np.roll(small, -1, axis=1)
     three = small[:, 3] < 0
     following[three, 2] = small[three, 0]
-    q, i = np.nonzero(small >= 0)
-    ends = np.sort(np.stack([small[q, i], following[q, i]], axis=1), axis=1)
-    ends, number = np.unique(ends, axis=0, return_inverse=True)
+    one, other = small[present], following[present]
+    keys, number, uses = np.unique(
+        np.minimum(one, other) * len(of) + np.maximum(one, other),
+        return_inverse=True,
+        return_counts=True,
+    )
+    ends = np.stack(np.divmod(keys, max(1, len(of))), axis=1)
     sides = np.full(corners.shape, -1)
-    sides[q, i] = number.ravel()
+    sides[present] = number.ravel()
     plane = np.full(len(ends), -1)
-    on_box = np.asarray(polygons.fixed)[of] > 0
-    both = np.flatnonzero(on_box[ends[:, 0]] & on_box[ends[:, 1]])
-    for s in both:
-        a, b = of[ends[s]].tolist()
-        plane[s] = polygons.plane.get((a, b), -1)
     mesh = polygons.mesh
+    on_box = mesh.fixed[of].any(axis=1)
+    open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
+    known = polygons.plane
+    plane[open_sides] = [known.get((a, b), -1) for a, b in of[ends[open_sides]].tolist()]
     return (
         Mesh(vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of], small, sides, ends, plane),
         of,

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad.patches.levelset.layout.octree import Array, Ints
-from tpmscad.patches.levelset.layout.vectors import TINY, ahead, behind, cross, dot, length, taken
+from tpmscad.patches.levelset.layout.vectors import TINY, ahead, behind, cross, dot, length, sines, taken
 
 WORST, POWER = 0.1, 2
 """A polygon pulls with 1 / max(least sine of its corners, WORST)^POWER: without that, layouts with necks keep turned corners."""
@@ -25,8 +25,8 @@ def asked(vertices: Array, normals: Array, polygons: Sequence[Ints]) -> tuple[Ar
         points, at = taken(vertices, corners), corners.ravel()
         side = ahead(points) - points
         size = length(side)
-        sine = dot(cross(side, -behind(side)), taken(normals, corners)) / np.maximum(size * behind(size), TINY)
-        pull = 1.0 / np.clip(sine.min(axis=1), WORST, 1.0) ** POWER
+        sine = sines(side, size, taken(normals, corners)).min(axis=1)
+        pull = 1.0 / np.clip(sine, WORST, 1.0) ** POWER
         target = pull[:, None] * regular(points)
         share += np.bincount(at, np.repeat(pull, corners.shape[1]), minlength=count)
         for axis in range(3):

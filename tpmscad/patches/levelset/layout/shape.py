@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.dual import Mesh
-from tpmscad.patches.levelset.layout.octree import Array, Mask
-from tpmscad.patches.levelset.layout.vectors import corner_sines, unit
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.layout.vectors import TINY, ahead, corner_sines, dot, length, sines, taken, unit
 
 SINE, TILT, TURN = 0.42, 0.8, -0.3
 """Polygons are wanted with corners of at least this sine, sides and diagonals that leave the surface by at most this sine, and
@@ -22,50 +20,63 @@ cosine with those at the corners, and the quarters of a polygon have corners of 
 thin polygons whose sides bend into each other, nor of a dimple between them."""
 
 
-def badness(vertices: Array, normals: Array, fixed: Mask, polygons: Sequence[tuple[int, ...]]) -> Array:
-    """How near polygons are to the limits of their shape, (Q,): above 1 beyond them."""
-    result = np.zeros(len(polygons))
-    count = np.array([len(p) for p in polygons])
-    for n in (3, 4):
-        at = np.flatnonzero(count == n)
+def badness(vertices: Array, normals: Array, fixed: Mask, corners: Ints) -> Array:
+    """How near polygons (Q, 4), triangles with a last -1, are to the limits of their shape, (Q,): above 1 beyond them."""
+    result = np.zeros(len(corners))
+    three, box = corners[:, 3] < 0, np.asarray(fixed.any(axis=1))
+    for at, n in ((np.flatnonzero(~three), 4), (np.flatnonzero(three), 3)):
         if not len(at):
             continue
-        corners = np.array([polygons[int(i)] for i in at])
-        each, points = normals[corners], vertices[corners]
-        sine = corner_sines(vertices, corners, normals).min(axis=1)
-        turn = (each @ np.swapaxes(each, 1, 2)).min(axis=(1, 2))
-        chord = points[:, :, None] - points[:, None]
-        length = np.linalg.norm(chord, axis=3)
-        tilt = np.abs(np.einsum("qijx,qix->qij", chord, each)) / np.maximum(length, 1e-300)
-        tilt = np.maximum(tilt.max(axis=(1, 2)), _leaving_sections(points, each, fixed[corners]))
-        result[at] = np.maximum.reduce([(1 - sine) / (1 - SINE), tilt / TILT, (1 - turn) / (1 - TURN)])
+        of = corners[at, :n]
+        points, each = taken(vertices, of), taken(normals, of)
+        chord, after = ahead(points) - points, ahead(each)
+        size = length(chord)
+        sine = sines(chord, size, each).min(axis=1)
+        turn = dot(each, after).min(axis=1)
+        tilt = _leaving(chord, size, each, after)
+        if n == 4:
+            diagonal = points[:, :, 2:] - points[:, :, :2]
+            near, far = each[:, :, :2], each[:, :, 2:]
+            turn = np.minimum(turn, dot(near, far).min(axis=1))
+            tilt = np.maximum(tilt, _leaving(diagonal, length(diagonal), near, far))
+        on_box = np.flatnonzero(box[of].sum(axis=1) > 1)
+        if len(on_box):
+            row = of[on_box]
+            tilt[on_box] = np.maximum(tilt[on_box], _leaving_sections(vertices[row], normals[row], fixed[row]))
+        result[at] = np.maximum.reduce([(1 - sine) / (1 - SINE), tilt / TILT, (1 - np.minimum(turn, 1.0)) / (1 - TURN)])
     return result
 
 
-def between(field: Field, vertices: Array, normals: Array, fixed: Mask, polygons: Sequence[tuple[int, ...]]) -> Array:
-    """How much of the surface's shape polygons miss, (Q,), relative to the limits.
+def _leaving(chord: Array, size: Array, one: Array, other: Array) -> Array:
+    """The greatest sine (Q,) by which chords (3, Q, n) leave the surface with these normals at their ends."""
+    return np.asarray((np.maximum(np.abs(dot(chord, one)), np.abs(dot(chord, other))) / np.maximum(size, TINY)).max(1))
+
+
+def between(field: Field, vertices: Array, normals: Array, fixed: Mask, polygons: Ints) -> Array:
+    """How much of the surface's shape polygons (Q, 4), triangles with a last -1, miss, (Q,), relative to the limits.
 
     That is how far the surface is from the middles of their sides and their centres, how far its normals turn to there, and
     the corners of the four that a polygon is cut in by these points brought onto the surface.
     """
-    corners = np.array([p if len(p) == 4 else (*p, p[2]) for p in polygons], np.int64).reshape(-1, 4)
-    three = corners[:, 3] == corners[:, 2]
+    three = polygons[:, 3] < 0
+    corners = polygons.copy()
+    corners[three, 3] = corners[three, 2]
     following = np.roll(corners, -1, axis=1)
     held = np.concatenate([fixed[corners] & fixed[following], np.zeros((len(corners), 1, 3), bool)], axis=1)
     points = np.concatenate(
         [0.5 * (vertices[corners] + vertices[following]), vertices[corners].mean(axis=1)[:, None]], 1
     )
-    length = np.linalg.norm(vertices[corners] - vertices[following], axis=2)
-    length = np.concatenate([length, length.max(axis=1, keepdims=True)], axis=1)
+    long = np.linalg.norm(vertices[corners] - vertices[following], axis=2)
+    long = np.concatenate([long, long.max(axis=1, keepdims=True)], axis=1)
     moved = points
     for _ in range(2):
         value, slope = field.value_and_gradient(moved)
         along = np.where(held, 0.0, slope)
-        step = -(value / np.maximum(np.einsum("qix,qix->qi", along, along), 1e-300))[..., None] * along
-        reach = SAG * length / np.maximum(np.linalg.norm(step, axis=2), 1e-300)
+        step = -(value / np.maximum(np.einsum("qix,qix->qi", along, along), TINY))[..., None] * along
+        reach = SAG * long / np.maximum(np.linalg.norm(step, axis=2), TINY)
         moved = moved + np.minimum(1.0, reach)[..., None] * step
-    sag = np.linalg.norm(moved - points, axis=2) / np.maximum(length, 1e-300)
-    sag[length <= 0] = 0.0
+    sag = np.linalg.norm(moved - points, axis=2) / np.maximum(long, TINY)
+    sag[long <= 0] = 0.0
     normal = unit(slope)
     each = normals[corners]
     turn = np.minimum(
@@ -92,5 +103,5 @@ def _leaving_sections(points: Array, normals: Array, fixed: Mask) -> Array:
 
 def worst(mesh: Mesh, field: Field) -> float:
     """The badness of a mesh's worst polygon."""
-    rows = [tuple(row if row[3] >= 0 else row[:3]) for row in mesh.corners.tolist()]
-    return float(badness(mesh.vertices, unit(field.gradient(mesh.vertices)), mesh.fixed, rows).max(initial=0.0))
+    normals = unit(field.gradient(mesh.vertices))
+    return float(badness(mesh.vertices, normals, mesh.fixed, mesh.corners).max(initial=0.0))

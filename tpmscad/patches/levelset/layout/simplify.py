@@ -9,22 +9,21 @@ worse than the limits, and worse than before, are taken back.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad.fields.field import Field
-from tpmscad.patches.levelset.layout.changes import changes
-from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygon, Polygons, mesh_of
+from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.merged import Surface
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
-from tpmscad.patches.levelset.layout.relax import onto, settled
+from tpmscad.patches.levelset.layout.rated import Rated, rated
+from tpmscad.patches.levelset.layout.relax import settled
 from tpmscad.patches.levelset.layout.shape import badness, between, worst
+from tpmscad.patches.levelset.layout.stars import most
 from tpmscad.patches.levelset.layout.vectors import unit
-
-BEFORE = 1.25
-"""Changes are tried that are worse than the limits by this before vertices are relaxed."""
 
 SWEEPS, LAST = 10, 60
 """Sweeps of the relaxation after a round, and of all that is not locked in the end."""
@@ -72,6 +71,10 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     return Simplified(best, into, of, np.array(numbers, np.int64), polygons, tuple(work.history))
 
 
+Near = tuple[Change, set[int]]
+"""A change with the vertices that are relaxed with it."""
+
+
 class _Work:
     """A mesh in the course of its simplification."""
 
@@ -82,7 +85,7 @@ class _Work:
         self.leaf = mesh.size.copy()
         self.normals = unit(field.gradient(self.vertices))
         self.into = np.arange(len(mesh.vertices))
-        self.known: dict[int, list[tuple[float, int, Change]]] = {}
+        self.known = Rated.none()
         self.dirty = set(self.polygons.polygon)
         self.stale: set[int] = set()
         self.history: list[Made] = []
@@ -104,39 +107,71 @@ class _Work:
 
     def round(self) -> int:
         """One round of changes; how many were kept."""
-        self._look()
+        alive = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
+        dirty = np.array(sorted(self.dirty.intersection(self.polygons.polygon)), np.int64)
+        self.dirty = set()
+        surface = Surface(self.field, self.vertices, self.normals, self.fixed)
+        self.known = self.known.without(alive, dirty).with_more(rated(self.polygons, surface, dirty, self.locked))
+        places, chosen, impossible = self._chosen()
+        if not chosen:
+            return 0
+        kept = self._tried(chosen)
+        self.known = self.known.but(impossible + [k for k, fine in zip(places, kept, strict=True) if not fine])
+        return int(kept.sum())
+
+    def _chosen(self) -> tuple[list[int], list[Near], list[int]]:
+        """The best of the known changes that are out of each other's way: their places, and they with the vertices near them;
+        and the places of those that have turned out impossible."""
+        polygons, known = self.polygons, self.known
         taken: set[int] = set()
-        chosen: list[tuple[int, Change, set[int]]] = []
-        for _, number, k in sorted(
-            (score, number, k) for number, found in self.known.items() for k, (score, _, _) in enumerate(found)
-        ):
-            change = self.known[number][k][2]
-            if not (taken.isdisjoint(change.vertices) and self.polygons.possible(change)):
+        places: list[int] = []
+        chosen: list[Near] = []
+        impossible: list[int] = []
+        goes, stays, number = known.goes.tolist(), known.stays.tolist(), known.number.tolist()
+        for k in known.order().tolist():
+            v, w = goes[k], stays[k]
+            if v in taken or w in taken:
+                continue
+            change = known.change[k]
+            if change is None:
+                corners = polygons.polygon[number[k]]
+                if any(c in taken for c in corners):
+                    continue
+                if any(c in taken for u in (v, w) for f in polygons.around[u] for c in polygons.polygon[f]):
+                    continue
+                change = polygons.collapsed({v: w}, [number[k]])
+            elif not (taken.isdisjoint(change.vertices) and polygons.possible(change)):
+                continue
+            if change is None:
+                impossible.append(k)
                 continue
             free = self._near(change)
             if taken.isdisjoint(free):
                 taken |= free
-                chosen.append((number, change, free))
-        if not chosen:
-            return 0
-        return self._tried(chosen)
+                places.append(k)
+                chosen.append((change, free))
+        return places, chosen, impossible
 
     def _near(self, change: Change) -> set[int]:
         """The vertices that are relaxed with a change: its own, and those round what its vertices go into."""
         free = change.vertices
         for v in set(change.into.values()):
             for f in self.polygons.around[v]:
-                free |= set(self.polygons.polygon[f])
+                free.update(self.polygons.polygon[f])
         return free
 
-    def _tried(self, chosen: Sequence[tuple[int, Change, set[int]]]) -> int:
+    def _tried(self, chosen: Sequence[Near]) -> Mask:
+        """Make these changes, and take back those that leave polygons too bad; which of them (n,) are kept."""
         polygons, before = self.polygons, self.vertices.copy()
         old_normals = self.normals.copy()
-        undo = []
-        beside = [{f for v in free for f in polygons.around[v]} for _, _, free in chosen]
-        bad = self._bad({f for here in beside for f in here})
-        worst_before = [max(bad[f] for f in here) for here in beside]
-        for _, change, _ in chosen:
+        owner = np.full(len(before), -1)
+        for i, (_, near) in enumerate(chosen):
+            owner[list(near)] = i
+        count = len(chosen)
+        numbers, rows, which = self._touched(owner)
+        was = most(self._bad(rows)[which[0]], which[1], count)
+        done: list[Made] = []
+        for change, _ in chosen:
             kept = {f: polygons.polygon[f] for f in change.old}
             planes = polygons.rims(change.old)
             for v, w in change.into.items():
@@ -144,84 +179,52 @@ class _Work:
                     self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
             for v, w in (change.into | change.dropped).items():
                 self.into[v] = w
-            undo.append(Made(change, polygons.apply(change), kept, planes))
-        free = np.zeros(len(self.vertices), bool)
-        for _, _, near in chosen:
-            free[list(near)] = True
-        free &= ~self.locked
-        touched = sorted({f for _, _, near in chosen for v in near for f in polygons.around[v]})
-        part, of = mesh_of(polygons, self.vertices, self.size(), touched)
-        self.vertices[of] = settled(part, free[of], self.field, self.lo, self.hi, SWEEPS).vertices
+            done.append(Made(change, polygons.apply(change), kept, planes))
+        numbers, rows, which = self._touched(owner)
+        part, of = mesh_of(polygons, self.vertices, self._size(rows), numbers)
+        free = (owner[of] >= 0) & ~self.locked[of]
+        self.vertices[of] = settled(part, free, self.field, self.lo, self.hi, SWEEPS).vertices
         self.normals[of] = unit(self.field.gradient(self.vertices[of]))
-        bad = self._bad(touched)
-        seen = [polygons.polygon[f] for f in touched]
-        missed = between(self.field, self.vertices, self.normals, self.fixed, seen)
-        bad = {f: max(bad[f], float(m)) for f, m in zip(touched, missed, strict=True)}
-        kept_count = 0
-        for (number, change, near), was, made in zip(chosen, worst_before, undo, strict=True):
-            here = {f for v in near for f in polygons.around[v]}
-            if max(bad[f] for f in here) <= max(1.0, was):
-                kept_count += 1
-                self.dirty |= {f for v in change.into.values() for f in polygons.around[v]}.union(made.numbers)
-                self.stale |= here
+        fine = most(self._bad(rows)[which[0]], which[1], count) <= np.maximum(1.0, was)
+        polygon, by = which[0][fine[which[1]]], which[1][fine[which[1]]]
+        seen, place = np.unique(polygon, return_inverse=True)
+        missed = between(self.field, self.vertices, self.normals, self.fixed, rows[seen])
+        fine &= most(missed[place.ravel()], by, count) <= np.maximum(1.0, was)
+        for i, made in enumerate(done):
+            change = made.change
+            if fine[i]:
+                self.dirty.update(f for v in change.into.values() for f in polygons.around[v])
+                self.dirty.update(made.numbers)
                 self.history.append(made)
                 continue
             polygons.undo(change, made.numbers, made.old, made.plane)
             for v in change.into | change.dropped:
                 self.into[v] = v
-            at = list(near)
-            self.vertices[at], self.normals[at] = before[at], old_normals[at]
-            self.known[number] = [entry for entry in self.known.get(number, []) if entry[2] is not change]
-        return kept_count
+        undone = np.flatnonzero(~fine[owner] & (owner >= 0))
+        self.vertices[undone], self.normals[undone] = before[undone], old_normals[undone]
+        self.stale.update(numbers[which[0][fine[which[1]]]].tolist())
+        return fine
 
-    def _bad(self, numbers: Iterable[int]) -> dict[int, float]:
-        """How bad polygons are, by number."""
-        order = sorted(numbers)
-        found = badness(self.vertices, self.normals, self.fixed, [self.polygons.polygon[f] for f in order])
-        return dict(zip(order, found.tolist(), strict=True))
+    def _touched(self, owner: Ints) -> tuple[Ints, Ints, tuple[Ints, Ints]]:
+        """Polygons with a corner that has an owner: their numbers, their corners, and which of them belong to which owner."""
+        numbers = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
+        rows = self.polygons.rows[numbers]
+        by = np.where(rows >= 0, owner[rows], -1)
+        touched = (by >= 0).any(axis=1)
+        numbers, rows, by = numbers[touched], rows[touched], by[touched]
+        q, i = np.nonzero(by >= 0)
+        return numbers, rows, (q, by[q, i])
 
-    def _look(self) -> None:
-        """The changes that start from polygons that are new, with how good they would be."""
-        polygons = self.polygons
-        found: list[tuple[int, Change]] = []
-        for number in [f for f in self.known if f not in polygons.polygon]:
-            del self.known[number]
-        for number in sorted(f for f in self.dirty if f in polygons.polygon):
-            self.known[number] = []
-            found += [(number, change) for change in changes(polygons, number)]
-        self.dirty = set()
-        if not found:
-            return
-        # where vertices would go, as vertices of their own behind the mesh's
-        place: list[dict[int, int]] = []
-        points: list[Array] = []
-        fixed, reach = [], []
-        for _, change in found:
-            own: dict[int, int] = {}
-            for w in sorted(set(change.into.values())):
-                of = [v for v, into in change.into.items() if into == w]
-                stays = self.fixed[w].any() and self.fixed[w].sum() > max(self.fixed[v].sum() for v in of)
-                own[w] = len(self.vertices) + len(points)
-                points.append(self.vertices[w] if stays else self.vertices[[*of, w]].mean(axis=0))
-                fixed.append(self.fixed[w])
-                reach.append(float(np.linalg.norm(self.vertices[of[0]] - self.vertices[w])) + 1e-300)
-            place.append(own)
-        if points:
-            new = onto(self.field, np.array(points), np.array(fixed), np.array(reach), 4)
-            vertices = np.concatenate([self.vertices, new])
-            normals = np.concatenate([self.normals, unit(self.field.gradient(new))])
-            held = np.concatenate([self.fixed, np.array(fixed)])
-        else:
-            vertices, normals, held = self.vertices, self.normals, self.fixed
-        rows: list[Polygon] = []
-        owner: list[int] = []
-        for i, ((_, change), own) in enumerate(zip(found, place, strict=True)):
-            around = {f for w in own for f in polygons.around[w]} - set(change.old)
-            for polygon in [*change.new, *(polygons.polygon[f] for f in sorted(around))]:
-                rows.append(tuple(own.get(v, v) for v in polygon))
-                owner.append(i)
-        most = np.zeros(len(found))
-        np.maximum.at(most, owner, badness(vertices, normals, held, rows))
-        for i in np.flatnonzero(most <= BEFORE):
-            number, change = found[i]
-            self.known[number].append((float(most[i]) - 0.05 * change.saved, len(self.known[number]), change))
+    def _size(self, rows: Ints) -> Array:
+        """As `size`, of these polygons alone."""
+        following = np.roll(rows, -1, axis=1)
+        three = rows[:, 3] < 0
+        following[three, 2] = rows[three, 0]
+        start, end = rows[rows >= 0], following[rows >= 0]
+        long = np.linalg.norm(self.vertices[start] - self.vertices[end], axis=1)
+        shortest = np.full(len(self.vertices), np.inf)
+        np.minimum.at(shortest, np.concatenate([start, end]), np.concatenate([long, long]))
+        return np.maximum(self.leaf, np.where(np.isfinite(shortest), shortest, 0.0))
+
+    def _bad(self, rows: Ints) -> Array:
+        return badness(self.vertices, self.normals, self.fixed, rows)

@@ -37,16 +37,16 @@ def behind(a: Array) -> Array:
     return np.concatenate([a[..., -1:], a[..., :-1]], axis=-1)
 
 
-def sines(points: Array, normals: Array) -> Array:
-    """Sines (Q, n) of the corners of polygons (3, Q, n), negative where a corner is turned over."""
-    side = ahead(points) - points
-    size = length(side)
-    return dot(cross(side, -behind(side)), normals) / np.maximum(size * behind(size), TINY)
+def sines(side: Array, size: Array, normals: Array) -> Array:
+    """Sines (Q, n) of the corners of polygons with sides (3, Q, n) of these lengths; negative where a corner is turned over."""
+    return np.asarray(dot(cross(side, -behind(side)), normals) / np.maximum(size * behind(size), TINY))
 
 
 def corner_sines(vertices: Array, corners: Ints, normals: Array) -> Array:
     """Sines of the corner angles of polygons (Q, n) of vertices (V, 3), negative where a corner is turned over: (Q, n)."""
-    return sines(taken(vertices, corners), taken(normals, corners))
+    points = taken(vertices, corners)
+    side = ahead(points) - points
+    return sines(side, length(side), taken(normals, corners))
 
 
 def taken(vectors: Array, corners: Ints) -> Array:
