@@ -46,6 +46,7 @@ def counted(result: BlendResult, shape):
     return n0, len(set(range(1, count + 1)) - set(border.tolist()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pair", RECOMMENDED)
 def test_a_blend_has_no_error_at_its_resolution_and_at_twice_it(pair):
     result = recommended(pair)
@@ -91,6 +92,7 @@ def test_an_earlier_method_says_what_it_leaves_and_leaves_the_outside_alone(meth
     assert np.array_equal(values[x > 0.7], second(points)[x > 0.7])
 
 
+@pytest.mark.slow
 def test_no_objective_left_is_not_success_where_the_paper_ignores_a_pair():
     result = blend(
         RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], resolution=SIZE, method="paper", max_iterations=20

@@ -13,6 +13,7 @@ FRACTION = fields.ramp("x", (0.0, 5.0), (0.2, 0.5))
 AT = np.array([[x, 0.3, 0.7] for x in (-1.0, 1.3, 3.6)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["rod", "pore", "sheet"])
 def test_the_threshold_at_a_point_is_that_of_a_uniform_structure_of_the_fraction_there(kind: str) -> None:
     graded = fields.graded_threshold(GYROID, FRACTION, (0.2, 0.5), kind)

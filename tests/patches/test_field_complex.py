@@ -130,6 +130,7 @@ def test_volumes_by_columns_converge_to_closed_forms() -> None:
     assert reference.volume(shell, LO, HI, 0.2)[0] == pytest.approx(exact, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_what_the_field_is_beyond_the_box_does_not_matter() -> None:
     rod, other = FIELDS["rod"][0], fields.rod(fields.tpms("schwarz_p", 3.0), 0.1)
 

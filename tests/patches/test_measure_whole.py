@@ -11,6 +11,7 @@ from tpmscad.patches.levelset.complex import field_complex
 from tpmscad.patches.measure_whole import whole_moments
 
 
+@pytest.mark.slow
 def test_patches_in_one_piece_or_two_a_side_have_the_moments_that_line_integrals_give(monkeypatch) -> None:
     field = fields.rod(fields.tpms("iwp", 10.0), fields.ramp("x", (0, 10), (-0.3, 0.4)))
     solid = field_complex(field, np.array([0.5, 0.0, 0.0]), np.array([10.5, 8.0, 9.0]), 0.02).complex
