@@ -2,7 +2,7 @@
 
 A wall is the greater of two fields, max(f, g), and its crease {f = g} lies inside the wall. Mixed with another structure the wall
 thins out, and where it is gone the crease lies on the surface, as a sharp edge. The edge is rounded so little that the surface
-moves by less than is allowed.
+moves by less than is allowed, and within that with the greatest radius.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad.blend.composition import BlendedField
+from tpmscad.blend.edges import Eased, Profile, neutral
 from tpmscad.blend.grid import Array
 from tpmscad.fields import Field
-from tpmscad.fields.booleans import Extreme, SmoothExtreme
+from tpmscad.fields.booleans import Extreme
 
 PROBES = 64
 """Grid lines along the box's longest edge on which creases are looked for, at least."""
@@ -33,9 +34,23 @@ ASIDE = 1e-6
 FLAT = 1.5
 """Half openings (radians) above which there is no edge to speak of."""
 
+LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
+"""Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
+
 TRIES = 6
 NEAR = 0.9
 """The rounding is scaled until the surface moves by at least this part of what is allowed."""
+
+LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
+"""Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
+
+TRIES = 6
+NEAR, EVEN = 0.9, 0.8
+"""The rounding is scaled until the surface moves by at least this part of what is allowed, and at the edges and beside
+them about alike."""
+
+RATIO = 20.0
+"""How many times as far the edges may move as what is beside them: the rounding then only cuts them off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,21 +78,25 @@ def rounded(field: Field, lo: Array, hi: Array, allowed: float) -> Rounded | Non
     found = [(node, _edge_points(field, node, lo, hi)) for node in creases]
     if not any(len(points) for _, points in found):
         return None
-    points = np.concatenate([p for _, p in found])
+    half = [_half_openings(field, node, p) for node, p in found]
+    points, halves = np.concatenate([p for _, p in found]), np.concatenate(half)
+    shape = neutral()
     # of each crease a width in proportion to the slope across it: then all are rounded alike
     slopes = {id(node): _slope(node, p) for node, p in found}
-    scale = allowed
+    scale = allowed / shape.depth
     for _ in range(TRIES):
-        eased = _eased(field, {key: scale * slope for key, slope in slopes.items()})
-        moved = _moved(field, eased, points)
-        if NEAR * allowed <= moved.max() <= allowed:
+        eased = _eased(field, {key: scale * slope for key, slope in slopes.items()}, shape)
+        tip = float(_moved(field, eased, points).max())
+        side = max(
+            float(_beside(field, eased, node, p, scale * slopes[id(node)]).max(initial=0.0)) for node, p in found
+        )
+        most = max(tip, side)
+        if NEAR * allowed <= most <= allowed:
             break
-        scale *= 0.5 * (1 + NEAR) * allowed / max(float(moved.max()), 1e-300)
-    half = np.concatenate([_half_openings(field, node, p) for node, p in found])
-    sharp = int(half.argmin())
-    # of a wedge whose edge is set back by d
-    radius = np.inf if half[sharp] >= FLAT else moved[sharp] / (1 / max(float(np.sin(half[sharp])), 1e-9) - 1)
-    return Rounded(eased, float(moved.max()), points[sharp], float(np.degrees(2 * half[sharp])), float(radius))
+        scale *= 0.5 * (1 + NEAR) * allowed / max(most, 1e-300)
+    sharp = int(halves.argmin())
+    radius = np.inf if halves[sharp] >= FLAT else _radius(eased, points[sharp], allowed)
+    return Rounded(eased, most, points[sharp], float(np.degrees(2 * halves[sharp])), radius)
 
 
 def _extremes(structure: Field) -> Iterator[Extreme]:
@@ -87,15 +106,15 @@ def _extremes(structure: Field) -> Iterator[Extreme]:
         yield from _extremes(structure.second)
 
 
-def _smooth(structure: Field, widths: dict[int, float]) -> Field:
+def _smooth(structure: Field, widths: dict[int, float], shape: Profile) -> Field:
     if not isinstance(structure, Extreme):
         return structure
-    first, second = _smooth(structure.first, widths), _smooth(structure.second, widths)
-    return SmoothExtreme(first, second, structure.sign, widths[id(structure)])
+    first, second = _smooth(structure.first, widths, shape), _smooth(structure.second, widths, shape)
+    return Eased(first, second, structure.sign, widths[id(structure)], shape)
 
 
-def _eased(field: BlendedField, widths: dict[int, float]) -> BlendedField:
-    return replace(field, structures=tuple(_smooth(structure, widths) for structure in field.structures))
+def _eased(field: BlendedField, widths: dict[int, float], shape: Profile) -> BlendedField:
+    return replace(field, structures=tuple(_smooth(structure, widths, shape) for structure in field.structures))
 
 
 def _edge_points(field: BlendedField, node: Extreme, lo: Array, hi: Array) -> Array:
@@ -116,7 +135,8 @@ def _edge_points(field: BlendedField, node: Extreme, lo: Array, hi: Array) -> Ar
         return points
     # one width for all, small next to the box: a smooth field of the same crease points
     tiny = 1e-6 * step * float(np.median(np.linalg.norm(crease.gradient(points), axis=1)))
-    smooth = _eased(field, {id(e): tiny for s in field.structures for e in _extremes(s)})
+    shape = neutral()
+    smooth = _eased(field, {id(e): tiny for s in field.structures for e in _extremes(s)}, shape)
     for _ in range(NEWTON):
         d, across = crease.value_and_gradient(points)
         # on the crease itself both sides share in the slope
@@ -136,7 +156,7 @@ def _edge_points(field: BlendedField, node: Extreme, lo: Array, hi: Array) -> Ar
     on &= np.abs(f) <= ON * diagonal * np.linalg.norm(slope, axis=1)
     on &= ((points >= lo) & (points <= hi)).all(axis=1) & (np.linalg.norm(points - start, axis=1) < 6 * step)
     # a structure that has no part in the blend there has no edges there
-    on &= np.abs(smooth(points) - field(points)) >= LEAST * tiny / 6
+    on &= np.abs(smooth(points) - field(points)) >= LEAST * tiny * shape.height
     return points[on]
 
 
@@ -151,6 +171,38 @@ def _moved(field: BlendedField, eased: BlendedField, points: Array) -> Array:
     """How far the level set moves at points of the edges, to first order: (n,)."""
     value, slope = eased.value_and_gradient(points)
     return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
+
+
+def _beside(field: BlendedField, eased: BlendedField, node: Extreme, points: Array, width: float) -> Array:
+    """How far the level set moves beside points of a crease's edges, on both sides of it: (n,)."""
+    crease = node.first - node.second
+    starts = []
+    for level in LEVELS:
+        for way in (1, -1):
+            beside = points
+            for _ in range(4):
+                d, across = crease.value_and_gradient(beside)
+                f, slope = field.value_and_gradient(beside)
+                system = np.stack([across, slope], axis=1)
+                wanted = np.stack([way * level * width - d, -f], axis=1)
+                beside = beside + np.einsum("nij,nj->ni", np.linalg.pinv(system), wanted)
+            starts.append(beside[np.abs(crease(beside) - way * level * width) < 0.1 * width])
+    return _moved(field, eased, np.concatenate(starts))
+
+
+def _radius(field: Field, point: Array, step: float) -> float:
+    """The least radius of curvature of the field's level set near a point, by differences over a tenth of `step`."""
+    p = point[None]
+    for _ in range(NEWTON):
+        f, slope = field.value_and_gradient(p)
+        p = p - (f / np.maximum((slope**2).sum(axis=1), 1e-300))[:, None] * slope
+    h = 0.1 * step
+    slope = field.gradient(p)[0]
+    length = float(np.linalg.norm(slope))
+    normal = slope / length
+    bend = np.stack([(field.gradient(p + h * e) - field.gradient(p - h * e))[0] / (2 * h) for e in np.eye(3)], axis=-1)
+    across = np.eye(3) - np.outer(normal, normal)
+    return length / max(float(np.linalg.norm(across @ bend @ across, ord=2)), 1e-300)
 
 
 def _half_openings(field: BlendedField, node: Extreme, points: Array) -> Array:
