@@ -13,10 +13,13 @@ import numpy as np
 from tpmscad.fields.field import Extreme, Field
 from tpmscad.fields.points import Array, Jet, Triple
 
+BACK = 1e-4
+"""Second derivatives at a face are differences over this part of the distance beyond it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Inside(Field):
-    """`field` in the box from `lo` to `hi`, continued linearly beyond."""
+    """`field` in the box from `lo` to `hi`, continued linearly beyond; its gradient is that of what it is."""
 
     field: Field
     lo: Triple
@@ -26,15 +29,28 @@ class Inside(Field):
         near = [np.clip(t, low, high) for t, low, high in zip((x, y, z), self.lo, self.hi, strict=True)]
         if all((n == t).all() for n, t in zip(near, (x, y, z), strict=True)):
             return self.field.at(x, y, z)
-        return self.jet(x, y, z)[0]
+        value, *slope = self.field.jet(*near)
+        return value + sum(s * (t - n) for s, t, n in zip(slope, (x, y, z), near, strict=True))
 
     def jet(self, x: Array, y: Array, z: Array) -> Jet:
         near = [np.clip(t, low, high) for t, low, high in zip((x, y, z), self.lo, self.hi, strict=True)]
-        value, fx, fy, fz = self.field.jet(*near)
-        beyond = [t - n for t, n in zip((x, y, z), near, strict=True)]
-        if any(b.any() for b in beyond):
-            value = value + fx * beyond[0] + fy * beyond[1] + fz * beyond[2]
-        return value, fx, fy, fz
+        value, *slope = self.field.jet(*near)
+        beyond = np.broadcast_arrays(*(t - n for t, n in zip((x, y, z), near, strict=True)))
+        out = (beyond[0] != 0) | (beyond[1] != 0) | (beyond[2] != 0)
+        if out.any():
+            b = [each[out] for each in beyond]
+            at = [np.broadcast_to(n, out.shape)[out] for n in near]
+            before = self.field.jet(*(n - BACK * each for n, each in zip(at, b, strict=True)))[1:]
+            value, slope = (
+                np.broadcast_to(value, out.shape).copy(),
+                [np.broadcast_to(s, out.shape).copy() for s in slope],
+            )
+            value[out] += sum(s[out] * each for s, each in zip(slope, b, strict=True))
+            for axis in range(3):
+                # along the face the slope goes on turning as it did before it, by the field's mixed second derivatives
+                turned = (slope[axis][out] - before[axis]) / BACK
+                slope[axis][out] += np.where(b[axis] != 0, 0.0, turned)
+        return value, slope[0], slope[1], slope[2]
 
     def periods(self) -> Triple | None:
         return self.field.periods()
