@@ -94,6 +94,17 @@ def test_both_ways_of_trimming_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any("free-form, say" in note for note in slow.certificate.notes)
 
 
+def test_a_hole_that_touches_a_mirror_plane_of_the_lattice_is_trimmed_on_the_patches_all_the_same() -> None:
+    wall: dict[str, Any] = {"surface": "iwp", "cell": 10, "thickness": 0.5, "tol": 0.01}
+    block, bore = bd.Pos(6, 6, 5) * bd.Box(12, 12, 8), bd.Pos(6.3, 7, 5) * bd.Cylinder(2, 8)
+    model = tpmscad.infill(block - bore, **wall)
+    assert model.certificate.met
+    assert model.trimmed_by == "patches"
+    assert any("touches a patch's side at" in note for note in model.certificate.notes)
+    drilled = tpmscad.infill(block, **wall).solid - bore
+    assert model.certificate.volume == pytest.approx(drilled.volume, rel=1e-6)
+
+
 def test_the_lattice_is_anchored_at_the_origin_and_turned_about_it() -> None:
     turned = tpmscad.infill(bd.Box(14, 13, 12), **P, rotation=(90, 0, 0), phase=(0.1, 0.2, 0.3))
     moved = tpmscad.infill(bd.Box(14, 12, 13), **P, phase=(0.1, 0.2, 0.3))

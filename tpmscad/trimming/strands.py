@@ -51,7 +51,8 @@ class Crossings:
 
     `sign` (n, K): -1 or +1 at the strand's beginning, 0 where the strand lies in the plane. `pair` (n, K): -1 without roots,
     else p with the parameters root[root_start[p]:root_start[p + 1]], rising. `root_strand`, `root_surface`: of each root.
-    `off`: how far strands in a plane are from it at most, (n,).
+    `off`: how far strands in a plane are from it at most, (n,). `touch`, `touch_strand`, `touch_surface`: where strands come
+    within `snap` of a surface and turn back.
     """
 
     sign: Ints
@@ -61,6 +62,9 @@ class Crossings:
     root_strand: Ints
     root_surface: Ints
     off: Array
+    touch: Array
+    touch_strand: Ints
+    touch_surface: Ints
     n_classes: int
 
     def of(self, strand: int, plane: int) -> Array:
@@ -108,12 +112,14 @@ def cross(
     _, first, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
     label = label.ravel()
 
-    class_sign, class_off, roots = _class_roots(curves, strands, s[first], seen.of(first), ends_on[first], snap, flat)
+    class_sign, class_off, roots, touches = _class_roots(
+        curves, strands, s[first], seen.of(first), ends_on[first], snap, flat
+    )
 
     sign[s, surface] = class_sign[label]
     off = np.zeros(n)
     np.maximum.at(off, s, class_off[label])
-    count = np.array([len(r) for r in roots], np.int64)[label]
+    count, touched = (np.array([len(r) for r in found], np.int64)[label] for found in (roots, touches))
     rooted = np.flatnonzero(count)
     pair = np.full((n, k), -1)
     pair[s[rooted], surface[rooted]] = np.arange(len(rooted))
@@ -125,16 +131,20 @@ def cross(
         root_strand=np.repeat(s[rooted], count[rooted]),
         root_surface=np.repeat(surface[rooted], count[rooted]),
         off=off,
+        touch=np.concatenate([np.zeros(0), *(touches[label[p]] for p in np.flatnonzero(touched))]),
+        touch_strand=np.repeat(s, touched),
+        touch_surface=np.repeat(surface, touched),
         n_classes=len(first),
     )
 
 
 def _class_roots(
     curves: Sequence[Curve], strands: Strands, strand: Ints, levels: Levels, ends_on: Flags, snap: float, flat: float
-) -> tuple[Ints, Array, list[Array]]:
-    """First sign, distance where it lies in the surface, and roots of n classes, by one of each; batched by spline space."""
+) -> tuple[Ints, Array, list[Array], list[Array]]:
+    """First sign, distance where it lies in the surface, roots and touches of n classes, by one of each; batched by spline
+    space."""
     n = len(strand)
-    sign, off, roots = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n
+    sign, off, roots, touches = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n, [np.zeros(0)] * n
     spaces: dict[tuple[int, bytes, bool], list[int]] = {}
     for i, (c, is_plane) in enumerate(zip(strands.curve[strand].tolist(), levels.flat.tolist(), strict=True)):
         spaces.setdefault((curves[c].degree, curves[c].knots.tobytes(), is_plane), []).append(i)
@@ -145,9 +155,9 @@ def _class_roots(
         along = _Along(curve.knots, curve.degree, poles, levels.of(at))
         found = _on_curves(along, strands.span[strand[at]], ends_on[at], snap, flat)
         sign[at], off[at] = found[:2]
-        for i, r in zip(members, found[2], strict=True):
-            roots[i] = r
-    return sign, off, roots
+        for i, r, t in zip(members, *found[2:], strict=True):
+            roots[i], touches[i] = r, t
+    return sign, off, roots, touches
 
 
 class _Along:
@@ -172,8 +182,10 @@ class _Along:
         return value if order == 1 else value + np.einsum("ri,rij,rj->r", points[1], jet[2], points[1])
 
 
-def _on_curves(along: _Along, span: Array, ends_on: Flags, snap: float, flat: float) -> tuple[Ints, Array, list[Array]]:
-    """First sign, distance where it lies in the surface, and roots of m surfaces, each on its own curve."""
+def _on_curves(
+    along: _Along, span: Array, ends_on: Flags, snap: float, flat: float
+) -> tuple[Ints, Array, list[Array], list[Array]]:
+    """First sign, distance where it lies in the surface, roots and touches of m surfaces, each on its own curve."""
     f, poles = along, along.poles
     m = len(poles)
     size = np.linalg.norm(np.ptp(poles, axis=1), axis=1)
@@ -187,7 +199,7 @@ def _on_curves(along: _Along, span: Array, ends_on: Flags, snap: float, flat: fl
     reach = np.abs(value).max(axis=1)
     within = (reach < snap) & ends_on.all(axis=1)
 
-    owner, root = _roots(f, t, value, slope, NOISE * size)
+    owner, root, touching, touch = _roots(f, t, value, slope, NOISE * size, snap)
     keep = ~within[owner]
     for i in np.flatnonzero(ends_on[owner].any(axis=1) & keep):
         for end, stop in ((0, low[owner[i]]), (1, high[owner[i]])):
@@ -203,11 +215,16 @@ def _on_curves(along: _Along, span: Array, ends_on: Flags, snap: float, flat: fl
     strongest = value[np.arange(m), np.abs(value).argmax(axis=1)]
     sign = np.where(np.where(rootless, strongest, sign) > 0, 1, -1)
     sign[within] = 0
-    return sign, np.where(within, reach, 0.0), roots
+    away = ~within[touching]
+    touches = np.split(touch[away], np.searchsorted(touching[away], np.arange(1, m)))
+    return sign, np.where(within, reach, 0.0), roots, touches
 
 
-def _roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[Ints, Array]:
-    """Simple roots of n functions sampled at t (n, SAMPLES), as (row, parameter) in order, pairs between samples included."""
+def _roots(
+    f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array, snap: float
+) -> tuple[Ints, Array, Ints, Array]:
+    """Simple roots of n functions sampled at t (n, SAMPLES), as (row, parameter) in order, pairs between samples included; and
+    the extrema between samples that are nearer to zero than `snap`, alike."""
     a, b = value[:, :-1], value[:, 1:]
     step = np.diff(t, axis=1)
     turning = (a * b > 0) & (a * slope[:, :-1] < 0) & (b * slope[:, 1:] > 0)
@@ -223,7 +240,8 @@ def _roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise:
     high = np.concatenate([t[change, j + 1], top[crosses], high[crosses]])
     root = bracketed_newton(lambda x: f(owner, x), lambda x: f(owner, x, 1), low, high)
     order = np.lexsort((root, owner))
-    return owner[order], root[order]
+    touches = np.abs(at_top) < snap
+    return owner[order], root[order], row[touches], top[touches]
 
 
 def bracketed_newton(

@@ -32,6 +32,7 @@ from tpmscad.trimming.solid import in_solid
 from tpmscad.trimming.states import edge_states, lattice_strands
 from tpmscad.trimming.strands import FLAT, Crossings, Strands, cross
 from tpmscad.trimming.tool import Array, Flags, Ints, TrimmingError
+from tpmscad.trimming.touches import check_touches
 from tpmscad.trimming.tracks import Tracks, all_tracks
 
 TOLERANCE = 1e-7
@@ -145,6 +146,7 @@ def _trim(
     near = near_patches(lattice, body, faces)
     on = np.abs(body.levels.distances(lattice.vertices)) < snap
     crossings = cross(own, strands, body.levels, on, _edges_of(near, sides, len(strands), body), snap, FLAT * tol)
+    check_touches(own, strands, crossings, body, faces)
     vertex, points = root_vertices(own, strands, crossings, len(lattice.vertices), snap)
     vertices = np.vstack([lattice.vertices, points])
 
