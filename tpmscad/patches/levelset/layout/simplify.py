@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.levelset.layout.changes import made
 from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.merged import Surface
@@ -132,24 +133,25 @@ class _Work:
             v, w = goes[k], stays[k]
             if v in taken or w in taken:
                 continue
-            change = known.change[k]
-            if change is None:
+            start = known.start[k]
+            if start is None:
                 corners = polygons.polygon[number[k]]
                 if any(c in taken for c in corners):
                     continue
                 if any(c in taken for u in (v, w) for f in polygons.around[u] for c in polygons.polygon[f]):
                     continue
                 change = polygons.collapsed({v: w}, [number[k]])
-            elif not (taken.isdisjoint(change.vertices) and polygons.possible(change)):
-                continue
+            else:
+                change = made(polygons, start)
             if change is None:
                 impossible.append(k)
                 continue
             free = self._near(change)
-            if taken.isdisjoint(free):
-                taken |= free
-                places.append(k)
-                chosen.append((change, free))
+            if not taken.isdisjoint(free):
+                continue
+            taken |= free
+            places.append(k)
+            chosen.append((change, free))
         return places, chosen, impossible
 
     def _near(self, change: Change) -> set[int]:
@@ -190,14 +192,14 @@ class _Work:
         seen, place = np.unique(polygon, return_inverse=True)
         missed = between(self.field, self.vertices, self.normals, self.fixed, rows[seen])
         fine &= most(missed[place.ravel()], by, count) <= np.maximum(1.0, was)
-        for i, made in enumerate(done):
-            change = made.change
+        for i, undo in enumerate(done):
+            change = undo.change
             if fine[i]:
                 self.dirty.update(f for v in change.into.values() for f in polygons.around[v])
-                self.dirty.update(made.numbers)
-                self.history.append(made)
+                self.dirty.update(undo.numbers)
+                self.history.append(undo)
                 continue
-            polygons.undo(change, made.numbers, made.old, made.plane)
+            polygons.undo(change, undo.numbers, undo.old, undo.plane)
             for v in change.into | change.dropped:
                 self.into[v] = v
         undone = np.flatnonzero(~fine[owner] & (owner >= 0))
