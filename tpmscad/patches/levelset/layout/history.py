@@ -1,7 +1,7 @@
 """A simplified layout in which changes are undone again, here and there, where its patches can't be fitted.
 
-A change can be undone once those are that came after it on the same polygons. What comes back has its vertices where they were,
-and keeps them; the polygons round it are relaxed.
+A change can be undone once those are that came after it on the same polygons. What comes back has its vertices where they were
+and is relaxed with what is round it; polygons that are asked for again when they have come back keep them.
 """
 
 from __future__ import annotations
@@ -40,10 +40,11 @@ class History:
         return mesh_of(self._polygons, self._vertices, self._size, numbers)[0], np.array(numbers, np.int64)
 
     def undo(self, numbers: Iterable[int], levels: int) -> bool:
-        """Undo what made the polygons of these numbers, and those within `levels` - 1 of them, and of these that come back
-        as often again. False where all of it had come back before."""
+        """Undo what made the polygons of these numbers, and those within `levels` - 1 of them, and of these that come back as
+        often again. False where all of it had come back before, to where it was."""
         polygon, around = self._polygons.polygon, self._polygons.around
         region = {n for n in numbers if n in polygon}
+        came_back = {v for n in region if n not in self._by for v in polygon[n]}
         for _ in range(levels - 1):
             region |= {f for n in region for v in polygon[n] for f in around[v]}
         chosen: set[int] = set()
@@ -61,10 +62,10 @@ class History:
             for number in made.old:
                 del self._before[number]
         back = list({v for n in region if n in polygon for v in polygon[n]})
-        if not chosen:
-            if self._held[back].all():
-                return False
-            self._held[back] = True
+        hold = [v for v in (came_back if chosen else back) if not any(n in self._by for n in around[v])]
+        if not chosen and self._held[hold].all():
+            return False
+        self._held[hold] = True
         self._vertices[back], self._size[back] = self._original.vertices[back], self._original.size[back]
         self._relax(set(back))
         return True
