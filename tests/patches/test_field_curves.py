@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.patches.levelset.fit import bezier, fit_curves
+from tpmscad.patches.levelset.bezier import bezier
+from tpmscad.patches.levelset.curves import fit_curves
 from tpmscad.patches.levelset.inside import inside
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([9.0, 10.0, 11.0])

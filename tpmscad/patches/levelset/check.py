@@ -11,7 +11,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad.fields.field import Field
-from tpmscad.patches.levelset.fit import NetFit, bezier, tensor
+from tpmscad.patches.levelset.bezier import bezier, tensor
+from tpmscad.patches.levelset.fit import NetFit
 from tpmscad.patches.levelset.inside import Inside
 from tpmscad.patches.levelset.layout.net import Net
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask

@@ -9,29 +9,19 @@ along the normal count fully, along the surface (where a point of the patch lies
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
-from math import comb
 
 import numpy as np
 
 from tpmscad.fields.field import Field
-from tpmscad.patches.levelset.inside import Inside
+from tpmscad.patches.levelset.bezier import bezier, tensor, to_side
+from tpmscad.patches.levelset.curves import fit_curves
 from tpmscad.patches.levelset.layout.net import Net
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
-from tpmscad.patches.levelset.layout.relax import onto
+from tpmscad.patches.levelset.least import PASSES, SLIDE, System, normals, onto_all
 from tpmscad.patches.levelset.period import Copies, no_copies
 from tpmscad.patches.levelset.work import PIECE, Work, here
-from tpmscad.splines.bspline import design
 
-SLIDE = 0.3
-CURVE_TANGENT = 1.0
-END_TANGENT = 1e3
 CROSS = 1.0
-PASSES = 2
-
-CLEAR = 0.3
-"""Curves that would leave the box keep this part of their ends' distance from its faces: where the surface grazes a face, the
-straight way between two vertices leads beyond it, across the surface's section there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,11 +31,6 @@ class NetFit:
     curves: list[Array]
     patches: list[Array]
     copies: Copies
-
-
-def bezier(degree: int, t: Array, order: int = 0) -> Array:
-    """Bernstein polynomials of the degree on [0, 1], or derivatives, at t: (n, degree + 1)."""
-    return design(np.repeat([0.0, 1.0], degree + 1), degree, t, order)
 
 
 def fit_net(
@@ -111,35 +96,6 @@ def _pieces(numbers: Ints) -> list[Ints]:
     return [numbers[i : i + PIECE] for i in range(0, len(numbers), PIECE)]
 
 
-def fit_curves(field: Field, start: Array, end: Array, fixed: Mask, degree: int) -> Array:
-    """Curves on the level set between points (n, 3) of it, in planes of the box where coordinates are `fixed`: (n, p + 1, 3)."""
-    t = np.linspace(0.0, 1.0, 2 * degree + 4)
-    reach = 0.3 * np.linalg.norm(end - start, axis=1)
-    straight = start[:, None] + t[:, None] * (end - start)[:, None]
-    points = straight
-    for _ in range(2):
-        points = _evenly(_between(field, points, straight, fixed, reach), t)
-    points = _between(field, points, straight, fixed, reach)
-
-    values, slopes = bezier(degree, t), bezier(degree, t, 1)
-    share = np.arange(degree + 1)[:, None] / degree
-    poles = (1 - share) * start[:, None] + share * end[:, None]
-    inner = slice(1, degree)
-    for turn in range(PASSES):
-        if turn:
-            points = _between(field, values @ poles, straight, fixed, reach)
-        normal = _normals(field, points, fixed)
-        slope = slopes @ poles
-        system = _System(degree - 1, len(start))
-        system.near(values[:, inner], normal, points - values @ poles, SLIDE)
-        system.along(slopes[:, inner], normal, -slope, CURVE_TANGENT / len(t))
-        system.along(slopes[[0, -1]][:, inner], normal[:, [0, -1]], -slope[:, [0, -1]], END_TANGENT)
-        poles[:, inner] += system.solved()
-    rows, axis = np.nonzero(fixed)
-    poles[rows, :, axis] = start[rows, axis][:, None]
-    return poles
-
-
 def fit_patches(field: Field, border: list[Array], joined: Mask) -> Array:
     """Patches between their four borders, each (n, degree + 1, 3) run counter-clockwise: (n, p + 1, q + 1, 3).
 
@@ -155,9 +111,9 @@ def fit_patches(field: Field, border: list[Array], joined: Mask) -> Array:
     for _ in range(PASSES):
         # corrections are solved for, not poles: small next to the coordinates, they keep all their digits
         points = tensor(bu, poles, bv)
-        target = _onto(field, points, free, 0.3 * size)
-        system = _System((p - 1) * (q - 1), len(poles))
-        system.near(inner, _normals(field, target), target - points, SLIDE)
+        target = onto_all(field, points, free, 0.3 * size)
+        system = System((p - 1) * (q - 1), len(poles))
+        system.near(inner, normals(field, target), target - points, SLIDE)
         for side, inside in enumerate(joined.T):
             basis, slope, normal = _crossing(field, poles, side)
             system.along(basis, normal * inside[:, None, None], -slope, CROSS / np.sqrt(len(basis)))
@@ -179,50 +135,7 @@ def _crossing(field: Field, poles: Array, side: int) -> tuple[Array, Array, Arra
     else:
         basis = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
         across_it, points = tensor(slope, poles, values), tensor(ends, poles, values)
-    return basis.reshape(len(t), -1), across_it, _normals(field, points)
-
-
-class _System:
-    """Normal equations of many small least squares for poles (n, unknowns, 3), rows with a common basis and own directions."""
-
-    def __init__(self, unknowns: int, count: int) -> None:
-        self.matrix = np.zeros((count, 3, 3, unknowns, unknowns))
-        self.right = np.zeros((count, unknowns, 3))
-
-    def near(self, basis: Array, normal: Array, target: Array, slide: float) -> None:
-        """basis (m, unknowns) times poles near the target (n, m, 3): weight 1 along the normal, `slide` across."""
-        metric = (1 - slide**2) * normal[..., :, None] * normal[..., None, :] + slide**2 * np.eye(3)
-        self._add(basis, metric, np.einsum("nmij,nmj->nmi", metric, target), 1.0)
-
-    def along(self, basis: Array, normal: Array, target: Array, weight: float) -> None:
-        """The component along the normal only, with that weight."""
-        metric = normal[..., :, None] * normal[..., None, :]
-        self._add(basis, metric, np.einsum("nmij,nmj->nmi", metric, target), weight)
-
-    def _add(self, basis: Array, metric: Array, pulled: Array, weight: float) -> None:
-        m, k = basis.shape
-        products = (basis[:, :, None] * basis[:, None, :]).reshape(m, k * k) * weight**2
-        count = len(self.matrix)
-        for i in range(3):
-            for j in range(i, 3):
-                block = (metric[..., i, j].reshape(count, m) @ products).reshape(count, k, k)
-                self.matrix[:, i, j] += block
-                if i != j:
-                    self.matrix[:, j, i] += block
-        self.right += weight**2 * (basis.T @ pulled)
-
-    def solved(self) -> Array:
-        count, _, _, k, _ = self.matrix.shape
-        full = self.matrix.transpose(0, 1, 3, 2, 4).reshape(count, 3 * k, 3 * k)
-        right = self.right.transpose(0, 2, 1).reshape(count, 3 * k, 1)
-        return np.asarray(np.linalg.solve(full, right).reshape(count, 3, k).transpose(0, 2, 1), float)
-
-
-def tensor(rows: Array, poles: Array, columns: Array) -> Array:
-    """Points on the grid of two designs, flattened u first: (n, len(rows) * len(columns), 3)."""
-    n, nu, nv, _ = poles.shape
-    half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)
-    return (columns @ half).reshape(n, -1, 3)
+    return basis.reshape(len(t), -1), across_it, normals(field, points)
 
 
 def _coons(border: list[Array]) -> Array:
@@ -243,76 +156,10 @@ def _borders(net: Net, curves: list[Array], patches: Ints, side: int, degree: in
     result = np.empty((len(patches), degree + 1, 3))
     for row, patch in enumerate(patches):
         own = curves[net.curve[patch, side]]
-        matrix = _to_side(len(own) - 1, degree, int(net.piece[patch, side]), int(net.sense[patch, side]))
+        matrix = to_side(len(own) - 1, degree, int(net.piece[patch, side]), int(net.sense[patch, side]))
         result[row] = own if matrix is None else matrix @ own
     return result
 
 
-@lru_cache(maxsize=256)
-def _to_side(low: int, high: int, piece: int, sense: int) -> Array | None:
-    """From a curve's poles to those of a piece of it, of a higher degree, run forwards or backwards; None: the same."""
-    if low == high and piece == 0 and sense > 0:
-        return None
-    matrix = np.eye(low + 1)
-    if piece:
-        halves = [[comb(i, j) * 0.5**i if j <= i else 0.0 for j in range(low + 1)] for i in range(low + 1)]
-        matrix = np.array(halves)
-        if piece == 2:
-            matrix = matrix[::-1, ::-1]
-    raised = np.array(
-        [
-            [comb(low, j) * comb(high - low, i - j) / comb(high, i) if 0 <= i - j <= high - low else 0.0
-             for j in range(low + 1)]
-            for i in range(high + 1)
-        ]
-    )  # fmt: skip
-    matrix = raised @ matrix
-    return matrix if sense > 0 else matrix[::-1]
-
-
 def _middle(poles: Array) -> Array:
     return np.asarray(bezier(len(poles) - 1, np.array([0.5]))[0] @ poles)
-
-
-def _evenly(points: Array, t: Array) -> Array:
-    """Polylines (n, m, 3) resampled at fractions t of their length."""
-    step = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    along = np.concatenate([np.zeros((len(points), 1)), np.cumsum(step, axis=1)], axis=1)
-    along /= np.maximum(along[:, -1:], 1e-300)
-    at = np.clip((along[:, None, :] <= t[None, :, None]).sum(axis=2) - 1, 0, points.shape[1] - 2)
-    low, high = np.take_along_axis(along, at, 1), np.take_along_axis(along, at + 1, 1)
-    s = ((t - low) / np.maximum(high - low, 1e-300))[..., None]
-    start, end = (np.take_along_axis(points, k[..., None], 1) for k in (at, at + 1))
-    return (1 - s) * start + s * end
-
-
-def _between(field: Field, points: Array, straight: Array, fixed: Mask, reach: Array) -> Array:
-    """Points of curves (n, m, 3) but for their ends brought onto the surface, in the box where there is one."""
-    result = points.copy()
-    result[:, 1:-1] = _onto(field, points[:, 1:-1], fixed, reach)
-    if not isinstance(field, Inside):
-        return result
-    lo, hi = np.array(field.lo), np.array(field.hi)
-    leaving = np.flatnonzero(((result < lo) | (result > hi))[:, 1:-1].any(axis=(1, 2)))
-    low, high = (b + CLEAR * (straight[leaving] - b) for b in (lo, hi))
-    out = (result[leaving] < low) | (result[leaving] > high)
-    out[:, [0, -1]] = False
-    row, at = np.nonzero(out.any(axis=2))
-    if len(row):
-        moved = np.clip(result[leaving[row], at], low[row, at], high[row, at])
-        result[leaving[row], at] = onto(field, moved, fixed[leaving[row]] | out[row, at], reach[leaving[row]], 8)
-    return result
-
-
-def _onto(field: Field, points: Array, fixed: Mask, reach: Array) -> Array:
-    m = points.shape[1]
-    flat = onto(field, points.reshape(-1, 3), np.repeat(fixed, m, axis=0), np.repeat(reach, m), 8)
-    return flat.reshape(points.shape)
-
-
-def _normals(field: Field, points: Array, fixed: Mask | None = None) -> Array:
-    """Unit normals at points (n, m, 3); those of the level set's section where coordinates (n, 3) are fixed."""
-    slope = field.gradient(points)
-    if fixed is not None:
-        slope = np.where(fixed[:, None], 0.0, slope)
-    return slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)

@@ -8,7 +8,8 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset import check
-from tpmscad.patches.levelset.fit import NetFit, bezier, fit_net
+from tpmscad.patches.levelset.bezier import bezier
+from tpmscad.patches.levelset.fit import NetFit, fit_net
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.levelset.layout.net import Net, kept, net_of

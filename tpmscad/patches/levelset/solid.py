@@ -10,8 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad.patches.complex import Edges, Faces, PatchComplex, Uses
+from tpmscad.patches.levelset.bezier import bezier
 from tpmscad.patches.levelset.caps import SAMPLES, OpenEdges, box_plane, box_rim, cap_loops
-from tpmscad.patches.levelset.fit import NetFit, bezier
+from tpmscad.patches.levelset.fit import NetFit
 from tpmscad.patches.levelset.layout.net import Net
 from tpmscad.patches.levelset.layout.octree import Array, Mask
 from tpmscad.splines.bspline import Curve, Surface, line
