@@ -36,7 +36,7 @@ CONE = 0.5
 DEPTH = 4
 """Greatest refinement of a first leaf: sixteen to one."""
 
-LAYOUTS, ROUNDS, IDLE, MOST = 8, 8, 2, 3
+LAYOUTS, ROUNDS, IDLE, MOST = 8, 12, 2, 3
 """Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
 
 SKETCHES, GROWTH = 2, 30
@@ -128,7 +128,7 @@ def _patches(mesh: Mesh) -> int:
 def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, work: Work) -> Layer:
     """The best layer of those that splitting leads to from a first layout."""
     best = layer = fitted(field, tree, mesh, tol, samples, None, work)
-    idle = 0
+    idle, least = 0, len(layer.bad)
     for _ in range(ROUNDS - 1):
         deeper = _splittable(tree, layer.bad)
         if not len(deeper) or best.share > FEW:
@@ -138,8 +138,10 @@ def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array
         layer = fitted(field, tree, mesh, tol, samples, layer, work)
         if not len(layer.bad):
             return layer
-        idle = 0 if layer.doubtful < best.doubtful else idle + 1
-        if idle == 0:
+        # beside what a split cures larger leaves may turn bad: those few are cured in their turn
+        idle = 0 if layer.doubtful < best.doubtful or len(layer.bad) < least else idle + 1
+        least = min(least, len(layer.bad))
+        if layer.doubtful < best.doubtful:
             best = layer
         elif idle == IDLE:
             break
