@@ -47,29 +47,37 @@ class Sampled:
     normals: Array
     bends: Array
 
-    def taken(self, patches: Ints) -> Sampled:
-        """The measures of these patches; of any where the number is below zero."""
-        of = [array[patches] for array in _each(self)]
-        return Sampled(of[0], of[1], of[2], of[3], self.row[patches], self.normals, self.bends)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measured:
-    """What each patch is worth, and per half side (n,) of curves `curve`: tangent jump in degrees, curvature jump and greatest
-    curvature.
+    """What each patch is worth, and per half side (n,) of the net's curves, `half` of them being twice the curve and 0 or 1,
+    rising: tangent jump in degrees, curvature jump and greatest curvature.
     """
 
     of: Sampled
-    curve: Ints
+    half: Ints
     jump: Array
     bend: Array
     curvature: Array
 
+    @property
+    def curve(self) -> Ints:
+        return self.half // 2
 
-def measure(
-    net: Net, fit: NetFit, field: Field, before: tuple[Sampled, Mask] | None = None, work: Work = here
-) -> Measured:
-    """Measure every patch and every joint inside the box. `before`: earlier measures, and the patches (Q,) that have changed."""
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Earlier:
+    """Measures of an earlier net: which of its patches and curves each of a net's is, (Q,) and (C,), -1 for none, and which
+    patches have changed, those that were none among them."""
+
+    measured: Measured
+    changed: Mask
+    patch: Ints
+    curve: Ints
+
+
+def measure(net: Net, fit: NetFit, field: Field, before: Earlier | None = None, work: Work = here) -> Measured:
+    """Measure every patch and every joint inside the box; what is known from `before` is not measured again."""
     own, copies = np.flatnonzero(fit.copies.own_patches), fit.copies
     row = np.searchsorted(own, copies.patch)
     m, count = 2 * HALF - 1, len(own)
@@ -84,11 +92,12 @@ def measure(
     )
     wanted = own
     if before is not None:
-        old = np.flatnonzero(~before[1][own])
-        for array, values in zip(_each(of), _each(before[0]), strict=True):
-            array[old] = values[own[old]]
-        of.normals[old], of.bends[old] = (a[before[0].row[own[old]]] for a in (before[0].normals, before[0].bends))
-        wanted = own[before[1][own]]
+        old = np.flatnonzero(~before.changed[own])
+        known, patch = before.measured.of, before.patch[own[old]]
+        for array, values in zip(_each(of), _each(known), strict=True):
+            array[old] = values[patch]
+        of.normals[old], of.bends[old] = known.normals[known.row[patch]], known.bends[known.row[patch]]
+        wanted = own[before.changed[own]]
     parts = [at[i : i + PIECE] for _, at in shapes(fit, wanted) for i in range(0, len(at), PIECE)]
     done = work(sampled, [(field, np.stack([fit.patches[i] for i in part])) for part in parts])
     for part, found in zip(parts, done, strict=True):
@@ -99,7 +108,7 @@ def measure(
     of = Sampled(
         of.distance[row], of.square[row], of.cosine[row], of.where[row] + copies.patch_shift, row, of.normals, of.bends
     )
-    return Measured(of, *_joints(net, of))
+    return Measured(of, *_joints(net, of, before))
 
 
 def _each(of: Sampled) -> tuple[Array, ...]:
@@ -220,18 +229,27 @@ JOINTS = 4096
 """Joints measured at once: 70 MB."""
 
 
-def _joints(net: Net, of: Sampled) -> tuple[Ints, Array, Array, Array]:
+def _joints(net: Net, of: Sampled, before: Earlier | None) -> tuple[Ints, Array, Array, Array]:
     """Jumps across the half sides that two patches share; those between copies of the same two sides are measured once."""
-    keys, sides = [], []
+    keys, sides, patches = [], [], []
     for piece in (0, 1, 2):
         q, s = np.nonzero(net.piece == piece)
         for half, part in ((0, 0), (1, 1)) if piece == 0 else ((piece - 1, 2),):
             keys.append(2 * net.curve[q, s] + half)
+            patches.append(q)
             sides.append(np.column_stack([of.row[q], s, net.sense[q, s] < 0, np.full(len(q), part)]))
     key, side = np.concatenate(keys), np.concatenate(sides)
     order = np.argsort(key, kind="stable")
     pair = np.flatnonzero(key[order][:-1] == key[order][1:])
     a, b = order[pair], order[pair + 1]
+    halves, joints = key[a], np.empty((3, len(a)))
+    new = np.ones(len(a), bool)
+    if before is not None:
+        patch, curve = np.concatenate(patches), before.curve[halves // 2]
+        new = before.changed[patch[a]] | before.changed[patch[b]] | (curve < 0)
+        known = np.searchsorted(before.measured.half, 2 * curve[~new] + halves[~new] % 2)
+        joints[:, ~new] = [m[known] for m in (before.measured.jump, before.measured.bend, before.measured.curvature)]
+        a, b = a[new], b[new]
     distinct, index = np.unique(np.column_stack([side[a], side[b]]), axis=0, return_inverse=True)
     found = np.empty((3, len(distinct)))
     for start in range(0, len(distinct), JOINTS):
@@ -245,8 +263,8 @@ def _joints(net: Net, of: Sampled) -> tuple[Ints, Array, Array, Array]:
             np.linalg.norm(one[1] - other[1], axis=(-2, -1)).max(axis=1),
             size.max(axis=1),
         )
-    jump, bend, curvature = found[:, index.ravel()]
-    return key[a] // 2, jump, bend, curvature
+    joints[:, new] = found[:, index.ravel()]
+    return halves, *joints
 
 
 def _along_sides(of: Sampled, sides: Ints) -> tuple[Array, Array]:

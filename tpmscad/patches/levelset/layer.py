@@ -136,7 +136,7 @@ def fitted(
         patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
         curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
         fit = fit_net(net, field, curve_degree, patch_degree, (NetFit(curves, patches, copies), ~known, ~done), work)
-        measured = check.measure(net, fit, field, (before.measured.of.taken(same.patch), ~done), work)
+        measured = check.measure(net, fit, field, check.Earlier(before.measured, ~done, same.patch, same.curve), work)
     for degree in DEGREES[1:]:
         folded, coarse, rough = _wrong(net, fit, measured, tree, tol)
         weak = folded | coarse | rough
@@ -153,7 +153,8 @@ def fitted(
         raised[net.n_sides :] |= raised[net.middle_of]
         changed = weak | raised[net.curve].any(axis=1)
         fit = fit_net(net, field, curve_degree, patch_degree, (fit, raised, changed), work)
-        measured = check.measure(net, fit, field, (measured.of, changed), work)
+        of_same = check.Earlier(measured, changed, np.arange(len(net.curve)), np.arange(len(net.ends)))
+        measured = check.measure(net, fit, field, of_same, work)
     folded, coarse, rough = _wrong(net, fit, measured, tree, tol)
     missed = np.zeros(0)
     leaves = np.unique(net.cell[folded | coarse | rough])
