@@ -227,10 +227,14 @@ class Polygons:
 
 
 def _rims(numbers: Iterable[int], polygons: Polygons) -> list[tuple[int, int]]:
-    found = []
+    found, fixed, beside = [], polygons.fixed, polygons.beside
     for number in numbers:
         polygon = polygons.polygon[number]
-        found += [(polygon[i - 1], v) for i, v in enumerate(polygon) if (v, polygon[i - 1]) not in polygons.beside]
+        a = polygon[-1]
+        for b in polygon:
+            if fixed[a] and fixed[b] and (b, a) not in beside:
+                found.append((a, b))
+            a = b
     return found
 
 

@@ -101,17 +101,19 @@ def _part(mesh: Mesh, polygons: Mask) -> tuple[Mesh, Ints]:
     return part, of
 
 
-def settled(mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int) -> Mesh:
+def settled(
+    mesh: Mesh, free: Mask, field: Field, lo: Array, hi: Array, sweeps: int, normals: Array | None = None
+) -> Mesh:
     """The mesh with its `free` (V,) vertices relaxed and on the level set; the others stay where they are, bit for bit.
 
     Vertices slide along the surface and are taken back towards it in one step, with what the field is where they come from; the
-    last sweep ends with all of Newton's. Every PAUSE sweeps those rest that, with all round them, have moved less than STILL.
+    last sweep ends with all of Newton's. `normals` (V, 3): of the surface at vertices that stay, if known. Every PAUSE sweeps those rest that, with all round them, have moved less than STILL.
     """
     reach = STEP * mesh.size
     at = np.flatnonzero(free)
     vertices = mesh.vertices.copy()
     vertices[at] = _inside(field, vertices[at], vertices[at], mesh.fixed[at], reach[at], lo, hi)
-    normals = unit(field.gradient(vertices))
+    normals = unit(field.gradient(vertices)) if normals is None else normals.copy()
     moving = free & (mesh.fixed.sum(axis=1) < 2)
     for done in range(0, sweeps, PAUSE):
         at = np.flatnonzero(moving)

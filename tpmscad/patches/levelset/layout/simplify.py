@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.fields.field import Field
-from tpmscad.patches.levelset.layout.changes import made
+from tpmscad.patches.levelset.layout.changes import Start, made
 from tpmscad.patches.levelset.layout.collapse import Change, Made, Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.merged import Surface
@@ -26,7 +26,7 @@ from tpmscad.patches.levelset.layout.shape import badness, between, worst
 from tpmscad.patches.levelset.layout.stars import most
 from tpmscad.patches.levelset.layout.vectors import unit
 
-SWEEPS, LAST = 10, 60
+SWEEPS, LAST = 5, 60
 """Sweeps of the relaxation after a round, and of all that is not locked in the end."""
 
 ROUNDS, BETWEEN = 10, 4
@@ -60,7 +60,7 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
             break
     polygons = work.polygons
     numbers = sorted(polygons.polygon)
-    small, of = mesh_of(polygons, work.vertices, work.size(), numbers)
+    small, of = mesh_of(polygons, work.vertices, work.size(polygons.rows[numbers]), numbers)
     into = work.into
     while (into != into[into]).any():
         into = into[into]
@@ -91,15 +91,6 @@ class _Work:
         self.stale: set[int] = set()
         self.history: list[Made] = []
 
-    def size(self) -> Array:
-        """A length for each vertex: of its leaf, or of its shortest side where that has become longer."""
-        ends = np.array(list(self.polygons.beside), np.int64)
-        shortest = np.full(len(self.vertices), np.inf)
-        np.minimum.at(
-            shortest, ends[:, 0], np.linalg.norm(self.vertices[ends[:, 0]] - self.vertices[ends[:, 1]], axis=1)
-        )
-        return np.maximum(self.leaf, np.where(np.isfinite(shortest), shortest, 0.0))
-
     def refreshed(self) -> bool:
         """Polygons whose surroundings have moved are looked at once more; whether there are any."""
         self.dirty |= self.stale
@@ -107,7 +98,7 @@ class _Work:
         return bool(self.dirty)
 
     def round(self) -> int:
-        """One round of changes; how many were kept."""
+        """One round of changes; how many were tried."""
         alive = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
         dirty = np.array(sorted(self.dirty.intersection(self.polygons.polygon)), np.int64)
         self.dirty = set()
@@ -118,7 +109,7 @@ class _Work:
             return 0
         kept = self._tried(chosen)
         self.known = self.known.but(impossible + [k for k, fine in zip(places, kept, strict=True) if not fine])
-        return int(kept.sum())
+        return len(chosen)
 
     def _chosen(self) -> tuple[list[int], list[Near], list[int]]:
         """The best of the known changes that are out of each other's way: their places, and they with the vertices near them;
@@ -133,16 +124,12 @@ class _Work:
             v, w = goes[k], stays[k]
             if v in taken or w in taken:
                 continue
-            start = known.start[k]
-            if start is None:
-                corners = polygons.polygon[number[k]]
-                if any(c in taken for c in corners):
-                    continue
-                if any(c in taken for u in (v, w) for f in polygons.around[u] for c in polygons.polygon[f]):
-                    continue
-                change = polygons.collapsed({v: w}, [number[k]])
-            else:
-                change = made(polygons, start)
+            start = known.start[k] or Start(((v, w),), (number[k],))
+            ends = {v for pair in start.into for v in pair}
+            beside = {f for v in ends for f in polygons.around[v]}.union(start.gone)
+            if any(not taken.isdisjoint(polygons.polygon.get(f, ())) for f in beside):
+                continue
+            change = made(polygons, start)
             if change is None:
                 impossible.append(k)
                 continue
@@ -183,10 +170,11 @@ class _Work:
                 self.into[v] = w
             done.append(Made(change, polygons.apply(change), kept, planes))
         numbers, rows, which = self._touched(owner)
-        part, of = mesh_of(polygons, self.vertices, self._size(rows), numbers)
+        part, of = mesh_of(polygons, self.vertices, self.size(rows), numbers)
         free = (owner[of] >= 0) & ~self.locked[of]
-        self.vertices[of] = settled(part, free, self.field, self.lo, self.hi, SWEEPS).vertices
-        self.normals[of] = unit(self.field.gradient(self.vertices[of]))
+        relaxed = settled(part, free, self.field, self.lo, self.hi, SWEEPS, self.normals[of])
+        self.vertices[of] = relaxed.vertices
+        self.normals[of[free]] = unit(self.field.gradient(relaxed.vertices[free]))
         fine = most(self._bad(rows)[which[0]], which[1], count) <= np.maximum(1.0, was)
         polygon, by = which[0][fine[which[1]]], which[1][fine[which[1]]]
         seen, place = np.unique(polygon, return_inverse=True)
@@ -217,8 +205,8 @@ class _Work:
         q, i = np.nonzero(by >= 0)
         return numbers, rows, (q, by[q, i])
 
-    def _size(self, rows: Ints) -> Array:
-        """As `size`, of these polygons alone."""
+    def size(self, rows: Ints) -> Array:
+        """A length for each vertex: of its leaf, or of its shortest side in these polygons where that has become longer."""
         following = np.roll(rows, -1, axis=1)
         three = rows[:, 3] < 0
         following[three, 2] = rows[three, 0]
