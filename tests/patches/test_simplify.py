@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from tpmscad import fields
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.changes import changes
-from tpmscad.patches.levelset.layout.collapse import FEWEST, MOST, Polygons, mesh_of
+from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
+from tpmscad.patches.levelset.layout.fans import FEWEST, MOST
 from tpmscad.patches.levelset.layout.relax import relaxed
 from tpmscad.patches.levelset.layout.shape import badness
 from tpmscad.patches.levelset.layout.simplify import simplified

@@ -14,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.fans import Polygon, one_fan, wanted
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 
-Polygon = tuple[int, ...]
-
-FEWEST, MOST = 3, 7
-"""Polygons round a vertex inside the box."""
+__all__ = ["Change", "Made", "Polygon", "Polygons", "mesh_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -137,8 +135,16 @@ class Polygons:
         opened = {(a, b) for a, b in edges if (b, a) not in here and self.beside.get((b, a), -1) in old | {-1}}
         if opened != kept:
             return None
-        if not self._fans(old, new, set(into.values())):
+        count: dict[int, int] = {}
+        for polygon in new:
+            for v in polygon:
+                count[v] = count.get(v, 0) + 1
+        if not all(wanted(n + len(self.around[v] - old), not self.fixed[v]) for v, n in count.items()):
             return None
+        for v in set(into.values()) & set(count):
+            beside = [p for p in new if v in p] + [self.polygon[f] for f in self.around[v] - old]
+            if not one_fan(v, beside, not self.fixed[v]):
+                return None
         saved = sum(_patches(self.polygon[f]) for f in old) - sum(map(_patches, new))
         return Change(tuple(sorted(old)), tuple(new), into, dropped, saved) if saved > 0 else None
 
@@ -172,31 +178,6 @@ class Polygons:
             new[:] = [p for p in new if v not in p] + [tuple(corners)]
             dropped[v] = first[0]
         return bool(new)
-
-    def _fans(self, old: set[int], new: list[Polygon], merged: set[int]) -> bool:
-        """Whether the polygons round each vertex are as many as are wanted, and round those that were merged one fan."""
-        count: dict[int, int] = {}
-        for polygon in new:
-            for v in polygon:
-                count[v] = count.get(v, 0) + 1
-        for v, n in count.items():
-            n += len(self.around[v] - old)
-            if n > MOST or (n < FEWEST and not self.fixed[v]):
-                return False
-        return all(self._fan(v, old, new) for v in merged if v in count)
-
-    def _fan(self, vertex: int, old: set[int], new: list[Polygon]) -> bool:
-        following = {}
-        for polygon in [p for p in new if vertex in p] + [self.polygon[f] for f in self.around[vertex] - old]:
-            i = polygon.index(vertex)
-            following[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
-        first = set(following) - set(following.values())
-        if len(first) > 1 or bool(first) != bool(self.fixed[vertex]):
-            return False
-        at = start = next(iter(first)) if first else next(iter(following))
-        for _ in following:
-            at = following.get(at, -1)
-        return at not in following if first else at == start and len(set(following.values())) == len(following)
 
     def apply(self, change: Change) -> list[int]:
         """Make a change that `collapsed` or `joined` gave for the mesh as it is; the numbers of the new polygons."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad.patches.levelset.layout.collapse import FEWEST, MOST
+from tpmscad.patches.levelset.layout.fans import FEWEST, MOST
 from tpmscad.patches.levelset.layout.merged import Surface
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.shape import badness

@@ -107,7 +107,8 @@ def settled(
     """The mesh with its `free` (V,) vertices relaxed and on the level set; the others stay where they are, bit for bit.
 
     Vertices slide along the surface and are taken back towards it in one step, with what the field is where they come from; the
-    last sweep ends with all of Newton's. `normals` (V, 3): of the surface at vertices that stay, if known. Every PAUSE sweeps those rest that, with all round them, have moved less than STILL.
+    last sweep ends with all of Newton's. Every PAUSE sweeps those rest that, with all round them, have moved less than STILL.
+    `normals` (V, 3): of the surface, if known, at the vertices that stay.
     """
     reach = STEP * mesh.size
     at = np.flatnonzero(free)

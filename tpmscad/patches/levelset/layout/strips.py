@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad.patches.levelset.layout.changes import Start
-from tpmscad.patches.levelset.layout.collapse import MOST
+from tpmscad.patches.levelset.layout.fans import MOST
 from tpmscad.patches.levelset.layout.merged import Surface
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.shape import badness
