@@ -26,6 +26,12 @@ QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 HALF_PLANE = {(2, 1): 0, (1, -1): 1, (2, -1): 2, (1, 1): 3}
 """The half-plane that a face lies in: (1 for b or 2 for c, direction)."""
 
+AT = 1e-6
+BESIDE = np.array([0.06, 0.04, 0.024])
+"""An edge's end this near (in its lengths) to its crossing is a node on the surface. Vertices round it would all start there, and
+sides without length never grow: so they start as if it were crossed at these parts of edges along x, y and z, which are unlike
+lest they lead back to it."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
@@ -226,12 +232,14 @@ def _polygons(tree: Octree, nodes: _Nodes, links: _Links) -> Mesh:
     length = _edge_length(nodes, start, axis)
     upper[rows, axis] += length
     f0, f1 = nodes.value(nodes.flat(start)), nodes.value(nodes.flat(upper))
-    crossing = tree.points(start + (f0 / (f0 - f1))[:, None] * (upper - start))
+    share, beside = f0 / (f0 - f1), BESIDE[axis]
+    off = np.where(share < AT, beside, np.where(share > 1 - AT, 1 - beside, share))
+    crossing = tree.points(start + off[:, None] * (upper - start))
     of_pair = names % n_edges
     vertices = np.zeros((n_vertices + len(on_box_edge), 3))
     np.add.at(vertices, vertex_of, crossing[of_pair])
     vertices[:n_vertices] /= np.bincount(vertex_of)[:, None]
-    vertices[n_vertices:] = crossing[on_box_edge]
+    vertices[n_vertices:] = tree.points(start + share[:, None] * (upper - start))[on_box_edge]
 
     fixed = np.zeros(vertices.shape, bool)
     owner = np.full(len(vertices), -1)
