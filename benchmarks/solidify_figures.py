@@ -156,7 +156,7 @@ def measured(row: Row, tol: float) -> str:
     stored = cpu() - begun - solid
     c = model.certificate
     lo, hi = np.array(row.box, float)
-    volume, spread = reference.volume(whole, lo, hi, float((hi - lo).max()) / 160)
+    volume, spread = reference.volume(whole, lo, hi, min(float((hi - lo).max()) / 160, row.period / 40))
     counted = " ".join(str(sampled_betti(whole, row.box, n)) for n in LINES)
     periods = float(np.prod((hi - lo) / row.period)) if row.model is None else _periods(row, lo, hi)
     return (
