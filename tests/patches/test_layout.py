@@ -4,23 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from cut_fields import FIELDS, HI, LO
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmscad import fields
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.levelset.layout.net import kept, net_of
 from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
-
-LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
-FIELDS = {
-    "gyroid": fields.rod(fields.tpms("gyroid", 10.0), -0.3),
-    "schwarz_p": fields.rod(fields.tpms("schwarz_p", 10.0, phase=(0.1, 0.0, 0.0)), 0.2),
-    "iwp": fields.pore(fields.tpms("iwp", 11.0), 0.3),
-    "ball": fields.sphere((5.1, 5.3, 4.2), 3.0),
-    "ball cut by the box": fields.sphere((1.1, 9.3, 4.2), 3.0),
-}
 
 
 def tree_of(seed: int, share: float, counts: tuple[int, int, int] = (5, 6, 4)) -> octree.Octree:

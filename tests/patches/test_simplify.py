@@ -6,27 +6,20 @@ from functools import cache
 
 import numpy as np
 import pytest
+from cut_fields import FIELDS, HI, LO
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmscad import fields
 from tpmscad.patches.levelset.layout import octree
-from tpmscad.patches.levelset.layout.changes import changes
+from tpmscad.patches.levelset.layout import rated as field_rated
+from tpmscad.patches.levelset.layout.changes import Start, changes, made
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.levelset.layout.fans import FEWEST, MOST
-from tpmscad.patches.levelset.layout.relax import relaxed
+from tpmscad.patches.levelset.layout.merged import Surface
+from tpmscad.patches.levelset.layout.relax import onto, relaxed
 from tpmscad.patches.levelset.layout.shape import badness
 from tpmscad.patches.levelset.layout.simplify import simplified
-
-LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
-FIELDS = {
-    "gyroid": fields.rod(fields.tpms("gyroid", 10.0), -0.3),
-    "schwarz_p": fields.rod(fields.tpms("schwarz_p", 10.0, phase=(0.1, 0.0, 0.0)), 0.2),
-    "iwp": fields.pore(fields.tpms("iwp", 11.0), 0.3),
-    "ball": fields.sphere((5.1, 5.3, 4.2), 3.0),
-    "ball cut by the box": fields.sphere((1.1, 9.3, 4.2), 3.0),
-}
 
 
 @cache
@@ -136,14 +129,69 @@ def test_a_layout_with_all_vertices_locked_is_left_alone() -> None:
     assert patches(found.mesh) == patches(before)
 
 
+def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
+    once, again = smaller("gyroid")[0], simplified(layout("gyroid"), FIELDS["gyroid"], LO, HI).mesh
+    assert np.array_equal(once.vertices, again.vertices)
+    assert np.array_equal(once.corners, again.corners)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = layout(name)
+    unlocked = np.zeros(len(mesh.vertices), bool)
+    polygons = Polygons(mesh, unlocked)
+    surface = Surface(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
+    monkeypatch.setattr(field_rated, "BEFORE", np.inf)
+    numbers = np.array(sorted(polygons.polygon))
+    found = field_rated.rated(polygons, surface, numbers, unlocked)
+    by_arrays = set()
+    for k in range(len(found.number)):
+        start = found.start[k] or Start(((int(found.goes[k]), int(found.stays[k])),), (int(found.number[k]),))
+        by_arrays.add((tuple(sorted(start.into)), tuple(sorted(start.gone))))
+        change = made(polygons, start)
+        if change is None or change.dropped or len(change.into) != 1:
+            continue
+        after = Polygons(mesh, unlocked)
+        after.apply(change)
+        around = [f for v in change.into.values() for f in after.around[v]]
+        rows = np.concatenate([after.rows[around], after.rows[after.next - len(change.new) : after.next]])
+        (goes, stays), vertices, up = next(iter(change.into.items())), mesh.vertices.copy(), surface.normals.copy()
+        if not mesh.fixed[stays].any() or mesh.fixed[stays].sum() == mesh.fixed[goes].sum():
+            middle, reach = vertices[[goes, stays]].mean(axis=0), np.linalg.norm(vertices[goes] - vertices[stays])
+            vertices[stays] = onto(FIELDS[name], middle[None], mesh.fixed[[stays]], np.array([reach]))[0]
+            slope = FIELDS[name].gradient(vertices[stays])
+            up[stays] = slope / np.linalg.norm(slope)
+        bad = badness(vertices, up, mesh.fixed, rows).max()
+        if bad < 1.0:
+            assert abs(found.score[k] + field_rated.PATCH * change.saved - bad) < 0.15
+    into = {each for each, _ in by_arrays}
+    one_by_one = {tuple(sorted(c.into.items())) for n in numbers.tolist() for c in changes(polygons, n) if c.into}
+    assert one_by_one <= into
+
+
 def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
     before = layout("gyroid")
     found = simplified(before, FIELDS["gyroid"], LO, HI)
     polygons = found.polygons
     assert [polygons.polygon[f] for f in found.numbers] == [tuple(found.of[list(r)].tolist()) for r in rows(found.mesh)]
-    for made in reversed(found.history):
-        polygons.undo(made.change, made.numbers, made.old, made.plane)
+    for step in reversed(found.history):
+        polygons.undo(step.change, step.numbers, step.old, step.plane)
     assert _state(polygons) == _state(Polygons(before, np.zeros(len(before.vertices), bool)))
+
+
+@pytest.mark.parametrize("name", ["gyroid", "iwp"])
+def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
+    mesh = layout(name)
+    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.around[v]) == 1]
+    assert on_edge
+    for v in on_edge:
+        (number,) = polygons.around[v]
+        polygon = polygons.polygon[number]
+        i = polygon.index(v)
+        before, after = polygon[i - 1], polygon[(i + 1) % len(polygon)]
+        assert polygons.collapsed({before: after}, [number]) is None
+        assert polygons.collapsed({after: before}, [number]) is None
 
 
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 3)), min_size=1, max_size=25))

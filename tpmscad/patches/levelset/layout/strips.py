@@ -46,7 +46,8 @@ def rated_starts(stars: Stars, surface: Surface, starts: Sequence[Start]) -> tup
     two = (stars.count[corner] - less + lone == 2) & ~surface.fixed[corner].any(axis=1)
     two &= ~np.isin(key, np.concatenate([of * vertices + goes, of * vertices + stays]))
     odd = key[two]
-    fine = whole & ~np.isin(by[:, None] * vertices + rows, odd).any(axis=1)
+    own = (rows >= 0) & (rows < vertices)
+    fine = whole & ~(own & np.isin(by[:, None] * vertices + rows, odd)).any(axis=1)
 
     there = surface.with_merged(goes, stays)
     bad = most(badness(there.vertices, there.normals, there.fixed, rows[fine]), by[fine], count)
