@@ -15,16 +15,14 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tpmscad.fields.field import Field
+from tpmscad.patches.levelset.layout.links import Links, links_of
+from tpmscad.patches.levelset.layout.nodes import FACE_AXES, Nodes, edge_length, leaf_at, minimal_faces
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 
-FACE_AXES = ((1, 2), (2, 0), (0, 1))
-"""In-plane axes (b, c) of a face normal to axis a, so that (a, b, c) is right-handed."""
+__all__ = ["FACE_AXES", "Mesh", "dual_mesh"]
 
 QUADRANTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
 """Signs along (b, c) of the four quadrants round an edge along a, counter-clockwise; half-plane k lies between k and k + 1."""
-
-HALF_PLANE = {(2, 1): 0, (1, -1): 1, (2, -1): 2, (1, 1): 3}
-"""The half-plane that a face lies in: (1 for b or 2 for c, direction)."""
 
 AT = 1e-6
 BESIDE = np.array([0.06, 0.04, 0.024])
@@ -57,144 +55,13 @@ class Mesh:
 
 def dual_mesh(tree: Octree, field: Field) -> Mesh:
     """The dual mesh of {field = 0}; vertices near the surface, not on it."""
-    nodes = _Nodes(tree, field)
-    face = _minimal_faces(tree, nodes)
-    links = _links(tree, nodes, field, face)
+    nodes = Nodes(tree, field)
+    face = minimal_faces(tree, nodes)
+    links = links_of(tree, nodes, field, face)
     return _polygons(tree, nodes, links)
 
 
-class _Nodes:
-    """The corners of leaves: which finest nodes they are, and the field's values there."""
-
-    def __init__(self, tree: Octree, field: Field) -> None:
-        self.shape = tree.shape + 1
-        corner = (tree.origin[:, None] + tree.size[:, None, None] * _UNIT).reshape(-1, 3)
-        self.ids = np.unique(self.flat(corner))
-        self.present = np.zeros(int(np.prod(self.shape)), bool)
-        self.present[self.ids] = True
-        self.values = field(tree.points(self.position(self.ids)))
-
-    def flat(self, position: Ints) -> Ints:
-        return (position[..., 0] * self.shape[1] + position[..., 1]) * self.shape[2] + position[..., 2]
-
-    def position(self, flat: Ints) -> Ints:
-        return np.stack(np.unravel_index(flat, tuple(self.shape)), axis=-1)
-
-    def value(self, flat: Ints) -> Array:
-        return self.values[np.searchsorted(self.ids, flat)]
-
-
-_UNIT = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Faces:
-    """Minimal faces: the lowest node, normal axis, size, and the leaves below and above (-1 outside the box)."""
-
-    origin: Ints
-    axis: Ints
-    size: Ints
-    below: Ints
-    above: Ints
-
-
-def _minimal_faces(tree: Octree, nodes: _Nodes) -> _Faces:
-    rows = []
-    for axis, (b, c) in enumerate(FACE_AXES):
-        for upper in (0, 1):
-            origin = tree.origin.copy()
-            origin[:, axis] += upper * tree.size
-            centre = origin.copy()
-            centre[:, b] += tree.size // 2
-            centre[:, c] += tree.size // 2
-            whole = (tree.size == 1) | ~nodes.present[nodes.flat(centre)]
-            rows.append(np.column_stack([origin, np.full(len(origin), axis), tree.size])[whole])
-    faces = np.unique(np.concatenate(rows), axis=0)
-    origin, axis, size = faces[:, :3], faces[:, 3], faces[:, 4]
-    sides = []
-    for shift in (-1, 0):
-        cell = origin.copy()
-        cell[np.arange(len(cell)), axis] += shift
-        sides.append(_leaf_at(tree, cell))
-    return _Faces(origin, axis, size, sides[0], sides[1])
-
-
-def _leaf_at(tree: Octree, cell: Ints) -> Ints:
-    """The leaf of finest cells (..., 3), -1 outside the box."""
-    outside = ((cell < 0) | (cell >= tree.shape)).any(axis=-1)
-    i, j, k = np.moveaxis(np.clip(cell, 0, tree.shape - 1), -1, 0)
-    return np.where(outside, -1, tree.leaf[i, j, k])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Links:
-    """Pairs of crossed edges on minimal faces: edge keys, half-planes round each edge and leaves (L, 2) each, plane (L,)."""
-
-    edge: Ints
-    half_plane: Ints
-    cell: Ints
-    plane: Ints
-
-
-def _links(tree: Octree, nodes: _Nodes, field: Field, faces: _Faces) -> _Links:
-    count = len(faces.axis)
-    ring = np.empty((count, 8, 3), np.int64)
-    for axis, (b, c) in enumerate(FACE_AXES):
-        at = np.flatnonzero(faces.axis == axis)
-        corner = np.repeat(faces.origin[at][:, None], 4, axis=1)
-        size = faces.size[at][:, None]
-        corner[:, :, b] += size * np.array([0, 1, 1, 0])
-        corner[:, :, c] += size * np.array([0, 0, 1, 1])
-        ring[at, 0::2] = corner
-        ring[at, 1::2] = (corner + np.roll(corner, -1, axis=1)) // 2
-    flat = nodes.flat(ring)
-    hanging = nodes.present[flat[:, 1::2]] & (faces.size > 1)[:, None]
-    solid = np.empty((count, 8), bool)
-    solid[:, 0::2] = nodes.value(flat[:, 0::2]) <= 0
-    solid[:, 1::2] = np.where(
-        hanging, nodes.value(np.where(hanging, flat[:, 1::2], flat[:, 0::2])) <= 0, solid[:, 0::2]
-    )
-    crossed = solid != np.roll(solid, -1, axis=1)
-
-    busy = np.flatnonzero(crossed.any(axis=1))
-    solid, crossed, hanging, flat = solid[busy], crossed[busy], hanging[busy], flat[busy]
-    axis = faces.axis[busy]
-    centre = solid[:, 0].copy()
-    many = np.flatnonzero(crossed.sum(axis=1) > 2)
-    middle = (ring[busy[many], 0] + ring[busy[many], 4]) / 2
-    centre[many] = field(tree.points(middle)) <= 0
-
-    # the edge in slot j: between ring nodes j and j + 1, or between the corners where the middle is no node
-    begin = flat.copy()
-    begin[:, 1::2] = np.where(hanging, flat[:, 1::2], flat[:, 0::2])
-    key_node = np.minimum(begin, np.roll(flat, -1, axis=1))
-    key_node[:, 0::2] = np.minimum(flat[:, 0::2], flat[:, 1::2])
-    in_plane = np.array(FACE_AXES)[axis]
-    slot_axis = in_plane[:, [0, 0, 1, 1, 0, 0, 1, 1]]
-    key = 3 * key_node + slot_axis
-
-    starts = crossed & (np.roll(solid, -1, axis=1) != centre[:, None])
-    f, j = np.nonzero(starts)
-    partner = np.full(len(f), -1)
-    for ahead in range(1, 8):
-        k = (j + ahead) % 8
-        partner = np.where((partner < 0) & crossed[f, k], k, partner)
-    slots = np.stack([j, partner], axis=1)
-    # inward directions of the four sides of a face: +c, -b, -c, +b, with (b, c) the face's own axes
-    half_plane = np.empty((len(f), 2), np.int64)
-    for end in (0, 1):
-        side = slots[:, end] // 2
-        inward_axis = in_plane[f, np.array([1, 0, 1, 0])[side]]
-        direction = np.array([1, -1, -1, 1])[side]
-        position = (inward_axis - slot_axis[f, slots[:, end]]) % 3  # 1: b, 2: c of the edge
-        table = np.array([[-1, -1], [HALF_PLANE[1, -1], HALF_PLANE[1, 1]], [HALF_PLANE[2, -1], HALF_PLANE[2, 1]]])
-        half_plane[:, end] = table[position, (direction > 0).astype(int)]
-    below, above = faces.below[busy][f], faces.above[busy][f]
-    plane = np.where(below < 0, 2 * axis[f], np.where(above < 0, 2 * axis[f] + 1, -1))
-    return _Links(key[f[:, None], slots], half_plane, np.stack([below, above], axis=1), plane)
-
-
-def _polygons(tree: Octree, nodes: _Nodes, links: _Links) -> Mesh:
+def _polygons(tree: Octree, nodes: Nodes, links: Links) -> Mesh:
     keys, edge = np.unique(links.edge, return_inverse=True)
     edge = edge.reshape(-1, 2)
     n_links, n_edges, n_leaves = len(edge), len(keys), len(tree.size)
@@ -218,7 +85,7 @@ def _polygons(tree: Octree, nodes: _Nodes, links: _Links) -> Mesh:
         at = start.copy()
         at[rows, others[:, 0]] -= sb < 0
         at[rows, others[:, 1]] -= sc < 0
-        leaf[:, q] = _leaf_at(tree, at)
+        leaf[:, q] = leaf_at(tree, at)
     for q in range(4):
         beside = np.where(ring_link[:, q] >= 0, ring_link[:, q], ring_link[:, q - 1])
         name = np.where(leaf[:, q] >= 0, leaf[:, q], n_leaves + beside) * n_edges + rows
@@ -229,7 +96,7 @@ def _polygons(tree: Octree, nodes: _Nodes, links: _Links) -> Mesh:
 
     # crossing points, from which vertices start
     upper = start.copy()
-    length = _edge_length(nodes, start, axis)
+    length = edge_length(nodes, start, axis)
     upper[rows, axis] += length
     f0, f1 = nodes.value(nodes.flat(start)), nodes.value(nodes.flat(upper))
     share, beside = f0 / (f0 - f1), BESIDE[axis]
@@ -297,17 +164,3 @@ def _reversed(side: Ints, corner: Ints, turned: Mask) -> tuple[Ints, Ints]:
     corner[triangles] = corner[triangles][:, [0, 2, 1, 3]]
     side[triangles] = side[triangles][:, [2, 1, 0, 3]]
     return side, corner
-
-
-def _edge_length(nodes: _Nodes, start: Ints, axis: Ints) -> Ints:
-    """The length of the minimal edge from each node along an axis: up to the next node that is present."""
-    length = np.zeros(len(start), np.int64)
-    step = 1
-    rows = np.arange(len(start))
-    while (length == 0).any():
-        at = start.copy()
-        at[rows, axis] = np.minimum(at[rows, axis] + step, nodes.shape[axis] - 1)
-        found = (length == 0) & nodes.present[nodes.flat(at)]
-        length[found] = step
-        step *= 2
-    return length
