@@ -234,11 +234,8 @@ def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[
     three = small[:, 3] < 0
     following[three, 2] = small[three, 0]
     one, other = small[present], following[present]
-    keys, number, uses = np.unique(
-        np.minimum(one, other) * len(of) + np.maximum(one, other),
-        return_inverse=True,
-        return_counts=True,
-    )
+    keys = np.minimum(one, other) * len(of) + np.maximum(one, other)
+    keys, number, uses = np.unique(keys, return_inverse=True, return_counts=True)
     ends = np.stack(np.divmod(keys, max(1, len(of))), axis=1)
     sides = np.full(corners.shape, -1)
     sides[present] = number.ravel()

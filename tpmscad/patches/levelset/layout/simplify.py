@@ -27,7 +27,7 @@ from tpmscad.patches.levelset.layout.stars import most
 from tpmscad.patches.levelset.layout.vectors import unit
 
 SWEEPS, LAST = 5, 60
-"""Sweeps of the relaxation after a round, and of all that is not locked in the end."""
+"""Sweeps of the relaxation after a round, and of all that is not locked in the end. Ten in a round left as many patches."""
 
 ROUNDS, BETWEEN = 10, 4
 """Times that polygons are looked at again whose surroundings have moved, and rounds from one to the next."""
