@@ -33,8 +33,12 @@ of up to a half in the faces that splitting leads to, and layouts are cheap. The
 CONE = 0.5
 """Cosine of the angle that normals in a leaf may make with their mean, in the layout that is tried last."""
 
-DEPTH = 4
-"""Greatest refinement of a first leaf: sixteen to one."""
+DEPTH, MOST_CELLS = 5, 2**27
+"""Greatest refinement of a first leaf: thirty-two to one, or sixteen where the finest grid would have more cells than this (half
+a gigabyte). Four places of a figure of the porous-blending paper stayed folded at sixteen to one, and none at thirty-two."""
+
+REFINED = 3
+"""Levels by which leaves are split that hide crossings or in which normals turn too far, before there is a layout."""
 
 LAYOUTS, ROUNDS, IDLE, MOST = 8, 12, 2, 3
 """Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
@@ -149,12 +153,14 @@ def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array
 
 
 def _splittable(tree: Octree, leaves: Ints) -> Ints:
-    return leaves[tree.size[leaves] * 2**DEPTH > tree.size.max()]
+    first = np.prod(tree.shape / tree.size.max())
+    depth = DEPTH if first * 8**DEPTH <= MOST_CELLS else DEPTH - 1
+    return leaves[tree.size[leaves] * 2**depth > tree.size.max()]
 
 
 def _refined(tree: Octree, field: Field, cosine: float | None) -> Octree:
-    for _ in range(DEPTH - 1):
-        flagged = too_coarse(tree, field, cosine) & (tree.size * 2**DEPTH > tree.size.max())
+    for _ in range(REFINED):
+        flagged = too_coarse(tree, field, cosine) & (tree.size * 2 ** (REFINED + 1) > tree.size.max())
         if not flagged.any():
             break
         tree = octree.split(tree, flagged)
