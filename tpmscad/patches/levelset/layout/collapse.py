@@ -245,7 +245,5 @@ def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[
     open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
     known = polygons.plane
     plane[open_sides] = [known.get((a, b), -1) for a, b in of[ends[open_sides]].tolist()]
-    return (
-        Mesh(vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of], small, sides, ends, plane),
-        of,
-    )
+    own = (vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of])
+    return Mesh(*own, small, sides, ends, plane), of

@@ -122,7 +122,7 @@ class _Work:
         goes, stays, number = known.goes.tolist(), known.stays.tolist(), known.number.tolist()
         for k in known.order().tolist():
             v, w = goes[k], stays[k]
-            if v in taken or w in taken:
+            if v in taken or w in taken or not taken.isdisjoint(polygons.polygon[number[k]]):
                 continue
             start = known.start[k] or Start(((v, w),), (number[k],))
             ends = {v for pair in start.into for v in pair}
@@ -164,7 +164,7 @@ class _Work:
             kept = {f: polygons.polygon[f] for f in change.old}
             planes = polygons.rims(change.old)
             for v, w in change.into.items():
-                if not self.fixed[w].any() or self.fixed[w].sum() == self.fixed[v].sum():
+                if polygons.fixed[v] == polygons.fixed[w]:
                     self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
             for v, w in (change.into | change.dropped).items():
                 self.into[v] = w
