@@ -111,3 +111,21 @@ def test_only_the_edge_is_touched() -> None:
 )
 def test_a_solid_without_edges_stays_as_it_is(field: fields.Field) -> None:
     assert rounded(field, LO, HI, 1e-3) is None
+
+
+def test_a_wall_without_edges_in_the_box_does_not_matter() -> None:
+    """A second wall, blended in where the first is gone: in half of the box only the first has an edge."""
+    second = fields.sheet(fields.coordinate("z") - 0.1, -HALF, HALF)
+    regions = tapered(WALL).regions
+    field = BlendedField((WALL, fields.constant(VOID)), regions, (fields.box((0.5, 0, -1), (1.5, 1, 1)),), (Ramp(),))
+    both = BlendedField(
+        (WALL, fields.constant(VOID), second),
+        (*regions, fields.box((2, 0, -1), (3, 1, 1))),
+        (*field.blending, fields.box((1.9, 0, -1), (2.1, 1, 1))),
+        (Ramp(), Ramp()),
+    )
+    one, other = rounded(field, LO, np.array([1.8, 0.7, 0.5]), 1e-3), rounded(both, LO, np.array([1.8, 0.7, 0.5]), 1e-3)
+    assert one is not None
+    assert other is not None
+    assert other.moved == pytest.approx(one.moved, rel=0.1)
+    assert 0.8e-3 < other.moved <= 1e-3

@@ -15,6 +15,7 @@ import numpy as np
 from tpmscad.blend.composition import BlendedField
 from tpmscad.blend.edges import Eased, Profile, neutral
 from tpmscad.blend.grid import Array
+from tpmscad.errors import NotMet
 from tpmscad.fields import Field
 from tpmscad.fields.booleans import Extreme
 
@@ -37,14 +38,22 @@ FLAT = 1.5
 LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
 """Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
 
-TRIES = 6
-NEAR = 0.9
-"""The rounding is scaled until the surface moves by at least this part of what is allowed."""
+TRIES, GROWTH, NEAR = 8, 4.0, 0.9
+"""The rounding is scaled, by so many times at most from one try to the next, until the surface moves by at least this part of what
+is allowed."""
 
 LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
 """Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
 
-TRIES = 6
+TRIES, GROWTH = 8, 4.0
+NEAR = 0.9
+"""The rounding is scaled until the surface moves by at least this part of what is allowed, by so many times at most from
+one try to the next."""
+
+LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
+"""Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
+
+TRIES, GROWTH = 8, 4.0
 NEAR, EVEN = 0.9, 0.8
 """The rounding is scaled until the surface moves by at least this part of what is allowed, and at the edges and beside
 them about alike."""
@@ -75,28 +84,33 @@ def rounded(field: Field, lo: Array, hi: Array, allowed: float) -> Rounded | Non
     if not isinstance(field, BlendedField):
         return None
     creases = [node for structure in field.structures for node in _extremes(structure)]
-    found = [(node, _edge_points(field, node, lo, hi)) for node in creases]
-    if not any(len(points) for _, points in found):
+    edges = [(node, p) for node in creases if len(p := _edge_points(field, node, lo, hi))]
+    if not edges:
         return None
-    half = [_half_openings(field, node, p) for node, p in found]
-    points, halves = np.concatenate([p for _, p in found]), np.concatenate(half)
+    points = np.concatenate([p for _, p in edges])
+    halves = np.concatenate([_half_openings(field, node, p) for node, p in edges])
     shape = neutral()
     # of each crease a width in proportion to the slope across it: then all are rounded alike
-    slopes = {id(node): _slope(node, p) for node, p in found}
+    slopes = {id(node): 1.0 for node in creases} | {id(node): _slope(node, p) for node, p in edges}
     scale = allowed / shape.depth
-    for _ in range(TRIES):
+    best: tuple[BlendedField, float] | None = None
+    for attempt in range(2 * TRIES):
         eased = _eased(field, {key: scale * slope for key, slope in slopes.items()}, shape)
-        tip = float(_moved(field, eased, points).max())
-        side = max(
-            float(_beside(field, eased, node, p, scale * slopes[id(node)]).max(initial=0.0)) for node, p in found
-        )
-        most = max(tip, side)
-        if NEAR * allowed <= most <= allowed:
+        beside = [_beside(field, eased, node, p, scale * slopes[id(node)]) for node, p in edges]
+        most = float(max(_moved(field, eased, points).max(), *(m.max(initial=0.0) for m in beside)))
+        if most <= allowed and (best is None or most > best[1]):
+            best = eased, most
+        if best is not None and (best[1] >= NEAR * allowed or attempt >= TRIES):
             break
-        scale *= 0.5 * (1 + NEAR) * allowed / max(most, 1e-300)
+        scale *= min(GROWTH, 0.5 * (1 + NEAR) * allowed / max(most, 1e-300))
+    if best is None:
+        where = ", ".join(f"{x:.5g}" for x in points[halves.argmin()])
+        raise NotMet(
+            f"the edge of a blended wall near ({where}) could not be rounded within {allowed:g}; use a larger tol"
+        )
     sharp = int(halves.argmin())
-    radius = np.inf if halves[sharp] >= FLAT else _radius(eased, points[sharp], allowed)
-    return Rounded(eased, most, points[sharp], float(np.degrees(2 * halves[sharp])), radius)
+    radius = np.inf if halves[sharp] >= FLAT else _radius(best[0], points[sharp], allowed)
+    return Rounded(best[0], best[1], points[sharp], float(np.degrees(2 * halves[sharp])), radius)
 
 
 def _extremes(structure: Field) -> Iterator[Extreme]:
@@ -162,8 +176,6 @@ def _edge_points(field: BlendedField, node: Extreme, lo: Array, hi: Array) -> Ar
 
 def _slope(node: Extreme, points: Array) -> float:
     """The usual slope across a crease."""
-    if not len(points):
-        return 1.0
     return float(np.median(np.linalg.norm((node.first - node.second).gradient(points), axis=1)))
 
 
