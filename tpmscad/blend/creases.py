@@ -39,27 +39,11 @@ LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
 """Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
 
 TRIES, GROWTH, NEAR = 8, 4.0, 0.9
-"""The rounding is scaled, by so many times at most from one try to the next, until the surface moves by at least this part of what
-is allowed."""
+"""The rounding is scaled, by so many times at most from one try to the next, until the surface moves by at least this part of
+what is allowed."""
 
 LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
 """Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
-
-TRIES, GROWTH = 8, 4.0
-NEAR = 0.9
-"""The rounding is scaled until the surface moves by at least this part of what is allowed, by so many times at most from
-one try to the next."""
-
-LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
-"""Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
-
-TRIES, GROWTH = 8, 4.0
-NEAR, EVEN = 0.9, 0.8
-"""The rounding is scaled until the surface moves by at least this part of what is allowed, and at the edges and beside
-them about alike."""
-
-RATIO = 20.0
-"""How many times as far the edges may move as what is beside them: the rounding then only cuts them off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
