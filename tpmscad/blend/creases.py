@@ -35,9 +35,6 @@ ASIDE = 1e-6
 FLAT = 1.5
 """Half openings (radians) above which there is no edge to speak of."""
 
-LEVELS = (0.15, 0.3, 0.45, 0.6, 0.8)
-"""Differences of a crease's two fields, in widths, at which it is measured how far the surface moves beside an edge."""
-
 TRIES, GROWTH, NEAR = 8, 4.0, 0.9
 """The rounding is scaled, by so many times at most from one try to the next, until the surface moves by at least this part of
 what is allowed."""
