@@ -28,7 +28,7 @@ def fewer(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
         return layer
     history = History(layer.mesh, simple, layer.field, layer.tree.lo, layer.tree.hi)
     missed_before = np.zeros(len(layer.tree.size), np.int64)
-    found: Layer | None = None
+    found = layer
     for _ in range(ATTEMPTS):
         mesh, numbers = history.mesh()
         found = fitted(layer.field, layer.tree, mesh, tol, samples, found, work)

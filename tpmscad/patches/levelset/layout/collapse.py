@@ -224,7 +224,7 @@ def _patches(polygon: Polygon) -> int:
 
 
 def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[int]) -> tuple[Mesh, Ints]:
-    """The mesh of polygons of these numbers, and which of all vertices its own are."""
+    """The mesh of polygons of these numbers, and which of all vertices its own are. Sides run as the first mesh's do."""
     corners = polygons.rows[np.fromiter(numbers, np.int64)]
     present = corners >= 0
     of, place = np.unique(corners[present], return_inverse=True)
@@ -245,5 +245,8 @@ def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[
     open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
     known = polygons.plane
     plane[open_sides] = [known.get((a, b), -1) for a, b in of[ends[open_sides]].tolist()]
+    count = len(mesh.vertices)
+    turned = np.isin(of[ends] @ [1, count], mesh.side_ends @ [count, 1])
+    ends[turned] = ends[turned, ::-1]
     own = (vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of])
     return Mesh(*own, small, sides, ends, plane), of
