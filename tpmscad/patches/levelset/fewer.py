@@ -12,7 +12,7 @@ from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.simplify import simplified
 from tpmscad.patches.levelset.work import Work, here
 
-ATTEMPTS = 12
+ATTEMPTS = 20
 """Layouts fitted at most. All but the first are fitted again only where changes were undone."""
 
 

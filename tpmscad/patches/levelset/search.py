@@ -40,7 +40,7 @@ a gigabyte). Four places of a figure of the porous-blending paper stayed folded 
 REFINED = 3
 """Levels by which leaves are split that hide crossings or in which normals turn too far, before there is a layout."""
 
-LAYOUTS, ROUNDS, IDLE, MOST = 8, 12, 2, 3
+LAYOUTS, ROUNDS, IDLE, MOST = 8, 12, 2, 5
 """Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
 
 SKETCHES, GROWTH = 2, 30
