@@ -7,8 +7,9 @@ from pathlib import Path
 import pytest
 
 from tpmscad import fields, kernel
+from tpmscad.blend.counted import betti_numbers
 from tpmscad.errors import InvalidRequest
-from tpmscad.solids import betti_numbers, solidify
+from tpmscad.solids import solidify
 
 pytestmark = pytest.mark.kernel
 
