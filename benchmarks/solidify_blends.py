@@ -59,6 +59,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
         valid = kernel.check_shape(model.built.shape).valid
         counted = {sampled_betti(field, (lo, hi), lines) for lines in LINES}
         right = valid and c.betti in counted
+        seen = " or ".join(map(str, sorted(counted)))
         made += c.met and right
         missed += not c.met
         wrong += c.met and not right
@@ -66,7 +67,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
         print(
             f"{line} {'NOT MET' if not c.met else 'met' if right else 'WRONG'} {'valid' if valid else 'NOT VALID'} "
             f"faces {c.n_faces} ({faces[-1]:.0f} a period) deviation {c.max_deviation / period:.1e} "
-            f"jump {c.tangent_jump_deg:.2f} betti {c.betti} field {' or '.join(map(str, sorted(counted)))} pieces {len(c.pieces)} "
+            f"jump {c.tangent_jump_deg:.2f} betti {c.betti} field {seen} pieces {len(c.pieces)} "
             f"cpu {taken:.1f} s wall {wall:.1f} s {'; '.join((*c.shortfalls, *c.notes))}",
             flush=True,
         )
