@@ -8,7 +8,6 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset import check
-from tpmscad.patches.levelset.bezier import bezier
 from tpmscad.patches.levelset.fit import NetFit, fit_net
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
@@ -16,6 +15,7 @@ from tpmscad.patches.levelset.layout.net import Net, kept, net_of
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
 from tpmscad.patches.levelset.period import repeated, tied
+from tpmscad.patches.levelset.sections import beyond, crossing
 from tpmscad.patches.levelset.work import Work, here
 
 DEGREES = (5, 7, 9)
@@ -35,9 +35,6 @@ TYPICAL_DEG = 0.5
 
 LEAVES = 1e-3
 """Part of tol by which sides in the box's faces may leave them between their ends: beyond that caps cross themselves."""
-
-ALONG = np.linspace(0.0, 1.0, 33)
-"""Where along its parameter a side is looked at for that."""
 
 MANY = 0.1
 """Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
@@ -183,24 +180,13 @@ def split(tree: Octree, leaves: Ints) -> Octree:
 
 def _wrong(net: Net, fit: NetFit, measured: check.Measured, tree: Octree, tol: float) -> tuple[Mask, Mask, Mask]:
     """Patches (Q,) that are folded, too far off or beyond the box, or meet another of the rest with a kink."""
-    leaving = _beyond(net, fit, tree) > LEAVES * tol
-    folded, coarse = measured.of.cosine < COSINE, (measured.of.distance > tol) | leaving[net.curve].any(axis=1)
+    leaving = beyond(net, fit, tree) > LEAVES * tol
+    folded = (measured.of.cosine < COSINE) | crossing(net, fit)[net.curve].any(axis=1)
+    coarse = (measured.of.distance > tol) | leaving[net.curve].any(axis=1)
     steep = np.zeros(len(net.ends), bool)
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
     steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
     return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
-
-
-def _beyond(net: Net, fit: NetFit, tree: Octree) -> Array:
-    """How far curves (C,) in faces of the box leave it by its edges."""
-    result = np.zeros(len(net.ends))
-    on_box = np.flatnonzero(net.plane >= 0)
-    count = np.array([len(fit.curves[c]) for c in on_box], np.int64)
-    for n in np.unique(count):
-        at = on_box[count == n]
-        points = bezier(n - 1, ALONG) @ np.stack([fit.curves[c] for c in at])
-        result[at] = np.maximum(tree.lo - points, points - tree.hi).max(axis=(1, 2))
-    return result
 
 
 def _uneven(net: Net, measured: check.Measured) -> Mask:

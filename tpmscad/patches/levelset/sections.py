@@ -1,0 +1,70 @@
+"""Sections of the patches with the box, which bound its caps: they stay in it, and do not cross each other.
+
+Two sides of a neck that is narrower than the tolerance may each lie within it and still cross. Inside the box a fold tells; in
+a cap nothing would but the kernel, at the end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.patches.levelset.bezier import bezier
+from tpmscad.patches.levelset.fit import NetFit
+from tpmscad.patches.levelset.layout.net import Net
+from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
+
+ALONG = np.linspace(0.0, 1.0, 33)
+"""Where along its parameter a curve is looked at."""
+
+PAIRS = 1 << 10
+"""Pairs of curves looked at together: 1024 pairs of segments each."""
+
+
+def beyond(net: Net, fit: NetFit, tree: Octree) -> Array:
+    """How far curves (C,) in faces of the box leave it by its edges."""
+    result = np.zeros(len(net.ends))
+    at, points = _sampled(net, fit)
+    result[at] = np.maximum(tree.lo - points, points - tree.hi).max(axis=(1, 2))
+    return result
+
+
+def crossing(net: Net, fit: NetFit) -> Mask:
+    """Curves (C,) in faces of the box that cross another there, but for those that share an end."""
+    result = np.zeros(len(net.ends), bool)
+    at, points = _sampled(net, fit)
+    for plane in range(6):
+        own = np.flatnonzero(net.plane[at] == plane)
+        flat = np.delete(points[own], plane // 2, axis=2)
+        low, high, ends = flat.min(axis=1), flat.max(axis=1), net.ends[at[own]]
+        for i in range(len(own)):
+            near = ((low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])).all(axis=1)
+            others = i + 1 + np.flatnonzero(near)
+            others = others[~(ends[others][:, :, None] == ends[i]).any(axis=(1, 2))]
+            for start in range(0, len(others), PAIRS):
+                part = others[start : start + PAIRS]
+                crossed = part[_cross(flat[i][None], flat[part])]
+                result[at[own[crossed]]] = True
+                result[at[own[i]]] |= len(crossed) > 0
+    return result
+
+
+def _sampled(net: Net, fit: NetFit) -> tuple[Ints, Array]:
+    """The curves in faces of the box (n,), and points along them (n, len(ALONG), 3)."""
+    at = np.flatnonzero(net.plane >= 0)
+    points = np.empty((len(at), len(ALONG), 3))
+    count = np.array([len(fit.curves[c]) for c in at], np.int64)
+    for n in np.unique(count):
+        same = np.flatnonzero(count == n)
+        points[same] = bezier(n - 1, ALONG) @ np.stack([fit.curves[c] for c in at[same]])
+    return at, points
+
+
+def _cross(one: Array, other: Array) -> Mask:
+    """Whether polylines (1 or n, m, 2) and (n, m, 2) cross: (n,)."""
+    a, b, c, d = one[:, :-1, None], one[:, 1:, None], other[:, None, :-1], other[:, None, 1:]
+
+    def side(p: Array, q: Array, r: Array) -> Array:
+        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+
+    apart = (side(a, b, c) * side(a, b, d) < 0) & (side(c, d, a) * side(c, d, b) < 0)
+    return np.asarray(apart.any(axis=(1, 2)))
