@@ -14,6 +14,7 @@ from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
 from tpmscad.patches.levelset.layout.net import Net, kept, net_of
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
+from tpmscad.patches.levelset.layout.vectors import unit
 from tpmscad.patches.levelset.period import repeated, tied
 from tpmscad.patches.levelset.sections import beyond, crossing
 from tpmscad.patches.levelset.work import Work, here
@@ -78,7 +79,7 @@ def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, 
     """
     mesh = tied(relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before), field, tree)
     slope = field.gradient(mesh.vertices)
-    normal = slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-300)
+    normal = unit(slope)
     bad = [_doubled(mesh)]
     three = mesh.corners[:, 3] < 0
     for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
@@ -96,7 +97,7 @@ def _turning(mesh: Mesh, slope: Array) -> Ints:
     on_box = np.flatnonzero(mesh.side_plane >= 0)
     inside = slope[mesh.side_ends[on_box]]
     inside[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
-    inside /= np.maximum(np.linalg.norm(inside, axis=2, keepdims=True), 1e-300)
+    inside = unit(inside)
     return on_box[np.einsum("si,si->s", inside[:, 0], inside[:, 1]) < SECTION]
 
 

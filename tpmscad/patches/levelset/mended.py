@@ -13,9 +13,8 @@ import numpy as np
 from tpmscad.patches.levelset.layer import Layer, fitted
 from tpmscad.patches.levelset.layout.changes import changes
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
-from tpmscad.patches.levelset.layout.dual import Mesh
-from tpmscad.patches.levelset.layout.octree import Array, Mask
-from tpmscad.patches.levelset.layout.relax import settled
+from tpmscad.patches.levelset.layout.octree import Array
+from tpmscad.patches.levelset.layout.relax import settled, with_neighbours
 from tpmscad.patches.levelset.work import Work, here
 
 FEW, TRIED = 4, 8
@@ -40,17 +39,8 @@ def mended(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer
         free = np.zeros(len(mesh.vertices), bool)
         free[list(change.vertices)] = True
         small, of = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
-        small = settled(small, _grown(small, free[of]), layer.field, tree.lo, tree.hi, SWEEPS)
+        small = settled(small, with_neighbours(small, free[of], RINGS), layer.field, tree.lo, tree.hi, SWEEPS)
         result = fitted(layer.field, tree, small, tol, samples, layer, work)
         if not len(result.bad):
             return result
     return layer
-
-
-def _grown(mesh: Mesh, vertices: Mask) -> Mask:
-    """The vertices (V,) and those within RINGS polygons of them."""
-    corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
-    result = vertices.copy()
-    for _ in range(RINGS):
-        result[corners[result[corners].any(axis=1)]] = True
-    return result

@@ -77,10 +77,8 @@ def relaxed(mesh: Mesh, field: Field, lo: Array, hi: Array, sweeps: int = SWEEPS
     free = ~old
     if free.all():
         return settled(mesh, free, field, lo, hi, sweeps)
-    for _ in range(RINGS):
-        near = mesh.corners[(free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)]
-        free[near[near >= 0]] = True
-    touched = (free[mesh.corners] & (mesh.corners >= 0)).any(axis=1)
+    free = with_neighbours(mesh, free, RINGS)
+    touched = np.asarray((free[mesh.corners] & (mesh.corners >= 0)).any(axis=1))
     part, of = _part(mesh, touched)
     vertices = mesh.vertices.copy()
     vertices[of] = settled(part, free[of], field, lo, hi, sweeps).vertices
@@ -145,7 +143,7 @@ def settled(
             vertices[back] = here[np.searchsorted(at, back)]
         moved = np.zeros(len(vertices), bool)
         moved[at] = np.linalg.norm(vertices[at] - here, axis=1) > STILL * far
-        moving &= _with_neighbours(mesh, moved)
+        moving &= with_neighbours(mesh, moved)
     at = np.flatnonzero(free)
     vertices[at] = _inside(field, vertices[at], vertices[at], mesh.fixed[at], reach[at], lo, hi)
     return replace(mesh, vertices=vertices)
@@ -179,11 +177,12 @@ def _balance(vertices: Array, rim: Ints, beside: Ints) -> Array:
     return np.asarray(np.minimum(one, other) / np.maximum(np.maximum(one, other), TINY))
 
 
-def _with_neighbours(mesh: Mesh, vertices: Mask) -> Mask:
-    """The vertices (V,) and those that share a polygon with them."""
+def with_neighbours(mesh: Mesh, vertices: Mask, rings: int = 1) -> Mask:
+    """The vertices (V,) and those within so many polygons of them."""
     corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
     result = vertices.copy()
-    result[corners[vertices[corners].any(axis=1)]] = True
+    for _ in range(rings):
+        result[corners[result[corners].any(axis=1)]] = True
     return result
 
 
