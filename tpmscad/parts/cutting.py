@@ -84,12 +84,16 @@ def _cut(patches: PatchComplex, body: Body, plainly: Callable[[], tuple[Any, ...
 
 def trimmed(patches: PatchComplex, body: Body) -> Cut:
     """The patches trimmed by the body as a complex; TrimmingError, InvalidRequest or KernelError where that can't be done."""
-    cut = trim(patches, body_complex(body.shape))
-    if not len(cut.complex.faces):
-        _check(0.0, patches, body)
-        return Cut(Solids(()), None, PATCHES, ())
-    built = kernel.build(cut.complex)
-    if not kernel.is_valid(built.shape):
+    tool = body_complex(body.shape)
+    for apart in (False, True):
+        cut = trim(patches, tool, apart=apart)
+        if not len(cut.complex.faces):
+            _check(0.0, patches, body)
+            return Cut(Solids(()), None, PATCHES, ())
+        built = kernel.build(cut.complex)
+        if kernel.is_valid(built.shape):
+            break
+    else:
         raise TrimmingError("the kernel's check rejects the trimmed lattice")
     _check(float(measure.volume(built.nesting.moments)[0]), patches, body)
     notes = ["trimmed on the patches' parameters"]

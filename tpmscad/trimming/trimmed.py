@@ -94,13 +94,16 @@ def trim(
     body: PatchComplex,
     tol: float | None = None,
     inside: Callable[[Array], Array] | None = None,
+    *,
+    apart: bool = False,
 ) -> Trimmed:
     """The common part of the lattice's solid and the body: a closed complex, the body's faces tagged "cap".
 
     lattice: whole patches that cover the body and may be ragged outside; outward senses. body: a closed complex of planes,
     cylinders, cones, spheres and tori, convex or not. tol: greatest distance between a cut curve and its carriers, model units,
     by default `TOLERANCE`. inside(points (n, 3)) -> (n,) bool tells solid from void where no edge of the body meets the lattice;
-    without it the nearest point of the lattice does.
+    without it the nearest point of the lattice does. apart: the lattice is moved where a side of a patch touches a face of the
+    body, too: cuts then keep clear of sides.
 
     InvalidRequest if the lattice is not of whole patches, or the body not closed; TrimmingError if the lattice does not cover
     the body, or if a cut is not resolved even with the lattice moved by a few tolerances (such moves are reported).
@@ -114,7 +117,9 @@ def trim(
     for attempt in SHIFTS:
         by = attempt * SHIFT * tol
         try:
-            complex, report = _trim(moved(lattice, by * WAY) if attempt else lattice, sides, ready, faces, tol, inside)
+            complex, report = _trim(
+                moved(lattice, by * WAY) if attempt else lattice, sides, ready, faces, tol, inside, apart
+            )
         except TrimmingError as error:
             reason = reason or str(error)
             continue
@@ -139,6 +144,7 @@ def _trim(
     faces: list[Region],
     tol: float,
     inside: Callable[[Array], Array] | None,
+    apart: bool,
 ) -> tuple[PatchComplex, Report]:
     snap = SNAP * tol
     k = body.n_surfaces
@@ -146,7 +152,8 @@ def _trim(
     near = near_patches(lattice, body, faces)
     on = np.abs(body.levels.distances(lattice.vertices)) < snap
     crossings = cross(own, strands, body.levels, on, _edges_of(near, sides, len(strands), body), snap, FLAT * tol)
-    check_touches(own, strands, crossings, body, faces)
+    if apart:
+        check_touches(own, strands, crossings, body, faces)
     vertex, points = root_vertices(own, strands, crossings, len(lattice.vertices), snap)
     vertices = np.vstack([lattice.vertices, points])
 
