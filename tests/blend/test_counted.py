@@ -23,6 +23,7 @@ def ovals(half: float, sign: float) -> fields.Field:
     return fields.as_field(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("half", [4e-3, 1e-3])
 @pytest.mark.parametrize(
     ("way", "sign", "expected"),
