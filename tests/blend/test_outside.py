@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tpmscad import fields
 from tpmscad.blend import Along, CylinderRadius, Line, SphereRadius, Volume, blend
 from tpmscad.blend.earlier import EARLIER
 
@@ -90,3 +91,29 @@ def test_so_is_a_blend_that_keeps_the_fraction_and_one_of_three_structures():
         own = (region(points) <= 0) & (bands[0](points) > 0) & (bands[1](points) > 0)
         assert own.sum() > 1000
         assert np.array_equal(result.field(points)[own], field(points)[own])
+
+
+@pytest.mark.parametrize("kept", [False, True])
+def test_beyond_the_box_that_was_blended_the_field_goes_on_without_a_jump(kept):
+    box = fields.box((0, 0, 0), (1, 0.4, 0.5))
+    regions, blending = [box & layer_of(-9.0, 0.5), box & layer_of(0.5, 9.0)], box & layer_of(0.3, 0.7)
+    result = blend([schwarz, gyroid], regions, [blending], resolution=(36, 18, 22), keep_fraction=kept)
+    points = np.random.default_rng(3).uniform((0.3, -0.05, -0.05), (0.7, 0.45, 0.55), (4000, 3))
+    beyond = (points != np.clip(points, *DOMAIN)).any(axis=1)
+    assert 0.2 < beyond.mean() < 0.8
+
+    nearest = np.clip(points, *DOMAIN)
+    assert np.array_equal(result.weight(points), result.weight(nearest))
+    along = points[:, 0].argsort()
+    steps = np.abs(np.diff(result.weight(np.array([0.0, -0.02, 0.55]) + points[along] * [1, 0, 0])))
+    assert steps.max() < 0.02
+
+    gradient = result.field.gradient(points)
+    step = 1e-6
+    for axis in np.eye(3):
+        slope = (result.field(points + step * axis) - result.field(points - step * axis)) / (2 * step)
+        assert np.allclose(gradient @ axis, slope, atol=1e-4 * np.abs(gradient).max())
+
+
+def layer_of(low, high):
+    return fields.box((low, -9, -9), (high, 9, 9))

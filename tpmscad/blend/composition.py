@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad.blend.grid import Array, Ints, Mask
+from tpmscad.blend.grid import Array, Box, Ints, Mask
 from tpmscad.blend.weights_volume import VolumeWeight
 from tpmscad.fields import Field
 from tpmscad.fields.function import Function
@@ -36,7 +36,8 @@ class BlendedField(Field):
 
     Outside the blending regions the values are those of the structure of that region, bit for bit: every structure is called
     with the very points given, and its values are selected, not combined. A point in no region takes the region that is nearest
-    by the regions' own values; of two regions, the first.
+    by the regions' own values; of two regions, the first. Beyond the box that was blended (`domain`) regions and weights go on
+    as they are at its nearest point, so that bodies may fill it to its faces.
     """
 
     structures: tuple[Field, ...]
@@ -45,6 +46,7 @@ class BlendedField(Field):
     weights: tuple[Weighting, ...]
     shifts: tuple[Weighting | None, ...] = ()
     """What is added to the field where a stage mixes: functions like the weights, but of any value; none if empty."""
+    domain: Box | None = None
 
     def __call__(self, points: ArrayLike) -> Array:
         points = np.asarray(points, float)
@@ -58,17 +60,20 @@ class BlendedField(Field):
 
     def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
         points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+        place = self.place(points)
+        moves = place == points
         owner = self.owner(points)
         value, slope = self.structures[0].value_and_gradient(points)
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
             following, rise = self.structures[stage + 1].value_and_gradient(points)
-            here = inside(blending, points) | (owner > stage + 1)
-            w, dw = _both(weight, points[here])
+            here = inside(blending, place) | (owner > stage + 1)
+            w, dw = _both(weight, place[here])
+            dw = np.where(moves[here], dw, 0.0)
             mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
             blended = (1 - w) * value[here] + w * following[here]
             if (shift := self._shift(stage)) is not None:
-                more, rising = _both(shift, points[here])
-                blended, mixed = blended + more, mixed + rising
+                more, rising = _both(shift, place[here])
+                blended, mixed = blended + more, mixed + np.where(moves[here], rising, 0.0)
             later = owner > stage
             value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
             value[here], slope[here] = blended, mixed
@@ -76,7 +81,12 @@ class BlendedField(Field):
 
     def owner(self, points: Array) -> Ints:
         """The number of the region each point is in or nearest to: (...)."""
-        return np.argmin(np.stack([np.asarray(region(points), float) for region in self.regions]), axis=0)
+        place = self.place(points)
+        return np.argmin(np.stack([np.asarray(region(place), float) for region in self.regions]), axis=0)
+
+    def place(self, points: Array) -> Array:
+        """Where regions and weights are looked up for points (..., 3): there, or at the nearest point of the domain."""
+        return points if self.domain is None else np.clip(points, *self.domain)
 
     def shares(self, points: ArrayLike) -> Array:
         """The part each structure has in f: (..., n), summing to 1."""
@@ -97,14 +107,14 @@ class BlendedField(Field):
         return self.shifts[stage] if self.shifts else None
 
     def _joined(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
-        owner = self.owner(points)
+        owner, place = self.owner(points), self.place(points)
         joined = values[0]
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
-            here = inside(blending, points) | (owner > stage + 1)
-            w = weight(points[here])
+            here = inside(blending, place) | (owner > stage + 1)
+            w = weight(place[here])
             blended = (1 - w) * joined[here] + w * values[stage + 1][here]
             if (shift := self._shift(stage)) is not None and shifted:
-                blended = blended + shift(points[here])
+                blended = blended + shift(place[here])
             joined = np.where(owner > stage, values[stage + 1], joined)
             joined[here] = blended
         return joined
@@ -118,19 +128,21 @@ class StageWeight:
     stage: int
 
     def __call__(self, points: ArrayLike) -> Array:
-        points = np.asarray(points, float)
-        owner = self.field.owner(points)
-        here = inside(self.field.blending[self.stage], points) | (owner > self.stage + 1)
-        value = (owner > self.stage).astype(float)
-        value[here] = self.field.weights[self.stage](points[here])
+        place, here = self._mixed(points)
+        value = (self.field.owner(place) > self.stage).astype(float)
+        value[here] = self.field.weights[self.stage](place[here])
         return value
 
     def gradient(self, points: ArrayLike) -> Array:
-        points = np.asarray(points, float)
-        here = inside(self.field.blending[self.stage], points) | (self.field.owner(points) > self.stage + 1)
-        slope = np.zeros(points.shape)
-        slope[here] = self.field.weights[self.stage].gradient(points[here])
-        return slope
+        place, here = self._mixed(points)
+        slope = np.zeros(place.shape)
+        slope[here] = self.field.weights[self.stage].gradient(place[here])
+        return np.where(place == np.asarray(points, float), slope, 0.0)
+
+    def _mixed(self, points: ArrayLike) -> tuple[Array, Mask]:
+        """Where the weight is looked up, and where it is that of its spline."""
+        place = self.field.place(np.asarray(points, float))
+        return place, inside(self.field.blending[self.stage], place) | (self.field.owner(place) > self.stage + 1)
 
 
 def inside(region: Field, points: Array) -> Mask:

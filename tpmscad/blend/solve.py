@@ -82,8 +82,8 @@ def blend(
         raise InvalidRequest(f"minimum_neck {minimum_neck:g}: must be a width above zero, in model units")
     specs = _specs(weight, len(blending_regions))
     parts = [tuple(map(as_field, given)) for given in (structures, regions, blending_regions)]
-    field = BlendedField(parts[0], parts[1], parts[2], ())
-    low, high = domain_of(field.regions, domain)
+    low, high = domain_of(parts[1], domain)
+    field = BlendedField(parts[0], parts[1], parts[2], (), domain=(low, high))
     grid = Grid(low, high, resolution or automatic_resolution(field.structures, (low, high)))
     check_regions(field, grid)
     scenes = (scene(field, grid), scene(field, grid.twice()))
