@@ -18,6 +18,9 @@ from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.relax import onto
+from tpmscad.patches.levelset.layout.shape import badness
+from tpmscad.patches.levelset.layout.vectors import unit
 from tpmscad.patches.levelset.mended import mended
 from tpmscad.patches.levelset.samples import samples_of
 from tpmscad.patches.levelset.solid import assemble
@@ -134,3 +137,46 @@ def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(mo
     assert len(same) > 0.5 * len(whole.mesh.vertices)
     monkeypatch.setattr(field_mended, "fitted", lambda *_: one)
     assert mended(one, TOL, samples) is one
+
+
+def test_two_places_are_mended_one_after_the_other() -> None:
+    whole, samples = layer()
+    inner = ~whole.mesh.fixed.any(axis=1)
+    quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
+    two = replace(whole, bad=np.unique(whole.mesh.cell[[quads[0], quads[-1]]]))
+    assert len(two.bad) <= field_mended.FEW
+    left = [two.bad]
+
+    def strict(*args: Any) -> Layer:
+        made = fitted(*args)
+        here = polygons_of(made.mesh)
+        bad = [
+            row for row in (quads[0], quads[-1]) if tuple(sorted(map(tuple, whole.mesh.start[row].tolist()))) in here
+        ]
+        left.append(np.unique(whole.mesh.cell[np.array(bad, int)]))
+        return replace(made, bad=left[-1])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(field_mended, "fitted", strict)
+        assert not len(mended(two, TOL, samples).bad)
+    assert 0 < len(left[1]) < len(left[0])
+
+
+@pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])
+def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) -> None:
+    whole, samples = layer()
+    mesh = whole.mesh
+    side = int(np.flatnonzero(~mesh.fixed[mesh.side_ends].any(axis=(1, 2)))[0])
+    a, b = mesh.side_ends[side]
+    vertices = mesh.vertices.copy()
+    vertices[a] = onto(
+        BALL,
+        (vertices[b] + part * mesh.size[[a, b]].min() * unit(vertices[a] - vertices[b]))[None],
+        np.zeros((1, 3), bool),
+        mesh.size[[a]],
+    )
+    made = fitted(BALL, whole.tree, replace(mesh, vertices=vertices), TOL, samples)
+    assert ("without length" in made.why) == bad
+    assert not bad or np.isin(mesh.cell[[a, b]], made.bad).all()
+    normals = unit(BALL.gradient(vertices))
+    assert (badness(vertices, normals, mesh.fixed, mesh.corners[(mesh.corners == a).any(axis=1)]).max() > 9) == bad

@@ -12,7 +12,7 @@ from tpmscad import fields
 from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.samples import samples_of
-from tpmscad.patches.levelset.sections import beyond, crossing
+from tpmscad.patches.levelset.sections import beyond, crossing, sections_of
 
 LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
 BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)
@@ -27,8 +27,8 @@ def layer() -> Layer:
 def test_a_section_that_passes_stays_in_the_box_and_crosses_nothing() -> None:
     made = layer()
     assert (made.net.plane >= 0).sum() > 4
-    assert beyond(made.net, made.fit, made.tree).max() <= 0
-    assert not crossing(made.net, made.fit).any()
+    assert beyond(made.net, sections_of(made.net, made.fit), made.tree).max() <= 0
+    assert not crossing(made.net, sections_of(made.net, made.fit)).any()
 
 
 @pytest.mark.parametrize("reach", [0.9, 1.1])
@@ -45,7 +45,7 @@ def test_a_curve_bent_across_the_one_opposite_is_told_with_it_and_makes_their_pa
     bent[1:-1] = middle[one] + reach * (middle[other] - middle[one]) / (1 - weight)
     curves[on_box[one]] = bent
     spoilt = replace(fit, curves=curves)
-    found = crossing(net, spoilt)
+    found = crossing(net, sections_of(net, spoilt))
     assert found[on_box[[one, other]]].all() == (reach > 1)
     folded, _, _ = _wrong(net, spoilt, made.measured, made.tree, TOL)
     assert folded[(net.curve == on_box[other]).any(axis=1)].all() == (reach > 1)

@@ -10,6 +10,7 @@ from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.history import History
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.simplify import simplified
+from tpmscad.patches.levelset.layout.vectors import filled
 from tpmscad.patches.levelset.work import Work, here
 
 ATTEMPTS = 20
@@ -48,7 +49,7 @@ def fewer(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
 def _polygons_at(mesh: Mesh, tree: Octree, leaves: Ints) -> Mask:
     """Polygons (Q,) of which all vertices are from these leaves, or else some, or else those round the nearest vertices."""
     there = np.isin(mesh.cell, leaves)
-    corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
+    corners = filled(mesh.corners)
     whole = np.asarray(there[corners].all(axis=1))
     if whole.any():
         return whole

@@ -16,7 +16,7 @@ from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
 from tpmscad.patches.levelset.layout.vectors import unit
 from tpmscad.patches.levelset.period import repeated, tied
-from tpmscad.patches.levelset.sections import beyond, crossing
+from tpmscad.patches.levelset.sections import beyond, crossing, sections_of
 from tpmscad.patches.levelset.work import Work, here
 
 DEGREES = (5, 7, 9)
@@ -27,6 +27,9 @@ COSINE = 0.95
 
 SINE, TURN = 0.02, -0.8
 """Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""
+
+SHORT = 1e-3
+"""Sides are at least this part of the leaves at their ends. Vertices that polygons pull out of the box come to rest on others."""
 
 SECTION = -0.3
 """Least cosine between the normals of the surface's section with the box at the ends of a side."""
@@ -80,7 +83,7 @@ def laid(tree: Octree, field: Field, before: Mesh | None = None) -> tuple[Mesh, 
     mesh = tied(relaxed(dual_mesh(tree, field), field, tree.lo, tree.hi, before=before), field, tree)
     slope = field.gradient(mesh.vertices)
     normal = unit(slope)
-    bad = [_doubled(mesh)]
+    bad = [_degenerate(mesh)]
     three = mesh.corners[:, 3] < 0
     for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
         if len(corners):
@@ -165,10 +168,10 @@ def fitted(
         missed = check.missed(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
         leaves = np.unique(_leaves_at(tree, samples[missed > tol]))
         why = f"{len(leaves)} parts of the surface missed" if len(leaves) else why
-    twice = _doubled(mesh)
-    if len(twice):
-        leaves = np.union1d(leaves, twice)
-        why = "two edges between the same vertices" + (f", {why}" if why else "")
+    degenerate = _degenerate(mesh)
+    if len(degenerate):
+        leaves = np.union1d(leaves, degenerate)
+        why = "edges without length, or two between the same vertices" + (f", {why}" if why else "")
     return Layer(field, tree, mesh, net, fit, measured, missed, leaves, why)
 
 
@@ -181,8 +184,9 @@ def split(tree: Octree, leaves: Ints) -> Octree:
 
 def _wrong(net: Net, fit: NetFit, measured: check.Measured, tree: Octree, tol: float) -> tuple[Mask, Mask, Mask]:
     """Patches (Q,) that are folded, too far off or beyond the box, or meet another of the rest with a kink."""
-    leaving = beyond(net, fit, tree) > LEAVES * tol
-    folded = (measured.of.cosine < COSINE) | crossing(net, fit)[net.curve].any(axis=1)
+    sections = sections_of(net, fit)
+    leaving = beyond(net, sections, tree) > LEAVES * tol
+    folded = (measured.of.cosine < COSINE) | crossing(net, sections)[net.curve].any(axis=1)
     coarse = (measured.of.distance > tol) | leaving[net.curve].any(axis=1)
     steep = np.zeros(len(net.ends), bool)
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
@@ -198,11 +202,12 @@ def _uneven(net: Net, measured: check.Measured) -> Mask:
     return np.asarray(steep[net.curve].any(axis=1))
 
 
-def _doubled(mesh: Mesh) -> Ints:
-    """Leaves of the ends of sides that join the same two vertices as another, or one with itself."""
+def _degenerate(mesh: Mesh) -> Ints:
+    """Leaves of the ends of sides that join the same two vertices as another, or have next to no length."""
     ends = np.sort(mesh.side_ends, axis=1)
     _, index, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-    odd = (count[index.ravel()] > 1) | (ends[:, 0] == ends[:, 1])
+    length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
+    odd = (count[index.ravel()] > 1) | (length < SHORT * mesh.size[ends].min(axis=1))
     return np.unique(mesh.cell[ends[odd]])
 
 

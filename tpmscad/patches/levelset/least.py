@@ -7,6 +7,7 @@ import numpy as np
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.octree import Array, Mask
 from tpmscad.patches.levelset.layout.relax import onto
+from tpmscad.patches.levelset.layout.vectors import unit
 
 SLIDE = 0.3
 PASSES = 2
@@ -60,4 +61,4 @@ def normals(field: Field, points: Array, fixed: Mask | None = None) -> Array:
     slope = field.gradient(points)
     if fixed is not None:
         slope = np.where(fixed[:, None], 0.0, slope)
-    return slope / np.maximum(np.linalg.norm(slope, axis=-1, keepdims=True), 1e-300)
+    return unit(slope)

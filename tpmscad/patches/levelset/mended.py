@@ -6,18 +6,19 @@ and the sliver's other side does not follow. Without the sliver nothing has to.
 
 from __future__ import annotations
 
-from itertools import islice
+from collections.abc import Iterator
 
 import numpy as np
 
 from tpmscad.patches.levelset.layer import Layer, fitted
 from tpmscad.patches.levelset.layout.changes import changes
-from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
+from tpmscad.patches.levelset.layout.collapse import Change, Polygons, mesh_of
+from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array
 from tpmscad.patches.levelset.layout.relax import settled, with_neighbours
 from tpmscad.patches.levelset.work import Work, here
 
-FEW, TRIED = 4, 8
+FEW, TRIED = 8, 6
 """Bad leaves at most, and mergers fitted; those that are not near them are not fitted again."""
 
 RINGS, SWEEPS = 2, 40
@@ -25,22 +26,40 @@ RINGS, SWEEPS = 2, 40
 
 
 def mended(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
-    """The layer with a polygon of its bad leaves merged away, if that passes; else the layer itself."""
+    """The layer with polygons of its bad leaves merged away one by one, if that passes in the end; else the layer itself."""
     if layer.field.periods() is not None or not 0 < len(layer.bad) <= FEW:
         return layer
-    mesh, tree = layer.mesh, layer.tree
-    unlocked = np.zeros(len(mesh.vertices), bool)
-    found = Polygons(mesh, unlocked)
-    near = np.isin(mesh.cell, layer.bad)
-    at = [number for number, polygon in found.polygon.items() if near[list(polygon)].all()]
-    for change in islice((change for number in at for change in changes(found, number)), TRIED):
-        polygons = Polygons(mesh, unlocked)
-        polygons.apply(change)
-        free = np.zeros(len(mesh.vertices), bool)
-        free[list(change.vertices)] = True
-        small, of = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
-        small = settled(small, with_neighbours(small, free[of], RINGS), layer.field, tree.lo, tree.hi, SWEEPS)
-        result = fitted(layer.field, tree, small, tol, samples, layer, work)
-        if not len(result.bad):
-            return result
+    found, left = layer, TRIED
+    while left:
+        for change in _mergers(found):
+            result = fitted(layer.field, layer.tree, _merged(found, change), tol, samples, found, work)
+            left -= 1
+            if len(result.bad) < len(found.bad):
+                found = result
+                break
+            if not left:
+                break
+        else:
+            break
+        if not len(found.bad):
+            return found
     return layer
+
+
+def _mergers(layer: Layer) -> Iterator[Change]:
+    """Changes that take away a polygon all of whose vertices are of bad leaves."""
+    found = Polygons(layer.mesh, np.zeros(len(layer.mesh.vertices), bool))
+    near = np.isin(layer.mesh.cell, layer.bad)
+    at = [number for number, polygon in found.polygon.items() if near[list(polygon)].all()]
+    return (change for number in at for change in changes(found, number))
+
+
+def _merged(layer: Layer, change: Change) -> Mesh:
+    """The layer's layout with a change made, relaxed round it."""
+    mesh, tree = layer.mesh, layer.tree
+    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons.apply(change)
+    free = np.zeros(len(mesh.vertices), bool)
+    free[list(change.vertices)] = True
+    small, of = mesh_of(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    return settled(small, with_neighbours(small, free[of], RINGS), layer.field, tree.lo, tree.hi, SWEEPS)

@@ -63,7 +63,7 @@ def laid_out(
     """
     best: Layer | None = None
     for tree, mesh in _starts(field, lo, hi, _first_spacing(field, samples), probed):
-        found = mended(_followed(field, tree, mesh, tol, samples, work), tol, samples, work)
+        found = _followed(field, tree, mesh, tol, samples, work)
         if not len(found.bad):
             return fewer(found, tol, samples, work)
         if best is None or found.doubtful < best.doubtful:
@@ -131,7 +131,7 @@ def _patches(mesh: Mesh) -> int:
 
 def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array, work: Work) -> Layer:
     """The best layer of those that splitting leads to from a first layout."""
-    best = layer = fitted(field, tree, mesh, tol, samples, None, work)
+    best = layer = mended(fitted(field, tree, mesh, tol, samples, None, work), tol, samples, work)
     idle, least = 0, len(layer.bad)
     for _ in range(ROUNDS - 1):
         deeper = _splittable(tree, layer.bad)
@@ -139,7 +139,7 @@ def _followed(field: Field, tree: Octree, mesh: Mesh, tol: float, samples: Array
             break
         made = _unfolded(field, _Laid.of(split(tree, deeper), field, mesh))
         tree, mesh = made.tree, made.mesh
-        layer = fitted(field, tree, mesh, tol, samples, layer, work)
+        layer = mended(fitted(field, tree, mesh, tol, samples, layer, work), tol, samples, work)
         if not len(layer.bad):
             return layer
         # beside what a split cures larger leaves may turn bad: those few are cured in their turn

@@ -6,6 +6,8 @@ a cap nothing would but the kernel, at the end.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tpmscad.patches.levelset.bezier import bezier
@@ -20,18 +22,26 @@ PAIRS = 1 << 10
 """Pairs of curves looked at together: 1024 pairs of segments each."""
 
 
-def beyond(net: Net, fit: NetFit, tree: Octree) -> Array:
+@dataclass(frozen=True, slots=True, eq=False)
+class Sections:
+    """The curves of a net in faces of the box, `at` (n,), and points along them (n, len(ALONG), 3)."""
+
+    at: Ints
+    points: Array
+
+
+def beyond(net: Net, sections: Sections, tree: Octree) -> Array:
     """How far curves (C,) in faces of the box leave it by its edges."""
     result = np.zeros(len(net.ends))
-    at, points = _sampled(net, fit)
+    at, points = sections.at, sections.points
     result[at] = np.maximum(tree.lo - points, points - tree.hi).max(axis=(1, 2))
     return result
 
 
-def crossing(net: Net, fit: NetFit) -> Mask:
+def crossing(net: Net, sections: Sections) -> Mask:
     """Curves (C,) in faces of the box that cross another there, but for those that share an end."""
     result = np.zeros(len(net.ends), bool)
-    at, points = _sampled(net, fit)
+    at, points = sections.at, sections.points
     for plane in range(6):
         own = np.flatnonzero(net.plane[at] == plane)
         flat = np.delete(points[own], plane // 2, axis=2)
@@ -48,15 +58,15 @@ def crossing(net: Net, fit: NetFit) -> Mask:
     return result
 
 
-def _sampled(net: Net, fit: NetFit) -> tuple[Ints, Array]:
-    """The curves in faces of the box (n,), and points along them (n, len(ALONG), 3)."""
+def sections_of(net: Net, fit: NetFit) -> Sections:
+    """The sections of a fit with the box, sampled."""
     at = np.flatnonzero(net.plane >= 0)
     points = np.empty((len(at), len(ALONG), 3))
     count = np.array([len(fit.curves[c]) for c in at], np.int64)
     for n in np.unique(count):
         same = np.flatnonzero(count == n)
         points[same] = bezier(n - 1, ALONG) @ np.stack([fit.curves[c] for c in at[same]])
-    return at, points
+    return Sections(at, points)
 
 
 def _cross(one: Array, other: Array) -> Mask:

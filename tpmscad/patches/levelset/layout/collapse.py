@@ -16,6 +16,7 @@ import numpy as np
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.fans import Polygon, one_fan, wanted
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.layout.vectors import following
 
 __all__ = ["Change", "Made", "Polygon", "Polygons", "mesh_of"]
 
@@ -230,10 +231,7 @@ def mesh_of(polygons: Polygons, vertices: Array, size: Array, numbers: Iterable[
     of, place = np.unique(corners[present], return_inverse=True)
     small = np.full(corners.shape, -1)
     small[present] = place.ravel()
-    following = np.roll(small, -1, axis=1)
-    three = small[:, 3] < 0
-    following[three, 2] = small[three, 0]
-    one, other = small[present], following[present]
+    one, other = small[present], following(small)[present]
     keys = np.minimum(one, other) * len(of) + np.maximum(one, other)
     keys, number, uses = np.unique(keys, return_inverse=True, return_counts=True)
     ends = np.stack(np.divmod(keys, max(1, len(of))), axis=1)

@@ -18,6 +18,7 @@ from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.links import Links, links_of
 from tpmscad.patches.levelset.layout.nodes import FACE_AXES, Nodes, edge_length, leaf_at, minimal_faces
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
+from tpmscad.patches.levelset.layout.vectors import following
 
 __all__ = ["FACE_AXES", "Mesh", "dual_mesh"]
 
@@ -135,10 +136,9 @@ def _polygons(tree: Octree, nodes: Nodes, links: Links) -> Mesh:
     side, corner = _reversed(side, corner, turned)
 
     ends = np.full((n_sides, 2), -1)
-    following = np.where(np.roll(corner, -1, axis=1) < 0, corner[:, :1], np.roll(corner, -1, axis=1))
     q, i = np.nonzero(side >= 0)
     number, first = np.unique(side[q, i], return_index=True)
-    ends[number] = np.stack([corner[q, i], following[q, i]], axis=1)[first]
+    ends[number] = np.stack([corner[q, i], following(corner)[q, i]], axis=1)[first]
     plane = np.full(n_sides, -1)
     e, k = np.nonzero(along_box)
     # half-plane k is normal to b (k even: it lies along c) or to c; the outer quadrants lie beyond the box's face

@@ -16,7 +16,7 @@ from tpmscad.fields.field import Field
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
 from tpmscad.patches.levelset.layout.pull import asked
-from tpmscad.patches.levelset.layout.vectors import TINY, corner_sines, unit
+from tpmscad.patches.levelset.layout.vectors import TINY, corner_sines, filled, unit
 
 __all__ = ["corner_sines", "onto", "relaxed", "settled"]
 
@@ -179,8 +179,7 @@ def _balance(vertices: Array, rim: Ints, beside: Ints) -> Array:
 
 def with_neighbours(mesh: Mesh, vertices: Mask, rings: int = 1) -> Mask:
     """The vertices (V,) and those within so many polygons of them."""
-    corners = np.where(mesh.corners < 0, mesh.corners[:, :1], mesh.corners)
-    result = vertices.copy()
+    corners, result = filled(mesh.corners), vertices.copy()
     for _ in range(rings):
         result[corners[result[corners].any(axis=1)]] = True
     return result

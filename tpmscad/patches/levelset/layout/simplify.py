@@ -24,7 +24,7 @@ from tpmscad.patches.levelset.layout.rated import Rated, rated
 from tpmscad.patches.levelset.layout.relax import settled
 from tpmscad.patches.levelset.layout.shape import badness, between, worst
 from tpmscad.patches.levelset.layout.stars import most
-from tpmscad.patches.levelset.layout.vectors import unit
+from tpmscad.patches.levelset.layout.vectors import following, unit
 
 SWEEPS, LAST = 5, 60
 """Sweeps of the relaxation after a round, and of all that is not locked in the end. Ten in a round left as many patches."""
@@ -207,10 +207,7 @@ class _Work:
 
     def size(self, rows: Ints) -> Array:
         """A length for each vertex: of its leaf, or of its shortest side in these polygons where that has become longer."""
-        following = np.roll(rows, -1, axis=1)
-        three = rows[:, 3] < 0
-        following[three, 2] = rows[three, 0]
-        start, end = rows[rows >= 0], following[rows >= 0]
+        start, end = rows[rows >= 0], following(rows)[rows >= 0]
         long = np.linalg.norm(self.vertices[start] - self.vertices[end], axis=1)
         shortest = np.full(len(self.vertices), np.inf)
         np.minimum.at(shortest, np.concatenate([start, end]), np.concatenate([long, long]))

@@ -49,6 +49,17 @@ def corner_sines(vertices: Array, corners: Ints, normals: Array) -> Array:
     return sines(side, length(side), taken(normals, corners))
 
 
+def following(corners: Ints) -> Ints:
+    """The corner after each in polygons (Q, 4), triangles with a last -1; of what is no corner the first."""
+    after = np.roll(corners, -1, axis=1)
+    return np.where(after < 0, corners[:, :1], after)
+
+
+def filled(corners: Ints) -> Ints:
+    """Polygons (Q, 4) with the first corner of triangles in the place of their last -1."""
+    return np.where(corners < 0, corners[:, :1], corners)
+
+
 def taken(vectors: Array, corners: Ints) -> Array:
     """Those of vectors (V, 3) at corners (...), by component: (3, ...)."""
     return np.take(np.ascontiguousarray(vectors.T), corners, axis=1)
