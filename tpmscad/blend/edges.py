@@ -17,9 +17,7 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 
 from tpmscad.blend.grid import Array
-from tpmscad.fields import Field
-from tpmscad.fields.field import common_periods
-from tpmscad.fields.points import Jet, Triple
+from tpmscad.fields.booleans import RoundedExtreme
 
 BENDS = (1.0, 1.0, -0.5, 0.0)
 """The second derivative at the ends of the pieces, between which it is linear."""
@@ -81,28 +79,10 @@ def _made(further: float) -> Profile:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Eased(Field):
-    """The greater (sign +1) or lesser (-1) of two fields, rounded by a profile where they differ by less than `width`:
-    twice continuously differentiable, and elsewhere the very bits of the greater or lesser."""
+class Eased(RoundedExtreme):
+    """The greater or lesser of two fields, rounded by a profile: twice continuously differentiable."""
 
-    first: Field
-    second: Field
-    sign: int
-    width: float
     shape: Profile
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        f, g = self.first.at(x, y, z), self.second.at(x, y, z)
-        added, _ = self.shape(np.abs(f - g) / self.width)
-        return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * added
-
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
-        f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        added, slope = self.shape(np.abs(f[0] - g[0]) / self.width)
-        keep = self.sign * f[0] >= self.sign * g[0]
-        own = np.where(keep, 1.0 + slope, -slope)
-        fx, fy, fz = (own * a + (1.0 - own) * b for a, b in zip(f[1:], g[1:], strict=True))
-        return np.where(keep, f[0], g[0]) + self.sign * self.width * added, fx, fy, fz
-
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
+    def profile(self, apart: Array) -> tuple[Array, Array]:
+        return self.shape(apart)

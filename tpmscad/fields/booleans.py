@@ -11,43 +11,46 @@ from dataclasses import dataclass
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Combined, Field, FieldLike, as_field
 from tpmscad.fields.field import Extreme as Extreme
-from tpmscad.fields.field import Field, FieldLike, as_field, common_periods
-from tpmscad.fields.points import Array, Jet, Triple, positive
+from tpmscad.fields.points import Array, Jet, positive
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothExtreme(Field):
-    """The greater or lesser of two fields, rounded where |f - g| < width by sign * width / 6 * (1 - |f - g| / width)^3: twice
-    continuously differentiable across the crease, and elsewhere the very bits of the greater or lesser."""
+class RoundedExtreme(Combined):
+    """The greater (sign +1) or lesser (-1) of two fields, rounded where they differ by less than `width`: elsewhere the very bits
+    of the greater or lesser."""
 
-    first: Field
-    second: Field
     sign: int
     width: float
 
+    def profile(self, apart: Array) -> tuple[Array, Array]:
+        """What is added where the fields are so many widths apart, in widths, and its derivative: nothing from 1 on."""
+        raise NotImplementedError
+
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        return self._value(self.first.at(x, y, z), self.second.at(x, y, z))[0]
+        f, g = self.first.at(x, y, z), self.second.at(x, y, z)
+        added, _ = self.profile(np.abs(f - g) / self.width)
+        return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * added
 
     def jet(self, x: Array, y: Array, z: Array) -> Jet:
         f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        value, keep, near = self._value(f[0], g[0])
-        # d value / d loser = near^2 / 2, and the winner has the rest
-        share = 0.5 * (near * near)
-        own = np.where(keep, 1.0 - share, share)
+        added, slope = self.profile(np.abs(f[0] - g[0]) / self.width)
+        keep = self.sign * f[0] >= self.sign * g[0]
+        own = np.where(keep, 1.0 + slope, -slope)
         fx, fy, fz = (own * a + (1.0 - own) * b for a, b in zip(f[1:], g[1:], strict=True))
-        return value, fx, fy, fz
+        return np.where(keep, f[0], g[0]) + self.sign * self.width * added, fx, fy, fz
 
-    def _value(self, f: Array, g: Array) -> tuple[Array, NDArray[np.bool_], Array]:
-        keep = self.sign * f >= self.sign * g
-        near = np.maximum(0.0, 1.0 - np.abs(f - g) / self.width)
-        return np.where(keep, f, g) + (self.sign * self.width / 6.0) * (near * near * near), keep, near
 
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
+@dataclass(frozen=True, slots=True)
+class SmoothExtreme(RoundedExtreme):
+    """Rounded by sign * width / 6 * (1 - |f - g| / width)^3: twice continuously differentiable across the crease."""
+
+    def profile(self, apart: Array) -> tuple[Array, Array]:
+        near = np.maximum(0.0, 1.0 - apart)
+        return near * near * near / 6.0, -0.5 * (near * near)
 
 
 def union(*fields: FieldLike) -> Field:

@@ -134,11 +134,19 @@ class Constant(Field):
 
 
 @dataclass(frozen=True, slots=True)
-class Sum(Field):
-    """first + second."""
+class Combined(Field):
+    """A field of two others' values."""
 
     first: Field
     second: Field
+
+    def periods(self) -> Triple | None:
+        return common_periods(self.first, self.second)
+
+
+@dataclass(frozen=True, slots=True)
+class Sum(Combined):
+    """first + second."""
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return self.first.at(x, y, z) + self.second.at(x, y, z)
@@ -147,9 +155,6 @@ class Sum(Field):
         f, fx, fy, fz = self.first.jet(x, y, z)
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f + g, fx + gx, fy + gy, fz + gz
-
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,11 +177,8 @@ class Scaled(Field):
 
 
 @dataclass(frozen=True, slots=True)
-class Product(Field):
+class Product(Combined):
     """first times second."""
-
-    first: Field
-    second: Field
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return self.first.at(x, y, z) * self.second.at(x, y, z)
@@ -186,16 +188,11 @@ class Product(Field):
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f * g, fx * g + f * gx, fy * g + f * gy, fz * g + f * gz
 
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
-
 
 @dataclass(frozen=True, slots=True)
-class Extreme(Field):
+class Extreme(Combined):
     """The greater (sign +1) or the lesser (sign -1) of two fields; gradient of the first where they are equal."""
 
-    first: Field
-    second: Field
     sign: int
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
@@ -207,9 +204,6 @@ class Extreme(Field):
         keep = self.sign * f[0] >= self.sign * g[0]
         value, fx, fy, fz = (np.where(keep, a, b) for a, b in zip(f, g, strict=True))
         return value, fx, fy, fz
-
-    def periods(self) -> Triple | None:
-        return common_periods(self.first, self.second)
 
 
 FieldLike = Field | float | Callable[[Array], Array]
