@@ -23,7 +23,7 @@ DEGREES = (5, 7, 9)
 
 JUMP_DEG = 2.0
 COSINE = 0.95
-"""Least cosine of a patch's normal with the gradient: far from folded."""
+"""Least cosine of a patch's normal with the gradient: far from folded. No two sides of a wall can cross and both have it."""
 
 SINE, TURN = 0.02, -0.8
 """Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""

@@ -1,0 +1,58 @@
+"""Patches on the two sides of a wall that cross each other: at one of them the field's gradient points the other way."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from tpmscad import fields
+from tpmscad.patches.levelset.bezier import bezier, tensor
+from tpmscad.patches.levelset.check import sampled
+from tpmscad.patches.levelset.layer import COSINE, Layer, fitted, laid
+from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.samples import samples_of
+
+LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
+CENTRE, RADIUS = (2.1, 5.3, 4.2), 3.6
+
+
+@cache
+def ball(radius: float, counts: tuple[int, int, int]) -> Layer:
+    field, tree = fields.sphere(CENTRE, radius), octree.uniform(LO, HI, np.array(counts))
+    return fitted(field, tree, laid(tree, field)[0], TOL, samples_of(field, LO, HI, 1.5))
+
+
+@pytest.mark.parametrize(("part", "crossing"), [(0.2, True), (3.0, False)])
+def test_sides_of_a_wall_that_cross_have_normals_against_the_gradient(part: float, crossing: bool) -> None:
+    outer = ball(RADIUS, (6, 7, 5))
+    off = float(outer.measured.of.distance.max())
+    inner = ball(RADIUS - part * off, (5, 8, 6))
+    wall = fields.sphere(CENTRE, RADIUS) & ~fields.sphere(CENTRE, RADIUS - part * off)
+    beyond = clearly_beyond(outer, inner, 0.2 * off)
+    assert (len(beyond) > 0) == crossing
+    of_outer, of_inner = (
+        np.array([sampled(wall, turn(p)[None]).cosine[0] for p in layer.fit.patches])
+        for layer, turn in ((outer, lambda p: p), (inner, lambda p: np.swapaxes(p, 0, 1)))
+    )
+    for one, others in beyond.items():
+        assert min(of_outer[one], *of_inner[sorted(others)]) < COSINE
+    assert crossing or min(of_outer.min(), of_inner.min()) > COSINE
+
+
+def clearly_beyond(outer: Layer, inner: Layer, margin: float) -> dict[int, set[int]]:
+    """Patches of the outer sphere's that are nearer to the centre, somewhere, than some of the inner one's in that direction."""
+    t = np.linspace(0.0, 1.0, 25)
+    rays = [[tensor(bezier(p.shape[0] - 1, t), p[None], bezier(p.shape[1] - 1, t))[0] - CENTRE for p in layer.fit.patches]
+            for layer in (outer, inner)]  # fmt: skip
+    each = len(t) ** 2
+    length = [np.linalg.norm(np.concatenate(part), axis=1) for part in rays]
+    distance, near = cKDTree(np.concatenate(rays[1]) / length[1][:, None]).query(
+        np.concatenate(rays[0]) / length[0][:, None], k=4
+    )
+    found: dict[int, set[int]] = {}
+    for i in np.flatnonzero((length[0] < length[1][near].min(axis=1) - margin) & (distance.max(axis=1) < 0.03)):
+        found.setdefault(int(i // each), set()).update((near[i] // each).tolist())
+    return found
