@@ -180,3 +180,18 @@ def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) ->
     assert not bad or np.isin(mesh.cell[[a, b]], made.bad).all()
     normals = unit(BALL.gradient(vertices))
     assert (badness(vertices, normals, mesh.fixed, mesh.corners[(mesh.corners == a).any(axis=1)]).max() > 9) == bad
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_was_wrong_in_an_earlier_layer_is_fitted_again_and_what_was_not_is_kept(known: bool) -> None:
+    whole, samples = layer()
+    at = int(np.flatnonzero((whole.net.corners >= 0).all(axis=1))[7])
+    patches = [p.copy() for p in whole.fit.patches]
+    patches[at][1:-1, 1:-1] += 0.1
+    wrong = np.zeros(len(patches), bool)
+    wrong[at] = known
+    spoilt = replace(whole, fit=replace(whole.fit, patches=patches), wrong=wrong)
+    again = fitted(BALL, whole.tree, whole.mesh, TOL, samples, spoilt)
+    assert np.allclose(again.fit.patches[at], whole.fit.patches[at], atol=1e-9) == known
+    same = sum(a is b for a, b in zip(again.fit.patches, patches, strict=True))
+    assert len(patches) - 20 < same <= len(patches) - known

@@ -11,7 +11,7 @@ from tpmscad.patches.levelset import check
 from tpmscad.patches.levelset.fit import NetFit, fit_net
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
-from tpmscad.patches.levelset.layout.net import Net, kept, net_of
+from tpmscad.patches.levelset.layout.net import Kept, Net, kept, net_of
 from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask, Octree
 from tpmscad.patches.levelset.layout.relax import corner_sines, relaxed
 from tpmscad.patches.levelset.layout.vectors import unit
@@ -54,6 +54,8 @@ class Layer:
     net: Net
     fit: NetFit
     measured: check.Measured
+    wrong: Mask
+    """Patches (Q,) that are folded, too far off or not smooth."""
     missed: Array
     bad: Ints
     why: str
@@ -124,7 +126,7 @@ def fitted(
         fit = fit_net(net, field, curve_degree, patch_degree, work=work, copies=copies)
         measured = check.measure(net, fit, field, work=work)
     else:
-        same = kept(net, before.net)
+        same = _without_wrong(kept(net, before.net), net, before)
         old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
         known, done = same.curve >= 0, same.patch >= 0
         net, copies = repeated(net, field, tree, (known, done))
@@ -157,8 +159,8 @@ def fitted(
         of_same = check.Earlier(measured, changed, np.arange(len(net.curve)), np.arange(len(net.ends)))
         measured = check.measure(net, fit, field, of_same, work)
     folded, coarse, rough = _wrong(net, fit, measured, tree, tol)
-    missed = np.zeros(0)
-    leaves = np.unique(net.cell[folded | coarse | rough])
+    wrong, missed = folded | coarse | rough, np.zeros(0)
+    leaves = np.unique(net.cell[wrong])
     why = ", ".join(
         f"{np.count_nonzero(m)} {word}"
         for m, word in ((folded, "folded"), (coarse, "too far off"), (rough, "not smooth"))
@@ -172,7 +174,7 @@ def fitted(
     if len(degenerate):
         leaves = np.union1d(leaves, degenerate)
         why = "edges without length, or two between the same vertices" + (f", {why}" if why else "")
-    return Layer(field, tree, mesh, net, fit, measured, missed, leaves, why)
+    return Layer(field, tree, mesh, net, fit, measured, wrong, missed, leaves, why)
 
 
 def split(tree: Octree, leaves: Ints) -> Octree:
@@ -192,6 +194,17 @@ def _wrong(net: Net, fit: NetFit, measured: check.Measured, tree: Octree, tol: f
     steep[measured.curve[measured.jump > JUMP_DEG]] = True
     steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
     return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
+
+
+def _without_wrong(same: Kept, net: Net, before: Layer) -> Kept:
+    """What is kept of an earlier layer without the sides of its wrong patches: with what is round these now they may well pass
+    as they are first fitted, and degrees that were raised in vain stay behind."""
+    spoilt = np.zeros(len(before.net.ends) + 1, bool)
+    spoilt[before.net.curve[before.wrong].ravel()] = True
+    curve = np.where(spoilt[same.curve], -1, same.curve)
+    on_spoilt = np.flatnonzero(curve[net.middle_of] < 0)
+    curve[net.n_sides + on_spoilt] = -1
+    return Kept(curve, np.where((curve[net.curve] < 0).any(axis=1), -1, same.patch))
 
 
 def _uneven(net: Net, measured: check.Measured) -> Mask:
