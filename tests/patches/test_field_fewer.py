@@ -96,7 +96,7 @@ def test_periods_stay_alike() -> None:
 def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
     whole, samples = layer()
     mesh = whole.mesh
-    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons = Polygons(mesh)
     on_box = [n for n, p in polygons.polygon.items() if len(p) == 4 and polygons.rims([n])]
     for number in on_box[::2]:
         a, b, c, d = polygons.polygon[number]

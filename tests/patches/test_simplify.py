@@ -32,9 +32,8 @@ def layout(name: str, seed: int = 4, share: float = 0.1) -> Mesh:
 
 
 @cache
-def smaller(name: str) -> tuple[Mesh, np.ndarray]:
-    found = simplified(layout(name), FIELDS[name], LO, HI)
-    return found.mesh, found.into
+def smaller(name: str) -> Mesh:
+    return simplified(layout(name), FIELDS[name], LO, HI).mesh
 
 
 def patches(mesh: Mesh) -> int:
@@ -57,10 +56,10 @@ def rows(mesh: Mesh) -> list[tuple[int, ...]]:
 @pytest.mark.parametrize("name", FIELDS)
 class TestEverySimplifiedLayout:
     def test_has_fewer_patches(self, name: str) -> None:
-        assert patches(smaller(name)[0]) < 0.95 * patches(layout(name))
+        assert patches(smaller(name)) < 0.95 * patches(layout(name))
 
     def test_is_the_same_surface(self, name: str) -> None:
-        mesh, _ = smaller(name)
+        mesh = smaller(name)
         assert euler(mesh) == euler(layout(name))
         ends = np.sort(mesh.side_ends, axis=1)
         assert len(np.unique(ends, axis=0)) == len(ends)
@@ -76,7 +75,7 @@ class TestEverySimplifiedLayout:
             assert directed.get((a, b), 0) + directed.get((b, a), 0) == (2 if plane < 0 else 1)
 
     def test_has_one_fan_of_polygons_round_each_vertex(self, name: str) -> None:
-        mesh, _ = smaller(name)
+        mesh = smaller(name)
         after: dict[int, dict[int, int]] = {}
         for corners in mesh.corners.tolist():
             polygon = [v for v in corners if v >= 0]
@@ -92,7 +91,7 @@ class TestEverySimplifiedLayout:
             assert seen == len(steps)
 
     def test_ends_on_the_box_where_the_layout_did(self, name: str) -> None:
-        mesh, before = smaller(name)[0], layout(name)
+        mesh, before = smaller(name), layout(name)
         at = np.nonzero(mesh.fixed)
         assert np.isin(mesh.vertices[at], [0.0, *HI]).all()
         assert ((mesh.vertices == LO) | (mesh.vertices == HI) | ~mesh.fixed).all()
@@ -106,31 +105,15 @@ class TestEverySimplifiedLayout:
         assert np.allclose(np.sort(ends, axis=0), np.sort(old_ends, axis=0), rtol=0, atol=1e-12)
 
     def test_lies_on_the_surface_with_polygons_no_worse_than_the_limit_or_than_before(self, name: str) -> None:
-        mesh = smaller(name)[0]
+        mesh = smaller(name)
         assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
         assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
         before, after = (badness(m.vertices, normals(m, name), m.fixed, m.corners).max() for m in (layout(name), mesh))
         assert after <= max(1.0, before)
 
 
-def test_locked_vertices_stay_to_the_last_bit() -> None:
-    before = layout("gyroid")
-    locked = before.vertices[:, 0] < 5.0
-    found = simplified(before, FIELDS["gyroid"], LO, HI, locked)
-    assert np.array_equal(found.mesh.vertices[found.into[locked]], before.vertices[locked])
-    assert len(np.unique(found.into[locked])) == locked.sum()
-    assert patches(found.mesh) < patches(before)
-
-
-def test_a_layout_with_all_vertices_locked_is_left_alone() -> None:
-    before = layout("iwp")
-    found = simplified(before, FIELDS["iwp"], LO, HI, np.ones(len(before.vertices), bool))
-    assert np.array_equal(found.mesh.vertices[found.into], before.vertices)
-    assert patches(found.mesh) == patches(before)
-
-
 def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
-    once, again = smaller("gyroid")[0], simplified(layout("gyroid"), FIELDS["gyroid"], LO, HI).mesh
+    once, again = smaller("gyroid"), simplified(layout("gyroid"), FIELDS["gyroid"], LO, HI).mesh
     assert np.array_equal(once.vertices, again.vertices)
     assert np.array_equal(once.corners, again.corners)
 
@@ -138,12 +121,11 @@ def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
 @pytest.mark.parametrize("name", FIELDS)
 def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = layout(name)
-    unlocked = np.zeros(len(mesh.vertices), bool)
-    polygons = Polygons(mesh, unlocked)
+    polygons = Polygons(mesh)
     surface = Surface(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
     monkeypatch.setattr(field_rated, "BEFORE", np.inf)
     numbers = np.array(sorted(polygons.polygon))
-    found = field_rated.rated(polygons, surface, numbers, unlocked)
+    found = field_rated.rated(polygons, surface, numbers)
     by_arrays = set()
     for k in range(len(found.number)):
         start = found.start[k] or Start(((int(found.goes[k]), int(found.stays[k])),), (int(found.number[k]),))
@@ -151,7 +133,7 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
         change = made(polygons, start)
         if change is None or change.dropped or len(change.into) != 1:
             continue
-        after = Polygons(mesh, unlocked)
+        after = Polygons(mesh)
         after.apply(change)
         around = [f for v in change.into.values() for f in after.around[v]]
         rows = np.concatenate([after.rows[around], after.rows[after.next - len(change.new) : after.next]])
@@ -176,13 +158,13 @@ def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
     assert [polygons.polygon[f] for f in found.numbers] == [tuple(found.of[list(r)].tolist()) for r in rows(found.mesh)]
     for step in reversed(found.history):
         polygons.undo(step.change, step.numbers, step.old, step.plane)
-    assert _state(polygons) == _state(Polygons(before, np.zeros(len(before.vertices), bool)))
+    assert _state(polygons) == _state(Polygons(before))
 
 
 @pytest.mark.parametrize("name", ["gyroid", "iwp"])
 def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
     mesh = layout(name)
-    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons = Polygons(mesh)
     on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.around[v]) == 1]
     assert on_edge
     for v in on_edge:
@@ -198,7 +180,7 @@ def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
 @settings(max_examples=15, deadline=None)
 def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draws: list[tuple[int, int]]) -> None:
     mesh = layout("schwarz_p")
-    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons = Polygons(mesh)
     fixed = mesh.fixed.any(axis=1)
     for number, turn in draws:
         chosen = sorted(polygons.polygon)[number % len(polygons.polygon)]
@@ -229,7 +211,7 @@ def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draw
 def test_collapses_at_random_stop_before_the_surface_changes(seed: int) -> None:
     rng = np.random.default_rng(seed)
     mesh = small(("ball", "schwarz_p", "gyroid")[seed % 3])
-    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons = Polygons(mesh)
     for _ in range(300):
         chosen = int(rng.choice(sorted(polygons.polygon)))
         found = changes(polygons, chosen)

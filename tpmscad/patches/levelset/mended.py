@@ -48,7 +48,7 @@ def mended(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer
 
 def _mergers(layer: Layer) -> Iterator[Change]:
     """Changes that take away a polygon all of whose vertices are of bad leaves."""
-    found = Polygons(layer.mesh, np.zeros(len(layer.mesh.vertices), bool))
+    found = Polygons(layer.mesh)
     near = np.isin(layer.mesh.cell, layer.bad)
     at = [number for number, polygon in found.polygon.items() if near[list(polygon)].all()]
     return (change for number in at for change in changes(found, number))
@@ -57,7 +57,7 @@ def _mergers(layer: Layer) -> Iterator[Change]:
 def _merged(layer: Layer, change: Change) -> Mesh:
     """The layer's layout with a change made, relaxed round it."""
     mesh, tree = layer.mesh, layer.tree
-    polygons = Polygons(mesh, np.zeros(len(mesh.vertices), bool))
+    polygons = Polygons(mesh)
     polygons.apply(change)
     free = np.zeros(len(mesh.vertices), bool)
     free[list(change.vertices)] = True

@@ -97,8 +97,6 @@ def _strips(polygons: Polygons, into: list[tuple[int, int]], gone: list[int], u:
 
 def _merging(polygons: Polygons, a: int, b: int, on_box: bool) -> tuple[int, int] | None:
     """Which of two vertices goes into the other: towards the box and its edges, and along the box only."""
-    if polygons.locked[a] or polygons.locked[b]:
-        return None
     one, other = polygons.fixed[a], polygons.fixed[b]
     if one and other and (not on_box or one + other == 4):
         return None

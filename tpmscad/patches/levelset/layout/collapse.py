@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.fans import Polygon, one_fan, wanted
-from tpmscad.patches.levelset.layout.octree import Array, Ints, Mask
+from tpmscad.patches.levelset.layout.octree import Array, Ints
 from tpmscad.patches.levelset.layout.vectors import following
 
 __all__ = ["Change", "Made", "Polygon", "Polygons", "mesh_of"]
@@ -23,19 +23,19 @@ __all__ = ["Change", "Made", "Polygon", "Polygons", "mesh_of"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Change:
-    """Polygons by number that go, polygons that come, which vertices went `into` which, those that were `dropped` beside which
-    others as only two polygons met there, and the patches saved."""
+    """Polygons by number that go, polygons that come, which vertices went `into` which, those that were `dropped` as
+    only two polygons met there, and the patches saved."""
 
     old: tuple[int, ...]
     new: tuple[Polygon, ...]
     into: dict[int, int]
-    dropped: dict[int, int]
+    dropped: set[int]
     saved: int
 
     @property
     def vertices(self) -> set[int]:
         """What the change touches: corners of the polygons that come, and the vertices that go."""
-        return {v for polygon in self.new for v in polygon} | set(self.into) | set(self.dropped)
+        return {v for polygon in self.new for v in polygon} | set(self.into) | self.dropped
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,11 +50,11 @@ class Made:
 
 
 class Polygons:
-    """The polygons of a mesh by number, with what is around each vertex; changed in place. `locked` (V,) vertices never go,
-    nor polygons with no others. `rows` has the corners by number, -1 last in triangles and throughout where there is none."""
+    """The polygons of a mesh by number, with what is around each vertex; changed in place. `rows` has the corners by
+    number, -1 last in triangles and throughout where there is none."""
 
-    def __init__(self, mesh: Mesh, locked: Mask) -> None:
-        self.mesh, self.locked = mesh, locked
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh = mesh
         self.fixed = mesh.fixed.sum(axis=1).tolist()
         self.polygon: dict[int, Polygon] = {}
         self.around: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
@@ -111,16 +111,9 @@ class Polygons:
         (c,), (d,) = ([v for v in self.polygon[number] if v not in (a, b)] for number in (one, other))
         return self._checked({one, other}, [(a, d, b, c)], {})
 
-    def possible(self, change: Change) -> bool:
-        """Whether a change found earlier can still be made, now that others have been."""
-        if not all(f in self.polygon for f in change.old):
-            return False
-        again = self._checked(set(change.old), list(change.new), dict(change.into))
-        return again is not None and again.old == change.old and not again.dropped
-
     def _checked(self, old: set[int], new: list[Polygon], into: dict[int, int]) -> Change | None:
-        dropped: dict[int, int] = {}
-        if not self._without_doublets(old, new, dropped) or any(self._is_locked(f) for f in old):
+        dropped: set[int] = set()
+        if not self._without_doublets(old, new, dropped):
             return None
         edges = [(polygon[i - 1], v) for polygon in new for i, v in enumerate(polygon)]
         here = set(edges)
@@ -149,10 +142,7 @@ class Polygons:
         saved = sum(_patches(self.polygon[f]) for f in old) - sum(map(_patches, new))
         return Change(tuple(sorted(old)), tuple(new), into, dropped, saved) if saved > 0 else None
 
-    def _is_locked(self, number: int) -> bool:
-        return all(self.locked[v] for v in self.polygon[number])
-
-    def _without_doublets(self, old: set[int], new: list[Polygon], dropped: dict[int, int]) -> bool:
+    def _without_doublets(self, old: set[int], new: list[Polygon], dropped: set[int]) -> bool:
         """Polygons joined where only two meet at an inner vertex, in place; False where that leaves nothing."""
         while new:
             inside: dict[int, int] = {}
@@ -163,8 +153,6 @@ class Polygons:
             if not odd:
                 break
             v = min(odd)
-            if self.locked[v]:
-                return False
             one, other = [list(p) for p in new if v in p] + [
                 list(self.polygon[f]) for f in sorted(self.around[v] - old)
             ]
@@ -177,7 +165,7 @@ class Polygons:
                 return False
             old |= self.around[v]
             new[:] = [p for p in new if v not in p] + [tuple(corners)]
-            dropped[v] = first[0]
+            dropped.add(v)
         return bool(new)
 
     def apply(self, change: Change) -> list[int]:

@@ -41,10 +41,9 @@ class _Quads:
         return _Quads(self.number[mask], self.corner[:, mask], self.odd[:, mask])
 
 
-def diagonals(stars: Stars, surface: Surface, numbers: Ints, locked: Mask) -> Diagonals:
-    """The diagonals of the quadrilaterals among the polygons of these numbers; `locked` vertices (V,) neither go nor are gone
-    into."""
-    quads = _possible(stars, surface, numbers, locked)
+def diagonals(stars: Stars, surface: Surface, numbers: Ints) -> Diagonals:
+    """The diagonals of the quadrilaterals among the polygons of these numbers."""
+    quads = _possible(stars, surface, numbers)
     goes, stays, count = quads.corner[0], quads.corner[2], len(quads.number)
     merged = len(surface.vertices) + np.arange(count)
     ends = [_beside(stars, quads, i) for i in (0, 2)]
@@ -69,7 +68,7 @@ def diagonals(stars: Stars, surface: Surface, numbers: Ints, locked: Mask) -> Di
     return Diagonals(quads.number, goes, stays, worst, 1 + quads.odd.sum(axis=0))
 
 
-def _possible(stars: Stars, surface: Surface, numbers: Ints, locked: Mask) -> _Quads:
+def _possible(stars: Stars, surface: Surface, numbers: Ints) -> _Quads:
     """Diagonals whose collapse leaves a surface without two sides between the same vertices, and no more sides at a vertex
     than are wanted."""
     held, count = surface.fixed.sum(axis=1), stars.count
@@ -81,7 +80,7 @@ def _possible(stars: Stars, surface: Surface, numbers: Ints, locked: Mask) -> _Q
     goes, stays, sides = corner[0], corner[2], corner[1::2]
     odd = (held[sides] == 0) & (count[sides] == FEWEST)
     left = count[goes] + count[stays] - 2 - odd.sum(axis=0)
-    fine = ~locked[goes] & ~locked[stays] & (held[goes] == 0) & (left <= MOST) & ((left >= FEWEST) | (held[stays] > 0))
+    fine = (held[goes] == 0) & (left <= MOST) & ((left >= FEWEST) | (held[stays] > 0))
     quads = _Quads(number, corner, odd).kept(fine)
     owner, polygon, slot = _beside(stars, quads, 0)
     _, second, other, last = quads.corner[:, owner]

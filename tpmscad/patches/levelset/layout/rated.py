@@ -63,12 +63,12 @@ class Rated:
         return Rated(number, goes, stays, np.concatenate([self.score, more.score]), self.start + more.start)
 
 
-def rated(polygons: Polygons, surface: Surface, numbers: Ints, locked: Mask) -> Rated:
+def rated(polygons: Polygons, surface: Surface, numbers: Ints) -> Rated:
     """The changes that start from the polygons of these numbers."""
     if not len(numbers):
         return Rated.none()
     around = stars(polygons.rows, len(surface.vertices))
-    found = diagonals(around, surface, numbers, locked)
+    found = diagonals(around, surface, numbers)
     score = found.bad - PATCH * found.saved
     across = Rated(found.number, found.goes, found.stays, score, (None,) * len(score)).kept(found.bad <= BEFORE)
     held, rows = np.asarray(surface.fixed.any(axis=1)), polygons.rows[numbers]

@@ -27,7 +27,7 @@ from tpmscad.patches.levelset.layout.stars import most
 from tpmscad.patches.levelset.layout.vectors import following, unit
 
 SWEEPS, LAST = 5, 60
-"""Sweeps of the relaxation after a round, and of all that is not locked in the end. Ten in a round left as many patches."""
+"""Sweeps of the relaxation after a round, and of all vertices in the end. Ten in a round left as many patches."""
 
 ROUNDS, BETWEEN = 10, 4
 """Times that polygons are looked at again whose surroundings have moved, and rounds from one to the next."""
@@ -35,23 +35,22 @@ ROUNDS, BETWEEN = 10, 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simplified:
-    """A mesh, and which of its vertices each of the original's went into (V,).
+    """A mesh, and how it came about.
 
     `of` (V',): which of the original's vertices the mesh's are, and `numbers` (Q,) which of the `polygons`. `history`: the
     changes made, in order; polygons numbered below the original's count are the original's, row by row.
     """
 
     mesh: Mesh
-    into: Ints
     of: Ints
     numbers: Ints
     polygons: Polygons
     history: tuple[Made, ...]
 
 
-def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | None = None) -> Simplified:
-    """The mesh with polygons merged; vertices that are `locked` (V,) stay where they are, bit for bit."""
-    work = _Work(mesh, field, lo, hi, np.zeros(len(mesh.vertices), bool) if locked is None else locked)
+def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array) -> Simplified:
+    """The mesh with polygons merged."""
+    work = _Work(mesh, field, lo, hi)
     for _ in range(ROUNDS):
         for _ in range(BETWEEN):
             if not work.round():
@@ -61,15 +60,9 @@ def simplified(mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask | No
     polygons = work.polygons
     numbers = sorted(polygons.polygon)
     small, of = mesh_of(polygons, work.vertices, work.size(polygons.rows[numbers]), numbers)
-    into = work.into
-    while (into != into[into]).any():
-        into = into[into]
-    into = np.searchsorted(of, into)
-    free = np.ones(len(of), bool)
-    free[into[work.locked]] = False
-    last = settled(small, free, field, lo, hi, LAST)
+    last = settled(small, np.ones(len(of), bool), field, lo, hi, LAST)
     best = last if worst(last, field) <= max(1.0, worst(small, field)) else small
-    return Simplified(best, into, of, np.array(numbers, np.int64), polygons, tuple(work.history))
+    return Simplified(best, of, np.array(numbers, np.int64), polygons, tuple(work.history))
 
 
 Near = tuple[Change, set[int]]
@@ -79,13 +72,12 @@ Near = tuple[Change, set[int]]
 class _Work:
     """A mesh in the course of its simplification."""
 
-    def __init__(self, mesh: Mesh, field: Field, lo: Array, hi: Array, locked: Mask) -> None:
-        self.field, self.lo, self.hi, self.locked = field, lo, hi, locked
-        self.polygons = Polygons(mesh, locked)
+    def __init__(self, mesh: Mesh, field: Field, lo: Array, hi: Array) -> None:
+        self.field, self.lo, self.hi = field, lo, hi
+        self.polygons = Polygons(mesh)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf = mesh.size.copy()
         self.normals = unit(field.gradient(self.vertices))
-        self.into = np.arange(len(mesh.vertices))
         self.known = Rated.none()
         self.dirty = set(self.polygons.polygon)
         self.stale: set[int] = set()
@@ -103,7 +95,7 @@ class _Work:
         dirty = np.array(sorted(self.dirty.intersection(self.polygons.polygon)), np.int64)
         self.dirty = set()
         surface = Surface(self.field, self.vertices, self.normals, self.fixed)
-        self.known = self.known.without(alive, dirty).with_more(rated(self.polygons, surface, dirty, self.locked))
+        self.known = self.known.without(alive, dirty).with_more(rated(self.polygons, surface, dirty))
         places, chosen, impossible = self._chosen()
         if not chosen:
             return 0
@@ -166,12 +158,10 @@ class _Work:
             for v, w in change.into.items():
                 if polygons.fixed[v] == polygons.fixed[w]:
                     self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
-            for v, w in (change.into | change.dropped).items():
-                self.into[v] = w
             done.append(Made(change, polygons.apply(change), kept, planes))
         numbers, rows, which = self._touched(owner)
         part, of = mesh_of(polygons, self.vertices, self.size(rows), numbers)
-        free = (owner[of] >= 0) & ~self.locked[of]
+        free = owner[of] >= 0
         relaxed = settled(part, free, self.field, self.lo, self.hi, SWEEPS, self.normals[of])
         self.vertices[of] = relaxed.vertices
         self.normals[of[free]] = unit(self.field.gradient(relaxed.vertices[free]))
@@ -188,8 +178,6 @@ class _Work:
                 self.history.append(undo)
                 continue
             polygons.undo(change, undo.numbers, undo.old, undo.plane)
-            for v in change.into | change.dropped:
-                self.into[v] = v
         undone = np.flatnonzero(~fine[owner] & (owner >= 0))
         self.vertices[undone], self.normals[undone] = before[undone], old_normals[undone]
         self.stale.update(numbers[which[0][fine[which[1]]]].tolist())
