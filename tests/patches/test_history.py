@@ -84,11 +84,9 @@ def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_th
 def test_a_side_that_would_come_back_to_where_there_is_one_brings_back_what_made_that_one() -> None:
     wanted = history()
     polygons = wanted._polygons
-    for i, made in wanted._made.items():
-        sides = {(p[k - 1], v) for p in made.old.values() for k, v in enumerate(p)} - set(polygons.beside)
-        if sides:
-            break
-    assert wanted._clashing({i}) <= {i}
-    other = next(number for number, by in wanted._by.items() if by != i and number in polygons.polygon)
+    last = max(wanted._made)
+    sides = {(p[k - 1], v) for p in wanted._made[last].old.values() for k, v in enumerate(p)} - set(polygons.beside)
+    assert not wanted._clashing({last})
+    other = next(number for number, by in wanted._by.items() if by != last and number in polygons.polygon)
     polygons.beside[min(sides)] = other
-    assert wanted._clashing({i}) - {i} == {wanted._by[other]}
+    assert wanted._clashing({last}) == {wanted._by[other]}
