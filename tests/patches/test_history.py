@@ -6,6 +6,7 @@ from copy import deepcopy
 from functools import cache
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,6 +49,7 @@ def test_a_history_starts_with_the_simplified_layout() -> None:
     assert len(mesh.corners) < 0.7 * len(layout().corners)
 
 
+@pytest.mark.slow
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 3)), min_size=1, max_size=12))
 @settings(max_examples=15, deadline=None)
 def test_any_changes_undone_leave_a_two_manifold_of_the_same_topology_on_the_field_and_in_the_box(

@@ -25,6 +25,7 @@ def ball(radius: float, counts: tuple[int, int, int]) -> Layer:
     return fitted(field, tree, laid(tree, field)[0], TOL, samples_of(field, LO, HI, 1.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "crossing"), [(0.2, True), (3.0, False)])
 def test_sides_of_a_wall_that_cross_have_normals_against_the_gradient(part: float, crossing: bool) -> None:
     outer = ball(RADIUS, (6, 7, 5))

@@ -18,8 +18,8 @@ from tpmscad.patches.levelset.layout.octree import Array
 from tpmscad.patches.levelset.layout.relax import settled, with_neighbours
 from tpmscad.patches.levelset.work import Work, here
 
-FEW, TRIED = 8, 6
-"""Bad leaves at most, and mergers fitted; those that are not near them are not fitted again."""
+FEW, TRIED = 16, 6
+"""Bad leaves at most, and mergers fitted in turn that leave as many; patches that are not near them are not fitted again."""
 
 RINGS, SWEEPS = 2, 40
 """Polygons round a merger that are relaxed, and sweeps."""
@@ -35,7 +35,7 @@ def mended(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer
             result = fitted(layer.field, layer.tree, _merged(found, change), tol, samples, found, work)
             left -= 1
             if len(result.bad) < len(found.bad):
-                found = result
+                found, left = result, TRIED
                 break
             if not left:
                 break
