@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmscad.fields.field import Field
 from tpmscad.patches.levelset import check
+from tpmscad.patches.levelset.feet import missed as missed_by
 from tpmscad.patches.levelset.fit import NetFit, fit_net
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.dual import Mesh, dual_mesh
@@ -117,7 +118,7 @@ def fitted(
 ) -> Layer:
     """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves.
 
-    `before`: a layer of a coarser tree; patches between the same vertices as one of its own are not fitted again.
+    `before`: an earlier layer; patches between the same vertices as one of its own that was not wrong are not fitted again.
     """
     net = net_of(mesh, field)
     curve_degree, patch_degree = np.full(len(net.ends), DEGREES[0]), np.full(len(net.curve), DEGREES[0])
@@ -167,7 +168,7 @@ def fitted(
         if m.any()
     )
     if not len(leaves):
-        missed = check.missed(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
+        missed = missed_by(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
         leaves = np.unique(_leaves_at(tree, samples[missed > tol]))
         why = f"{len(leaves)} parts of the surface missed" if len(leaves) else why
     degenerate = _degenerate(mesh)
