@@ -150,7 +150,8 @@ def field_certificate(
         ),
         (
             betti is not None and shape.betti != betti,
-            f"Betti numbers {shape.betti} differ from the field's, {betti}",
+            f"Betti numbers {shape.betti} differ from the field's, {betti}: use a finer tol; "
+            "of a blend, specks=True takes away parts that lie between its samples",
         ),
         (
             abs(volume - shape.volume) > VOLUME_AGREEMENT * volume + spread,
