@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -18,6 +19,7 @@ from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
 from tpmscad.patches.levelset.layout import octree
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
+from tpmscad.patches.levelset.layout.history import History
 from tpmscad.patches.levelset.layout.relax import onto
 from tpmscad.patches.levelset.layout.shape import badness
 from tpmscad.patches.levelset.layout.vectors import unit
@@ -83,6 +85,28 @@ def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monk
     small = fewer(whole, TOL, samples)
     assert misses[0]
     assert wanted <= polygons_of(small.mesh)
+    assert len(small.fit.patches) < len(whole.fit.patches)
+
+
+def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, samples = layer()
+    asked = []
+
+    class Reluctant(History):
+        def undo(self, numbers: Iterable[int], levels: int) -> bool:
+            asked.append(levels)
+            return levels > 3 and super().undo(numbers, levels)
+
+    def missing(*args: Any) -> Layer:
+        made = fitted(*args)
+        return replace(made, bad=np.unique(made.mesh.cell)[:2]) if len(asked) < 4 else made
+
+    monkeypatch.setattr(field_fewer, "History", Reluctant)
+    monkeypatch.setattr(field_fewer, "fitted", missing)
+    small = fewer(whole, TOL, samples)
+    assert asked == [1, 2, 3, 4]
     assert len(small.fit.patches) < len(whole.fit.patches)
 
 

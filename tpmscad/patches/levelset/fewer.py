@@ -39,8 +39,12 @@ def fewer(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
         missed_before[found.bad] += 1
         undone = False
         for levels in np.unique(missed_before[found.bad]).tolist():
-            bad = _polygons_at(mesh, layer.tree, found.bad[missed_before[found.bad] == levels])
-            undone |= history.undo(numbers[bad].tolist(), levels)
+            leaves = found.bad[missed_before[found.bad] == levels]
+            bad = numbers[_polygons_at(mesh, layer.tree, leaves)].tolist()
+            # where nothing is left to undo that near, what misses is undone from further away
+            reached = next((n for n in range(levels, ATTEMPTS + 1) if history.undo(bad, n)), None)
+            if reached is not None:
+                missed_before[leaves], undone = reached, True
         if not undone:
             break
     return layer

@@ -18,16 +18,16 @@ from tpmscad.patches.levelset.layout.octree import Array
 from tpmscad.patches.levelset.layout.relax import settled, with_neighbours
 from tpmscad.patches.levelset.work import Work, here
 
-FEW, TRIED = 16, 6
+FEW, TRIED = 8, 6
 """Bad leaves at most, and mergers fitted in turn that leave as many; patches that are not near them are not fitted again."""
 
 RINGS, SWEEPS = 2, 40
 """Polygons round a merger that are relaxed, and sweeps."""
 
 
-def mended(layer: Layer, tol: float, samples: Array, work: Work = here) -> Layer:
-    """The layer with polygons of its bad leaves merged away one by one, if that passes in the end; else the layer itself."""
-    if layer.field.periods() is not None or not 0 < len(layer.bad) <= FEW:
+def mended(layer: Layer, tol: float, samples: Array, work: Work = here, few: int = FEW) -> Layer:
+    """The layer with polygons of its bad leaves, if these are `few`, merged away one by one, where that passes; else itself."""
+    if layer.field.periods() is not None or not 0 < len(layer.bad) <= few:
         return layer
     found, left = layer, TRIED
     while left:
