@@ -20,7 +20,7 @@ from tpmscad import kernel
 from tpmscad.solids import solidify
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-from test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadrature
+from test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
 
 
 def field() -> None:
@@ -32,11 +32,10 @@ def field() -> None:
     for name, f in FIELDS.items():
         solid = solidify(f, CELL, tol=1e-2).solid
         faces, whole = len(solid.faces()), kernel.check_shape(solid).volume
-        buried = quadrature(lambda x, f=f: f(x) < 0, low, np.array([10.0, 10.0, 0.1]))
-        row(f"{name} - cylinder", faces, lambda s=solid: s - bore,
-            quadrature(lambda x, f=f: (f(x) < 0) & ~in_cylinder(x), low, high))  # fmt: skip
-        row(f"{name} & ball", faces, lambda s=solid: s & ball,
-            quadrature(lambda x, f=f: (f(x) < 0) & in_ball(x), low, high))  # fmt: skip
+        (buried,) = quadratures(lambda x, f=f: (f(x) < 0,), low, np.array([10.0, 10.0, 0.1]), 120)
+        cut, common = quadratures(lambda x, f=f: ((f(x) < 0) & ~in_cylinder(x), (f(x) < 0) & in_ball(x)), low, high)
+        row(f"{name} - cylinder", faces, lambda s=solid: s - bore, cut)
+        row(f"{name} & ball", faces, lambda s=solid: s & ball, common)
         row(f"{name} + plate", faces, lambda s=solid: s + plate, 288.0 + whole - buried)
 
 
@@ -46,7 +45,7 @@ def body() -> None:
     for name, (make, inside, f) in BODIES.items():
         shape = make()
         low, high = (np.array(tuple(corner)) for corner in (shape.bounding_box().min, shape.bounding_box().max))
-        expected = quadrature(lambda x, f=f, inside=inside: inside(x) & (f(x) < 0), low, high)
+        (expected,) = quadratures(lambda x, f=f, inside=inside: (inside(x) & (f(x) < 0),), low, high)
         row(name, len(shape.faces()), lambda s=shape, f=f: solidify(f, s, tol=2e-2).solid, expected)
 
 
