@@ -242,6 +242,7 @@ def test_every_command_has_an_example() -> None:
     assert {line.split()[0] for line in HELP_LINES} == {c.callback.__name__ for c in cli.app.registered_commands}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "expected"),
     [("tpmscad inf", "infill"), ("tpmscad lattice gy", "gyroid"), ("tpmscad lattice P --kind sk", "skeletal")],

@@ -71,6 +71,7 @@ def test_the_tip_has_the_radius_that_is_said_and_more_than_a_cut_edge_has(allowe
     assert radius > 0.95 * allowed / (1 / np.sin(half) - 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allowed", [1e-2, 1e-3])
 def test_nothing_beside_the_edge_moves_further_than_allowed_and_some_of_it_outwards(allowed: float) -> None:
     field = tapered(WALL)

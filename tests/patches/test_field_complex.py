@@ -54,7 +54,9 @@ class TestEverySolid:
         assert solid.jump_p95_deg <= 0.5
 
 
-@pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n == "sheet")) for n in FIELDS])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in ("sheet", "corner on the level"))) for n in FIELDS]
+)
 def test_joints_measured_by_the_complex_agree(name: str) -> None:
     solid, _ = made(name)
     found = joints(solid.complex, ("surface",))

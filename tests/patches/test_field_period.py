@@ -129,6 +129,7 @@ class Late(Executor):
         return future
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("executor", [Late, lambda: ThreadPoolExecutor(3)], ids=["one of the caller's own", "threads"])
 def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     for module in (field_fit, field_check):
