@@ -62,7 +62,7 @@ class BlendedField(Field):
         points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
         place = self.place(points)
         moves = place == points
-        owner = self.owner(points)
+        owner = self._owner(place)
         value, slope = self.structures[0].value_and_gradient(points)
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
             following, rise = self.structures[stage + 1].value_and_gradient(points)
@@ -81,7 +81,9 @@ class BlendedField(Field):
 
     def owner(self, points: Array) -> Ints:
         """The number of the region each point is in or nearest to: (...)."""
-        place = self.place(points)
+        return self._owner(self.place(points))
+
+    def _owner(self, place: Array) -> Ints:
         return np.argmin(np.stack([np.asarray(region(place), float) for region in self.regions]), axis=0)
 
     def place(self, points: Array) -> Array:
@@ -107,7 +109,8 @@ class BlendedField(Field):
         return self.shifts[stage] if self.shifts else None
 
     def _joined(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
-        owner, place = self.owner(points), self.place(points)
+        place = self.place(points)
+        owner = self._owner(place)
         joined = values[0]
         for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
             here = inside(blending, place) | (owner > stage + 1)
@@ -128,21 +131,22 @@ class StageWeight:
     stage: int
 
     def __call__(self, points: ArrayLike) -> Array:
-        place, here = self._mixed(points)
-        value = (self.field.owner(place) > self.stage).astype(float)
+        place, owner, here = self._mixed(points)
+        value = (owner > self.stage).astype(float)
         value[here] = self.field.weights[self.stage](place[here])
         return value
 
     def gradient(self, points: ArrayLike) -> Array:
-        place, here = self._mixed(points)
+        place, _, here = self._mixed(points)
         slope = np.zeros(place.shape)
         slope[here] = self.field.weights[self.stage].gradient(place[here])
         return np.where(place == np.asarray(points, float), slope, 0.0)
 
-    def _mixed(self, points: ArrayLike) -> tuple[Array, Mask]:
-        """Where the weight is looked up, and where it is that of its spline."""
+    def _mixed(self, points: ArrayLike) -> tuple[Array, Ints, Mask]:
+        """Where the weight is looked up, in which regions that is, and where the weight is that of its spline."""
         place = self.field.place(np.asarray(points, float))
-        return place, inside(self.field.blending[self.stage], place) | (self.field.owner(place) > self.stage + 1)
+        owner = self.field.owner(place)
+        return place, owner, inside(self.field.blending[self.stage], place) | (owner > self.stage + 1)
 
 
 def inside(region: Field, points: Array) -> Mask:

@@ -29,21 +29,13 @@ def mended(layer: Layer, tol: float, samples: Array, work: Work = here, few: int
     """The layer with polygons of its bad leaves, if these are `few`, merged away one by one, where that passes; else itself."""
     if layer.field.periods() is not None or not 0 < len(layer.bad) <= few:
         return layer
-    found, left = layer, TRIED
-    while left:
-        for change in _mergers(found):
-            result = fitted(layer.field, layer.tree, _merged(found, change), tol, samples, found, work)
-            left -= 1
-            if len(result.bad) < len(found.bad):
-                found, left = result, TRIED
-                break
-            if not left:
-                break
-        else:
-            break
-        if not len(found.bad):
-            return found
-    return layer
+    found, ahead, left = layer, _mergers(layer), TRIED
+    while len(found.bad) and left and (change := next(ahead, None)) is not None:
+        result = fitted(layer.field, layer.tree, _merged(found, change), tol, samples, found, work)
+        left -= 1
+        if len(result.bad) < len(found.bad):
+            found, ahead, left = result, _mergers(result), TRIED
+    return layer if len(found.bad) else found
 
 
 def _mergers(layer: Layer) -> Iterator[Change]:
