@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from ball_layers import BALL, HI, LO, TOL, ball_layer
 
 from tpmscad import fields
 from tpmscad.patches.connectivity import is_closed
 from tpmscad.patches.levelset import fewer as field_fewer
 from tpmscad.patches.levelset import mended as field_mended
 from tpmscad.patches.levelset.fewer import fewer
-from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
-from tpmscad.patches.levelset.layout import octree
+from tpmscad.patches.levelset.layer import Layer, _wrong, fitted
 from tpmscad.patches.levelset.layout.collapse import Polygons, mesh_of
 from tpmscad.patches.levelset.layout.dual import Mesh
 from tpmscad.patches.levelset.layout.history import History
@@ -24,21 +23,12 @@ from tpmscad.patches.levelset.layout.relax import onto
 from tpmscad.patches.levelset.layout.shape import badness
 from tpmscad.patches.levelset.layout.vectors import unit
 from tpmscad.patches.levelset.mended import mended
-from tpmscad.patches.levelset.samples import samples_of
 from tpmscad.patches.levelset.solid import assemble
 from tpmscad.patches.summary import summary
 
-LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
-BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)
 
-
-@cache
 def layer() -> tuple[Layer, np.ndarray]:
-    tree = octree.uniform(LO, HI, np.array((6, 7, 5)))
-    tree = octree.split(tree, np.random.default_rng(3).random(len(tree.size)) < 0.1)
-    samples = samples_of(BALL, LO, HI, 0.7)
-    mesh, _ = laid(tree, BALL)
-    return fitted(BALL, tree, mesh, TOL, samples), samples
+    return ball_layer(share=0.1)
 
 
 def polygons_of(mesh: Mesh) -> set[tuple[tuple[float, ...], ...]]:

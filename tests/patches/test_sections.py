@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
+from ball_layers import TOL, ball_layer
 
-from tpmscad import fields
-from tpmscad.patches.levelset.layer import Layer, _wrong, fitted, laid
-from tpmscad.patches.levelset.layout import octree
-from tpmscad.patches.levelset.samples import samples_of
+from tpmscad.patches.levelset.layer import Layer, _wrong
 from tpmscad.patches.levelset.sections import beyond, crossing, sections_of
 
-LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
-BALL = fields.sphere((2.1, 5.3, 4.2), 3.6)
 
-
-@cache
 def layer() -> Layer:
-    tree = octree.uniform(LO, HI, np.array((6, 7, 5)))
-    return fitted(BALL, tree, laid(tree, BALL)[0], TOL, samples_of(BALL, LO, HI, 0.7))
+    return ball_layer()[0]
 
 
 def test_a_section_that_passes_stays_in_the_box_and_crosses_nothing() -> None:

@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import pytest
+from ball_layers import CENTRE, RADIUS, ball_layer
 from scipy.spatial import cKDTree
 
 from tpmscad import fields
 from tpmscad.patches.levelset.bezier import bezier, tensor
 from tpmscad.patches.levelset.check import sampled
-from tpmscad.patches.levelset.layer import COSINE, Layer, fitted, laid
-from tpmscad.patches.levelset.layout import octree
-from tpmscad.patches.levelset.samples import samples_of
-
-LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
-CENTRE, RADIUS = (2.1, 5.3, 4.2), 3.6
+from tpmscad.patches.levelset.layer import COSINE, Layer
 
 
-@cache
 def ball(radius: float, counts: tuple[int, int, int]) -> Layer:
-    field, tree = fields.sphere(CENTRE, radius), octree.uniform(LO, HI, np.array(counts))
-    return fitted(field, tree, laid(tree, field)[0], TOL, samples_of(field, LO, HI, 1.5))
+    return ball_layer(counts, radius=radius, spacing=1.5)[0]
 
 
 @pytest.mark.slow
