@@ -17,26 +17,26 @@ from typing import Any
 import numpy as np
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 
+from tests.kernel import occt_oracle
 from tpmscad import kernel, surfaces
-from tpmscad.kernel import oracle
-from tpmscad.patches import lattice
-from tpmscad.patches.complex import PatchComplex, scaled
-from tpmscad.patches.primitive import fit_sheet
-from tpmscad.request import lattice_request
+from tpmscad.brep.boundary_representation import Brep, scale_brep
+from tpmscad.lattice import copies
+from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.workflows.lattice_request import resolve_lattice_request
 
 CELL, THICKNESS, TOL = 10.0, 1.0, 1e-2
 SEWING_TOLERANCE = 1e-4
 
 
-def natural_lattice(surface: str, cells: int) -> PatchComplex:
+def natural_lattice(surface: str, cells: int) -> Brep:
     """A closed sheet of whole cells with its gaps bridged, mm."""
-    request = lattice_request(
+    request = resolve_lattice_request(
         surface, cell=CELL, cells=cells, thickness=THICKNESS, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference="minimal", boundary="natural", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
-    sheet = fit_sheet(request.surface, request.reference, request.layers, CELL, TOL).sheet
-    placements = lattice.whole_cells(request.surface, request.cells, np.zeros(3))
-    return scaled(lattice.natural(surfaces.symmetry(request.surface), sheet, placements), CELL)
+    sheet = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, CELL, TOL).sheet
+    placements = copies.place_whole_cells(request.surface, request.cells, np.zeros(3))
+    return scale_brep(copies.build_natural_lattice(surfaces.patch_symmetry(request.surface), sheet, placements), CELL)
 
 
 def timed(work: Callable[[], Any]) -> tuple[Any, float]:
@@ -58,13 +58,13 @@ def main(arguments: list[str] | None = None) -> list[dict[str, float]]:
     )
     rows = []
     for n in map(int, options.cells.split(",")):
-        complex = natural_lattice(options.surface, n)
-        built, shared = timed(lambda complex=complex: kernel.build(complex))
-        faces = len(complex.faces)
+        brep = natural_lattice(options.surface, n)
+        built, shared = timed(lambda brep=brep: kernel.build_solids(brep))
+        faces = len(brep.faces)
         sewing = float("nan")
         if n <= options.sew_up_to:
             lone = [BRepBuilderAPI_Copy(face, True).Shape() for face in built.faces]
-            _, sewing = timed(lambda lone=lone: oracle.sewn(lone, SEWING_TOLERANCE))
+            _, sewing = timed(lambda lone=lone: occt_oracle.sew_solids(lone, SEWING_TOLERANCE))
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
         rows.append({"n": n, "faces": faces, "shared": shared, "sewing": sewing})
         print(

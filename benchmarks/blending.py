@@ -22,14 +22,15 @@ from blending_cases import Case, table1, table2, tpms
 from random_pairs import random_pair
 
 from tpmscad import fields, topology
-from tpmscad.blend import BlendResult, blend, objective, optimise
-from tpmscad.blend.domain import domain_of
-from tpmscad.blend.grid import Grid
-from tpmscad.blend.optimise import view
-from tpmscad.blend.scene import scene
-from tpmscad.blend.specks import isolated
-from tpmscad.blend.thicken import measured
-from tpmscad.topology import reference
+from tpmscad.blending import BlendResult, blend
+from tpmscad.blending.composition.sampled_composition import sample_composition
+from tpmscad.blending.optimise import gradient_descent, optimiser
+from tpmscad.blending.optimise.neck_width import measure_necks
+from tpmscad.blending.optimise.optimiser import find_grid_defects
+from tpmscad.blending.optimise.subgrid_defects import is_isolated
+from tpmscad.blending.sampling_domain import resolve_domain
+from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.topology import gudhi_complex
 
 EARLIER = ("beta-growth", "discrete-reconstruction", "sigmoid")
 
@@ -87,25 +88,25 @@ def print_table2() -> None:
 def censuses() -> Iterator[Counter[tuple[int, ...]]]:
     """The numbers of censuses made of grids of each shape."""
     seen: Counter[tuple[int, ...]] = Counter()
-    ours = optimise.census
+    ours = optimiser.count_defects
 
     def counted(values: np.ndarray) -> object:
         seen[values.shape] += 1
         return ours(values)
 
-    optimise.census = counted
+    optimiser.count_defects = counted
     try:
         yield seen
     finally:
-        optimise.census = ours
+        optimiser.count_defects = ours
 
 
 def gudhi_seconds(case: Case, shape: tuple[int, ...]) -> float:
     """One call of gudhi, which gives all dimensions, on the blend as it starts."""
-    grid = Grid(*domain_of(case.regions, None), shape)
+    grid = SampleGrid(*resolve_domain(case.regions, None), shape)
     values = run(case, "initial").field.on_grid(*grid.axes)
     start = time.process_time()
-    reference.persistence(values, 0)
+    gudhi_complex.gudhi_pairs(values, 0)
     return time.process_time() - start
 
 
@@ -113,15 +114,15 @@ def gudhi_seconds(case: Case, shape: tuple[int, ...]) -> float:
 def gudhi_persistence() -> Iterator[None]:
     """The paper's loop on gudhi's pairs instead of ours."""
 
-    def straddling(values: np.ndarray, dimension: int, convention: str, level: float) -> topology.Pairs:
-        return reference.persistence(values, dimension, convention).straddling(level)
+    def straddling(values: np.ndarray, dimension: int, convention: str, level: float) -> topology.PersistencePairs:
+        return gudhi_complex.gudhi_pairs(values, dimension, convention).straddling(level)
 
-    ours = objective.topology.straddling
-    objective.topology.straddling = straddling
+    ours = gradient_descent.topology.straddling
+    gradient_descent.topology.straddling = straddling
     try:
         yield
     finally:
-        objective.topology.straddling = ours
+        gradient_descent.topology.straddling = ours
 
 
 def print_pairs(count: int) -> None:
@@ -159,14 +160,14 @@ def print_specks(count: int) -> None:
             if result.errors.n0.initial[0] + result.errors.n2.initial[0] == 0:
                 continue
             mended += 1
-            finer = scene(result.field, Grid(*result.domain, (150, 150, 150)))
-            found, values = view(finer, 0, result.weights), finer.values(result.weights)
+            finer = sample_composition(result.field, SampleGrid(*result.domain, (150, 150, 150)))
+            found, values = find_grid_defects(finer, 0, result.weights), finer.values(result.weights)
             true = 0
             for phase, errors, sign in ((found.census.solid, found.solid, 1.0), (found.census.void, found.void, -1.0)):
                 for label in errors:
                     samples = np.flatnonzero(phase.of(np.array([label])))
                     deepest = samples[np.argmin(sign * values.ravel()[samples])]
-                    true += isolated(result.field, finer.grid, finer.grid.points([deepest])[0], sign)
+                    true += is_isolated(result.field, finer.grid, finer.grid.points([deepest])[0], sign)
             seen, real, blends = seen + found.count, real + true, blends + (true > 0)
         print(
             f"specks={wanted}: {mended} mended pairs of {count}; at 150^3 {seen} parts stand alone, {real} of "
@@ -203,7 +204,7 @@ def print_necks(periods: float = 8) -> None:
     """minimum_neck of a tenth of the period; necks measured on a grid other than the solver's."""
     width = 0.1 / periods
     regions = fields.box((0, 0, 0), (0.5, 0.25, 0.25)), fields.box((0.5, 0, 0), (1, 0.25, 0.25))
-    middle, grid = fields.box((0.3, 0, 0), (0.7, 0.25, 0.25)), Grid((0, 0, 0), (1, 0.25, 0.25), (97, 31, 31))
+    middle, grid = fields.box((0.3, 0, 0), (0.7, 0.25, 0.25)), SampleGrid((0, 0, 0), (1, 0.25, 0.25), (97, 31, 31))
     print(f"minimum_neck {width:g}: narrowest neck in the blending region, of the request")
     for a, kind_a, level_a, b, kind_b, level_b in NECKS:
         structures = [
@@ -214,7 +215,7 @@ def print_necks(periods: float = 8) -> None:
             result, seconds = timed(
                 lambda s=structures, w=wanted: blend(s, regions, [middle], resolution=(50, 50, 50), minimum_neck=w)
             )
-            wide = measured(scene(result.field, grid), result.field, width)[1]
+            wide = measure_necks(sample_composition(result.field, grid), result.field, width)[1]
             shown.append(float(wide.min(initial=np.inf)) / width)
         print(
             f"  {kind_a}-{a} {level_a:g} + {kind_b}-{b} {level_b:g}: {shown[0]:.2f} -> {shown[1]:.2f}, {seconds:.2f} s, "
@@ -229,10 +230,10 @@ def print_persistence() -> None:
     case = table1()[2]
     start = run(case, "initial").field
     for shape in ((50, 50, 50), (100, 100, 25), (100, 100, 100), (200, 200, 200)):
-        values = start.on_grid(*Grid((0, 0, 0), (1, 0.25, 0.25), shape).axes)
+        values = start.on_grid(*SampleGrid((0, 0, 0), (1, 0.25, 0.25), shape).axes)
         took = []
-        for pairs in (topology.straddling, topology.persistence, reference.persistence):
-            if pairs is reference.persistence and values.size > 2_000_000:
+        for pairs in (topology.compute_pairs_at_level, topology.compute_persistence, gudhi_complex.gudhi_pairs):
+            if pairs is gudhi_complex.gudhi_pairs and values.size > 2_000_000:
                 took.append(np.nan)
                 continue
             begin = time.process_time()

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad import fields
-from tpmscad.blend import CylinderRadius, Line, SphereRadius, Volume
-from tpmscad.blend.coordinates import Along
+from tpmscad.blending import CylinderRadius, LineWeightSpec, SphereRadius, VolumeWeightSpec
+from tpmscad.blending.weights.coordinates import LinearCoordinate
 
 INF = np.inf
 
@@ -26,7 +26,7 @@ class Case:
     structures: tuple[fields.Field, ...]
     regions: tuple[fields.Field, ...]
     blending: tuple[fields.Field, ...]
-    weight: Line | Volume
+    weight: LineWeightSpec | VolumeWeightSpec
     resolution: tuple[int, int, int]
     paper_iterations: int
     paper_seconds: float
@@ -54,7 +54,7 @@ def layer(low: float, high: float, height: float = 0.25) -> fields.Field:
 
 def table1() -> list[Case]:
     """Figures 7 and 8: boxes [0, 1] x [0, .25]^2, blending region .3 <= x <= .7, 50 coefficients, 50^3 samples, 8 periods."""
-    weight, size = Line(Along(), count=50), (50, 50, 50)
+    weight, size = LineWeightSpec(LinearCoordinate(), count=50), (50, 50, 50)
     rod_p, sheet_p = fields.rod(tpms("schwarz_p", 8), -0.8), fields.sheet(tpms("schwarz_p", 8), -0.5, 0.5)
     rows = [
         ("Rod-IPU1 + Rod-IPU2", "seeds 43, 87", unit(43, 8), unit(87, 8), 3, 3.34, ((30, 4), (9, 4), (34, 4), (1, 0))),
@@ -76,7 +76,7 @@ def table2() -> list[Case]:
     first = table1()
     sheet_iwp = (fields.sheet(tpms("schwarz_p", 8), -0.3, 0.9), fields.rod(tpms("iwp", 8), -0.9))
     wide = Case("Sheet-P + Rod-IWP", "sheet -.3 to .9, rod -.9", sheet_iwp, halves(), (layer(0.3, 0.7),),
-                Line(Along(), count=50), (50, 50, 50), 1, 1.43)  # fmt: skip
+                LineWeightSpec(LinearCoordinate(), count=50), (50, 50, 50), 1, 1.43)  # fmt: skip
     return [first[0], wide, first[2], first[3], *figure9(), *(figure10(d) for d in (0.2,)), figure11()]
 
 
@@ -90,16 +90,16 @@ def figure9() -> list[Case]:
     block = fields.smooth_intersection(fields.box((0, 0, 0), (1, 1, 1)), fields.sphere((0.5, 0.5, 0.5), 0.75), 0.1)
     a = Case("Figure 9(a)", "rounded block, x in [.4, .6]", tuple(f & block for f in pair()),
              (fields.box((0, 0, 0), (0.5, 1, 1)), fields.box((0.5, 0, 0), (1, 1, 1))),
-             (fields.box((0.4, 0, 0), (0.6, 1, 1)),), Line(Along(), count=30), size, 1, 1.73)  # fmt: skip
+             (fields.box((0.4, 0, 0), (0.6, 1, 1)),), LineWeightSpec(LinearCoordinate(), count=30), size, 1, 1.73)  # fmt: skip
     domain = fields.box((-0.5, -0.5, 0), (0.5, 0.5, 1))
     drum = fields.cylinder((0, 0, 0.5), 0.5, axis="z")
     core, ring = fields.cylinder((0, 0, 0), 0.25, axis="z"), round_layer(fields.cylinder, 0.2, 0.3)
     b = Case("Figure 9(b)", "cylinder, r in [.2, .3]", tuple(f & drum for f in pair()), (core & domain, domain & ~core),
-             (ring,), Line(CylinderRadius(), count=30), size, 4, 4.45)  # fmt: skip
+             (ring,), LineWeightSpec(CylinderRadius(), count=30), size, 4, 4.45)  # fmt: skip
     quarter = fields.box((0, 0, 0), (0.5, 0.5, 0.5))
     ball, inner = fields.sphere((0, 0, 0), 0.5), fields.sphere((0, 0, 0), 0.25)
     c = Case("Figure 9(c)", "ball, r in [.15, .35]", tuple(f & ball for f in pair(8)), (inner & quarter, quarter & ~inner),
-             (round_layer(fields.sphere, 0.15, 0.35),), Line(SphereRadius(), count=30), size, 9, 9.69)  # fmt: skip
+             (round_layer(fields.sphere, 0.15, 0.35),), LineWeightSpec(SphereRadius(), count=30), size, 9, 9.69)  # fmt: skip
     return [a, b, c]
 
 
@@ -117,7 +117,7 @@ def figure10(offset: float) -> Case:
     """Regions on both sides of a wave, the wave moved by -D and D bounding the blending region; 80 x 80 x 20 coefficients."""
     box = fields.box((0, 0, 0), (1, 1, 0.25))
     return Case(f"Figure 10 (D = {offset:g})", "rods -.8, -2", pair(), (wave(0) & box, ~wave(0) & box),
-                (wave(offset) & ~wave(-offset),), Volume((80, 80, 20)), (100, 100, 25), 2, 12.12)  # fmt: skip
+                (wave(offset) & ~wave(-offset),), VolumeWeightSpec((80, 80, 20)), (100, 100, 25), 2, 12.12)  # fmt: skip
 
 
 def picture(size: int = 128) -> np.ndarray:
@@ -145,4 +145,4 @@ def figure11(pixels: int = 8, periods: int = 4) -> Case:
     second, band = fields.image_region(white.T, *flat), fields.image_region(near.T, *flat)
     structures = fields.rod(tpms("schwarz_p", periods), -0.8), fields.rod(tpms("gyroid", periods), -0.8)
     return Case("Figure 11", "rods -.8, -.8", structures, (limits & ~second, limits & second), (band,),
-                Volume((80, 80, 20)), (50, 50, 25), 3, 5.06)  # fmt: skip
+                VolumeWeightSpec((80, 80, 20)), (50, 50, 25), 3, 5.06)  # fmt: skip

@@ -17,12 +17,12 @@ from pathlib import Path
 import numpy as np
 
 import tpmscad
+from tests.kernel import occt_oracle
 from tpmscad import kernel, surfaces
-from tpmscad.kernel import oracle
-from tpmscad.patches import lattice
-from tpmscad.patches.complex import scaled
-from tpmscad.patches.primitive import fit_sheet
-from tpmscad.patches.summary import summary
+from tpmscad.brep.boundary_representation import scale_brep
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.lattice import copies
+from tpmscad.lattice.primitive import fit_offset_surfaces
 from tpmscad.trimming import trim_box
 
 CELL, HALF, TOL = 10.0, 0.5, 1e-3
@@ -30,22 +30,22 @@ CELL, HALF, TOL = 10.0, 0.5, 1e-3
 
 def cut(name: str, n: int) -> tuple[float, float, float, float]:
     """CPU seconds and volume per cell of both ways: (own, volume, boolean, volume)."""
-    sheet = fit_sheet(name, "minimal", (-HALF, HALF), CELL, TOL).sheet
-    cells, motions = (n, n, n), surfaces.symmetry(name)
+    sheet = fit_offset_surfaces(name, "minimal", (-HALF, HALF), CELL, TOL).sheet
+    cells, motions = (n, n, n), surfaces.patch_symmetry(name)
     begun = time.process_time()
     own = trim_box(
-        scaled(lattice.covering(motions, sheet, cells, np.zeros(3)), CELL), np.zeros(3), np.full(3, n * CELL)
+        scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL), np.zeros(3), np.full(3, n * CELL)
     )
-    built = kernel.build(own)
+    built = kernel.build_solids(own)
     seconds = time.process_time() - begun
     assert kernel.is_valid(built.shape)
 
-    cover = lattice.whole_cells(name, (n + 2,) * 3, np.full(3, -1.0))
-    solid = kernel.build(scaled(lattice.natural(motions, sheet, cover), CELL)).shape
+    cover = copies.place_whole_cells(name, (n + 2,) * 3, np.full(3, -1.0))
+    solid = kernel.build_solids(scale_brep(copies.build_natural_lattice(motions, sheet, cover), CELL)).shape
     begun = time.process_time()
-    common = oracle.common_with_box(solid, np.zeros(3), np.full(3, n * CELL))
+    common = occt_oracle.intersect_with_box(solid, np.zeros(3), np.full(3, n * CELL))
     boolean = time.process_time() - begun
-    return seconds, summary(own).volume / n**3, boolean, kernel.check_shape(common).volume / n**3
+    return seconds, measure_solid(own).volume / n**3, boolean, kernel.check_shape(common).volume / n**3
 
 
 def whole(name: str, n: int) -> tuple[tpmscad.Certificate, float, float, float]:

@@ -23,27 +23,26 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.splines import (
+    BSplineSurface,
     Joint,
-    Surface,
     bezier_knots,
-    cpia_rate,
-    design,
-    fit,
+    cpia_convergence_rate,
+    design_matrix,
+    fit_surface,
     gauss_axis,
+    iterate_lspia,
+    iterate_pia,
     joint_conditions,
-    lspia,
-    pia,
-    pia_rate,
-    plain_grid,
+    pia_convergence_rate,
     pole_axis,
     sampled_axis,
     solve_conditions,
+    trapezoidal_grid,
     uniform_knots,
 )
-from tpmscad.splines.axis import greville
-from tpmscad.splines.cpia import iterates
-from tpmscad.splines.fitting import surface as surface_of
-from tpmscad.splines.pia import gram_bounds
+from tpmscad.splines.progressive_iteration import gram_eigenvalue_bounds, iterate_cpia
+from tpmscad.splines.spline_axis import greville_abscissae
+from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of
 
 SIZE = 11
 """Poles along each parameter, the same 121 for every method."""
@@ -97,7 +96,7 @@ def spectral_radius(matrix: np.ndarray) -> float:
 def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     """The spectral radii of eq. 18, and the greatest distance from the exact surface at equal parameters (cells) after each
     number of SHOWN iterations, by method; all printed."""
-    patch, symmetry = surfaces.patch(name), surfaces.symmetry(name)
+    patch, symmetry = surfaces.primitive_patch(name), surfaces.patch_symmetry(name)
     offset = OFFSET * patch.max_offset
     joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
 
@@ -107,7 +106,7 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     dense = np.linspace(0, 1, 41)
     truth = exact(dense, dense)
 
-    def errors(steps: Iterator[Surface]) -> list[float]:
+    def errors(steps: Iterator[BSplineSurface]) -> list[float]:
         wanted = {k: float(np.linalg.norm(s.grid(dense, dense) - truth, axis=-1).max()) for k, s in _at(steps, SHOWN)}
         return [wanted[k] for k in SHOWN]
 
@@ -118,7 +117,7 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     )
 
     u = np.linspace(0, 1, SIZE)
-    basis = design(cubic, 3, u)
+    basis = design_matrix(cubic, 3, u)
     readings = list(product((1, -1), (True, False), range(3), range(3)))
     matrices = {
         (sign, backwards, a, b): printed_iteration(basis, symmetry.edge_rotation, a, b, sign, backwards)
@@ -130,30 +129,32 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     for sign, backwards in product((1, -1), (True, False)):
         label = ("printed (+)" if sign > 0 else "half-turn's (-)") + (", backwards" if backwards else ", as it is")
         print(f"{label:26s}" + "".join(f"{radii[sign, backwards, a, b]:9.3f}" for a, b in product(range(3), range(3))))
-    print(f"PIA alone (no correction): {pia_rate(basis, basis):.3f}\n")
+    print(f"PIA alone (no correction): {pia_convergence_rate(basis, basis):.3f}\n")
 
     best = min(radii, key=lambda key: radii[key])
     matrix = matrices[best]
 
-    def printed() -> Iterator[Surface]:
+    def printed() -> Iterator[BSplineSurface]:
         poles = target = exact(u, u)
         while True:
-            yield Surface(poles, cubic, cubic, 3, 3)
+            yield BSplineSurface(poles, cubic, cubic, 3, 3)
             poles = (matrix @ poles.ravel()).reshape(poles.shape) + target
 
     table["eq. 18 as printed, best reading"] = errors(printed())
-    table["PIA, cubic"] = errors(Surface(p, cubic, cubic, 3, 3) for p in pia(exact(u, u), basis, basis))
+    table["PIA, cubic"] = errors(BSplineSurface(p, cubic, cubic, 3, 3) for p in iterate_pia(exact(u, u), basis, basis))
     t = np.linspace(0, 1, 3 * SIZE)
-    more = design(cubic, 3, t)
-    table["LSPIA, cubic"] = errors(Surface(p, cubic, cubic, 3, 3) for p in lspia(exact(t, t), more, more, exact(u, u)))
+    more = design_matrix(cubic, 3, t)
+    table["LSPIA, cubic"] = errors(
+        BSplineSurface(p, cubic, cubic, 3, 3) for p in iterate_lspia(exact(t, t), more, more, exact(u, u))
+    )
 
     cosine = (1 - np.cos(np.pi * np.linspace(0, 1, 3 * SIZE))) / 2
-    start = greville(tenth, SIZE - 1)
-    first = Surface(exact(start, start), tenth, tenth, SIZE - 1, SIZE - 1)
+    start = greville_abscissae(tenth, SIZE - 1)
+    first = BSplineSurface(exact(start, start), tenth, tenth, SIZE - 1, SIZE - 1)
     rates = {
         "eq. 18 as printed, best reading": radii[best],
-        "PIA, cubic": pia_rate(basis, basis),
-        "LSPIA, cubic": _descent_rate(*gram_bounds(more, more)),
+        "PIA, cubic": pia_convergence_rate(basis, basis),
+        "LSPIA, cubic": _descent_rate(*gram_eigenvalue_bounds(more, more)),
     }
     on_poles, orthonormal = pole_axis(tenth, SIZE - 1), gauss_axis(tenth, SIZE - 1)
     for label, axis, points, chebyshev in (
@@ -162,13 +163,15 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
         ("CPIA, G2, Chebyshev", orthonormal, t, True),
         ("CPIA, G2, Chebyshev, cosine grid", orthonormal, cosine, True),
     ):
-        grid = plain_grid(points, points)
+        grid = trapezoidal_grid(points, points)
         subspace = solve_conditions(joint_conditions(joints, axis, axis, valence=6))
-        steps = iterates(exact(points, points), grid, axis, axis, subspace, chebyshev=chebyshev, start=first)
+        steps = iterate_cpia(exact(points, points), grid, axis, axis, subspace, chebyshev=chebyshev, start=first)
         table[label] = errors(surface_of(x, axis, axis) for x, _ in steps)
-        rates[label] = cpia_rate(grid, axis, axis, chebyshev=chebyshev)
-    own = sampled_axis(tenth, SIZE - 1, cosine, plain_grid(cosine, cosine).weights_u)
-    direct = fit(exact(cosine, cosine), own, own, solve_conditions(joint_conditions(joints, own, own, valence=6)))
+        rates[label] = cpia_convergence_rate(grid, axis, axis, chebyshev=chebyshev)
+    own = sampled_axis(tenth, SIZE - 1, cosine, trapezoidal_grid(cosine, cosine).weights_u)
+    direct = fit_surface(
+        exact(cosine, cosine), own, own, solve_conditions(joint_conditions(joints, own, own, valence=6))
+    )
     limit = float(np.linalg.norm(direct.grid(dense, dense) - truth, axis=-1).max())
 
     print(f"{'greatest distance after k steps, k =':36s}" + "".join(f"{k:9d}" for k in SHOWN) + "   rate per step")
@@ -186,7 +189,7 @@ def _readable(rate: float) -> str:
     return f"{rate:.3f}" if rate < 0.9995 or rate > 1 else f"1 - {1 - rate:.1e}"
 
 
-def _at(steps: Iterator[Surface], wanted: tuple[int, ...]) -> Iterator[tuple[int, Surface]]:
+def _at(steps: Iterator[BSplineSurface], wanted: tuple[int, ...]) -> Iterator[tuple[int, BSplineSurface]]:
     return ((k, step) for k, step in enumerate(islice(steps, wanted[-1] + 1)) if k in wanted)
 
 

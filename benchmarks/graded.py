@@ -18,7 +18,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.kernel.triangles import triangles
+from tpmscad.kernel.render.tessellation import tessellate
 
 SPACING = 0.1
 """Of the vertical lines, mm."""
@@ -95,7 +95,7 @@ def shares(model: Any, x: tuple[float, float], y: tuple[float, float], of: Any, 
 
     Lines stand on a grid of SPACING; on each, upper ends of pieces of the solid less lower ends are its length.
     """
-    found = triangles(model.built.shape, 0.02)
+    found = tessellate(model.built.shape, 0.02)
     corner = found.points[found.corners]
     height = float(np.ptp(found.points[:, 2]))
     start = np.array([x[0], y[0]]) + 0.5 * SPACING

@@ -27,11 +27,11 @@ from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from scipy.spatial import cKDTree
 
 from tpmscad import kernel, surfaces
-from tpmscad.kernel.body import bounds_of, read_body
-from tpmscad.model import Stages
-from tpmscad.parts.block import lattice_block
-from tpmscad.parts.cutting import lattice_in
-from tpmscad.request import LatticeRequest, lattice_request
+from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.workflows.boolean_strategies import intersect_body_with_lattice
+from tpmscad.workflows.lattice_block import build_lattice_block
+from tpmscad.workflows.lattice_request import LatticeRequest, resolve_lattice_request
+from tpmscad.workflows.model import StageTimer
 
 SIZE = 40.0
 WALL = 0.1
@@ -81,8 +81,8 @@ BODIES: dict[str, Callable[[], bd.Shape]] = {
 
 def wanted(surface: str, cell: float) -> LatticeRequest:
     """A sheet of a tenth of the cell."""
-    reference = "minimal" if "minimal" in surfaces.find(surface).references else "nodal"
-    request = lattice_request(
+    reference = "minimal" if "minimal" in surfaces.find_surface(surface).references else "nodal"
+    request = resolve_lattice_request(
         surface,
         cell=cell,
         cells=1,
@@ -123,7 +123,7 @@ def quadrature(solid: object, volume: float, patches: object, lines: int, step: 
 
     The lines' grid is a lattice of rank one, askew to everything.
     """
-    low, high = bounds_of(solid)
+    low, high = enclosing_box(solid)
     middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
     nodes, normals = wall_nodes(patches, step)
     beside = ((nodes > low - AROUND * step) & (nodes < high + AROUND * step)).all(axis=1)
@@ -178,9 +178,9 @@ def main(arguments: list[str] | None = None) -> None:
         for surface in options.surfaces.split(","):
             first = time.process_time()
             request = wanted(surface, SIZE / options.cells)
-            block = lattice_block(request, np.eye(3), body, Stages(None))
+            block = build_lattice_block(request, np.eye(3), body, StageTimer(None))
             begun = time.process_time()
-            cut = lattice_in(block, body)
+            cut = intersect_body_with_lattice(block, body)
             own = time.process_time() - begun
             report = kernel.check_shape(cut.built.shape)
             assert report.ok, report

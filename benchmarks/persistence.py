@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad import fields, topology
-from tpmscad.topology import reference
+from tpmscad.topology import gudhi_complex
 
 SHAPES = ((50, 50, 50), (100, 100, 25), (100, 100, 100), (200, 200, 200))
 REPEATS = 3
@@ -69,9 +69,9 @@ def both(compute: Callable[..., Any], values: np.ndarray, *rest: Any) -> list[An
 
 
 def row(shape: tuple[int, int, int], name: str, values: np.ndarray, with_gudhi: bool) -> Row:
-    full, pairs = seconds(lambda: both(topology.persistence, values), REPEATS)
-    straddle, alive = seconds(lambda: both(topology.straddling, values), REPEATS)
-    isolated, _ = seconds(lambda: topology.isolated(values), REPEATS)
+    full, pairs = seconds(lambda: both(topology.compute_persistence, values), REPEATS)
+    straddle, alive = seconds(lambda: both(topology.compute_pairs_at_level, values), REPEATS)
+    isolated, _ = seconds(lambda: topology.count_components_and_cavities(values), REPEATS)
     result: Row = {
         "shape": "x".join(map(str, shape)),
         "field": name,
@@ -82,9 +82,9 @@ def row(shape: tuple[int, int, int], name: str, values: np.ndarray, with_gudhi: 
     result["pairs"] = "+".join(str(len(p)) for p in pairs)
     result["errors"] = "+".join(str(n) for n in (len(alive[0]) - 1, len(alive[1])))
     if with_gudhi:
-        result["gudhi"], complex = seconds(lambda: reference.complex_of(values, "vertices"))
+        result["gudhi"], brep = seconds(lambda: gudhi_complex.build_cubical_complex(values, "vertices"))
         result["gudhi/full"], result["gudhi/straddle"] = result["gudhi"] / full, result["gudhi"] / straddle
-        expected = [reference.pairs_of(complex, values, dimension, "vertices") for dimension in (0, 2)]
+        expected = [gudhi_complex.pairs_in_dimension(brep, values, dimension, "vertices") for dimension in (0, 2)]
         for found, wanted in zip(pairs, expected, strict=True):
             assert np.array_equal(found.birth, wanted.birth), "births differ from gudhi's"
             assert np.array_equal(found.death, wanted.death), "deaths differ from gudhi's"
@@ -129,7 +129,7 @@ def main(arguments: list[str] | None = None) -> list[Row]:
     with tempfile.TemporaryDirectory() as cache:
         compiling, loading = first_call(cache), first_call(cache)
     print(f"first calls in a process: {compiling:.1f} s compiling, once; {loading:.2f} s when cached on disk\n")
-    both(topology.persistence, np.zeros((2, 2, 2)))
+    both(topology.compute_persistence, np.zeros((2, 2, 2)))
     print("  ".join(f"{column:>14}" for column in COLUMNS))
     rows = []
     for shape in SHAPES[: -1 if options.no_200 else None]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad import fields
-from tpmscad.blend.census import census
+from tpmscad.blending.composition.defects import count_defects
 
 SAMPLES = 50
 
@@ -53,6 +53,6 @@ def _structures(rng: np.random.Generator, axes: list[np.ndarray]) -> Iterator[tu
         else:
             levels = np.quantile(values, [fraction if kind == "rod" else 1 - fraction])
         structure = getattr(fields, kind)(phi, *map(float, levels))
-        seen = census(structure.on_grid(*axes))
+        seen = count_defects(structure.on_grid(*axes))
         if seen.n0 == seen.n2 == 0:
             yield f"{kind} {name} {np.round(levels, 3)} x{periods:.2f}", structure

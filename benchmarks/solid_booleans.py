@@ -17,7 +17,7 @@ import build123d as bd
 import numpy as np
 
 from tpmscad import kernel
-from tpmscad.solids import solidify
+from tpmscad.workflows.implicit_solid import solidify
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 from test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures

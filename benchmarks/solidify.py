@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad import fields
 from tpmscad.errors import TpmscadError
-from tpmscad.solids import solidify
+from tpmscad.workflows.implicit_solid import solidify
 
 sys.path.insert(0, str(Path(__file__).parent))
 from facets import facets

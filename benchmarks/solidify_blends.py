@@ -19,9 +19,9 @@ from random_pairs import Pair, random_pair
 from solidify_figures import cpu, sampled_betti
 
 from tpmscad import kernel
-from tpmscad.blend import blend
+from tpmscad.blending import blend
 from tpmscad.errors import TpmscadError
-from tpmscad.solids import solidify
+from tpmscad.workflows.implicit_solid import solidify
 
 PERIODS = "2x1x1,2x1x1,3x1x1,2x2x1,4x2x2"
 TOL = 5e-3

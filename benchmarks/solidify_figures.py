@@ -27,10 +27,10 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import blend_scaffold
 
 from tpmscad import fields, kernel, topology
-from tpmscad.blend import BlendResult, blend
+from tpmscad.blending import BlendResult, blend
 from tpmscad.errors import TpmscadError
-from tpmscad.patches.levelset import reference
-from tpmscad.solids import solidify
+from tpmscad.fields import volume_quadrature
+from tpmscad.workflows.implicit_solid import solidify
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 FLAT: Corners = (0, 0, 0), (1, 1, 0.25)
@@ -159,7 +159,9 @@ def measured(row: Row, tol: float) -> str:
     stored = cpu() - begun - solid
     c = model.certificate
     lo, hi = np.array(row.box, float)
-    volume, spread = reference.volume(whole, lo, hi, min(float((hi - lo).max()) / 160, row.period / 40))
+    volume, spread = volume_quadrature.integrate_volume(
+        whole, lo, hi, min(float((hi - lo).max()) / 160, row.period / 40)
+    )
     counted = " ".join(str(sampled_betti(whole, row.box, n)) for n in LINES)
     periods = float(np.prod((hi - lo) / row.period)) if row.model is None else _periods(row, lo, hi)
     return (
@@ -182,7 +184,7 @@ def faces_of(path: Path) -> str:
 def _periods(row: Row, lo: np.ndarray, hi: np.ndarray) -> float:
     """The body's volume in periods."""
     assert row.model is not None
-    return reference.volume(row.model, lo, hi, float((hi - lo).max()) / 60)[0] / row.period**3
+    return volume_quadrature.integrate_volume(row.model, lo, hi, float((hi - lo).max()) / 60)[0] / row.period**3
 
 
 def main() -> None:

@@ -24,14 +24,14 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad import surfaces
-from tpmscad.patches import lattice
-from tpmscad.patches.joints import curvature
-from tpmscad.patches.primitive import fit_primitive, own_joints
-from tpmscad.patches.weld import cluster
-from tpmscad.splines import Fit, Surface, bezier_knots, gauss_axis, plain_grid, solve_conditions
-from tpmscad.splines import cpia as iterate
-from tpmscad.splines.fitting import surface as surface_of
-from tpmscad.surfaces.minimal import PLACED
+from tpmscad.brep.edge_continuity import evaluate_curvature
+from tpmscad.brep.welding import cluster_points
+from tpmscad.lattice import copies
+from tpmscad.lattice.primitive import fit_primitive, self_joint_conditions
+from tpmscad.splines import AdaptiveFit, BSplineSurface, bezier_knots, gauss_axis, solve_conditions, trapezoidal_grid
+from tpmscad.splines import fit_cpia as iterate
+from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of
+from tpmscad.surfaces.minimal_patch import PLACEMENTS
 
 sys.path.insert(0, str(Path(__file__).parent))
 import cpia
@@ -76,15 +76,15 @@ SAMPLES = 33
 LIMIT_DEGREE = 9
 
 
-def timed_fit(name: str, offset: float, tol: float) -> tuple[Fit, float]:
+def timed_fit(name: str, offset: float, tol: float) -> tuple[AdaptiveFit, float]:
     """The fit at an offset and to a tolerance in raw units, made anew, and its CPU seconds."""
-    cell = PLACED[name].cell
+    cell = PLACEMENTS[name].cell
     begun = time.process_time()
     found = fit_primitive.__wrapped__(name, "minimal", offset / cell, tol / cell)
     return found, time.process_time() - begun
 
 
-def tables_2_and_4() -> list[tuple[str, float, Fit, Fit]]:
+def tables_2_and_4() -> list[tuple[str, float, AdaptiveFit, AdaptiveFit]]:
     """(name, offset, fit at the paper's tolerance, fit at the paper's own maximum error) for every cell of the two tables."""
     rows = []
     for name in NAMES:
@@ -97,7 +97,7 @@ def tables_2_and_4() -> list[tuple[str, float, Fit, Fit]]:
     )
     print(f"{'':10s}{'offset':>7s}{'tolerance':>10s}{'paper':>10s}{'A':>10s}{'B':>10s}{'B / paper':>11s}")
     for name, offset, loose, close in rows:
-        paper, cell = ERROR[name][OFFSETS.index(offset)], PLACED[name].cell
+        paper, cell = ERROR[name][OFFSETS.index(offset)], PLACEMENTS[name].cell
         ours = close.deviation * cell
         print(
             f"{name:10s}{offset:7.1f}{TOLERANCE[offset]:10.3f}{paper:10.5f}{loose.deviation * cell:10.5f}{ours:10.5f}"
@@ -111,12 +111,12 @@ def tables_2_and_4() -> list[tuple[str, float, Fit, Fit]]:
     return rows
 
 
-def mismatch(name: str, surface: Surface) -> dict[str, float]:
+def mismatch(name: str, surface: BSplineSurface) -> dict[str, float]:
     """How copies of a primitive (cells) join in 2 x 2 x 2 cells: gap (cells), and fractions, greatest and average over every
     point of every joined edge ("first", "second"), greatest among all six patches at every inner vertex ("vertex ...")."""
-    placed = lattice.whole_cells(name, (2, 2, 2), np.zeros(3))
+    placed = copies.place_whole_cells(name, (2, 2, 2), np.zeros(3))
     rotation, s = placed.rotation, np.linspace(0.0, 1.0, SAMPLES)
-    sides = [curvature(surface, *surface.side_line(side)(s).T) for side in range(4)]
+    sides = [evaluate_curvature(surface, *surface.side_pcurve(side)(s).T) for side in range(4)]
     point, normal, tensor = (np.stack(part) for part in zip(*sides, strict=True))
     point = np.einsum("fij,skj->fski", rotation, point, optimize=True) + placed.translation[:, None, None]
     normal = np.einsum("fij,skj->fski", rotation, normal, optimize=True)
@@ -125,12 +125,12 @@ def mismatch(name: str, surface: Surface) -> dict[str, float]:
     greatest = np.linalg.norm(tensor, ord=2, axis=(-2, -1)).max()
 
     # A neighbour is found where it should be: by the exact surface's points, not by the fitted ones.
-    exact = surfaces.symmetry(name).side_middles
-    corners = surfaces.patch(name).jet(*lattice.CORNERS.T).position
+    exact = surfaces.patch_symmetry(name).side_middles
+    corners = surfaces.primitive_patch(name).jet(*copies.UNIT_SQUARE_CORNERS.T).position
     middles, corners = (
         (np.einsum("fij,sj->fsi", rotation, p) + placed.translation[:, None]).reshape(-1, 3) for p in (exact, corners)
     )
-    label = cluster(middles, 1e-6)[0]
+    label = cluster_points(middles, 1e-6)[0]
     order = np.argsort(label, kind="stable")
     at = np.flatnonzero(label[order][:-1] == label[order][1:])
     a, b = order[at], order[at + 1]
@@ -138,7 +138,7 @@ def mismatch(name: str, surface: Surface) -> dict[str, float]:
     second = np.linalg.norm(tensor[a] - tensor[b, ::-1], ord=2, axis=(-2, -1)) / greatest
     gap = np.linalg.norm(point[a] - point[b, ::-1], axis=-1)
 
-    label = cluster(corners, 1e-6)[0]
+    label = cluster_points(corners, 1e-6)[0]
     six = [np.flatnonzero(label == i) for i in np.flatnonzero(np.bincount(label) == 6)]
     pairs = np.array([pair for ring in six for pair in combinations(ring, 2)])
     i, j = pairs.T
@@ -155,7 +155,7 @@ def mismatch(name: str, surface: Surface) -> dict[str, float]:
     }
 
 
-def table_3(fits: list[tuple[str, float, Fit, Fit]]) -> dict[tuple[str, float], dict[str, float]]:
+def table_3(fits: list[tuple[str, float, AdaptiveFit, AdaptiveFit]]) -> dict[tuple[str, float], dict[str, float]]:
     """The mismatch of the fits B, by name and offset."""
     chosen = {(name, offset): close.surface for name, offset, _, close in fits}
     found = {case: mismatch(case[0], chosen[case]) for case in MISMATCH}
@@ -177,9 +177,9 @@ def table_3(fits: list[tuple[str, float, Fit, Fit]]) -> dict[tuple[str, float], 
     return found
 
 
-def tolerances() -> dict[tuple[str, float, float], tuple[Fit, float]]:
+def tolerances() -> dict[tuple[str, float, float], tuple[AdaptiveFit, float]]:
     """(fit, CPU seconds) by name, offset (raw) and tolerance (cells)."""
-    cells = {name: PLACED[name].cell for name in NAMES}
+    cells = {name: PLACEMENTS[name].cell for name in NAMES}
     found = {
         (name, offset, tol): timed_fit(name, offset, tol * cells[name])
         for name in NAMES
@@ -228,11 +228,11 @@ def figure_15() -> dict[str, tuple[float, float]]:
 def limit_distance(name: str) -> tuple[float, float]:
     """Greatest distance (cells) of points and of poles between CPIA's limit and the direct solution, one dense least-squares
     problem in the null space of the conditions. The grid is not the same along u and v."""
-    patch = surfaces.patch(name)
+    patch = surfaces.primitive_patch(name)
     u, v = np.linspace(0, 1, 33), (1 - np.cos(np.pi * np.linspace(0, 1, 29))) / 2
-    grid, axis = plain_grid(u, v), gauss_axis(bezier_knots(LIMIT_DEGREE), LIMIT_DEGREE)
+    grid, axis = trapezoidal_grid(u, v), gauss_axis(bezier_knots(LIMIT_DEGREE), LIMIT_DEGREE)
     samples = patch.jet(u[:, None], v[None, :], cpia.OFFSET * patch.max_offset).position
-    subspace = solve_conditions(own_joints(name, axis, axis))
+    subspace = solve_conditions(self_joint_conditions(name, axis, axis))
     limit = iterate(samples, grid, axis, axis, subspace, tol=1e-14).surface
 
     root_u, root_v = np.sqrt(grid.weights_u)[:, None], np.sqrt(grid.weights_v)[:, None]

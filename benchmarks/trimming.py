@@ -20,13 +20,14 @@ import build123d as bd
 import numpy as np
 
 from tpmscad import kernel
-from tpmscad.kernel import boolean
-from tpmscad.kernel.tool.complex import body_complex
-from tpmscad.parts.cover import Cover, cover
-from tpmscad.patches import measure
-from tpmscad.patches.complex import PatchComplex
-from tpmscad.request import lattice_request
-from tpmscad.trimming import TrimmingError, box, trim
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import TrimmingError
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.boolean import boolean_operations
+from tpmscad.trimming import box, trim
+from tpmscad.workflows.lattice_block import LatticeCover, cover_box
+from tpmscad.workflows.lattice_request import resolve_lattice_request
 
 CELL, TOL = 10.0, 1e-3
 HEAD = f"{'surface':>10} {'body':>12} {'patches':>7} {'faces':>6} {'cut':>6} {'build':>6} {'boolean':>8} {'ratio':>6} "
@@ -52,33 +53,31 @@ BODIES = {
 }
 
 
-def volume(complex: PatchComplex) -> float:
-    return float(measure.volume(measure.face_moments(complex))[0]) if len(complex.faces) else 0.0
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
 
 
-def turned(lattice: PatchComplex) -> PatchComplex:
+def turned(lattice: Brep) -> Brep:
     return replace(lattice, faces=replace(lattice.faces, sense=-lattice.faces.sense))
 
 
-def covering(surface: str, low: np.ndarray, high: np.ndarray) -> Cover:
+def covering(surface: str, low: np.ndarray, high: np.ndarray) -> LatticeCover:
     """Whole patches around a box."""
-    request = lattice_request(
+    request = resolve_lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
-    return cover(request, low, high, lambda _: None)
+    return cover_box(request, low, high, lambda _: None)
 
 
-def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[PatchComplex, PatchComplex]:
+def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[Brep, Brep]:
     """Whole patches around a box, and their solid in a box a little larger."""
     around = covering(surface, low, high)
-    return around.patches, trim(around.patches, box(around.low, around.high)).complex
+    return around.patches, trim(around.patches, box(around.low, around.high)).brep
 
 
-def measured(
-    surface: str, name: str, patches: PatchComplex, block: PatchComplex, shape: bd.Part, by_boolean: bool
-) -> None:
-    tool = body_complex(shape)
+def measured(surface: str, name: str, patches: Brep, block: Brep, shape: bd.Part, by_boolean: bool) -> None:
+    tool = brep_from_shape(shape)
     begun = time.process_time()
     try:
         cut = trim(patches, tool)
@@ -87,19 +86,19 @@ def measured(
         return
     traced = time.process_time() - begun
     begun = time.process_time()
-    built = kernel.build(cut.complex)
+    built = kernel.build_solids(cut.brep)
     made = time.process_time() - begun
-    valid, found = kernel.is_valid(built.shape), volume(cut.complex)
+    valid, found = kernel.is_valid(built.shape), volume(cut.brep)
     line = f"{surface:>10} {name:>12} {len(patches.faces):>7} {len(cut.complex.faces):>6} {traced:6.2f} {made:6.2f} "
     if by_boolean:
-        solid = kernel.build(block).shape
+        solid = kernel.build_solids(block).shape
         begun = time.process_time()
-        other = boolean.common(solid, shape.wrapped)
+        other = boolean_operations.intersect_solids(solid, shape.wrapped)
         spent = time.process_time() - begun
         off = sum(kernel.check_shape(s).volume for s in other) / found - 1
         line += f"{spent:8.2f} {spent / (traced + made):6.1f} "
     else:
-        off = (found + volume(trim(turned(patches), tool).complex)) / volume(tool) - 1
+        off = (found + volume(trim(turned(patches), tool).brep)) / volume(tool) - 1
         line += f"{'':>8} {'':>6} "
     print(f"{line} {valid!s:>5} {found:13.6f} {off:9.1e} {cut.report.shifted:7.1e}", flush=True)
 
@@ -109,17 +108,17 @@ def large(n: int) -> None:
     half = n * CELL / 2
     wall, cpu = time.perf_counter(), time.process_time()
     shape = bd.Pos(half, half, half) * bd.Cylinder(half, 2 * half)
-    request = lattice_request(
+    request = resolve_lattice_request(
         "gyroid", cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
     )  # fmt: skip
-    patches = cover(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
+    patches = cover_box(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
     stages = [("cover", time.process_time() - cpu)]
     begun = time.process_time()
-    cut = trim(patches, body_complex(shape))
+    cut = trim(patches, brep_from_shape(shape))
     stages.append(("cut", time.process_time() - begun))
     begun = time.process_time()
-    built = kernel.build(cut.complex)
+    built = kernel.build_solids(cut.brep)
     stages.append(("build", time.process_time() - begun))
     begun = time.process_time()
     valid = kernel.is_valid(built.shape)

@@ -27,13 +27,13 @@ from scipy.stats import qmc
 from trimming import covering, turned, volume
 
 from tpmscad import kernel
-from tpmscad.errors import TpmscadError
-from tpmscad.kernel import boolean
-from tpmscad.kernel.body import bounds_of, read_body
-from tpmscad.kernel.tool.complex import body_complex
-from tpmscad.parts.cutting import sides_of, split
-from tpmscad.patches.complex import PatchComplex
-from tpmscad.trimming import TrimmingError, box, trim
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.errors import TpmscadError, TrimmingError
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.boolean import boolean_operations
+from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.trimming import box, trim
+from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes, split_near_body_faces
 
 KINDS = ("box", "cylinder", "sphere", "cone", "torus")
 SURFACES = ("gyroid", "diamond", "schwarz_p")
@@ -75,7 +75,7 @@ def solid(kind: str, a: float, b: float, c: float, top: float) -> tuple[bd.Part,
     return made
 
 
-def random_body(rng: np.random.Generator, patches: PatchComplex) -> RandomBody:
+def random_body(rng: np.random.Generator, patches: Brep) -> RandomBody:
     """A body somewhere in the middle of the lattice; every fifth on purpose where it is hard."""
     a, b, c = rng.uniform(2.0, 4.5, 3)
     kind = KINDS[rng.integers(5)]
@@ -119,25 +119,28 @@ def around(x: Any) -> Any:
     return np.hypot(x[:, 0], x[:, 1])
 
 
-def counted(patches: PatchComplex, body: RandomBody) -> float:
+def counted(patches: Brep, body: RandomBody) -> float:
     """The volume of lattice and body by a count of points."""
-    low, high = bounds_of(body.shape.wrapped)
+    low, high = enclosing_box(body.shape.wrapped)
     points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(1)).random(POINTS)
     motion = body.shape.location.wrapped.Transformation()
     rows = np.array([[motion.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)])
     within = points[body.inside((points - rows[:, 3]) @ rows[:, :3])]
-    return float(np.count_nonzero(sides_of(patches, within) < 0) / POINTS * np.prod(high - low))
+    return float(np.count_nonzero(signed_distances_to_nodes(patches, within) < 0) / POINTS * np.prod(high - low))
 
 
-def by_kernel(block: Callable[[], Any], patches: PatchComplex, shape: bd.Part, note: str, begun: float) -> Outcome:
+def by_kernel(block: Callable[[], Any], patches: Brep, shape: bd.Part, note: str, begun: float) -> Outcome:
     """What the kernel makes of the patches near the body's faces; where that fails, of the whole lattice and the body."""
     body = read_body(shape)
     ways: dict[str, Callable[[], list[tuple[Any, ...]]]] = {
         "split": lambda: [
-            split(p, body, TrimmingError(note)).solids for p in (patches, turned(patches))
+            split_near_body_faces(p, body, TrimmingError(note)).solids for p in (patches, turned(patches))
         ],
-        "kernel": lambda: [boolean.common(block(), body.shape), boolean.difference(body.shape, block())],
-    }  # fmt: skip
+        "kernel": lambda: [
+            boolean_operations.intersect_solids(block(), body.shape),
+            boolean_operations.subtract_solid(body.shape, block()),
+        ],
+    }
     for word, way in ways.items():
         try:
             reports = [[kernel.check_shape(s) for s in solids] for solids in way()]
@@ -155,16 +158,14 @@ def by_kernel(block: Callable[[], Any], patches: PatchComplex, shape: bd.Part, n
     return Outcome("error", note, np.nan, np.nan, time.process_time() - begun)
 
 
-def outcome(
-    patches: PatchComplex, block: Callable[[], Any], body: RandomBody, by_boolean: bool, by_void: bool
-) -> Outcome:
+def outcome(patches: Brep, block: Callable[[], Any], body: RandomBody, by_boolean: bool, by_void: bool) -> Outcome:
     """What comes of one body."""
     begun, shape = time.process_time(), body.shape
     try:
-        tool = body_complex(shape)
+        tool = brep_from_shape(shape)
         cut = trim(patches, tool)
-        if len(cut.complex.faces):
-            made = kernel.build(cut.complex).shape
+        if len(cut.brep.faces):
+            made = kernel.build_solids(cut.brep).shape
             seconds = time.process_time() - begun
             report = kernel.check_shape(made)
             if not (report.valid and report.closed):
@@ -173,15 +174,15 @@ def outcome(
             seconds = time.process_time() - begun
     except TpmscadError as error:
         return by_kernel(block, patches, shape, str(error), begun)
-    found = volume(cut.complex)
-    if len(cut.complex.faces) and abs(report.volume - found) > SAME * volume(tool):
+    found = volume(cut.brep)
+    if len(cut.brep.faces) and abs(report.volume - found) > SAME * volume(tool):
         return Outcome("wrong", "volume by the kernel", found, report.volume - found, seconds)
     limit, notes, good = SAME * volume(tool), [cut.report.reason] if cut.report.shifted else [], True
     off = counted(patches, body) - found
     sure = abs(off) < COUNTED * volume(tool)
     if by_void:
         try:
-            off = found + volume(trim(turned(patches), tool).complex) - volume(tool)
+            off = found + volume(trim(turned(patches), tool).brep) - volume(tool)
             good = abs(off) < limit
         except TrimmingError as error:
             notes.append(f"void: {error}")
@@ -224,7 +225,7 @@ def main(arguments: list[str] | None = None) -> None:
         def block(surface: str = surface) -> Any:
             if surface not in solids:
                 own = lattices[surface]
-                solids[surface] = kernel.build(trim(own.patches, box(own.low, own.high)).complex).shape
+                solids[surface] = kernel.build_solids(trim(own.patches, box(own.low, own.high)).brep).shape
             return solids[surface]
 
         found = outcome(patches, block, body, i % options.boolean == 0, options.void)

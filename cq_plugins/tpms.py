@@ -8,8 +8,8 @@ from typing import Any, Literal
 import cadquery as cq
 
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.parts import infill
-from tpmscad.workflows import lattice, lattice_size
+from tpmscad.workflows import infill
+from tpmscad.workflows.lattice_solid import lattice, lattice_size
 
 
 def tpms(
@@ -63,7 +63,7 @@ def tpms(
         progress=progress,
     )
     shift = (-length / 2 if half else 0.0 for length, half in zip(lattice_size(cell, cells), middle, strict=True))
-    shape = cq.Shape.cast(_met(model).built.shape).move(cq.Location(cq.Vector(*shift)))
+    shape = cq.Shape.cast(_require_met(model).built.shape).move(cq.Location(cq.Vector(*shift)))
     return self.eachpoint(shape, True, combine, clean and bool(combine))
 
 
@@ -113,10 +113,10 @@ def tpmsInfill(
         tol=tol,
         progress=progress,
     )
-    return self.newObject([cq.Shape.cast(_met(model).built.shape)])
+    return self.newObject([cq.Shape.cast(_require_met(model).built.shape)])
 
 
-def _met(model: Any) -> Any:
+def _require_met(model: Any) -> Any:
     if not model.certificate.met:
         raise NotMet(
             f"the {model.name} misses the request: {'; '.join(model.certificate.shortfalls)}", model.certificate
@@ -124,7 +124,7 @@ def _met(model: Any) -> Any:
     return model
 
 
-def _register() -> None:
+def _register_methods() -> None:
     """Make `tpms` and `tpmsInfill` methods of Workplane; ImportError if some other plug-in has taken a name."""
     for method in (tpms, tpmsInfill):
         taken = getattr(cq.Workplane, method.__name__, method)
@@ -137,4 +137,4 @@ def _register() -> None:
     cq.Workplane.tpmsInfill = tpmsInfill
 
 
-_register()
+_register_methods()

@@ -11,7 +11,7 @@ from blend_slices import draw, figure, show
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad import fields
-from tpmscad.blend import BlendResult, blend
+from tpmscad.blending import BlendResult, blend
 
 BOX = fields.box((0, 0, 0), (1, 1, 0.25))
 ROD_P = fields.rod(fields.tpms("schwarz_p", period=0.25), -0.8)

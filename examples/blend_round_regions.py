@@ -9,7 +9,7 @@ from __future__ import annotations
 from blend_slices import draw, figure, show
 
 from tpmscad import fields
-from tpmscad.blend import BlendResult, blend
+from tpmscad.blending import BlendResult, blend
 
 
 def rods(periods: float) -> tuple[fields.Field, fields.Field]:

@@ -9,7 +9,7 @@ import numpy as np
 from blend_slices import draw, figure, show
 
 from tpmscad import fields
-from tpmscad.blend import BlendResult, blend
+from tpmscad.blending import BlendResult, blend
 
 KINDS = (("schwarz_p", -0.6), ("gyroid", -0.6), ("diamond", -0.3), ("iwp", -1.0))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad.blend import BlendResult
+from tpmscad.blending import BlendResult
 
 Span = tuple[float, float]
 

@@ -5,7 +5,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.parts import FluidDomains
+from tpmscad.workflows import FluidDomains
 
 CELL, CELLS = 8.0, (4, 4, 6)
 PHASE = (0.25, 0.0, 0.0)

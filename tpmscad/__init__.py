@@ -9,15 +9,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tpmscad import blend, fields, surfaces
+    from tpmscad import fields, surfaces
+    from tpmscad.blending import blend
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
-    from tpmscad.metrics import Metrics, measure
-    from tpmscad.model import Model
-    from tpmscad.parts import body_field, fluid_domains, infill
-    from tpmscad.patches import maps
-    from tpmscad.patches.certificate import Certificate
-    from tpmscad.solids import solidify
-    from tpmscad.workflows import check_step, export_step, lattice, render_step
+    from tpmscad.lattice import maps
+    from tpmscad.workflows import body_field, fluid_domains, infill
+    from tpmscad.workflows.certificate import Certificate
+    from tpmscad.workflows.implicit_solid import solidify
+    from tpmscad.workflows.lattice_solid import check_step, export_step, lattice, render_step
+    from tpmscad.workflows.metrics import Metrics, measure
+    from tpmscad.workflows.model import Model
 
 __all__ = [
     "Certificate",
@@ -42,37 +43,37 @@ __all__ = [
     "surfaces",
 ]
 
-_HOMES = {
-    "Certificate": "tpmscad.patches.certificate",
+_MODULE_OF_NAME = {
+    "Certificate": "tpmscad.workflows.certificate",
     "InvalidRequest": "tpmscad.errors",
     "KernelError": "tpmscad.errors",
-    "Metrics": "tpmscad.metrics",
-    "Model": "tpmscad.model",
+    "Metrics": "tpmscad.workflows.metrics",
+    "Model": "tpmscad.workflows.model",
     "NotMet": "tpmscad.errors",
     "TpmscadError": "tpmscad.errors",
-    "body_field": "tpmscad.parts",
-    "check_step": "tpmscad.workflows",
-    "export_step": "tpmscad.workflows",
-    "measure": "tpmscad.metrics",
-    "fluid_domains": "tpmscad.parts",
-    "infill": "tpmscad.parts",
-    "lattice": "tpmscad.workflows",
-    "render_step": "tpmscad.workflows",
-    "solidify": "tpmscad.solids",
+    "blend": "tpmscad.blending",
+    "body_field": "tpmscad.workflows",
+    "check_step": "tpmscad.workflows.lattice_solid",
+    "export_step": "tpmscad.workflows.lattice_solid",
+    "measure": "tpmscad.workflows.metrics",
+    "fluid_domains": "tpmscad.workflows",
+    "infill": "tpmscad.workflows",
+    "lattice": "tpmscad.workflows.lattice_solid",
+    "render_step": "tpmscad.workflows.lattice_solid",
+    "solidify": "tpmscad.workflows.implicit_solid",
 }
-_ROOMS = {
-    "blend": "tpmscad.blend",
+_PUBLIC_MODULES = {
     "fields": "tpmscad.fields",
-    "maps": "tpmscad.patches.maps",
+    "maps": "tpmscad.lattice.maps",
     "surfaces": "tpmscad.surfaces",
 }
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOMES:
-        value = getattr(import_module(_HOMES[name]), name)
-    elif name in _ROOMS:
-        value = import_module(_ROOMS[name])
+    if name in _MODULE_OF_NAME:
+        value = getattr(import_module(_MODULE_OF_NAME[name]), name)
+    elif name in _PUBLIC_MODULES:
+        value = import_module(_PUBLIC_MODULES[name])
     else:
         raise AttributeError(f"module 'tpmscad' has no attribute {name!r}")
     globals()[name] = value

@@ -6,25 +6,56 @@ from typing import Any
 
 
 class TpmscadError(Exception):
-    """Base of every error that tpmscad raises on purpose."""
+    """Base class of every error that tpmscad raises on purpose."""
 
 
 class InvalidRequest(TpmscadError, ValueError):
-    """The request can't be carried out as it stands: nothing was computed and nothing written."""
+    """The request cannot be carried out as it stands: nothing was computed and nothing was written."""
+
+
+class RecipeError(InvalidRequest):
+    """A recipe is invalid; the message begins with the file, the line and the key."""
+
+
+class MissingDomain(InvalidRequest):
+    """The body holds no wall, or lacks one of the two channels."""
+
+
+class NotQuadric(InvalidRequest):
+    """The body has faces that a boundary representation in arrays cannot hold exactly.
+
+    `faces` are their indices in the kernel's order of exploration.
+    """
+
+    def __init__(self, message: str, faces: tuple[int, ...]) -> None:
+        super().__init__(message)
+        self.faces = faces
 
 
 class NotMet(TpmscadError):
-    """The result misses what was asked for; `certificate` holds the figures that were measured."""
+    """The result misses the request; `certificate` holds the measured values."""
 
     def __init__(self, message: str, certificate: Any = None) -> None:
         super().__init__(message)
         self.certificate = certificate
 
 
+class NoFoot(TpmscadError):
+    """A point is too far from a level set for its orthogonal projection to be found."""
+
+
+class TrimmingError(TpmscadError):
+    """A cut could not be resolved with certainty; the message says where."""
+
+
+class LevelSetError(TpmscadError):
+    """No boundary representation of a field could be made in its box; the message says where, why and what to change."""
+
+
 class KernelError(TpmscadError):
     """The kernel refused an operation, or returned a result that its own checks reject.
 
-    `operation` names it, `status` is what the kernel said, `shape` the input, where there is one.
+    `operation` names it, `status` is the kernel's answer, and `shape` is the input where there is one.
     """
 
     def __init__(self, operation: str, status: str, shape: Any = None) -> None:

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.trigonometric import parse
+from tpmscad.fields.trigonometric_polynomials import parse_formula
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-20, 30, (500, 3))
@@ -114,7 +114,7 @@ def test_every_entry_says_where_it_is_from(info: fields.TpmsInfo) -> None:
 
 def test_every_name_and_alias_finds_its_entry(info: fields.TpmsInfo) -> None:
     for name in (info.name, info.title, *info.aliases, info.name.upper().replace("_", " ")):
-        assert fields.find(name) is info
+        assert fields.find_surface(name) is info
 
 
 def test_no_two_entries_share_a_name() -> None:
@@ -153,4 +153,4 @@ def test_phase_moves_the_structure_by_so_many_cells() -> None:
 )
 def test_what_is_no_trigonometric_polynomial_is_not_read(formula: str) -> None:
     with pytest.raises(ValueError):
-        parse(formula)
+        parse_formula(formula)

@@ -103,7 +103,7 @@ def test_a_point_has_the_same_bits_in_any_company(field: fields.Field) -> None:
 
 def test_a_grid_has_the_bits_of_its_points(field: fields.Field) -> None:
     assert (field.on_grid(*AXES) == field(GRID)).all()
-    values, slopes = field.gradient_on_grid(*AXES)
+    values, slopes = field.value_and_gradient_on_grid(*AXES)
     assert (values == field(GRID)).all()
     assert (slopes == field.gradient(GRID)).all()
 

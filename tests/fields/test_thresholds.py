@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.fraction import ACCURACY
+from tpmscad.fields.volume_fraction_thresholds import FRACTION_ACCURACY
 
 RNG = np.random.default_rng(11)
 POINTS = RNG.uniform(-5, 5, (3000, 3))
@@ -122,7 +122,7 @@ def test_volume_fractions_are_those_of_half_exact_integration(phi: fields.Field,
 
 def test_a_threshold_is_as_accurate_as_stated() -> None:
     c = fields.threshold_for(GYROID, 0.3)
-    assert fraction_below("gyroid", c, 1200) == pytest.approx(0.3, abs=ACCURACY)
+    assert fraction_below("gyroid", c, 1200) == pytest.approx(0.3, abs=FRACTION_ACCURACY)
 
 
 @pytest.mark.parametrize("fraction", [0.1, 0.35])

@@ -7,45 +7,45 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, joined, plane_box, turned_inside_out  # noqa: E402
-from OCP.BRep import BRep_Tool  # noqa: E402
-from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface  # noqa: E402
-from OCP.GeomAbs import GeomAbs_Line  # noqa: E402
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX  # noqa: E402
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
+from OCP.GeomAbs import GeomAbs_Line
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 
-from tpmscad import kernel  # noqa: E402
-from tpmscad.errors import KernelError  # noqa: E402
-from tpmscad.kernel import convert  # noqa: E402
-from tpmscad.kernel.edge_nodes import edges_of  # noqa: E402
-from tpmscad.patches import measure  # noqa: E402
+from tests.shapes.kernel_shapes import CASES, joined, plane_box, turned_inside_out
+from tpmscad import kernel
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import edges_of
 
 
 @pytest.fixture(params=CASES)
-def complex(request):
+def brep(request):
     return CASES[request.param]()
 
 
-def test_a_solid_is_valid_closed_and_outward_with_the_patches_volume_area_and_centre(complex) -> None:
-    built = kernel.build(complex)
+def test_a_solid_is_valid_closed_and_outward_with_the_patches_volume_area_and_centre(brep) -> None:
+    built = kernel.build_solids(brep)
     report = kernel.check_shape(built.shape)
-    moments = measure.face_moments(complex)
+    moments = integral_properties.integrate_faces(brep)
     assert report.ok
-    assert report.volume == pytest.approx(measure.volume(moments)[0], rel=1e-12)
+    assert report.volume == pytest.approx(integral_properties.volume(moments)[0], rel=1e-12)
     assert report.area == pytest.approx(moments.area.sum(), rel=1e-6)  # a square root: converges with the rule
-    np.testing.assert_allclose(report.centroid, measure.centroid(moments), atol=1e-9)
-    assert report.faces == len(complex.faces) == len(built.faces)
+    np.testing.assert_allclose(report.centroid, integral_properties.centroid(moments), atol=1e-9)
+    assert report.faces == len(brep.faces) == len(built.faces)
     assert report.solids == len(built.nesting.pieces)
 
 
-def test_each_vertex_and_edge_is_one_kernel_object_at_the_least_tolerance(complex) -> None:
-    shape = kernel.build(complex).shape
-    for kind, count in ((TopAbs_VERTEX, len(complex.vertices)), (TopAbs_EDGE, len(complex.edges))):
-        assert len(convert.ancestors(shape, kind, TopAbs_FACE)) == count
+def test_each_vertex_and_edge_is_one_kernel_object_at_the_least_tolerance(brep) -> None:
+    shape = kernel.build_solids(brep).shape
+    for kind, count in ((TopAbs_VERTEX, len(brep.vertices)), (TopAbs_EDGE, len(brep.edges))):
+        assert len(convert.count_subshape_uses(shape, kind, TopAbs_FACE)) == count
     assert kernel.check_shape(shape).max_tolerance == 1e-7
 
 
-def test_edges_and_parameter_curves_take_the_same_parameter(complex) -> None:
-    for face in kernel.build(complex).faces:
+def test_edges_and_parameter_curves_take_the_same_parameter(brep) -> None:
+    for face in kernel.build_solids(brep).faces:
         surface = BRepAdaptor_Surface(face)
         for edge in edges_of(face):
             along, flat = BRepAdaptor_Curve(edge), BRepAdaptor_Curve2d(edge, face)
@@ -56,24 +56,24 @@ def test_edges_and_parameter_curves_take_the_same_parameter(complex) -> None:
 
 
 def test_straight_edges_between_planes_are_lines() -> None:
-    shape = kernel.build(plane_box()).shape
-    edges = [convert.as_edge(edge) for edge, _ in convert.ancestors(shape, TopAbs_EDGE, TopAbs_FACE)]
+    shape = kernel.build_solids(plane_box()).shape
+    edges = [convert.as_edge(edge) for edge, _ in convert.count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
     assert {BRepAdaptor_Curve(edge).GetType() for edge in edges} == {GeomAbs_Line}
 
 
 def test_a_void_belongs_to_the_solid_around_it_even_where_boxes_mislead() -> None:
-    built = kernel.build(CASES["hollow bar in a notch"]())
+    built = kernel.build_solids(CASES["hollow bar in a notch"]())
     volumes = [[built.nesting.volume[s] for s in piece] for piece in built.nesting.pieces]
     assert [len(piece) for piece in built.nesting.pieces] == [2, 1]
     np.testing.assert_allclose(volumes[0], [14.4, -0.008], rtol=1e-12)
-    assert [len(convert.ancestors(s, TopAbs_SHELL, TopAbs_SHELL)) for s in built.solids] == [2, 1]
+    assert [len(convert.count_subshape_uses(s, TopAbs_SHELL, TopAbs_SHELL)) for s in built.solids] == [2, 1]
 
 
 def test_pieces_come_largest_first() -> None:
     boxes = joined(
         plane_box((1, 1, 1)), plane_box((2, 2, 2), translation=(5, 0, 0)), plane_box((1, 1, 1), translation=(9, 0, 0))
     )
-    assert kernel.build(boxes).nesting.pieces == ((1,), (0,), (2,))
+    assert kernel.build_solids(boxes).nesting.pieces == ((1,), (0,), (2,))
 
 
 def test_a_missing_face_is_refused() -> None:
@@ -85,18 +85,18 @@ def test_a_missing_face_is_refused() -> None:
     uses = type(u)(u.edge[:20], u.sense[:20], u.pcurve[:20])
     open_box = type(box)(*[{"faces": faces, "uses": uses}.get(n, getattr(box, n)) for n in box.__slots__])
     with pytest.raises(KernelError, match="4 edges do not join two faces"):
-        kernel.build(open_box)
+        kernel.build_solids(open_box)
 
 
 def test_a_solid_inside_out_is_refused() -> None:
     with pytest.raises(KernelError, match=r"volume -30 .*inside out"):
-        kernel.build(turned_inside_out(plane_box()))
+        kernel.build_solids(turned_inside_out(plane_box()))
 
 
 def test_the_result_is_a_build123d_solid_or_compound() -> None:
     from build123d import Compound, Solid
 
-    one, two = kernel.build(CASES["drilled dome"]()), kernel.build(CASES["two boxes"]())
+    one, two = kernel.build_solids(CASES["drilled dome"]()), kernel.build_solids(CASES["two boxes"]())
     assert isinstance(one.solid, Solid)
     assert isinstance(two.solid, Compound)
     assert [s.volume for s in two.solid.solids()] == pytest.approx([45.0, 2.0])

@@ -9,21 +9,21 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, drilled_dome, plane_box  # noqa: E402
-from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert  # noqa: E402
-from OCP.BRepGProp import BRepGProp  # noqa: E402
-from OCP.BRepPrimAPI import (  # noqa: E402
+from OCP.BRepBuilderAPI import BRepBuilderAPI_NurbsConvert
+from OCP.BRepGProp import BRepGProp
+from OCP.BRepPrimAPI import (
     BRepPrimAPI_MakeCone,
     BRepPrimAPI_MakeCylinder,
     BRepPrimAPI_MakeSphere,
     BRepPrimAPI_MakeTorus,
 )
-from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec  # noqa: E402
-from OCP.GProp import GProp_GProps  # noqa: E402
-from OCP.TopLoc import TopLoc_Location  # noqa: E402
+from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+from OCP.GProp import GProp_GProps
+from OCP.TopLoc import TopLoc_Location
 
-from tpmscad import kernel  # noqa: E402
-from tpmscad.kernel.build import compound, shell_of, solid_of  # noqa: E402
+from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
+from tpmscad import kernel
+from tpmscad.kernel.build.solids import make_compound, make_shell, make_solid
 
 PI = np.pi
 ROUND = {
@@ -55,9 +55,9 @@ def moved() -> gp_Trsf:
 
 
 def test_placed_copies_are_counted_each_and_measured_where_they_stand() -> None:
-    solid = kernel.build(drilled_dome()).shape
+    solid = kernel.build_solids(drilled_dome()).shape
     alone = kernel.check_shape(solid)
-    pair = kernel.check_shape(compound([solid, solid.Moved(TopLoc_Location(moved()))]))
+    pair = kernel.check_shape(make_compound([solid, solid.Moved(TopLoc_Location(moved()))]))
     assert (pair.solids, pair.faces, pair.edges) == (2, 2 * alone.faces, 2 * alone.edges)
     assert pair.volume == pytest.approx(2 * alone.volume, rel=1e-14)
     there = gp_Pnt(*alone.centroid).Transformed(moved()).Coord()
@@ -65,28 +65,28 @@ def test_placed_copies_are_counted_each_and_measured_where_they_stand() -> None:
 
 
 def test_trimmed_areas_agree_with_the_kernels_adaptive_quadrature() -> None:
-    shape = kernel.build(drilled_dome()).shape
+    shape = kernel.build_solids(drilled_dome()).shape
     adaptive = GProp_GProps()
     BRepGProp.SurfaceProperties_s(shape, adaptive, 1e-12)
     assert kernel.check_shape(shape).area == pytest.approx(adaptive.Mass(), rel=1e-8)
 
 
 def test_a_solid_turned_inside_out_is_noticed() -> None:
-    report = kernel.check_shape(kernel.build(plane_box()).shape.Reversed())
+    report = kernel.check_shape(kernel.build_solids(plane_box()).shape.Reversed())
     assert not report.outward
     assert not report.ok
     assert report.volume == pytest.approx(-30.0)
 
 
 def test_a_solid_with_a_face_missing_is_noticed() -> None:
-    faces = kernel.build(plane_box()).faces
-    report = kernel.check_shape(solid_of([shell_of(faces[:5])]))
+    faces = kernel.build_solids(plane_box()).faces
+    report = kernel.check_shape(make_solid([make_shell(faces[:5])]))
     assert not report.closed
     assert not report.ok
 
 
 def test_a_report_is_plain_values_and_says_what_it_found() -> None:
-    report = kernel.check_shape(kernel.build(CASES["box with a void"]()).shape)
+    report = kernel.check_shape(kernel.build_solids(CASES["box with a void"]()).shape)
     assert json.loads(json.dumps(report.to_dict()))["volume"] == pytest.approx(29.0)
     assert "1 solids, 2 shells, 12 faces, 24 edges" in str(report)
     assert report.bounds == ((0.0, 0.0, 0.0), (2.0, 3.0, 5.0))
@@ -112,10 +112,10 @@ def test_inner_knots_change_nothing() -> None:
     np.testing.assert_allclose(after.centroid, before.centroid, atol=1e-13)
 
 
-def _solid(complex):
-    from tpmscad.kernel.build import topods_faces
+def _solid(brep):
+    from tpmscad.kernel.build.solids import build_faces
 
-    return solid_of([shell_of(topods_faces(complex))])
+    return make_solid([make_shell(build_faces(brep))])
 
 
 def _inserted(insert_knot, t, knots, poles, degree):

@@ -17,20 +17,20 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from OCP.BRep import BRep_Tool  # noqa: E402
-from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface  # noqa: E402
-from OCP.GeomAbs import GeomAbs_BSplineSurface  # noqa: E402
-from OCP.gp import gp_Pnt, gp_Vec  # noqa: E402
-from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED, TopAbs_VERTEX  # noqa: E402
-from OCP.TopExp import TopExp_Explorer  # noqa: E402
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
+from OCP.GeomAbs import GeomAbs_BSplineSurface
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED, TopAbs_VERTEX
+from OCP.TopExp import TopExp_Explorer
 
-import tpmscad  # noqa: E402
-from tpmscad import kernel, surfaces  # noqa: E402
-from tpmscad.kernel import convert  # noqa: E402
-from tpmscad.kernel.edge_nodes import edges_of  # noqa: E402
-from tpmscad.patches import lattice  # noqa: E402
-from tpmscad.patches.complex import scaled  # noqa: E402
-from tpmscad.patches.primitive import fit_sheet  # noqa: E402
+import tpmscad
+from tpmscad import kernel, surfaces
+from tpmscad.brep.boundary_representation import scale_brep
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import edges_of
+from tpmscad.lattice import copies
+from tpmscad.lattice.primitive import fit_offset_surfaces
 
 CELL = 10.0
 SAMPLES = 9
@@ -138,16 +138,16 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
     case: str, tmp_path: Path
 ) -> None:
     name, cells, layers, tol = CASES[case]
-    sheet = fit_sheet(name, "minimal", layers, 1.0, tol).sheet
-    placed = lattice.whole_cells(name, cells, np.zeros(3))
-    complex = scaled(lattice.natural(surfaces.symmetry(name), sheet, placed), CELL)
-    kernel.write_step(complex, kernel.build(complex).nesting, tmp_path / "lattice.step")
+    sheet = fit_offset_surfaces(name, "minimal", layers, 1.0, tol).sheet
+    placed = copies.place_whole_cells(name, cells, np.zeros(3))
+    brep = scale_brep(copies.build_natural_lattice(surfaces.patch_symmetry(name), sheet, placed), CELL)
+    kernel.write_step(brep, kernel.build_solids(brep).nesting, tmp_path / "lattice.step")
     shape = kernel.read_step(tmp_path / "lattice.step").shape
     edges, vertices = joins(shape)
 
     whole = sum(smooth(BRepAdaptor_Surface(face)) for face in faces_of(shape))
     gaps = len(faces_of(shape)) - whole  # each lies on two open sides
-    assert whole == 2 * surfaces.find(name).patches_per_cell * np.prod(cells)
+    assert whole == 2 * surfaces.find_surface(name).patches_per_cell * np.prod(cells)
     assert len(edges.valences) == (4 * whole - 2 * gaps) / 2
     assert max(vertices.valences) == 6
     assert_continuous(edges, vertices)

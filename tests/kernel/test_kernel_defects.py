@@ -10,20 +10,20 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, drilled_dome, plane_box, voxels  # noqa: E402
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Common  # noqa: E402
-from OCP.BRepCheck import BRepCheck_Analyzer  # noqa: E402
-from OCP.BRepGProp import BRepGProp  # noqa: E402
-from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone  # noqa: E402
-from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf  # noqa: E402
-from OCP.GProp import GProp_GProps  # noqa: E402
-from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer  # noqa: E402
-from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL  # noqa: E402
-from OCP.TopLoc import TopLoc_Location  # noqa: E402
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.BRepCheck import BRepCheck_Analyzer
+from OCP.BRepGProp import BRepGProp
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone
+from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
+from OCP.GProp import GProp_GProps
+from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
+from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
+from OCP.TopLoc import TopLoc_Location
 
-from tpmscad import kernel  # noqa: E402
-from tpmscad.kernel import convert  # noqa: E402
-from tpmscad.kernel.read import quiet  # noqa: E402
+from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
+from tpmscad import kernel
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.step.step_reader import silence_occt
 
 VERSION = ".".join(map(str, convert.OCCT_VERSION))
 
@@ -38,7 +38,7 @@ def volume(shape) -> float:
     strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: an integration rule that breaks at no inner knot"
 )
 def test_the_default_volume_of_splines_with_inner_knots_is_exact_to_1e_10() -> None:
-    shape = kernel.build(voxels(np.ones((1, 1, 1)), 3, knots=3)).shape
+    shape = kernel.build_solids(voxels(np.ones((1, 1, 1)), 3, knots=3)).shape
     assert volume(shape) == pytest.approx(kernel.check_shape(shape).volume, rel=1e-10)
 
 
@@ -47,7 +47,7 @@ def test_the_default_volume_of_splines_with_inner_knots_is_exact_to_1e_10() -> N
 )
 def test_volumes_of_a_solids_faces_add_up_to_the_solids() -> None:
     cone = BRepPrimAPI_MakeCone(3.0, 0.0, 4.0).Shape()
-    faces = [face for face, _ in convert.ancestors(cone, TopAbs_FACE, TopAbs_SHELL)]
+    faces = [face for face, _ in convert.count_subshape_uses(cone, TopAbs_FACE, TopAbs_SHELL)]
     assert sum(volume(face) for face in faces) == pytest.approx(volume(cone), rel=1e-9)
 
 
@@ -57,7 +57,7 @@ def test_volumes_of_a_solids_faces_add_up_to_the_solids() -> None:
 def test_a_mirrored_location_keeps_a_solid_the_right_way_out() -> None:
     mirror = gp_Trsf()
     mirror.SetMirror(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(0, 0, 1)))
-    mirrored = kernel.build(plane_box()).shape.Moved(TopLoc_Location(mirror), False)
+    mirrored = kernel.build_solids(plane_box()).shape.Moved(TopLoc_Location(mirror), False)
     assert volume(mirrored) > 0 or not BRepCheck_Analyzer(mirrored).IsValid()
 
 
@@ -68,8 +68,8 @@ def test_the_kernels_writer_writes_one_shape_twice_alike(tmp_path) -> None:
     texts = []
     for name in "ab":
         writer = STEPControl_Writer()
-        with quiet():
-            writer.Transfer(kernel.build(plane_box()).shape, STEPControl_AsIs)
+        with silence_occt():
+            writer.Transfer(kernel.build_solids(plane_box()).shape, STEPControl_AsIs)
             writer.Write(str(tmp_path / name))
         texts.append((tmp_path / name).read_text().split("DATA;")[1])
     assert texts[0] == texts[1]
@@ -98,7 +98,7 @@ def test_a_glued_boolean_of_crossing_bodies_is_not_silently_empty() -> None:
     from OCP.BOPAlgo import BOPAlgo_GlueShift
 
     operation = BRepAlgoAPI_Common()
-    operation.SetArguments(convert.shape_list([kernel.build(drilled_dome()).shape]))
+    operation.SetArguments(convert.shape_list([kernel.build_solids(drilled_dome()).shape]))
     operation.SetTools(convert.shape_list([BRepPrimAPI_MakeBox(gp_Pnt(-1, -1, -1), gp_Pnt(1, 1, 1)).Shape()]))
     operation.SetGlue(BOPAlgo_GlueShift)
     operation.Build()
@@ -112,16 +112,15 @@ def test_a_glued_boolean_of_crossing_bodies_is_not_silently_empty() -> None:
 )
 def test_edges_at_negative_angles_are_as_good_as_a_turn_later(monkeypatch) -> None:
     """`edges.turns` moves them into the first turn."""
-    from round_shapes import Arc, To, revolved
+    from tests.shapes.round_shapes import Arc, To, revolved
+    from tpmscad.kernel.build import edges
 
-    from tpmscad.kernel import edges
-
-    monkeypatch.setattr(edges, "turns", lambda complex: np.zeros(len(complex.edges)))
+    monkeypatch.setattr(edges, "turns", lambda brep: np.zeros(len(brep.edges)))
     waist = revolved((0, -1.5), [To(2, -1.5), Arc(2, 0, -3.0), To(1.0, 1.0), To(0, 1.0)])
     assert (waist.edges.span[:, 1] < 0).any()
-    assert kernel.is_valid(kernel.build(waist).shape)
+    assert kernel.is_valid(kernel.build_solids(waist).shape)
 
 
 def test_the_cases_above_are_sound_shapes() -> None:
     for shape in (plane_box, drilled_dome, CASES["bent cube"]):
-        assert kernel.check_shape(kernel.build(shape()).shape).ok
+        assert kernel.check_shape(kernel.build_solids(shape()).shape).ok

@@ -7,18 +7,18 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, drilled_dome, plane_box  # noqa: E402
+from tests.kernel import occt_oracle
+from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
+from tpmscad import kernel
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, EdgeUses, Faces
+from tpmscad.brep.moments import integral_properties
+from tpmscad.kernel.build.solids import build_faces
 
-from tpmscad import kernel  # noqa: E402
-from tpmscad.kernel import oracle  # noqa: E402
-from tpmscad.kernel.build import topods_faces  # noqa: E402
-from tpmscad.patches import connectivity, measure  # noqa: E402
-from tpmscad.patches.complex import Faces, PatchComplex, Uses  # noqa: E402
 
-
-def lone_faces(complex: PatchComplex):
+def lone_faces(brep: Brep):
     """Each face built by itself, so that nothing is shared."""
-    f, u = complex.faces, complex.uses
+    f, u = brep.faces, brep.uses
     for i in range(len(f)):
         loops = slice(f.loop_start[i], f.loop_start[i + 1] + 1)
         starts = f.use_start[loops]
@@ -26,24 +26,30 @@ def lone_faces(complex: PatchComplex):
         one = slice(i, i + 1)
         faces = Faces(f.carrier[one], f.rotation[one], f.translation[one], f.sense[one], f.tag[one],
                       np.array([0, len(starts) - 1]), starts - starts[0])  # fmt: skip
-        part = {"faces": faces, "uses": Uses(u.edge[uses], u.sense[uses], u.pcurve[uses])}
-        yield topods_faces(PatchComplex(*[part.get(n, getattr(complex, n)) for n in PatchComplex.__slots__]))[0]
+        part = {"faces": faces, "uses": EdgeUses(u.edge[uses], u.sense[uses], u.pcurve[uses])}
+        yield build_faces(Brep(*[part.get(n, getattr(brep, n)) for n in Brep.__slots__]))[0]
 
 
 @pytest.mark.parametrize("case", ["box of planes", "bent cube", "drilled dome", "mirrored box"])
 def test_sewing_finds_the_solid_that_shared_edges_give(case: str) -> None:
-    complex = CASES[case]()
-    assert connectivity.is_closed(complex)
-    (solid,) = oracle.sewn(lone_faces(complex), 1e-6)
+    brep = CASES[case]()
+    assert connectivity.is_closed(brep)
+    (solid,) = occt_oracle.sew_solids(lone_faces(brep), 1e-6)
     report = kernel.check_shape(solid)
     assert report.closed
-    assert abs(report.volume) == pytest.approx(measure.volume(measure.face_moments(complex))[0], rel=1e-12)
+    assert abs(report.volume) == pytest.approx(
+        integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-12
+    )
 
 
 def test_the_kernels_boolean_cuts_a_built_solid() -> None:
-    solid = kernel.build(drilled_dome()).shape
-    lower = kernel.check_shape(oracle.common_with_box(solid, np.array([-1.0, -1.0, -1.0]), np.array([3.0, 4.0, 1.0])))
-    box = kernel.check_shape(oracle.common_with_box(kernel.build(plane_box()).shape, np.zeros(3), np.ones(3)))
+    solid = kernel.build_solids(drilled_dome()).shape
+    lower = kernel.check_shape(
+        occt_oracle.intersect_with_box(solid, np.array([-1.0, -1.0, -1.0]), np.array([3.0, 4.0, 1.0]))
+    )
+    box = kernel.check_shape(
+        occt_oracle.intersect_with_box(kernel.build_solids(plane_box()).shape, np.zeros(3), np.ones(3))
+    )
     assert box.volume == pytest.approx(1.0)
     assert lower.ok
     assert 6.0 - lower.volume == pytest.approx(0.6 * 0.6 * np.pi, rel=1e-3)  # a drilled near-ellipse of semi-axes 0.6

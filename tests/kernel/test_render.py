@@ -9,13 +9,12 @@ import pytest
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, drilled_dome, plane_box  # noqa: E402
-
-from tpmscad import kernel  # noqa: E402
-from tpmscad.errors import InvalidRequest  # noqa: E402
-from tpmscad.kernel.raster import rasterise  # noqa: E402
-from tpmscad.kernel.render import picture, png  # noqa: E402
-from tpmscad.kernel.triangles import triangles  # noqa: E402
+from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
+from tpmscad import kernel
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.render.picture import encode_png, render_pixels
+from tpmscad.kernel.render.tessellation import tessellate
+from tpmscad.kernel.render.z_buffer import rasterise
 
 
 def test_a_triangle_covers_the_pixels_whose_centres_it_holds_and_the_nearer_one_wins() -> None:
@@ -39,18 +38,18 @@ def test_triangles_off_the_picture_are_clipped() -> None:
 
 @pytest.mark.parametrize("case", ["mirrored box", "bent frame", "drilled dome"])
 def test_normals_point_out_of_the_solid_and_corners_turn_with_them(case: str) -> None:
-    found = triangles(kernel.build(CASES[case]()).shape, 0.01)
+    found = tessellate(kernel.build_solids(CASES[case]()).shape, 0.01)
     a, b, c = (found.points[found.corners[:, k]] for k in range(3))
     facet = np.cross(b - a, c - a)
     assert (np.einsum("fd,fkd->fk", facet, found.normals[found.corners]) > 0).all()
     volume = np.einsum("fd,fd->", facet, a) / 6
-    assert volume == pytest.approx(kernel.check_shape(kernel.build(CASES[case]()).shape).volume, rel=0.02)
+    assert volume == pytest.approx(kernel.check_shape(kernel.build_solids(CASES[case]()).shape).volume, rel=0.02)
 
 
 def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: Path) -> None:
     from matplotlib.image import imread
 
-    kernel.render(kernel.build(drilled_dome()).shape, tmp_path / "dome.png", width=160, height=120)
+    kernel.render_png(kernel.build_solids(drilled_dome()).shape, tmp_path / "dome.png", width=160, height=120)
     image = imread(tmp_path / "dome.png")[..., :3]
     assert image.shape == (120, 160, 3)
     assert image[0, 0].min() > 0.9
@@ -60,13 +59,13 @@ def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: 
 
 
 def test_equal_shapes_make_equal_pictures() -> None:
-    first, second = (png(picture(kernel.build(plane_box()).shape, 64, 48)) for _ in range(2))
+    first, second = (encode_png(render_pixels(kernel.build_solids(plane_box()).shape, 64, 48)) for _ in range(2))
     assert first == second
 
 
 def test_another_extension_or_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    shape = kernel.build(plane_box()).shape
+    shape = kernel.build_solids(plane_box()).shape
     with pytest.raises(InvalidRequest, match=r"\.jpg"):
-        kernel.render(shape, tmp_path / "a.jpg")
+        kernel.render_png(shape, tmp_path / "a.jpg")
     with pytest.raises(InvalidRequest, match=r"folder .*nowhere"):
-        kernel.render(shape, tmp_path / "nowhere" / "a.png")
+        kernel.render_png(shape, tmp_path / "nowhere" / "a.png")

@@ -8,58 +8,58 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-import part21
-import part21_check
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from part21_types import type_faults
+
+from tests.part21 import check, parser
+from tests.part21.types_of_entities import type_faults
 
 pytestmark = pytest.mark.kernel
 
-from kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box  # noqa: E402
-from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL  # noqa: E402
+from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 
-from tpmscad import kernel  # noqa: E402
-from tpmscad.errors import InvalidRequest, KernelError  # noqa: E402
-from tpmscad.kernel import convert  # noqa: E402
-from tpmscad.kernel.read import quiet  # noqa: E402
-from tpmscad.kernel.step.text import real, string  # noqa: E402
-from tpmscad.patches import measure  # noqa: E402
+from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box
+from tpmscad import kernel
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.step.part21 import format_real, format_string
+from tpmscad.kernel.step.step_reader import silence_occt
 
 STAMP = "2026-01-01T00:00:00"
 
 
-def written(complex, path: Path, **how) -> str:
-    kernel.write_step(complex, kernel.build(complex).nesting, path, **({"time_stamp": STAMP} | how))
+def written(brep, path: Path, **how) -> str:
+    kernel.write_step(brep, kernel.build_solids(brep).nesting, path, **({"time_stamp": STAMP} | how))
     return path.read_text(encoding="ascii")
 
 
 @lru_cache
-def moments_of(case: str) -> measure.Moments:
-    return measure.face_moments(CASES[case]())
+def moments_of(case: str) -> integral_properties.FaceMoments:
+    return integral_properties.integrate_faces(CASES[case]())
 
 
 @lru_cache
-def parsed(case: str, schema: str) -> tuple[str, dict[int, part21.Instance]]:
+def parsed(case: str, schema: str) -> tuple[str, dict[int, parser.Instance]]:
     with tempfile.TemporaryDirectory() as folder:
-        return part21.parse(written(CASES[case](), Path(folder) / "part.step", schema=schema))
+        return parser.parse(written(CASES[case](), Path(folder) / "part.step", schema=schema))
 
 
 @pytest.mark.parametrize("schema", ["ap242", "ap214"])
 @pytest.mark.parametrize("case", CASES)
 class TestEveryFile:
     def test_reads_back_valid_closed_in_mm_with_the_same_volume(self, case: str, schema: str, tmp_path: Path) -> None:
-        complex, moments = CASES[case](), moments_of(case)
-        written(complex, tmp_path / "part.step", schema=schema)
+        brep, moments = CASES[case](), moments_of(case)
+        written(brep, tmp_path / "part.step", schema=schema)
         found = kernel.check_step(tmp_path / "part.step")
         assert found.ok
         assert found.units == ("millimetre",)
         assert found.products == ("part",)
-        assert found.shape.faces == len(complex.faces)
-        assert found.shape.edges == len(complex.edges)
-        assert found.shape.volume == pytest.approx(measure.volume(moments)[0], rel=1e-9)
-        np.testing.assert_allclose(found.shape.centroid, measure.centroid(moments), atol=1e-9)
+        assert found.shape.faces == len(brep.faces)
+        assert found.shape.edges == len(brep.edges)
+        assert found.shape.volume == pytest.approx(integral_properties.volume(moments)[0], rel=1e-9)
+        np.testing.assert_allclose(found.shape.centroid, integral_properties.centroid(moments), atol=1e-9)
         assert found.shape.max_tolerance == 1e-7
 
     def test_conforms_to_the_schema(self, case: str, schema: str) -> None:
@@ -67,40 +67,40 @@ class TestEveryFile:
         assert {"ap242": "AP242_MANAGED_MODEL_BASED_3D_ENGINEERING_MIM_LF", "ap214": "AUTOMOTIVE_DESIGN"}[
             schema
         ] in header
-        of_header = part21.header_instances(header)
+        of_header = parser.header_instances(header)
         assert type_faults(of_header) == []
         assert [name for i in of_header.values() for name in i.parts] == [
             "FILE_DESCRIPTION",
             "FILE_NAME",
             "FILE_SCHEMA",
         ]
-        assert part21_check.faults(instances, schema) == []
+        assert check.faults(instances, schema) == []
         assert unused(instances) == []
 
     def test_states_its_volume_area_and_centroid(self, case: str, schema: str) -> None:
         _, instances = parsed(case, schema)
         moments, stated = moments_of(case), validation(instances)
-        assert stated["volume"] == pytest.approx(measure.volume(moments)[0], rel=1e-14)
+        assert stated["volume"] == pytest.approx(integral_properties.volume(moments)[0], rel=1e-14)
         assert stated["surface area"] == pytest.approx(moments.area.sum(), rel=1e-14)
-        np.testing.assert_allclose(stated["centroid"], measure.centroid(moments), atol=1e-14)
+        np.testing.assert_allclose(stated["centroid"], integral_properties.centroid(moments), atol=1e-14)
 
     def test_shares_edges_and_writes_each_point_once(self, case: str, schema: str) -> None:
         _, instances = parsed(case, schema)
-        uses = [int(values[3].value[1:]) for values in part21.of_kind(instances, "ORIENTED_EDGE").values()]
-        assert sorted(uses) == sorted(2 * list(part21.of_kind(instances, "EDGE_CURVE")))
+        uses = [int(values[3].value[1:]) for values in parser.of_kind(instances, "ORIENTED_EDGE").values()]
+        assert sorted(uses) == sorted(2 * list(parser.of_kind(instances, "EDGE_CURVE")))
         geometry = referenced(instances, ("B_SPLINE_SURFACE_WITH_KNOTS", "B_SPLINE_CURVE_WITH_KNOTS", "VERTEX_POINT"))
-        coordinates = part21.of_kind(instances, "CARTESIAN_POINT")
+        coordinates = parser.of_kind(instances, "CARTESIAN_POINT")
         points = [tuple(v.value for v in coordinates[i][1].value) for i in geometry]
         assert len(set(points)) == len(points)
 
     def test_loops_run_head_to_tail_and_each_edge_once_either_way(self, case: str, schema: str) -> None:
         _, instances = parsed(case, schema)
         assert {
-            b[2].value for kind in ("FACE_BOUND", "FACE_OUTER_BOUND") for b in part21.of_kind(instances, kind).values()
+            b[2].value for kind in ("FACE_BOUND", "FACE_OUTER_BOUND") for b in parser.of_kind(instances, kind).values()
         } == {".T."}
         directions: dict[int, list[str]] = {}
-        for loop in part21.of_kind(instances, "EDGE_LOOP").values():
-            sides = [instances[n].parts["ORIENTED_EDGE"] for n in part21.numbers(loop[1])]
+        for loop in parser.of_kind(instances, "EDGE_LOOP").values():
+            sides = [instances[n].parts["ORIENTED_EDGE"] for n in parser.numbers(loop[1])]
             ends = [ends_of(instances, side) for side in sides]
             assert [head for _, head in ends] == [tail for tail, _ in ends[1:] + ends[:1]]
             for side in sides:
@@ -119,11 +119,11 @@ def test_loops_turn_counter_clockwise_about_the_outward_normal() -> None:
         _, instances = parsed(case, "ap242")
         place = {
             n: instances[int(v[1].value[1:])].parts["CARTESIAN_POINT"][1]
-            for n, v in part21.of_kind(instances, "VERTEX_POINT").items()
+            for n, v in parser.of_kind(instances, "VERTEX_POINT").items()
         }
         volume = 0.0
-        for loop in part21.of_kind(instances, "EDGE_LOOP").values():
-            tails = [ends_of(instances, instances[n].parts["ORIENTED_EDGE"])[0] for n in part21.numbers(loop[1])]
+        for loop in parser.of_kind(instances, "EDGE_LOOP").values():
+            tails = [ends_of(instances, instances[n].parts["ORIENTED_EDGE"])[0] for n in parser.numbers(loop[1])]
             a, b, c, d = (np.array([float(v.value) for v in place[int(t[1:])].value]) for t in tails)
             volume += (a @ np.cross(b, c) + a @ np.cross(c, d)) / 6
         assert volume == pytest.approx(30.0)
@@ -131,11 +131,11 @@ def test_loops_turn_counter_clockwise_about_the_outward_normal() -> None:
 
 def validation(instances) -> dict[str, object]:
     stated: dict[str, object] = {}
-    for property_, representation in part21.of_kind(instances, "PROPERTY_DEFINITION_REPRESENTATION").values():
+    for property_, representation in parser.of_kind(instances, "PROPERTY_DEFINITION_REPRESENTATION").values():
         name = instances[int(property_.value[1:])].parts["PROPERTY_DEFINITION"]
         assert name[0].value == "'geometric validation property'"
         label, items, _ = instances[int(representation.value[1:])].parts["REPRESENTATION"]
-        (item,) = (instances[i] for i in part21.numbers(items))
+        (item,) = (instances[i] for i in parser.numbers(items))
         if "CARTESIAN_POINT" in item.parts:
             stated[label.value.strip("'")] = [float(v.value) for v in item.parts["CARTESIAN_POINT"][1].value]
         else:
@@ -146,8 +146,8 @@ def validation(instances) -> dict[str, object]:
 def referenced(instances, names) -> set[int]:
     found: set[int] = set()
     for name in names:
-        for values in part21.of_kind(instances, name).values():
-            candidates = [r for v in values for r in part21.references(v)]
+        for values in parser.of_kind(instances, name).values():
+            candidates = [r for v in values for r in parser.references(v)]
             found.update(r for r in candidates if "CARTESIAN_POINT" in instances[r].parts)
     return found
 
@@ -164,7 +164,7 @@ ROOTS = {
 
 
 def unused(instances) -> list[str]:
-    used = {r for i in instances.values() for values in i.parts.values() for v in values for r in part21.references(v)}
+    used = {r for i in instances.values() for values in i.parts.values() for v in values for r in parser.references(v)}
     return [f"#{n} {list(i.parts)}" for n, i in instances.items() if n not in used and not ROOTS & set(i.parts)]
 
 
@@ -179,15 +179,15 @@ def test_equal_requests_write_equal_bytes_but_for_the_line_of_the_date(tmp_path:
 
 
 def test_faces_carry_their_tags_as_names(tmp_path: Path) -> None:
-    complex = drilled_dome()
-    _, instances = part21.parse(written(complex, tmp_path / "part.step"))
-    names = [values[0].value.strip("'") for values in part21.of_kind(instances, "ADVANCED_FACE").values()]
-    assert names == [complex.tags[t] for t in complex.faces.tag]
+    brep = drilled_dome()
+    _, instances = parser.parse(written(brep, tmp_path / "part.step"))
+    names = [values[0].value.strip("'") for values in parser.of_kind(instances, "ADVANCED_FACE").values()]
+    assert names == [brep.tags[t] for t in brep.faces.tag]
 
 
 def test_a_face_with_a_hole_has_one_outer_bound(tmp_path: Path) -> None:
-    _, instances = part21.parse(written(drilled_dome(), tmp_path / "part.step"))
-    bounds = [part21.numbers(values[1]) for values in part21.of_kind(instances, "ADVANCED_FACE").values()]
+    _, instances = parser.parse(written(drilled_dome(), tmp_path / "part.step"))
+    bounds = [parser.numbers(values[1]) for values in parser.of_kind(instances, "ADVANCED_FACE").values()]
     outer = [sum("FACE_OUTER_BOUND" in instances[b].parts for b in of) for of in bounds]
     assert outer == [1] * 10
     assert sorted(len(of) for of in bounds) == [1] * 8 + [2, 2]
@@ -207,9 +207,9 @@ def test_colours_are_read_back_by_tag(tmp_path: Path) -> None:
 
     chosen = {"side": (1.0, 0.0, 0.0), "hole": (0.0, 0.0, 1.0)}
     text = written(drilled_dome(), tmp_path / "part.step", colours=chosen)
-    assert part21_check.faults(part21.parse(text)[1], "ap242") == []
+    assert check.faults(parser.parse(text)[1], "ap242") == []
     document, reader = TDocStd_Document(TCollection_ExtendedString("XmlXCAF")), STEPCAFControl_Reader()
-    with quiet():
+    with silence_occt():
         reader.ReadFile(str(tmp_path / "part.step"))
         reader.Transfer(document)
     tool = XCAFDoc_DocumentTool.ColorTool_s(document.Main())
@@ -218,7 +218,7 @@ def test_colours_are_read_back_by_tag(tmp_path: Path) -> None:
     shapes.GetFreeShapes(labels)
     shape = shapes.GetShape_s(labels.Value(1))
     found = []
-    for face, _ in convert.ancestors(shape, TopAbs_FACE, TopAbs_SHELL):
+    for face, _ in convert.count_subshape_uses(shape, TopAbs_FACE, TopAbs_SHELL):
         colour = Quantity_Color()
         known = tool.GetColor(face, XCAFDoc_ColorSurf, colour)
         found.append((colour.Red(), colour.Green(), colour.Blue()) if known else None)
@@ -232,13 +232,15 @@ def test_a_colour_out_of_range_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("case", CASES)
 def test_replicas_read_back_as_the_same_solid(case: str, tmp_path: Path) -> None:
-    complex = CASES[case]()
-    text = written(complex, tmp_path / "part.step", replicas=True)
-    broken = [f.split(":")[0] for f in part21_check.faults(part21.parse(text)[1], "ap242")]
+    brep = CASES[case]()
+    text = written(brep, tmp_path / "part.step", replicas=True)
+    broken = [f.split(":")[0] for f in check.faults(parser.parse(text)[1], "ap242")]
     assert broken == (["advanced_face.WR1"] if "=SURFACE_REPLICA" in text else [])
     found = kernel.check_step(tmp_path / "part.step")
     assert found.ok
-    assert found.shape.volume == pytest.approx(measure.volume(measure.face_moments(complex))[0], rel=1e-9)
+    assert found.shape.volume == pytest.approx(
+        integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-9
+    )
 
 
 def test_replicas_hold_a_primitive_once_for_either_handedness(tmp_path: Path) -> None:
@@ -252,18 +254,20 @@ class TestInstances:
         shifts = 3.0 * np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
         text = written(cell, path, instances=kernel.Instances.shifted(shifts))
         assert path.stat().st_size < 2e6
-        assert part21_check.faults(part21.parse(text)[1], "ap242") == []
+        assert check.faults(parser.parse(text)[1], "ap242") == []
         found = kernel.check_step(path)
         assert found.ok
         assert found.shape.solids == 512
         assert found.products == ("lattice cell", "lattice")
-        assert found.shape.volume == pytest.approx(512 * measure.volume(measure.face_moments(cell))[0], rel=1e-9)
+        assert found.shape.volume == pytest.approx(
+            512 * integral_properties.volume(integral_properties.integrate_faces(cell))[0], rel=1e-9
+        )
 
     def test_copies_stand_where_they_are_put(self, tmp_path: Path) -> None:
         place = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
         assert np.linalg.det(TURN) == pytest.approx(1.0)
         written(drilled_dome(), tmp_path / "pair.step", instances=place)
-        centre = measure.centroid(measure.face_moments(drilled_dome()))
+        centre = integral_properties.centroid(integral_properties.integrate_faces(drilled_dome()))
         found = kernel.check_step(tmp_path / "pair.step").shape
         np.testing.assert_allclose(found.centroid, (centre + TURN @ centre + place.translation[1]) / 2, atol=1e-9)
 
@@ -290,14 +294,16 @@ class TestForeignShapes:
         assert found.shape.volume == pytest.approx(2 * np.pi**2 * 5.0 * 1.5**2, rel=1e-9)
 
     def test_nothing_is_printed(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-        kernel.write_shape(kernel.build(plane_box()).shape, tmp_path / "box.step")
+        kernel.write_shape(kernel.build_solids(plane_box()).shape, tmp_path / "box.step")
         kernel.check_step(tmp_path / "box.step")
         assert capfd.readouterr() == ("", "")
 
 
 WRITERS = {
-    "complex": lambda path, **how: kernel.write_step(plane_box(), kernel.build(plane_box()).nesting, path, **how),
-    "shape": lambda path, **how: kernel.write_shape(kernel.build(plane_box()).shape, path, **how),
+    "complex": lambda path, **how: kernel.write_step(
+        plane_box(), kernel.build_solids(plane_box()).nesting, path, **how
+    ),
+    "shape": lambda path, **how: kernel.write_shape(kernel.build_solids(plane_box()).shape, path, **how),
 }
 
 
@@ -374,13 +380,13 @@ PART21_REAL = re.compile(r"[+-]?\d+\.\d*(E[+-]?\d+)?")
 
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_reals_are_part_21_and_read_back_exactly(value: float) -> None:
-    assert PART21_REAL.fullmatch(real(value))
-    assert float(real(value)) == value
+    assert PART21_REAL.fullmatch(format_real(value))
+    assert float(format_real(value)) == value
 
 
 @given(st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=8))
 def test_strings_are_printable_ascii_with_quotes_doubled(text: str) -> None:
-    quoted = string(text)
+    quoted = format_string(text)
     assert re.fullmatch(r"'(?:[ -&(-~]|'')*'", quoted)
 
 

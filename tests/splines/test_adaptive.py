@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tpmscad import surfaces
-from tpmscad.splines.adaptive import BEZIER, MISSES, Space, adapt
-from tpmscad.splines.axis import Axis
-from tpmscad.splines.bspline import Surface
-from tpmscad.splines.continuity import Conditions, Joint, joint_conditions
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
+from tpmscad.splines.spline_axis import SplineAxis
+from tpmscad.splines.surface_fit import BEZIER_SPACES, REQUIRED_MISSES, SplineSpace, fit_to_tolerance
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 
@@ -32,7 +32,7 @@ MOST_POLES = {1e-2: 64, 1e-3: 64, 1e-4: 121, 1e-5: 225, 1e-6: 289}
     ],
 )
 def test_minimal_surfaces_take_few_poles(name: str, share: float, tol: float) -> None:
-    patch, symmetry = surfaces.patch(name), surfaces.symmetry(name)
+    patch, symmetry = surfaces.primitive_patch(name), surfaces.patch_symmetry(name)
     joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
 
     def exact(u: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -40,19 +40,19 @@ def test_minimal_surfaces_take_few_poles(name: str, share: float, tol: float) ->
 
     jet = patch.jet(*np.meshgrid(T, T, indexing="ij"), share * patch.max_offset)
 
-    def distance(surface: Surface) -> float:
+    def distance(surface: BSplineSurface) -> float:
         """Along the exact normals to first order: the tangential part of the difference is no deviation."""
         return float(np.abs(np.sum((surface.grid(T, T) - jet.position) * jet.normal, axis=-1)).max())
 
-    def conditions(u: Axis, v: Axis) -> Conditions:
+    def conditions(u: SplineAxis, v: SplineAxis) -> ContinuityConditions:
         return joint_conditions(joints, u, v, valence=6)
 
-    fit = adapt(exact, distance, tol, conditions=conditions)
+    fit = fit_to_tolerance(exact, distance, tol, conditions=conditions)
     assert fit.converged
     assert fit.deviation == distance(fit.surface) <= tol
     assert fit.poles == fit.surface.poles.shape[0] * fit.surface.poles.shape[1] <= MOST_POLES[tol]
     tried = {trial.space: trial.deviation for trial in fit.trials}
-    below = BEZIER[max(BEZIER.index(fit.space) - MISSES, 0) : BEZIER.index(fit.space)]
+    below = BEZIER_SPACES[max(BEZIER_SPACES.index(fit.space) - REQUIRED_MISSES, 0) : BEZIER_SPACES.index(fit.space)]
     assert all(tried[space] > tol for space in below)
 
 
@@ -62,31 +62,36 @@ def paraboloid(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def test_the_search_goes_down_as_well_as_up() -> None:
-    deviations = {Space(d): value for d, value in zip(range(2, 9), (9.0, 9.0, 1.0, 2.0, 1.0, 1.0, 0.5), strict=True)}
-    fit = adapt(paraboloid, lambda s: deviations[Space(s.degree_u)], 1.5, ladder=list(deviations))
-    assert fit.space == Space(4)
+    deviations = {
+        SplineSpace(d): value for d, value in zip(range(2, 9), (9.0, 9.0, 1.0, 2.0, 1.0, 1.0, 0.5), strict=True)
+    }
+    fit = fit_to_tolerance(paraboloid, lambda s: deviations[SplineSpace(s.degree_u)], 1.5, ladder=list(deviations))
+    assert fit.space == SplineSpace(4)
     # Seen from the top down, where the first guess of a surface of low degree does not start.
-    wild = adapt(
-        lambda u, v: 1e9 * paraboloid(u, v) ** 8, lambda s: deviations[Space(s.degree_u)], 1.5, ladder=list(deviations)
+    wild = fit_to_tolerance(
+        lambda u, v: 1e9 * paraboloid(u, v) ** 8,
+        lambda s: deviations[SplineSpace(s.degree_u)],
+        1.5,
+        ladder=list(deviations),
     )
-    assert wild.trials[0].space == Space(8)
-    assert wild.space == Space(4)
+    assert wild.trials[0].space == SplineSpace(8)
+    assert wild.space == SplineSpace(4)
 
 
 def test_missing_the_tolerance_gives_the_best_there_was() -> None:
-    fit = adapt(paraboloid, lambda s: 1.0 / s.degree_u, 1e-3, ladder=[Space(4), Space(3)])
+    fit = fit_to_tolerance(paraboloid, lambda s: 1.0 / s.degree_u, 1e-3, ladder=[SplineSpace(4), SplineSpace(3)])
     assert not fit.converged
-    assert fit.space == Space(4)
+    assert fit.space == SplineSpace(4)
 
 
 def test_spans_are_candidates_too() -> None:
-    ladder = [Space(3, spans, 2) for spans in range(1, 6)]
+    ladder = [SplineSpace(3, spans, 2) for spans in range(1, 6)]
 
     def wavy(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         x, y = np.meshgrid(u, v, indexing="ij")
         return np.stack([x, y, np.sin(6 * x * y)], axis=-1)
 
-    fit = adapt(wavy, lambda s: float(np.abs(s.grid(T, T) - wavy(T, T)).max()), 1e-2, ladder=ladder)
+    fit = fit_to_tolerance(wavy, lambda s: float(np.abs(s.grid(T, T) - wavy(T, T)).max()), 1e-2, ladder=ladder)
     assert fit.converged
     assert fit.space.spans > 1
     assert fit.poles == fit.surface.poles[..., 0].size

@@ -7,29 +7,29 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tpmscad.splines.axis import bezier_knots, sampled_axis, uniform_knots
-from tpmscad.splines.bounds import (
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.error_bounds import (
     derivative_bounds,
-    filip,
+    filip_bound,
     filip_step,
-    fit_bound,
+    fit_error_bound,
     second_derivative_bounds,
-    zheng_sederberg,
+    zheng_sederberg_bound,
 )
-from tpmscad.splines.bspline import Surface
-from tpmscad.splines.fitting import fit
+from tpmscad.splines.spline_axis import bezier_knots, sampled_axis, uniform_knots
+from tpmscad.splines.surface_fit import fit_surface
 
 DENSE = np.linspace(0, 1, 73)
 
 
-def some_surface(seed: int, degree_u: int = 3, degree_v: int = 5, smoothness: int | None = None) -> Surface:
+def some_surface(seed: int, degree_u: int = 3, degree_v: int = 5, smoothness: int | None = None) -> BSplineSurface:
     ku, kv = uniform_knots(3, degree_u, None), uniform_knots(2, degree_v, smoothness)
     rng = np.random.default_rng(seed)
     poles = rng.normal(size=(len(ku) - degree_u - 1, len(kv) - degree_v - 1, 3)) * rng.uniform(0.1, 3, 3)
-    return Surface(poles, ku, kv, degree_u, degree_v)
+    return BSplineSurface(poles, ku, kv, degree_u, degree_v)
 
 
-def triangle_mesh(surface: Surface, u: np.ndarray, v: np.ndarray, n: int) -> np.ndarray:
+def triangle_mesh(surface: BSplineSurface, u: np.ndarray, v: np.ndarray, n: int) -> np.ndarray:
     """The mesh over an n x n grid, cells cut from (0, 0) to (1, 1), at the parameters u x v."""
     t = np.linspace(0, 1, n + 1)
     points = surface.grid(t, t)
@@ -46,17 +46,17 @@ def triangle_mesh(surface: Surface, u: np.ndarray, v: np.ndarray, n: int) -> np.
 def test_filip_bounds_the_distance_to_the_mesh(seed: int, degree_u: int, degree_v: int, n: int) -> None:
     surface = some_surface(seed, degree_u, degree_v)
     distance = np.linalg.norm(surface.grid(DENSE, DENSE) - triangle_mesh(surface, DENSE, DENSE, n), axis=-1).max()
-    assert distance <= filip(*second_derivative_bounds(surface), 1 / n, 1 / n)
+    assert distance <= filip_bound(*second_derivative_bounds(surface), 1 / n, 1 / n)
 
 
 def test_filip_is_sharp_for_quadratics_and_the_printed_form_is_no_bound() -> None:
     """S = (1, 1, 1) u^2 / 2: vector norms give the exact distance, maxima over components a third of sqrt(3) of it."""
     poles = np.zeros((3, 2, 3))
     poles[2] = 0.5
-    surface = Surface(poles, bezier_knots(2), bezier_knots(1), 2, 1)
+    surface = BSplineSurface(poles, bezier_knots(2), bezier_knots(1), 2, 1)
     distance = np.linalg.norm(surface.grid(DENSE, DENSE) - triangle_mesh(surface, DENSE, DENSE, 4), axis=-1).max()
-    assert distance == pytest.approx(filip(*second_derivative_bounds(surface), 1 / 4, 1 / 4))
-    assert distance > 1.7 * filip(1.0, 0.0, 0.0, 1 / 4, 1 / 4)
+    assert distance == pytest.approx(filip_bound(*second_derivative_bounds(surface), 1 / 4, 1 / 4))
+    assert distance > 1.7 * filip_bound(1.0, 0.0, 0.0, 1 / 4, 1 / 4)
 
 
 @settings(max_examples=20, deadline=None)
@@ -67,7 +67,7 @@ def test_zheng_sederberg_bounds_the_distance_from_bilinear_facets_to_triangles(s
     weights = np.maximum(1 - np.abs(DENSE[:, None] - t) * n, 0)
     bilinear = np.einsum("ai,ijd,bj->abd", weights, surface.grid(t, t), weights)
     distance = np.linalg.norm(bilinear - triangle_mesh(surface, DENSE, DENSE, n), axis=-1).max()
-    assert distance <= zheng_sederberg(second_derivative_bounds(surface)[1], 1 / n, 1 / n) * (1 + 1e-12)
+    assert distance <= zheng_sederberg_bound(second_derivative_bounds(surface)[1], 1 / n, 1 / n) * (1 + 1e-12)
 
 
 @pytest.mark.parametrize("orders", [(0, 0), (2, 0), (1, 1), (0, 2)])
@@ -89,7 +89,7 @@ def test_derivative_bounds_hold_span_by_span_and_tighten(orders: tuple[int, int]
 
 def test_the_step_is_where_the_bound_is_the_tolerance() -> None:
     step = filip_step(3.0, 2.0, 1.0, 1e-3)
-    assert filip(3.0, 2.0, 1.0, step, step) == pytest.approx(1e-3)
+    assert filip_bound(3.0, 2.0, 1.0, step, step) == pytest.approx(1e-3)
 
 
 @settings(max_examples=10, deadline=None)
@@ -97,9 +97,9 @@ def test_the_step_is_where_the_bound_is_the_tolerance() -> None:
 def test_the_virtual_surface_bounds_the_error_of_a_fit(seed: int, n: int) -> None:
     original = some_surface(seed)
     axes = sampled_axis(bezier_knots(4), 4, DENSE), sampled_axis(bezier_knots(3), 3, DENSE)
-    fitted = fit(original.grid(DENSE, DENSE), *axes)
+    fitted = fit_surface(original.grid(DENSE, DENSE), *axes)
     u, v = np.linspace(0, 1, n), np.linspace(0, 1, n + 3)
     error = np.linalg.norm(fitted.grid(DENSE, DENSE) - original.grid(DENSE, DENSE), axis=-1).max()
-    assert error <= fit_bound(original.grid(u, v), u, v, second_derivative_bounds(original), fitted)
+    assert error <= fit_error_bound(original.grid(u, v), u, v, second_derivative_bounds(original), fitted)
     with pytest.raises(ValueError, match="domain"):
-        fit_bound(original.grid(u[:-1], v), u[:-1], v, (1.0, 1.0, 1.0), fitted)
+        fit_error_bound(original.grid(u[:-1], v), u[:-1], v, (1.0, 1.0, 1.0), fitted)

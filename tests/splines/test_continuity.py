@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from tpmscad import surfaces
-from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis, pole_axis, uniform_knots
-from tpmscad.splines.bspline import Surface
-from tpmscad.splines.continuity import Joint, joint_conditions, side_rows
-from tpmscad.splines.fitting import coordinates_of, fit
-from tpmscad.splines.subspace import solve_conditions
+from tpmscad.splines.affine_subspace import solve_conditions
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.continuity_conditions import Joint, joint_conditions, side_derivative_rows
+from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis, pole_axis, uniform_knots
+from tpmscad.splines.surface_fit import coordinates_from_surface, fit_surface
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 
@@ -30,7 +30,7 @@ def side_parameters(side: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return [(t, 0 * t), (0 * t + 1, t), (1 - t, 0 * t + 1), (0 * t, 1 - t)][side]
 
 
-def normal_and_curvature(surface: Surface, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def normal_and_curvature(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit normal (n, 3) and curvature tensor (n, 3, 3), neither of which depends on the parametrisation."""
     tangents = np.stack([surface(u, v, 1, 0), surface(u, v, 0, 1)], axis=-1)
     normal = np.cross(tangents[..., 0], tangents[..., 1])
@@ -42,30 +42,32 @@ def normal_and_curvature(surface: Surface, u: np.ndarray, v: np.ndarray) -> tupl
 
 
 def half_turns(name: str) -> list[Joint]:
-    symmetry = surfaces.symmetry(name)
+    symmetry = surfaces.patch_symmetry(name)
     return [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
 
 
 @cache
-def smooth_fit(name: str, share: float, space: str) -> Surface:
+def smooth_fit(name: str, share: float, space: str) -> BSplineSurface:
     """The G2 fit to the offset surface at a share of the greatest offset."""
     knots, degree = SPACES[space]
     axis = gauss_axis(knots, degree)
-    patch = surfaces.patch(name)
+    patch = surfaces.primitive_patch(name)
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), share * patch.max_offset).position
-    return fit(samples, axis, axis, solve_conditions(joint_conditions(half_turns(name), axis, axis, 2, valence=6)))
+    return fit_surface(
+        samples, axis, axis, solve_conditions(joint_conditions(half_turns(name), axis, axis, 2, valence=6))
+    )
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, -0.8])
 @pytest.mark.parametrize("name", EXACT)
 def test_the_exact_surface_satisfies_the_conditions_of_valence_six(name: str, share: float) -> None:
-    patch, y = surfaces.patch(name), np.linspace(-1, 1, 21)
+    patch, y = surfaces.primitive_patch(name), np.linspace(-1, 1, 21)
     axis = gauss_axis(bezier_knots(28), 28)
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), share * patch.max_offset).position
-    poles = coordinates_of(fit(samples, axis, axis), axis, axis).reshape(-1, 3)
+    poles = coordinates_from_surface(fit_surface(samples, axis, axis), axis, axis).reshape(-1, 3)
     for joint in half_turns(name):
-        here = side_rows(joint.side, axis, axis, y, 2, bend=0.5)
-        there = side_rows(joint.other, axis, axis, -y, 2, bend=0.5)
+        here = side_derivative_rows(joint.side, axis, axis, y, 2, bend=0.5)
+        there = side_derivative_rows(joint.other, axis, axis, -y, 2, bend=0.5)
         for order, sign in enumerate((1, -1, 1)):
             shift = joint.translation if order == 0 else 0.0
             copy = sign * (there[order] @ poles) @ joint.rotation.T + shift
@@ -112,13 +114,15 @@ def test_the_six_patches_around_a_vertex_share_its_tangent_plane_and_curvature(n
     np.testing.assert_allclose(rotation @ middle + translation, middle, atol=1e-13)
 
 
-def random_member(joints: list[Joint], axis_u: Axis, axis_v: Axis, order: int, valence: int) -> Surface:
+def random_member(
+    joints: list[Joint], axis_u: SplineAxis, axis_v: SplineAxis, order: int, valence: int
+) -> BSplineSurface:
     """Some surface that satisfies the conditions: a random one, projected."""
     subspace = solve_conditions(joint_conditions(joints, axis_u, axis_v, order, valence))
     rng = np.random.default_rng(1)
     coordinates = subspace.project(rng.normal(size=3 * axis_u.size * axis_v.size)).reshape(axis_u.size, axis_v.size, 3)
     poles = np.einsum("pu,uvd,qv->pqd", axis_u.to_poles, coordinates, axis_v.to_poles)
-    return Surface(poles, axis_u.knots, axis_v.knots, axis_u.degree, axis_v.degree)
+    return BSplineSurface(poles, axis_u.knots, axis_v.knots, axis_u.degree, axis_v.degree)
 
 
 UNEQUAL = {
@@ -129,7 +133,9 @@ UNEQUAL = {
 
 @pytest.mark.parametrize("axes", UNEQUAL.values(), ids=UNEQUAL)
 @pytest.mark.parametrize("order", [0, 1, 2])
-def test_valence_four_is_parametric_continuity_between_translates(axes: tuple[Axis, Axis], order: int) -> None:
+def test_valence_four_is_parametric_continuity_between_translates(
+    axes: tuple[SplineAxis, SplineAxis], order: int
+) -> None:
     joints = [Joint(1, np.eye(3), np.array([2.0, 0.5, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, 1.0]), 0)]
     surface = random_member(joints, *axes, order, 4)
     t = np.linspace(0, 1, 23)
@@ -159,7 +165,7 @@ def test_valence_three_joins_the_six_faces_of_a_cube_to_a_smooth_sphere() -> Non
     for side, (a, b) in enumerate([(0, -1), (1, 0), (0, 1), (-1, 0)]):
         n = np.array([a, b, 1.0]) / np.sqrt(2)
         joints.append(Joint(side, 2 * np.outer(n, n) - np.eye(3), np.zeros(3), side))
-    surface = fit(samples, axis, axis, solve_conditions(joint_conditions(joints, axis, axis, 2, valence=3)))
+    surface = fit_surface(samples, axis, axis, solve_conditions(joint_conditions(joints, axis, axis, 2, valence=3)))
     t = np.linspace(0, 1, 33)
     assert np.abs(np.linalg.norm(surface.grid(t, t), axis=-1) - 1).max() < 1e-3
     for joint in joints:

@@ -7,11 +7,11 @@ import pytest
 from scipy.linalg import null_space
 
 from tpmscad import surfaces
-from tpmscad.splines.axis import bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
-from tpmscad.splines.bspline import Surface
-from tpmscad.splines.continuity import Joint, joint_conditions
-from tpmscad.splines.fitting import coordinates_of, fit
-from tpmscad.splines.subspace import free, pole_metric, solve_conditions
+from tpmscad.splines.affine_subspace import pole_metric, solve_conditions, unconstrained_subspace
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.continuity_conditions import Joint, joint_conditions
+from tpmscad.splines.spline_axis import bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
+from tpmscad.splines.surface_fit import coordinates_from_surface, fit_surface
 
 TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]
 U, V = np.linspace(0, 1, 15), np.linspace(0, 1, 18) ** 1.5
@@ -25,15 +25,15 @@ def wavy(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 def test_a_surface_of_the_space_is_reproduced() -> None:
     ku, kv = uniform_knots(3, 4, 2), bezier_knots(6)
     rng = np.random.default_rng(0)
-    surface = Surface(rng.normal(size=(len(ku) - 5, 7, 3)), ku, kv, 4, 6)
+    surface = BSplineSurface(rng.normal(size=(len(ku) - 5, 7, 3)), ku, kv, 4, 6)
     axes = sampled_axis(ku, 4, U), sampled_axis(kv, 6, V, np.linspace(1, 3, len(V)))
-    np.testing.assert_allclose(fit(surface.grid(U, V), *axes).poles, surface.poles, atol=1e-11)
+    np.testing.assert_allclose(fit_surface(surface.grid(U, V), *axes).poles, surface.poles, atol=1e-11)
 
 
 def test_coordinates_of_a_surface_give_it_back() -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
-    surface = fit(wavy(axes[0].points, axes[1].points), *axes)
-    back = np.einsum("pu,uvd,qv->pqd", axes[0].to_poles, coordinates_of(surface, *axes), axes[1].to_poles)
+    surface = fit_surface(wavy(axes[0].points, axes[1].points), *axes)
+    back = np.einsum("pu,uvd,qv->pqd", axes[0].to_poles, coordinates_from_surface(surface, *axes), axes[1].to_poles)
     np.testing.assert_allclose(back, surface.poles, atol=1e-12)
 
 
@@ -42,7 +42,7 @@ def test_the_constrained_fit_is_the_solution_of_the_normal_equations_in_the_null
     """The oracle works on the poles: null space by SciPy, then one dense least-squares problem."""
     ku, kv = uniform_knots(3, 4, 2), bezier_knots(6)
     axes = sampled_axis(ku, 4, U), sampled_axis(kv, 6, V, weights)
-    got = fit(wavy(U, V), *axes, solve_conditions(joint_conditions(TRANSLATES, *axes, order=1)))
+    got = fit_surface(wavy(U, V), *axes, solve_conditions(joint_conditions(TRANSLATES, *axes, order=1)))
     poles = pole_axis(ku, 4), pole_axis(kv, 6)
     rows = joint_conditions(TRANSLATES, *poles, order=1)
     basis = null_space(rows.matrix, rcond=1e-10)
@@ -57,9 +57,9 @@ def test_the_constrained_fit_is_the_solution_of_the_normal_equations_in_the_null
 def test_a_subspace_of_no_conditions_changes_nothing() -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
     samples = wavy(axes[0].points, axes[1].points)
-    whole = free(3 * axes[0].size * axes[1].size)
+    whole = unconstrained_subspace(3 * axes[0].size * axes[1].size)
     assert whole.dimension == whole.basis().shape[1] == 3 * axes[0].size * axes[1].size
-    np.testing.assert_array_equal(fit(samples, *axes, whole).poles, fit(samples, *axes).poles)
+    np.testing.assert_array_equal(fit_surface(samples, *axes, whole).poles, fit_surface(samples, *axes).poles)
 
 
 @pytest.mark.parametrize("weighted", [False, True])
@@ -79,14 +79,14 @@ def test_subspace_directions_and_basis_agree(weighted: bool) -> None:
 
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 def test_the_pole_metric_keeps_poles_near_the_surface(reference: str) -> None:
-    patch, symmetry = surfaces.patch("schwarz_p", reference), surfaces.symmetry("schwarz_p")
+    patch, symmetry = surfaces.primitive_patch("schwarz_p", reference), surfaces.patch_symmetry("schwarz_p")
     joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
     axis = gauss_axis(bezier_knots(14), 14)
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), 0.8 * patch.max_offset).position
     conditions = joint_conditions(joints, axis, axis, valence=6)
     sizes = []
     for metric in (None, pole_metric(axis, axis)):
-        fitted = fit(samples, axis, axis, solve_conditions(conditions, metric))
+        fitted = fit_surface(samples, axis, axis, solve_conditions(conditions, metric))
         sizes.append(np.ptp(fitted.poles.reshape(-1, 3), axis=0).max() / np.ptp(samples.reshape(-1, 3), axis=0).max())
     assert sizes[0] > 2
     assert sizes[1] < 1.3
@@ -100,4 +100,4 @@ def test_the_pole_metric_is_flat_at_low_degrees() -> None:
 def test_samples_off_the_grid_are_refused() -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
     with pytest.raises(ValueError, match="grid"):
-        fit(wavy(axes[1].points, axes[0].points), *axes)
+        fit_surface(wavy(axes[1].points, axes[0].points), *axes)

@@ -8,13 +8,30 @@ import numpy as np
 import pytest
 
 from tpmscad import surfaces
-from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis, greville, pole_axis, sampled_axis, uniform_knots
-from tpmscad.splines.bspline import design
-from tpmscad.splines.continuity import Joint, joint_conditions
-from tpmscad.splines.cpia import Grid, cpia, cpia_rate, iterates, plain_grid
-from tpmscad.splines.fitting import fit
-from tpmscad.splines.pia import gram_bounds, lspia, pia, pia_rate
-from tpmscad.splines.subspace import free, solve_conditions
+from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
+from tpmscad.splines.bspline import design_matrix
+from tpmscad.splines.continuity_conditions import Joint, joint_conditions
+from tpmscad.splines.progressive_iteration import (
+    DataGrid,
+    cpia_convergence_rate,
+    fit_cpia,
+    gram_eigenvalue_bounds,
+    iterate_cpia,
+    iterate_lspia,
+    iterate_pia,
+    pia_convergence_rate,
+    trapezoidal_grid,
+)
+from tpmscad.splines.spline_axis import (
+    SplineAxis,
+    bezier_knots,
+    gauss_axis,
+    greville_abscissae,
+    pole_axis,
+    sampled_axis,
+    uniform_knots,
+)
+from tpmscad.splines.surface_fit import fit_surface
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 
@@ -27,23 +44,23 @@ def wavy(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 def test_pia_comes_to_interpolate_at_its_rate() -> None:
-    u, v = greville(KNOTS_U, 3), greville(KNOTS_V, 4)
-    bases = design(KNOTS_U, 3, u), design(KNOTS_V, 4, v)
+    u, v = greville_abscissae(KNOTS_U, 3), greville_abscissae(KNOTS_V, 4)
+    bases = design_matrix(KNOTS_U, 3, u), design_matrix(KNOTS_V, 4, v)
     limit = np.linalg.solve(bases[0], wavy(u, v).reshape(len(u), -1)).reshape(len(u), len(v), 3)
     limit = (
         np.linalg.solve(bases[1], limit.swapaxes(0, 1).reshape(len(v), -1)).reshape(len(v), len(u), 3).swapaxes(0, 1)
     )
-    errors = [np.linalg.norm(poles - limit) for poles in islice(pia(wavy(u, v), *bases), 400)]
-    assert (errors[300] / errors[200]) ** 0.01 == pytest.approx(pia_rate(*bases), abs=1e-3)
+    errors = [np.linalg.norm(poles - limit) for poles in islice(iterate_pia(wavy(u, v), *bases), 400)]
+    assert (errors[300] / errors[200]) ** 0.01 == pytest.approx(pia_convergence_rate(*bases), abs=1e-3)
     assert errors[-1] < 1e-6 * errors[0]
 
 
 def test_lspia_comes_to_the_least_squares_fit_at_its_rate() -> None:
     u, v = np.linspace(0, 1, 23), np.linspace(0, 1, 19)
-    bases = design(KNOTS_U, 3, u), design(KNOTS_V, 4, v)
-    limit = fit(wavy(u, v), sampled_axis(KNOTS_U, 3, u), sampled_axis(KNOTS_V, 4, v)).poles
-    errors = [np.linalg.norm(poles - limit) for poles in islice(lspia(wavy(u, v), *bases), 1500)]
-    low, high = gram_bounds(*bases)
+    bases = design_matrix(KNOTS_U, 3, u), design_matrix(KNOTS_V, 4, v)
+    limit = fit_surface(wavy(u, v), sampled_axis(KNOTS_U, 3, u), sampled_axis(KNOTS_V, 4, v)).poles
+    errors = [np.linalg.norm(poles - limit) for poles in islice(iterate_lspia(wavy(u, v), *bases), 1500)]
+    low, high = gram_eigenvalue_bounds(*bases)
     assert all(
         later <= (high - low) / (high + low) * earlier for earlier, later in zip(errors[:-1], errors[1:], strict=True)
     )
@@ -51,7 +68,7 @@ def test_lspia_comes_to_the_least_squares_fit_at_its_rate() -> None:
 
 
 def half_turns(name: str) -> list[Joint]:
-    symmetry = surfaces.symmetry(name)
+    symmetry = surfaces.patch_symmetry(name)
     return [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
 
 
@@ -62,14 +79,14 @@ U, V = np.linspace(0, 1, 33), (1 - np.cos(np.pi * np.linspace(0, 1, 29))) / 2
 @pytest.mark.parametrize("chebyshev", [False, True])
 def test_the_limit_of_cpia_is_the_direct_constrained_fit(name: str, chebyshev: bool) -> None:
     """The direct fit is made in other coordinates, orthonormal on the data."""
-    patch, grid, joints = surfaces.patch(name), plain_grid(U, V), half_turns(name)
+    patch, grid, joints = surfaces.primitive_patch(name), trapezoidal_grid(U, V), half_turns(name)
     samples = patch.jet(*np.meshgrid(U, V, indexing="ij"), 0.6 * patch.max_offset).position
     knots = bezier_knots(9)
     own = sampled_axis(knots, 9, U, grid.weights_u), sampled_axis(knots, 9, V, grid.weights_v)
-    direct = fit(samples, *own, solve_conditions(joint_conditions(joints, *own, valence=6)))
+    direct = fit_surface(samples, *own, solve_conditions(joint_conditions(joints, *own, valence=6)))
     axis = gauss_axis(knots, 9)
     subspace = solve_conditions(joint_conditions(joints, axis, axis, valence=6))
-    result = cpia(samples, grid, axis, axis, subspace, tol=1e-14, chebyshev=chebyshev)
+    result = fit_cpia(samples, grid, axis, axis, subspace, tol=1e-14, chebyshev=chebyshev)
     assert result.converged
     t = np.linspace(0, 1, 41)
     np.testing.assert_allclose(result.surface.grid(t, t), direct.grid(t, t), rtol=0, atol=1e-13)
@@ -87,10 +104,10 @@ AXES = {
 @pytest.mark.parametrize("axes", AXES.values(), ids=AXES)
 @pytest.mark.parametrize("chebyshev", [False, True])
 def test_cpia_keeps_the_conditions_and_its_proven_bounds_at_every_step(
-    axes: tuple[Axis, Axis], chebyshev: bool
+    axes: tuple[SplineAxis, SplineAxis], chebyshev: bool
 ) -> None:
     u, v = np.linspace(0, 1, 15), np.linspace(0, 1, 17)
-    grid, samples = plain_grid(u, v), wavy(u, v)
+    grid, samples = trapezoidal_grid(u, v), wavy(u, v)
     conditions = joint_conditions(TRANSLATES, *axes, order=1)
     subspace = solve_conditions(conditions)
     bases = [
@@ -102,8 +119,8 @@ def test_cpia_keeps_the_conditions_and_its_proven_bounds_at_every_step(
     root = np.sqrt(np.outer(grid.weights_u, grid.weights_v))[..., None]
     target = (root * samples).ravel() - collocation @ subspace.particular
     limit = subspace.particular + basis @ np.linalg.lstsq(collocation @ basis, target, rcond=None)[0]
-    rate = cpia_rate(grid, *axes, chebyshev=chebyshev)
-    steps = list(islice(iterates(samples, grid, *axes, subspace, chebyshev=chebyshev), 40))
+    rate = cpia_convergence_rate(grid, *axes, chebyshev=chebyshev)
+    steps = list(islice(iterate_cpia(samples, grid, *axes, subspace, chebyshev=chebyshev), 40))
     errors = [np.linalg.norm(x.ravel() - limit) for x, _ in steps]
     for k, (x, bound) in enumerate(steps):
         assert np.abs(conditions.matrix @ x.ravel() - conditions.target).max() < 1e-13
@@ -114,7 +131,7 @@ def test_cpia_keeps_the_conditions_and_its_proven_bounds_at_every_step(
 
 def test_the_rate_of_plain_cpia_is_that_of_the_extreme_eigenvalues_on_the_subspace() -> None:
     u, v = np.linspace(0, 1, 15), np.linspace(0, 1, 17)
-    grid, axes = plain_grid(u, v), AXES["poles"]
+    grid, axes = trapezoidal_grid(u, v), AXES["poles"]
     subspace = solve_conditions(joint_conditions(TRANSLATES, *axes, order=1))
     bases = [
         np.sqrt(w)[:, None] * a.design(t)
@@ -122,21 +139,21 @@ def test_the_rate_of_plain_cpia_is_that_of_the_extreme_eigenvalues_on_the_subspa
     ]
     gram = np.kron(np.kron(bases[0].T @ bases[0], bases[1].T @ bases[1]), np.eye(3))
     on_subspace = np.linalg.eigvalsh(subspace.basis().T @ gram @ subspace.basis())
-    low, high = gram_bounds(*bases)
+    low, high = gram_eigenvalue_bounds(*bases)
     assert low * (1 - 1e-9) <= on_subspace[0]
     assert on_subspace[-1] <= high * (1 + 1e-9)
     expected = max(abs(1 - 2 * value / (low + high)) for value in (on_subspace[0], on_subspace[-1]))
-    bounds = cpia(wavy(u, v), grid, *axes, subspace, tol=0.0, max_iterations=800, chebyshev=False).bounds
+    bounds = fit_cpia(wavy(u, v), grid, *axes, subspace, tol=0.0, max_iterations=800, chebyshev=False).bounds
     assert (bounds[800] / bounds[600]) ** 0.005 == pytest.approx(expected, abs=1e-4)
 
 
 def test_too_few_iterations_are_reported_and_a_good_start_saves_them() -> None:
-    grid, axes = Grid(U, V, np.ones(len(U)), np.ones(len(V))), AXES["orthonormal"]
-    everything = free(3 * axes[0].size * axes[1].size)
-    short = cpia(wavy(U, V), grid, *axes, everything, tol=1e-12, max_iterations=3)
+    grid, axes = DataGrid(U, V, np.ones(len(U)), np.ones(len(V))), AXES["orthonormal"]
+    everything = unconstrained_subspace(3 * axes[0].size * axes[1].size)
+    short = fit_cpia(wavy(U, V), grid, *axes, everything, tol=1e-12, max_iterations=3)
     assert (short.converged, short.iterations, len(short.bounds)) == (False, 3, 4)
-    full = cpia(wavy(U, V), grid, *axes, everything, tol=1e-12)
-    again = cpia(wavy(U, V), grid, *axes, everything, tol=1e-11, start=full.surface)
+    full = fit_cpia(wavy(U, V), grid, *axes, everything, tol=1e-12)
+    again = fit_cpia(wavy(U, V), grid, *axes, everything, tol=1e-11, start=full.surface)
     assert full.converged
     assert again.iterations == 0
 
@@ -145,4 +162,4 @@ def test_cpia_refuses_a_subspace_with_a_metric_of_its_own() -> None:
     axes = AXES["orthonormal"]
     subspace = solve_conditions(joint_conditions(TRANSLATES, *axes), np.full(3 * axes[0].size * axes[1].size, 2.0))
     with pytest.raises(ValueError, match="metric"):
-        cpia(wavy(U, V), plain_grid(U, V), *axes, subspace, tol=1e-9)
+        fit_cpia(wavy(U, V), trapezoidal_grid(U, V), *axes, subspace, tol=1e-9)

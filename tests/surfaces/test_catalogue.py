@@ -14,9 +14,9 @@ def test_every_spelling_finds_its_entry(name: str) -> None:
     assert info.name == name
     for spelling in (name, info.title, *info.aliases):
         for variant in (spelling, spelling.upper(), f" {spelling.replace('_', '-')} ", spelling.replace("_", " ")):
-            assert surfaces.find(variant) is info
+            assert surfaces.find_surface(variant) is info
             if info.primitives == "exact":
-                assert surfaces.patch(variant).name == name
+                assert surfaces.primitive_patch(variant).name == name
 
 
 def test_no_spelling_names_two_surfaces() -> None:
@@ -32,24 +32,24 @@ def test_no_spelling_names_two_surfaces() -> None:
 )
 def test_a_slip_is_answered_with_the_nearest_name(wrong: str, meant: str) -> None:
     with pytest.raises(InvalidRequest, match=f"unknown surface '{wrong}': did you mean '{meant}'"):
-        surfaces.find(wrong)
+        surfaces.find_surface(wrong)
 
 
 @pytest.mark.parametrize("wrong", ["", "kelvin foam"])
 def test_what_is_like_nothing_is_answered_with_the_list(wrong: str) -> None:
     with pytest.raises(InvalidRequest, match="known are gyroid, diamond, schwarz_p"):
-        surfaces.find(wrong)
+        surfaces.find_surface(wrong)
 
 
 def test_an_unknown_reference_is_answered_with_the_choice() -> None:
     with pytest.raises(
         InvalidRequest, match="reference 'exact' of the gyroid is unknown; choose one of minimal, nodal"
     ):
-        surfaces.patch("G", "exact")
+        surfaces.primitive_patch("G", "exact")
 
 
 def test_entries_cannot_be_changed() -> None:
     with pytest.raises(TypeError):
         surfaces.CATALOGUE["gyroid"] = None
     with pytest.raises(AttributeError):
-        surfaces.find("gyroid").genus = 4
+        surfaces.find_surface("gyroid").genus = 4

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tpmscad import surfaces
-from tpmscad.surfaces import minimal, series
+from tpmscad.surfaces import minimal_patch, spinor_series
 
 TERMS = 32  # |t|^4 <= 0.0718 on the patch, 0.152 at the corners of the margin: below 1e-24
 NAMES = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
@@ -122,7 +122,7 @@ def constants(name: str) -> tuple[mp.mpc, mp.mpf, mp.matrix]:
         "diamond": (mp.mpc(1), 2 * k),
         "schwarz_p": (mp.mpc(0, 1), k1),
     }[name]
-    return bonnet, cell, mp.matrix(minimal.PLACED[name].centre)
+    return bonnet, cell, mp.matrix(minimal_patch.PLACEMENTS[name].centre)
 
 
 def nodal_function(name: str, p: mp.matrix) -> mp.mpf:
@@ -153,15 +153,17 @@ def exact(name: str, reference: str, u: mp.mpf, v: mp.mpf, offset: mp.mpf) -> mp
 
 
 def test_the_tables_are_the_rational_series_to_the_last_bit() -> None:
-    for table, digits in zip((series.SPINOR_A, series.SPINOR_B), spinor_digits(), strict=True):
+    for table, digits in zip((spinor_series.SPINOR_A, spinor_series.SPINOR_B), spinor_digits(), strict=True):
         np.testing.assert_array_equal(table, [float(x) for x in digits[: len(table)]])
 
 
 def test_the_terms_left_out_are_below_round_off() -> None:
-    left = [x for digits in spinor_digits() for x in digits[len(series.SPINOR_A) :]]
-    edge = (2 * minimal.HALF_SIDE * (0.5 + surfaces.MARGIN)) * np.sqrt(2.0)  # |z| at the margin's corner
-    for radius in (series.CORNER, edge / (1 + np.sqrt(1 - edge**2))):
-        exponents = 4 * np.arange(len(series.SPINOR_A), TERMS)
+    left = [x for digits in spinor_digits() for x in digits[len(spinor_series.SPINOR_A) :]]
+    edge = (2 * minimal_patch.KLEIN_HALF_SIDE * (0.5 + surfaces.PARAMETER_MARGIN)) * np.sqrt(
+        2.0
+    )  # |z| at the margin's corner
+    for radius in (spinor_series.CORNER_RADIUS, edge / (1 + np.sqrt(1 - edge**2))):
+        exponents = 4 * np.arange(len(spinor_series.SPINOR_A), TERMS)
         tail = np.abs(np.array([float(x) for x in left])).reshape(2, -1) * exponents**2 * radius ** (exponents - 2)
         assert tail.sum() < 2e-15
 
@@ -181,7 +183,7 @@ def test_the_coordinate_is_the_quotient_of_hypergeometric_functions() -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_points_are_the_weierstrass_integrals_up_to_their_own_gauss_image(name: str) -> None:
     bonnet, cell, centre = constants(name)
-    surface = surfaces.patch(name)
+    surface = surfaces.primitive_patch(name)
     x = np.sqrt(0.5) * np.array([[1, 1, 0], [-1, 1, 0], [0, 0, np.sqrt(2)]])  # Weierstrass to cubic axes
     for u, v in ((0.2, 0.35), (0.83, 0.6), (0.45, 0.99)):
         at = surface.jet(u, v)
@@ -202,7 +204,7 @@ def test_points_are_the_weierstrass_integrals_up_to_their_own_gauss_image(name: 
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 @pytest.mark.parametrize("name", NAMES)
 def test_jets_hold_thirteen_digits_on_the_closed_patch(name: str, reference: str) -> None:
-    surface = surfaces.patch(name, reference)
+    surface = surfaces.primitive_patch(name, reference)
     h = mp.mpf(10) ** -9
     for u, v, offset in ((0.3, 0.9, 0.0), (1.049, -0.05, -0.11), (1.0, 0.0, 0.13)):
         f = {

@@ -8,11 +8,11 @@ from scipy.spatial import cKDTree
 from skimage.measure import marching_cubes, mesh_surface_area
 
 from tpmscad import fields, surfaces
-from tpmscad.errors import InvalidRequest
-from tpmscad.surfaces.mirrors import TETRAHEDRA
-from tpmscad.surfaces.waves import WAVES, NoFoot
+from tpmscad.errors import InvalidRequest, NoFoot
+from tpmscad.surfaces.plane_waves import NODAL_WAVES
+from tpmscad.surfaces.reflection_group import MIRROR_TETRAHEDRA
 
-NAMES = sorted(TETRAHEDRA)
+NAMES = sorted(MIRROR_TETRAHEDRA)
 OFFERED = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "mirrored"]
 MOTIONS = {"schwarz_p": 48, "neovius": 48, "iwp": 48, "frd": 96}
 """Of Pm-3m in its cell, twice; of the mirrors of Im-3m, half of its 96; half of Fm-3m's 192."""
@@ -26,9 +26,9 @@ def field(name: str) -> fields.Field:
     return fields.tpms(name, 1.0)
 
 
-@pytest.mark.parametrize("name", WAVES)
+@pytest.mark.parametrize("name", NODAL_WAVES)
 def test_the_waves_are_the_formula_with_its_derivatives(name: str) -> None:
-    waves = WAVES[name]
+    waves = NODAL_WAVES[name]
     np.testing.assert_allclose(waves.value(POINTS), field(name)(POINTS), rtol=0, atol=1e-13)
     np.testing.assert_allclose(waves.gradient(POINTS), field(name).gradient(POINTS), rtol=0, atol=1e-11)
     step = 1e-5
@@ -109,7 +109,7 @@ def test_the_piece_is_met_once_by_every_segment_and_squarely_by_every_wall(name:
     assert (np.abs(np.diff(signs, axis=0)).sum(axis=0) == 2).all()
     sides = [(GRID, 0 * GRID), (0 * GRID + 1, GRID), (GRID, 0 * GRID + 1), (0 * GRID, GRID)]
     for (u, v), normal, offset in zip(sides, mirrors.wall_normals, mirrors.wall_offsets, strict=True):
-        points, _ = mirrors.on_segments(u, v)
+        points, _ = mirrors.intersect_segments(u, v)
         np.testing.assert_allclose(field(name)(points), 0, atol=1e-13)
         np.testing.assert_allclose(points @ normal, offset, rtol=0, atol=1e-15)
         np.testing.assert_allclose(field(name).gradient(points) @ normal, 0, atol=1e-12)
@@ -124,9 +124,9 @@ def test_the_area_is_that_of_a_triangulation_of_the_formula(name: str) -> None:
 
 
 def test_schwarz_p_has_the_measures_that_its_patches_give() -> None:
-    from tpmscad.surfaces.mirror_measures import mirror_measures
+    from tpmscad.surfaces.offset_volumes import measure_mirror_surface
 
-    whole, pieces = surfaces.measures("schwarz_p", "nodal"), mirror_measures("schwarz_p")
+    whole, pieces = surfaces.cell_measures("schwarz_p", "nodal"), measure_mirror_surface("schwarz_p")
     for name in ("area", "mean", "gauss", "below", "lowest", "highest"):
         assert getattr(pieces, name) == pytest.approx(getattr(whole, name), rel=1e-12, abs=1e-14)
 
@@ -150,7 +150,7 @@ def test_volumes_on_either_side_are_those_of_the_points_at_that_distance(name: s
     def below(offset: float) -> float:
         return float(np.clip(0.5 + m * (offset - distance) / 2, 0, 1).mean())  # points count in part over two layers
 
-    of = surfaces.measures(name, "nodal")
+    of = surfaces.cell_measures(name, "nodal")
     low, high = 0.7 * of.lowest, 0.7 * of.highest
     assert surfaces.skeletal_volume_fraction(name, "nodal") == pytest.approx(below(0.0), abs=1.5e-3)
     assert surfaces.volume_fraction(name, "nodal", 0.0, high) == pytest.approx(below(high) - below(0.0), rel=1.2e-2)
@@ -159,9 +159,9 @@ def test_volumes_on_either_side_are_those_of_the_points_at_that_distance(name: s
 
 @pytest.mark.parametrize("name", OFFERED)
 def test_the_offset_surface_turns_over_past_the_limit_and_not_before(name: str) -> None:
-    mirrors, of = surfaces.mirror_symmetry(name), surfaces.measures(name, "nodal")
+    mirrors, of = surfaces.mirror_symmetry(name), surfaces.cell_measures(name, "nodal")
     t = np.linspace(0, 1, 61)
-    points, _ = mirrors.on_segments(t[:, None], t)
+    points, _ = mirrors.intersect_segments(t[:, None], t)
     slope = field(name).gradient(points)
     normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
 
@@ -179,9 +179,9 @@ def test_the_offset_surface_turns_over_past_the_limit_and_not_before(name: str) 
 @pytest.mark.parametrize("name", OFFERED)
 def test_no_ball_smaller_than_the_limit_touches_the_surface_twice(name: str) -> None:
     """Curvature alone limits offsets: walls don't meet other parts of the surface before. |q - p|^2 / 2 n.(q - p) at all q."""
-    mirrors, of = surfaces.mirror_symmetry(name), surfaces.measures(name, "nodal")
+    mirrors, of = surfaces.mirror_symmetry(name), surfaces.cell_measures(name, "nodal")
     t = np.linspace(0, 1, 11)
-    points = mirrors.on_segments(t[:, None], t)[0].reshape(-1, 3)
+    points = mirrors.intersect_segments(t[:, None], t)[0].reshape(-1, 3)
     slope = field(name).gradient(points)
     normal = slope / np.linalg.norm(slope, axis=1)[:, None]
     shifts = np.stack(np.meshgrid(*[[-2, -1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
@@ -206,35 +206,35 @@ def test_the_offsets_found_make_the_volume_fraction(name: str, fraction: float) 
 
 
 def test_offsets_past_a_side_s_limit_are_answered_with_both_sides_limits() -> None:
-    of = surfaces.measures("iwp", "nodal")
+    of = surfaces.cell_measures("iwp", "nodal")
     assert of.highest < -of.lowest
-    surfaces.within_reach("iwp", "nodal", 0.999 * of.lowest)
+    surfaces.check_offset("iwp", "nodal", 0.999 * of.lowest)
     with pytest.raises(
         InvalidRequest, match=rf"between {10 * of.lowest:.6g} and {10 * of.highest:.6g}, thickness below"
     ):
-        surfaces.within_reach("iwp", "nodal", 1.001 * 10 * of.highest, 10.0)
+        surfaces.check_offset("iwp", "nodal", 1.001 * 10 * of.highest, 10.0)
     with pytest.raises(InvalidRequest, match=r"volume fraction 0\.97 is out of reach of a iwp sheet"):
         surfaces.thickness_for("iwp", "nodal", 0.97)
 
 
 @pytest.mark.parametrize("name", OFFERED)
 def test_a_foot_is_where_the_point_was_lifted_from(name: str) -> None:
-    waves, of = WAVES[name], surfaces.measures(name, "nodal")
-    points, _ = surfaces.mirror_symmetry(name).on_segments(GRID[:, None], GRID)
+    waves, of = NODAL_WAVES[name], surfaces.cell_measures(name, "nodal")
+    points, _ = surfaces.mirror_symmetry(name).intersect_segments(GRID[:, None], GRID)
     slope = waves.gradient(points)
     normal = slope / np.linalg.norm(slope, axis=-1, keepdims=True)
     for offset in (0.8 * of.lowest, 0.01, 0.8 * of.highest):
-        distance, along, foot = waves.foot(points + offset * normal)
+        distance, along, foot = waves.project_to_level_set(points + offset * normal)
         np.testing.assert_allclose(distance, offset, rtol=0, atol=1e-12)
         np.testing.assert_allclose(along, normal, rtol=0, atol=1e-10)
         np.testing.assert_allclose(foot, points, rtol=0, atol=1e-11)
     with pytest.raises(NoFoot):
-        waves.foot(np.array([[0.5, 0.5, 0.5]]) + 1e-7)
+        waves.project_to_level_set(np.array([[0.5, 0.5, 0.5]]) + 1e-7)
 
 
 @pytest.mark.parametrize("name", [i.name for i in surfaces.CATALOGUE.values() if i.primitives is None])
 def test_a_surface_without_primitives_is_referred_to_solidify(name: str) -> None:
     with pytest.raises(InvalidRequest, match=r"tpmscad\.solidify"):
-        surfaces.patch(name)
+        surfaces.primitive_patch(name)
     with pytest.raises(InvalidRequest, match="no mirror tetrahedron"):
         surfaces.mirror_symmetry(name)

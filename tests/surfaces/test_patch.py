@@ -44,7 +44,7 @@ def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(axis=-1)
 
 
-def curvatures(jet: surfaces.Jet) -> tuple[np.ndarray, np.ndarray]:
+def curvatures(jet: surfaces.SurfaceJet) -> tuple[np.ndarray, np.ndarray]:
     """Mean and Gauss curvature from position derivatives alone (do Carmo, section 3.3)."""
     normal = np.cross(jet.du, jet.dv)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
@@ -63,17 +63,17 @@ def differences(f, h: float = 4e-3) -> np.ndarray:
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 @pytest.mark.parametrize("offset", OFFSETS)
 def test_the_normal_is_unit_and_normal_and_du_dv_n_is_right_handed(name: str, reference: str, offset: float) -> None:
-    jet = surfaces.patch(name, reference).jet(U, V, offset)
+    jet = surfaces.primitive_patch(name, reference).jet(U, V, offset)
     np.testing.assert_allclose(dot(jet.normal, jet.normal), 1, rtol=0, atol=1e-14)
     for tangent in (jet.du, jet.dv):
         np.testing.assert_allclose(dot(jet.normal, tangent), 0, rtol=0, atol=1e-14)
     assert (dot(np.cross(jet.du, jet.dv), jet.normal) > 0).all()
-    assert surfaces.symmetry(name).handedness == 1
+    assert surfaces.patch_symmetry(name).handedness == 1
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_minimal_surface_has_no_mean_curvature_and_its_offsets_steiners(name: str) -> None:
-    surface = surfaces.patch(name)
+    surface = surfaces.primitive_patch(name)
     mean, gauss = curvatures(surface.jet(U, V))
     np.testing.assert_allclose(mean, 0, rtol=0, atol=1e-11)
     np.testing.assert_array_less(gauss, 1e-12)
@@ -87,7 +87,7 @@ def test_the_minimal_surface_has_no_mean_curvature_and_its_offsets_steiners(name
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 @pytest.mark.parametrize("offset", OFFSETS)
 def test_each_derivative_is_the_derivative_of_the_one_below(name: str, reference: str, offset: float) -> None:
-    at = surfaces.patch(name, reference).jet
+    at = surfaces.primitive_patch(name, reference).jet
     u, v = U[::4, ::3], V[::4, ::3]
     jet = at(u, v, offset)
     for lower, by_u, by_v in (("position", "du", "dv"), ("du", "duu", "duv"), ("dv", "duv", "dvv")):
@@ -100,7 +100,7 @@ def test_each_derivative_is_the_derivative_of_the_one_below(name: str, reference
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_corners_are_flat_points_where_six_patches_meet_at_sixty_degrees(name: str, reference: str) -> None:
     u, v = np.array([[0, 1, 1, 0], [0, 0, 1, 1]], float)
-    jet = surfaces.patch(name, reference).jet(u, v)
+    jet = surfaces.primitive_patch(name, reference).jet(u, v)
     cosine = dot(jet.du, jet.dv) / np.sqrt(dot(jet.du, jet.du) * dot(jet.dv, jet.dv))
     np.testing.assert_allclose(
         cosine, [0.5, -0.5, 0.5, -0.5], rtol=0, atol=1e-14
@@ -125,8 +125,8 @@ def test_joints_are_curvature_continuous_with_the_projective_transition(
     c = 3**-0.5
     length = 1 / c - c
     y = np.linspace(-c, c, 21)
-    symmetry = surfaces.symmetry(name)
-    surface = surfaces.patch(name, reference)
+    symmetry = surfaces.patch_symmetry(name)
+    surface = surfaces.primitive_patch(name, reference)
     for side, (start, along, out) in SIDES.items():
         along, out = np.array(along, float), np.array(out, float)
         u, v = (np.array(start) + np.outer((y / c + 1) / 2, along)).T
@@ -150,7 +150,7 @@ def test_joints_are_curvature_continuous_with_the_projective_transition(
 @pytest.mark.parametrize(("name", "distance"), [("gyroid", 1.345e-3), ("diamond", 7.53e-4), ("schwarz_p", 1.191e-2)])
 def test_the_minimal_surface_lies_on_its_nodal_namesake(name: str, distance: float) -> None:
     """The published greatest distances, found by bisection of the printed formula along the minimal surface's normals."""
-    minimal, nodal = surfaces.patch(name).jet(U, V), surfaces.patch(name, "nodal").jet(U, V)
+    minimal, nodal = surfaces.primitive_patch(name).jet(U, V), surfaces.primitive_patch(name, "nodal").jet(U, V)
     f = formula(name)
     np.testing.assert_allclose(f(nodal.position), 0, rtol=0, atol=1e-14)
     low, high = np.full(U.shape, -0.02), np.full(U.shape, 0.02)
@@ -164,8 +164,8 @@ def test_the_minimal_surface_lies_on_its_nodal_namesake(name: str, distance: flo
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_the_normal_points_up_the_nodal_function_handedness_included(name: str, reference: str) -> None:
-    symmetry = surfaces.symmetry(name)
-    jet = surfaces.patch(name, reference).jet(U, V)
+    symmetry = surfaces.patch_symmetry(name)
+    jet = surfaces.primitive_patch(name, reference).jet(U, V)
     points = np.einsum("fij,uvj->fuvi", symmetry.cell_rotations, jet.position)
     points += symmetry.cell_translations[:, None, None]
     normals = np.einsum("fij,uvj->fuvi", symmetry.cell_rotations, jet.normal)
@@ -178,7 +178,7 @@ def test_the_normal_points_up_the_nodal_function_handedness_included(name: str, 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_nodal_surface_is_the_zero_set_of_the_field_of_its_name(name: str) -> None:
     field = fields.tpms(name, period=10.0)
-    jet = surfaces.patch(name, "nodal").jet(U, V)
+    jet = surfaces.primitive_patch(name, "nodal").jet(U, V)
     np.testing.assert_allclose(field(10 * jet.position), 0, rtol=0, atol=1e-13)
     gradient = field.gradient(10 * jet.position)
     np.testing.assert_allclose(
@@ -188,7 +188,7 @@ def test_the_nodal_surface_is_the_zero_set_of_the_field_of_its_name(name: str) -
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_offsets_are_regular_up_to_the_greatest_and_have_cusps_from_there(name: str, reference: str) -> None:
-    surface = surfaces.patch(name, reference)
+    surface = surfaces.primitive_patch(name, reference)
     u, v = np.meshgrid(*[np.linspace(0, 1, 61)] * 2, indexing="ij")
     mid, normal = surface.mid_and_normal(u, v)
     whole = dot(np.cross(mid[1], mid[2]), normal[0])
@@ -207,15 +207,15 @@ def test_offsets_are_regular_up_to_the_greatest_and_have_cusps_from_there(name: 
     ],
 )
 def test_the_greatest_offset_is_half_a_weierstrass_unit(name: str, limit: float) -> None:
-    assert surfaces.patch(name).max_offset == pytest.approx(limit, rel=1e-15)
+    assert surfaces.primitive_patch(name).max_offset == pytest.approx(limit, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_greatest_offset_of_the_nodal_surface_is_its_least_radius_of_curvature(name: str) -> None:
     """At the centre of the gyroid's and Schwarz P's patch, which has closed forms; on a diagonal of Diamond's."""
-    limit = surfaces.patch(name, "nodal").max_offset
+    limit = surfaces.primitive_patch(name, "nodal").max_offset
     u = np.linspace(0, 1, 4001)
-    mean, gauss = curvatures(surfaces.patch(name, "nodal").jet(u, u))
+    mean, gauss = curvatures(surfaces.primitive_patch(name, "nodal").jet(u, u))
     assert limit == pytest.approx(1 / (np.abs(mean) + np.sqrt(mean**2 - np.minimum(gauss, 0))).max(), rel=1e-7)
     closed = {"gyroid": 1 / (np.pi * np.sqrt(3)), "schwarz_p": 1 / (2 * np.pi)}
     assert limit == pytest.approx(closed.get(name, limit), rel=1e-14)
@@ -224,7 +224,7 @@ def test_the_greatest_offset_of_the_nodal_surface_is_its_least_radius_of_curvatu
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_no_other_sheet_comes_nearer_than_the_greatest_offset(name: str, reference: str) -> None:
     """Reach by Federer's formula: the least |q - p|^2 / 2 |(q - p) . n(p)| over pairs of points, remote ones included."""
-    symmetry, surface = surfaces.symmetry(name), surfaces.patch(name, reference)
+    symmetry, surface = surfaces.patch_symmetry(name), surfaces.primitive_patch(name, reference)
     u, v = np.meshgrid(*[np.linspace(0, 1, 9)] * 2, indexing="ij")
     jet = surface.jet(u, v)
     p, n = jet.position.reshape(-1, 3), jet.normal.reshape(-1, 3)
@@ -241,7 +241,7 @@ def test_no_other_sheet_comes_nearer_than_the_greatest_offset(name: str, referen
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_an_offset_past_the_limit_is_refused_with_the_limit_and_the_remedy(name: str, reference: str) -> None:
-    surface = surfaces.patch(name, reference)
+    surface = surfaces.primitive_patch(name, reference)
     surface.jet(0.5, 0.5, np.nextafter(surface.max_offset, 0))
     for offset in (surface.max_offset, -surface.max_offset, 1.0, np.nan):
         with pytest.raises(
@@ -251,7 +251,7 @@ def test_an_offset_past_the_limit_is_refused_with_the_limit_and_the_remedy(name:
 
 
 def test_parameters_far_outside_the_square_are_refused() -> None:
-    surface = surfaces.patch("gyroid")
+    surface = surfaces.primitive_patch("gyroid")
     for u, v in ((1.06, 0.5), (0.5, -0.06), (np.nan, 0.5)):
         with pytest.raises(InvalidRequest, match="outside the unit square"):
             surface.jet([0.5, u], v)
@@ -261,9 +261,9 @@ def test_parameters_far_outside_the_square_are_refused() -> None:
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_jets_have_the_shape_of_their_parameters(name: str, reference: str, shape: tuple[int, ...]) -> None:
     u = np.linspace(0.1, 0.9, int(np.prod(shape))).reshape(shape)
-    jet = surfaces.patch(name, reference).jet(u, 0.25, 0.1)
+    jet = surfaces.primitive_patch(name, reference).jet(u, 0.25, 0.1)
     for field in ("position", "du", "dv", "duu", "duv", "dvv", "normal"):
         assert getattr(jet, field).shape == (*shape, 3)
     if u.size:
-        last = surfaces.patch(name, reference).jet(u.ravel()[-1], 0.25, 0.1)
+        last = surfaces.primitive_patch(name, reference).jet(u.ravel()[-1], 0.25, 0.1)
         np.testing.assert_allclose(jet.duv.reshape(-1, 3)[-1], last.duv, rtol=0, atol=4e-15)

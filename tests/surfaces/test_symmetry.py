@@ -27,7 +27,7 @@ OPEN_SIDES = {"gyroid": 40, "diamond": 48, "schwarz_p": 22}
 
 def placed(name: str, points: np.ndarray) -> np.ndarray:
     """(..., 3) on every patch of the cell: (n, ..., 3)."""
-    symmetry = surfaces.symmetry(name)
+    symmetry = surfaces.patch_symmetry(name)
     moved = np.einsum("fij,pj->fpi", symmetry.cell_rotations, points.reshape(-1, 3))
     return (moved + symmetry.cell_translations[:, None]).reshape(-1, *points.shape)
 
@@ -43,9 +43,9 @@ def labels(points: np.ndarray, periodic: bool) -> np.ndarray:
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 @pytest.mark.parametrize("offset", [0.0, 0.1, -0.1])
 def test_the_neighbour_over_a_side_meets_it_reversed(name: str, reference: str, offset: float) -> None:
-    symmetry = surfaces.symmetry(name)
+    symmetry = surfaces.patch_symmetry(name)
     for side, (u, v) in enumerate(SIDES):
-        jet = surfaces.patch(name, reference).jet(u, v, offset)
+        jet = surfaces.primitive_patch(name, reference).jet(u, v, offset)
         turn, shift = symmetry.edge_rotation[side], symmetry.edge_translation[side]
         np.testing.assert_allclose(jet.position @ turn.T + shift, jet.position[::-1], rtol=0, atol=4e-15)
         np.testing.assert_allclose(
@@ -59,7 +59,7 @@ def test_the_neighbour_over_a_side_meets_it_reversed(name: str, reference: str, 
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_the_rotoinversion_turns_the_patch_and_swaps_its_offsets(name: str, reference: str) -> None:
-    symmetry, surface = surfaces.symmetry(name), surfaces.patch(name, reference)
+    symmetry, surface = surfaces.patch_symmetry(name), surfaces.primitive_patch(name, reference)
     u, v = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 7))
     for offset in (0.0, 0.13):
         here, there = surface.jet(u, v, offset), surface.jet(1 - v, u, -offset)
@@ -73,7 +73,7 @@ def test_the_rotoinversion_turns_the_patch_and_swaps_its_offsets(name: str, refe
 
 @pytest.mark.parametrize("name", NAMES)
 def test_motions_are_exact_elements_of_a_cubic_space_group(name: str) -> None:
-    symmetry = surfaces.symmetry(name)
+    symmetry = surfaces.patch_symmetry(name)
     for rotation in (*symmetry.edge_rotation, *symmetry.cell_rotations):
         np.testing.assert_array_equal(np.sort(np.abs(rotation), axis=0), [[0, 0, 0], [0, 0, 0], [1, 1, 1]])
         assert np.linalg.det(rotation) == pytest.approx(1)
@@ -83,16 +83,16 @@ def test_motions_are_exact_elements_of_a_cubic_space_group(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_translations_that_keep_the_sides_are_those_of_the_space_group(name: str) -> None:
-    np.testing.assert_array_equal(surfaces.symmetry(name).centring, LATTICE[name])
+    np.testing.assert_array_equal(surfaces.patch_symmetry(name).centring, LATTICE[name])
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_cell_closes_up_modulo_its_translations(name: str) -> None:
     """Every edge is shared by two patches, every vertex by six, and Euler's characteristic is that of the genus."""
     info = surfaces.CATALOGUE[name]
-    count = len(surfaces.symmetry(name).cell_rotations)
+    count = len(surfaces.patch_symmetry(name).cell_rotations)
     assert count == info.patches_per_cell
-    surface = surfaces.patch(name)
+    surface = surfaces.primitive_patch(name)
     middle = labels(placed(name, surface.jet(*SIDES[:, :, 8].T).position), periodic=True)
     corner = labels(placed(name, surface.jet(*SIDES[:, :, 0].T).position), periodic=True)
     assert (np.bincount(middle.ravel()) == 2).all()
@@ -104,12 +104,12 @@ def test_the_cell_closes_up_modulo_its_translations(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_patches_of_a_cell_hang_together_by_their_sides(name: str) -> None:
-    middle = labels(placed(name, surfaces.symmetry(name).side_middles), periodic=False)
+    middle = labels(placed(name, surfaces.patch_symmetry(name).side_middles), periodic=False)
     patch = np.broadcast_to(np.arange(len(middle))[:, None], middle.shape)
     graph = coo_array((np.ones(middle.size), (patch.ravel(), middle.ravel())), shape=(len(middle), middle.max() + 1))
     assert connected_components((graph @ graph.T).tocsr())[0] == 1
     assert (np.bincount(middle.ravel()) == 1).sum() == OPEN_SIDES[name]
-    centre = placed(name, surfaces.patch(name).jet(0.5, 0.5).position).mean(axis=0)
+    centre = placed(name, surfaces.primitive_patch(name).jet(0.5, 0.5).position).mean(axis=0)
     assert ((centre >= 0) & (centre < 1)).all()
 
 
@@ -130,7 +130,7 @@ def test_the_copies_are_the_whole_level_set_once(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_symmetry_is_computed_once_and_cannot_be_changed(name: str) -> None:
-    symmetry = surfaces.symmetry(name)
-    assert surfaces.symmetry(name) is symmetry
+    symmetry = surfaces.patch_symmetry(name)
+    assert surfaces.patch_symmetry(name) is symmetry
     with pytest.raises(ValueError, match="read-only"):
         symmetry.cell_translations[0] += 1.0

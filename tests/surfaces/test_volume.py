@@ -25,7 +25,7 @@ def gauss(n: int) -> tuple[np.ndarray, np.ndarray]:
 def offset_area(name: str, reference: str, offset: float) -> float:
     """Area of the offset surface in a cell, from the first derivatives of its own jet."""
     x, w = gauss(30)
-    jet = surfaces.patch(name, reference).jet(x[:, None], x, offset)
+    jet = surfaces.primitive_patch(name, reference).jet(x[:, None], x, offset)
     return surfaces.CATALOGUE[name].patches_per_cell * w @ np.linalg.norm(np.cross(jet.du, jet.dv), axis=-1) @ w
 
 
@@ -84,7 +84,7 @@ def test_the_solid_on_the_minus_side_grows_along_the_normal(name: str, reference
 @settings(max_examples=30, deadline=None, derandomize=True)
 @given(pair=st.sampled_from(BOTH), share=st.floats(1e-6, 0.999), cell=st.floats(0.1, 100))
 def test_the_offsets_for_a_volume_fraction_make_it(pair: tuple[str, str], share: float, cell: float) -> None:
-    limit = surfaces.patch(*pair).max_offset * (1 - 1e-9)
+    limit = surfaces.primitive_patch(*pair).max_offset * (1 - 1e-9)
     fraction = share * min(1.0, surfaces.volume_fraction(*pair, -limit, limit))
     lower, upper = surfaces.offsets_for(*pair, fraction, "sheet", cell)
     assert upper == -lower
@@ -99,7 +99,7 @@ def test_the_offsets_for_a_volume_fraction_make_it(pair: tuple[str, str], share:
 
 @pytest.mark.parametrize(("name", "reference"), BOTH)
 def test_a_volume_fraction_out_of_reach_is_refused_with_the_reach(name: str, reference: str) -> None:
-    limit = surfaces.patch(name, reference).max_offset
+    limit = surfaces.primitive_patch(name, reference).max_offset
     most = surfaces.volume_fraction(name, reference, -limit * (1 - 1e-9), limit * (1 - 1e-9))
     for fraction in (0.0, -0.1, 1.0, np.nan, most + 1e-6):
         with pytest.raises(

@@ -10,7 +10,15 @@ from hypothesis import strategies as st
 from scipy import ndimage
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.topology import Betti, betti, cavities, certified, components, euler_characteristic, isolated
+from tpmscad.topology import (
+    Betti,
+    betti,
+    bound_component_counts,
+    count_components_and_cavities,
+    euler_characteristic,
+    label_cavities,
+    label_components,
+)
 
 AXES = np.linspace(-1.5, 1.5, 41), np.linspace(-1.4, 1.4, 37), np.linspace(-1.3, 1.3, 33)
 X, Y, Z = np.meshgrid(*AXES, indexing="ij")
@@ -50,8 +58,8 @@ def test_solids_of_the_textbook_have_their_betti_numbers(name: str, convention: 
 @pytest.mark.parametrize("name", SOLIDS)
 def test_well_sampled_solids_are_certified(name: str) -> None:
     values, expected = SOLIDS[name]
-    assert isolated(values) == (expected.b0, expected.b2)
-    assert certified(values) == ((expected.b0, expected.b0), (expected.b2, expected.b2))
+    assert count_components_and_cavities(values) == (expected.b0, expected.b2)
+    assert bound_component_counts(values) == ((expected.b0, expected.b0), (expected.b2, expected.b2))
 
 
 fields_of_noise = st.builds(
@@ -67,9 +75,9 @@ fields_of_noise = st.builds(
 @settings(max_examples=60)
 def test_betti_numbers_of_noise_are_gudhis(convention: str, field: np.ndarray, level: float) -> None:
     built = {"vertices": field} if convention == "vertices" else {"top_dimensional_cells": field}
-    complex = gudhi.CubicalComplex(**built)
-    complex.compute_persistence()
-    expected = [*complex.persistent_betti_numbers(level, level), 0, 0, 0][:3]
+    brep = gudhi.CubicalComplex(**built)
+    brep.compute_persistence()
+    expected = [*brep.persistent_betti_numbers(level, level), 0, 0, 0][:3]
     found = betti(field, level, convention)
     assert [found.b0, found.b1, found.b2] == expected
 
@@ -80,7 +88,7 @@ def test_betti_numbers_of_noise_are_gudhis(convention: str, field: np.ndarray, l
 def test_pieces_are_those_of_a_labelling(convention: str, field: np.ndarray, level: float) -> None:
     solid, void = {"vertices": (1, 3), "top_cells": (3, 1), "strict": (1, 1)}[convention]
     labels, count = ndimage.label(field <= level, ndimage.generate_binary_structure(3, solid))
-    found = components(field, level, convention)
+    found = label_components(field, level, convention)
     np.testing.assert_array_equal(found.labels, labels)
     assert len(found) == count
     np.testing.assert_array_equal(found.sizes, np.bincount(labels.ravel(), minlength=count + 1)[1:])
@@ -90,11 +98,11 @@ def test_pieces_are_those_of_a_labelling(convention: str, field: np.ndarray, lev
     around = np.pad(field > level, 1, constant_values=True)
     labels, _ = ndimage.label(around, ndimage.generate_binary_structure(3, void))
     holes = labels[1:-1, 1:-1, 1:-1] * (labels != labels[0, 0, 0])[1:-1, 1:-1, 1:-1]
-    found = cavities(field, level, convention)
+    found = label_cavities(field, level, convention)
     assert len(found) == len(np.unique(holes[holes > 0]))
     np.testing.assert_array_equal(found.labels > 0, holes > 0)
     assert len(set(zip(found.labels.ravel(), holes.ravel(), strict=True))) == len(found) + (holes == 0).any()
-    for label, voxel in enumerate(found.voxels(), start=1):
+    for label, voxel in enumerate(found.deepest_voxels(), start=1):
         assert found.labels[tuple(voxel)] == label
         assert field[tuple(voxel)] == field[found.labels == label].max()
 
@@ -105,8 +113,8 @@ def test_the_trilinear_interpolant_is_between_the_certified_numbers(seed: int) -
     """Counted on the interpolant sampled five times finer, where strict and lenient counts agree."""
     values = ndimage.gaussian_filter(np.random.default_rng(seed).normal(size=(7, 6, 5)), 0.5)
     fine = ndimage.zoom(values, [(5 * (n - 1) + 1) / n for n in values.shape], order=1, grid_mode=False)
-    (least_parts, most_parts), (least_holes, most_holes) = certified(values)
-    (fewest, parts), (few, holes) = certified(fine)
+    (least_parts, most_parts), (least_holes, most_holes) = bound_component_counts(values)
+    (fewest, parts), (few, holes) = bound_component_counts(fine)
     assert least_parts <= parts
     assert fewest <= most_parts
     assert least_holes <= holes

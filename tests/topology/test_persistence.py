@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as arrays
 from scipy.ndimage import gaussian_filter
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.topology import CONNECTIVITY, Pairs, persistence, reference, straddling
+from tpmscad.topology import CONNECTIVITY, PersistencePairs, compute_pairs_at_level, compute_persistence, gudhi_complex
 
 COMPLEXES = ("vertices", "top_cells")
 DIMENSIONS = (0, 2)
@@ -36,7 +36,7 @@ def tied(draw: st.DrawFn) -> np.ndarray:
     return draw(arrays.arrays(float, draw(shapes()), elements=st.sampled_from((-2.0, -1.0, -0.0, 0.0, 0.5, 3.0))))
 
 
-def assert_same(found: Pairs, expected: Pairs, *, located: bool) -> None:
+def assert_same(found: PersistencePairs, expected: PersistencePairs, *, located: bool) -> None:
     np.testing.assert_array_equal(found.birth, expected.birth)
     np.testing.assert_array_equal(found.death, expected.death)
     if located:
@@ -50,7 +50,9 @@ def assert_same(found: Pairs, expected: Pairs, *, located: bool) -> None:
 @settings(max_examples=40)
 def test_without_ties_values_and_voxels_are_gudhis(convention: str, dimension: int, field: np.ndarray) -> None:
     assert_same(
-        persistence(field, dimension, convention), reference.persistence(field, dimension, convention), located=True
+        compute_persistence(field, dimension, convention),
+        gudhi_complex.gudhi_pairs(field, dimension, convention),
+        located=True,
     )
 
 
@@ -61,7 +63,9 @@ def test_without_ties_values_and_voxels_are_gudhis(convention: str, dimension: i
 @settings(max_examples=40)
 def test_with_ties_values_are_gudhis(convention: str, dimension: int, field: np.ndarray) -> None:
     assert_same(
-        persistence(field, dimension, convention), reference.persistence(field, dimension, convention), located=False
+        compute_persistence(field, dimension, convention),
+        gudhi_complex.gudhi_pairs(field, dimension, convention),
+        located=False,
     )
 
 
@@ -73,8 +77,8 @@ def test_the_straddling_pairs_are_those_alive_at_the_level(
     convention: str, dimension: int, field: np.ndarray, level: float
 ) -> None:
     assert_same(
-        straddling(field, dimension, convention, level),
-        persistence(field, dimension, convention).straddling(level),
+        compute_pairs_at_level(field, dimension, convention, level),
+        compute_persistence(field, dimension, convention).straddling(level),
         located=True,
     )
 
@@ -84,7 +88,7 @@ def test_the_straddling_pairs_are_those_alive_at_the_level(
 @given(field=st.one_of(distinct(), tied()))
 @settings(max_examples=20)
 def test_voxels_have_the_values_of_their_pairs(convention: str, dimension: int, field: np.ndarray) -> None:
-    pairs = persistence(field, dimension, convention)
+    pairs = compute_persistence(field, dimension, convention)
     flat = field.ravel()
     np.testing.assert_array_equal(flat[pairs.birth_at], pairs.birth)
     finite = np.isfinite(pairs.death)
@@ -98,7 +102,7 @@ def test_voxels_have_the_values_of_their_pairs(convention: str, dimension: int, 
 def test_two_wells_join_at_the_pass_between_them(convention: str, count: int) -> None:
     field = np.full((5, 4, 3), 9.0)
     field[0, 0, 0], field[1, 1, 0], field[1, 0, 0], field[4, 3, 2] = -3.0, -2.0, 1.0, -1.0
-    pairs = straddling(field, 0, convention)
+    pairs = compute_pairs_at_level(field, 0, convention)
     if count == 6:
         # the pass is (1, 0, 0)
         assert list(pairs.birth) == [-3, -2, -1]
@@ -112,7 +116,7 @@ def test_a_cavity_closes_at_its_rim_and_fills_at_its_depth() -> None:
     field = np.full((5, 6, 7), -2.0)
     field[2, 3, 4], field[0, 3, 4], field[1, 3, 4] = 4.0, 5.0, -0.5
     for convention in CONNECTIVITY:
-        pairs = straddling(field, 2, convention)
+        pairs = compute_pairs_at_level(field, 2, convention)
         assert (pairs.birth[0], pairs.death[0], len(pairs)) == (-0.5, 4.0, 1)
         assert np.unravel_index(pairs.birth_at[0], field.shape) == (1, 3, 4)
         assert np.unravel_index(pairs.death_at[0], field.shape) == (2, 3, 4)
@@ -123,37 +127,37 @@ def test_a_wall_exactly_at_the_level_is_solid_and_still_joins_what_it_parts(leve
     field = np.full((5, 5, 7), -2.0)
     field[2, 2, 2], field[2, 2, 3], field[2, 2, 4] = 4.0, level, 3.0
     for convention in CONNECTIVITY:
-        pairs = straddling(field, 2, convention, level)
+        pairs = compute_pairs_at_level(field, 2, convention, level)
         assert list(zip(pairs.birth, pairs.death, strict=True)) == [(-2, 4), (level, 3)]
-        assert straddling(-field, 0, convention, -np.nextafter(level, 9)).birth[0] == -4
+        assert compute_pairs_at_level(-field, 0, convention, -np.nextafter(level, 9)).birth[0] == -4
 
 
 def test_arrays_of_any_memory_order_and_type_are_read() -> None:
     field = np.random.default_rng(0).integers(-9, 9, (6, 5, 4))
-    expected = persistence(field.astype(float), 0)
+    expected = compute_persistence(field.astype(float), 0)
     for same in (
         np.asfortranarray(field),
         field.astype(np.float32),
         field.tolist(),
         np.repeat(field, 2, axis=2)[:, :, ::2],
     ):
-        assert_same(persistence(same, 0), expected, located=True)
+        assert_same(compute_persistence(same, 0), expected, located=True)
 
 
 @pytest.mark.parametrize(
     "wrong", [np.ones((3, 3)), np.ones((0, 3, 3)), np.full((2, 2, 2), np.nan), np.full((2, 2, 2), np.inf)]
 )
-@pytest.mark.parametrize("compute", [persistence, straddling, reference.persistence])
+@pytest.mark.parametrize("compute", [compute_persistence, compute_pairs_at_level, gudhi_complex.gudhi_pairs])
 def test_samples_that_are_none_are_refused(compute: object, wrong: np.ndarray) -> None:
     with pytest.raises(InvalidRequest, match="samples"):
         compute(wrong, 0)
 
 
-@pytest.mark.parametrize("compute", [persistence, straddling])
+@pytest.mark.parametrize("compute", [compute_persistence, compute_pairs_at_level])
 def test_other_dimensions_and_conventions_are_refused(compute: object) -> None:
     with pytest.raises(InvalidRequest, match="dimension 1"):
         compute(np.ones((2, 2, 2)), 1)
     with pytest.raises(InvalidRequest, match="choose one of vertices, top_cells, strict"):
         compute(np.ones((2, 2, 2)), 0, "voxels")
     with pytest.raises(InvalidRequest, match="vertices or top_cells"):
-        reference.persistence(np.ones((2, 2, 2)), 0, "strict")
+        gudhi_complex.gudhi_pairs(np.ones((2, 2, 2)), 0, "strict")

@@ -1,47 +1,40 @@
-"""Lattices to trim: Bezier patches through Chebyshev points of the exact surfaces, equal on common sides to round-off.
-
-The folder's own modules and those of patches (solids of revolution made by hand) can be imported by its tests.
-"""
+"""Lattices to trim: Bezier patches through Chebyshev points of the exact surfaces, equal on common sides to round-off."""
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tpmscad import surfaces
-from tpmscad.patches import lattice as lattices
-from tpmscad.patches.complex import PatchComplex, scaled
-from tpmscad.splines.bspline import Surface, design
-
-sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[1] / "patches")]
+from tpmscad.brep.boundary_representation import Brep, scale_brep
+from tpmscad.lattice import copies as lattices
+from tpmscad.splines.bspline import BSplineSurface, design_matrix
 
 CELL = 10.0
-Cover = Callable[..., PatchComplex]
+Cover = Callable[..., Brep]
 
 
 @lru_cache
-def primitive(name: str, offset: float, degree: int = 9) -> Surface:
+def primitive(name: str, offset: float, degree: int = 9) -> BSplineSurface:
     t = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
     knots = np.repeat([0.0, 1.0], degree + 1)
-    inverse = np.linalg.inv(design(knots, degree, t))
-    points = surfaces.patch(name).jet(t[:, None], t[None, :], offset).position
-    return Surface(np.einsum("ai,bj,ijk->abk", inverse, inverse, points), knots, knots, degree, degree)
+    inverse = np.linalg.inv(design_matrix(knots, degree, t))
+    points = surfaces.primitive_patch(name).jet(t[:, None], t[None, :], offset).position
+    return BSplineSurface(np.einsum("ai,bj,ijk->abk", inverse, inverse, points), knots, knots, degree, degree)
 
 
 @lru_cache
 def covered(
     name: str, cells: tuple[int, int, int], phase: tuple[float, float, float], layers: tuple[float | None, float | None]
-) -> PatchComplex:
+) -> Brep:
     """Patches over the box from the origin to `cells` of CELL; layers and phase in cells."""
     sizes = sorted({abs(d) for d in layers if d is not None})
     lower, upper = (None if d is None else (sizes.index(abs(d)), d < 0) for d in layers)
-    sheet = lattices.Sheet(tuple(primitive(name, size) for size in sizes), lower, upper)
-    return scaled(lattices.covering(surfaces.symmetry(name), sheet, cells, np.array(phase)), CELL)
+    sheet = lattices.OffsetSurfaces(tuple(primitive(name, size) for size in sizes), lower, upper)
+    return scale_brep(lattices.cover_box(surfaces.patch_symmetry(name), sheet, cells, np.array(phase)), CELL)
 
 
 @pytest.fixture(scope="session")

@@ -7,17 +7,18 @@ import pytest
 from scipy.integrate import quad
 from scipy.spatial.transform import Rotation
 
-from tpmscad.patches import connectivity, measure
-from tpmscad.patches.complex import PatchComplex
-from tpmscad.patches.weld import weld
-from tpmscad.splines.bspline import Surface
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.welding import weld_patches
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import box, polyhedron, trim
 
 HEIGHT = 0.5
 SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6))
 
 
-def bumpy_block() -> PatchComplex:
+def bumpy_block() -> Brep:
     """The unit cube whose top rises to 1 + HEIGHT 16 x (1 - x) y (1 - y)."""
     corners = np.array([[x, y, z] for z in (0.0, 1) for y in (0.0, 1) for x in (0.0, 1)])
     knots_u, knots_v = np.repeat([0.0, 1.0], 4), np.repeat([0.0, 1.0], 3)  # unequal degrees, 3 along u and 2 along v
@@ -25,13 +26,15 @@ def bumpy_block() -> PatchComplex:
     patches = []
     for a, b, c, d in corners[list(map(list, SIDES))]:
         patches.append(
-            Surface((1 - s) * (1 - t) * a + s * (1 - t) * b + s * t * c + (1 - s) * t * d, knots_u, knots_v, 3, 2)
+            BSplineSurface(
+                (1 - s) * (1 - t) * a + s * (1 - t) * b + s * t * c + (1 - s) * t * d, knots_u, knots_v, 3, 2
+            )
         )
     # 4 x (1 - x) has the cubic coefficients 0, 4/3, 4/3, 0, and 4 y (1 - y) the quadratic ones 0, 2, 0
     patches[5].poles[..., 2] += HEIGHT * np.outer([0, 4 / 3, 4 / 3, 0], [0, 2, 0])
     n = len(patches)
     still = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    return weld(patches, np.arange(n), *still, np.ones(n, int), np.zeros(n, int), ["block"])
+    return weld_patches(patches, np.arange(n), *still, np.ones(n, int), np.zeros(n, int), ["block"])
 
 
 def above(level: float) -> float:
@@ -52,24 +55,26 @@ def test_a_loop_inside_one_patch_is_cut_however_small(below_top: float) -> None:
     level = 1 + HEIGHT - below_top
     kept = trim(bumpy_block(), box([-1, -1, -1], [2, 2, level]), 1e-9)
     rest = trim(bumpy_block(), box([-1, -1, level], [2, 2, 2]), 1e-9)
-    assert (len(kept.complex.faces), len(rest.complex.faces)) == (7, 2)
-    assert connectivity.is_closed(kept.complex)
-    assert connectivity.is_closed(rest.complex)
-    volumes = [measure.volume(measure.face_moments(c.complex))[0] for c in (kept, rest)]
+    assert (len(kept.brep.faces), len(rest.brep.faces)) == (7, 2)
+    assert connectivity.is_closed(kept.brep)
+    assert connectivity.is_closed(rest.brep)
+    volumes = [integral_properties.volume(integral_properties.integrate_faces(c.brep))[0] for c in (kept, rest)]
     assert volumes[1] == pytest.approx(above(level), rel=1e-4, abs=1e-11)
     assert sum(volumes) == pytest.approx(1 + HEIGHT * 4 / 9, rel=1e-9)
 
 
 def test_a_box_inside_the_block_and_one_across_its_corner() -> None:
     block = bumpy_block()
-    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9, lambda points: np.ones(len(points), bool)).complex
-    assert measure.volume(measure.face_moments(inside))[0] == pytest.approx(0.125, rel=1e-12)
-    corner = trim(block, box([-0.5, -0.5, -0.5], [0.25, 0.5, 0.75]), 1e-9).complex
-    assert measure.volume(measure.face_moments(corner))[0] == pytest.approx(0.25 * 0.5 * 0.75, rel=1e-12)
+    inside = trim(block, box([0.2, 0.3, 0.1], [0.7, 0.8, 0.6]), 1e-9, lambda points: np.ones(len(points), bool)).brep
+    assert integral_properties.volume(integral_properties.integrate_faces(inside))[0] == pytest.approx(0.125, rel=1e-12)
+    corner = trim(block, box([-0.5, -0.5, -0.5], [0.25, 0.5, 0.75]), 1e-9).brep
+    assert integral_properties.volume(integral_properties.integrate_faces(corner))[0] == pytest.approx(
+        0.25 * 0.5 * 0.75, rel=1e-12
+    )
     assert connectivity.is_closed(corner)
 
 
-def turned_tetrahedron() -> PatchComplex:
+def turned_tetrahedron() -> Brep:
     corners = np.array([[0, 0, 0], [1.4, 0, 0], [0, 1.3, 0], [0, 0, 1.7]]) - 0.2
     turn = Rotation.from_rotvec([0.2, 0.5, -0.3]).as_matrix()
     return polyhedron(corners @ turn.T + 0.3, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
@@ -77,7 +82,7 @@ def turned_tetrahedron() -> PatchComplex:
 
 def test_any_convex_polyhedron_cuts_and_its_volume_matches_a_count_of_points() -> None:
     tool = turned_tetrahedron()
-    cut = trim(bumpy_block(), tool, 1e-9).complex
+    cut = trim(bumpy_block(), tool, 1e-9).brep
     assert connectivity.is_closed(cut)
     n = 120
     lo, hi = tool.vertices.min(axis=0), tool.vertices.max(axis=0)
@@ -85,15 +90,15 @@ def test_any_convex_polyhedron_cuts_and_its_volume_matches_a_count_of_points() -
     top = 1 + HEIGHT * 16 * x[:, 0] * (1 - x[:, 0]) * x[:, 1] * (1 - x[:, 1])
     solid = ((x[:, :2] > 0) & (x[:, :2] < 1)).all(axis=1) & (x[:, 2] > 0) & (x[:, 2] < top)
     counted = (solid & np.all([plane.distance(x) < 0 for plane in tool.carriers], axis=0)).mean() * np.prod(hi - lo)
-    assert measure.volume(measure.face_moments(cut))[0] == pytest.approx(counted, rel=2e-3)
+    assert integral_properties.volume(integral_properties.integrate_faces(cut))[0] == pytest.approx(counted, rel=2e-3)
 
 
 def test_a_cut_and_its_complement_meet_in_the_same_area() -> None:
-    left = trim(bumpy_block(), box([-1, -1, -1], [0.37, 2, 3]), 1e-9).complex
-    right = trim(bumpy_block(), box([0.37, -1, -1], [2, 2, 3]), 1e-9).complex
+    left = trim(bumpy_block(), box([-1, -1, -1], [0.37, 2, 3]), 1e-9).brep
+    right = trim(bumpy_block(), box([0.37, -1, -1], [2, 2, 3]), 1e-9).brep
     areas = []
     for part in (left, right):
-        assert len(part.tagged("cap")) == 1
-        areas.append(measure.face_moments(part).area[part.tagged("cap")[0]])
+        assert len(part.faces_with_tag("cap")) == 1
+        areas.append(integral_properties.integrate_faces(part).area[part.faces_with_tag("cap")[0]])
     assert areas[0] == pytest.approx(areas[1], rel=1e-12)
     assert areas[0] == pytest.approx(1 + HEIGHT * 16 * 0.37 * 0.63 / 6, rel=1e-10)

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from misfits import misfit
 
+from tests.shapes.misfits import misfit
 from tpmscad import surfaces
-from tpmscad.errors import InvalidRequest
-from tpmscad.patches import connectivity, measure
-from tpmscad.patches.complex import PatchComplex
-from tpmscad.trimming import TrimmingError, box, trim, trim_box
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.trimming import box, trim, trim_box
 
 CELL = 10.0
 TOL = 1e-7
@@ -23,8 +24,8 @@ NAMES = ("gyroid", "diamond", "schwarz_p")
 AT_HOME = (0.0, 0.0, 0.0)
 
 
-def volume(complex: PatchComplex) -> float:
-    return float(measure.volume(measure.face_moments(complex))[0]) if len(complex.faces) else 0.0
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
 
 
 def slowly(*values: object) -> object:
@@ -54,7 +55,7 @@ def theory(name: str, layers: tuple[float | None, float | None]) -> float:
     ],
 )
 def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
-    name: str, layers: tuple[float | None, float | None], cover: Callable[..., PatchComplex]
+    name: str, layers: tuple[float | None, float | None], cover: Callable[..., Brep]
 ) -> None:
     rng = np.random.default_rng(sum(map(ord, name)))
     lattice = cover(name, (2, 2, 2), AT_HOME, layers)
@@ -63,8 +64,8 @@ def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
         lo = rng.uniform(0, CELL, 3)
         trimmed = trim(lattice, box(lo, lo + CELL), TOL)
         assert trimmed.report.shifted == 0
-        assert connectivity.is_closed(trimmed.complex)
-        volumes.append(volume(trimmed.complex))
+        assert connectivity.is_closed(trimmed.brep)
+        volumes.append(volume(trimmed.brep))
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-8)
     assert volumes[0] == pytest.approx(theory(name, layers), rel=3e-5)  # what the fit of degree 9 allows
 
@@ -76,23 +77,23 @@ def test_boxes_in_planes_of_symmetry_are_cut_in_place(
     name: str,
     layers: tuple[float | None, float | None],
     phase: tuple[float, float, float],
-    cover: Callable[..., PatchComplex],
+    cover: Callable[..., Brep],
 ) -> None:
     """There planes hold sides, saddles and corners of patches exactly, and lattice vertices sit in the box's corners."""
     trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, CELL)), TOL)
     assert trimmed.report.shifted == 0
-    assert connectivity.is_closed(trimmed.complex)
-    assert volume(trimmed.complex) == pytest.approx(theory(name, layers), rel=3e-5)
+    assert connectivity.is_closed(trimmed.brep)
+    assert volume(trimmed.brep) == pytest.approx(theory(name, layers), rel=3e-5)
 
 
-def test_cells_cost_faces_but_no_new_curves(cover: Callable[..., PatchComplex]) -> None:
+def test_cells_cost_faces_but_no_new_curves(cover: Callable[..., Brep]) -> None:
     one, many = (
         trim(cover("gyroid", cells, (0.1, 0.2, 0.3), SKELETAL), box(np.zeros(3), CELL * np.array(cells)), TOL)
         for cells in ((1, 1, 1), (2, 1, 1))
     )
     assert many.report.curves == one.report.curves
-    assert many.report.patch_classes == one.report.patch_classes
-    assert volume(many.complex) == pytest.approx(2 * volume(one.complex), rel=1e-9)
+    assert many.report.n_patch_classes == one.report.n_patch_classes
+    assert volume(many.brep) == pytest.approx(2 * volume(one.brep), rel=1e-9)
 
 
 @pytest.mark.slow
@@ -108,7 +109,7 @@ def test_the_halves_of_a_box_add_up(
     axis: int,
     cut: float,
     layers: tuple[float | None, float | None],
-    cover: Callable[..., PatchComplex],
+    cover: Callable[..., Brep],
 ) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, layers)
     a, b = np.array(corners[:3]), np.array(corners[3:])
@@ -127,12 +128,12 @@ def test_the_halves_of_a_box_add_up(
 
 
 @pytest.mark.parametrize("name", ["schwarz_p", slowly("gyroid"), slowly("diamond")])
-def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., PatchComplex]) -> None:
+def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., Brep]) -> None:
     trimmed = trim_box(cover(name, (1, 1, 1), (0.13, 0.29, 0.41), SHEET), np.zeros(3), np.full(3, CELL), TOL)
     off = misfit(trimmed)
     assert (off <= trimmed.edges.deviation[trimmed.uses.edge] + 1e-9).all()  # the patches' own joints
     assert off.max() < TOL
-    caps = measure.face_moments(trimmed)
+    caps = integral_properties.integrate_faces(trimmed)
     np.testing.assert_allclose(caps.normal.sum(axis=0), 0, atol=1e-4)  # closed surfaces have no net area vector
 
 
@@ -140,21 +141,21 @@ NEAR = [0.0, -1.5e-7, slowly(1e-9), slowly(-1e-9), slowly(5e-8), slowly(1e-6), s
 
 
 @pytest.mark.parametrize("by", NEAR)
-def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[..., PatchComplex]) -> None:
+def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (2, 2, 2), AT_HOME, OFF_SKELETAL)
     lo = np.array([1.234, 3.456, 5.678])
     at = lattice.vertices[:, 0]
     lo[0] = at[(at > 0.1) & (at < 9.9)][7] + by
     trimmed = trim(lattice, box(lo, lo + CELL), TOL)
     assert trimmed.report.shifted == 0
-    assert connectivity.is_closed(trimmed.complex)
+    assert connectivity.is_closed(trimmed.brep)
     assert trimmed.report.max_deviation < 3 * TOL  # a corner counts as on the plane within two tolerances
-    assert volume(trimmed.complex) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
+    assert volume(trimmed.brep) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
 
 
 @pytest.mark.parametrize("by", [NEAR[0], slowly(NEAR[1]), *NEAR[2:]])
 @pytest.mark.parametrize("name", ["gyroid", slowly("diamond"), slowly("schwarz_p")])
-def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., PatchComplex]) -> None:
+def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., Brep]) -> None:
     """A patch's middle is a saddle over the plane of its tangents, which is a coordinate plane."""
     lattice = cover(name, (2, 2, 2), (0.05, 0.05, 0.05), OFF_SKELETAL)
     face = lattice.faces
@@ -166,14 +167,14 @@ def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[
     lo = np.array([middle[along_x][0, 0] + by, 3.456, 5.678])
     trimmed = trim(lattice, box(lo, lo + CELL), TOL)
     assert trimmed.report.shifted == 0
-    assert connectivity.is_closed(trimmed.complex)
+    assert connectivity.is_closed(trimmed.brep)
     assert trimmed.report.max_deviation < TOL
-    assert volume(trimmed.complex) == pytest.approx(theory(name, OFF_SKELETAL), rel=3e-5)
+    assert volume(trimmed.brep) == pytest.approx(theory(name, OFF_SKELETAL), rel=3e-5)
 
 
 @pytest.mark.parametrize(("middle", "solid"), [(5.0, True), (0.0, False)])
 def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
-    middle: float, solid: bool, cover: Callable[..., PatchComplex]
+    middle: float, solid: bool, cover: Callable[..., Brep]
 ) -> None:
     """Schwarz P's rooms about the middle and the corners of the cell; which of them is solid, its nearest points tell."""
     lattice = cover("schwarz_p", (2, 2, 2), AT_HOME, SKELETAL)
@@ -185,13 +186,13 @@ def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
     assert len(trim_box(lattice, lo, hi, TOL, lambda points: np.zeros(len(points), bool)).faces) == 0
 
 
-def test_a_lattice_that_does_not_cover_the_box_is_refused(cover: Callable[..., PatchComplex]) -> None:
+def test_a_lattice_that_does_not_cover_the_box_is_refused(cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, SKELETAL)
     with pytest.raises(TrimmingError, match="open border"):
         trim_box(lattice, np.zeros(3), CELL * np.array([1.6, 0.4, 0.3]), TOL)
 
 
-def test_bad_requests_are_named(cover: Callable[..., PatchComplex]) -> None:
+def test_bad_requests_are_named(cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, SKELETAL)
     with pytest.raises(InvalidRequest, match="lo < hi"):
         trim_box(lattice, np.zeros(3), np.array([1.0, 0.0, 1.0]))

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmscad.patches import measure
-from tpmscad.patches.complex import PatchComplex
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
 from tpmscad.trimming import trim, trim_box
 
 pytestmark = pytest.mark.kernel
@@ -22,12 +22,14 @@ def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     name: str,
     layers: tuple[float | None, float | None],
     phase: tuple[float, float, float],
-    cover: Callable[..., PatchComplex],
+    cover: Callable[..., Brep],
 ) -> None:
     trimmed = trim_box(cover(name, (1, 1, 1), phase, layers), np.zeros(3), np.full(3, 10.0))
     found = kernel.check_shape(kernel.build(trimmed).shape)
     assert found.valid
-    assert found.volume == pytest.approx(float(measure.volume(measure.face_moments(trimmed))[0]), rel=1e-7)
+    assert found.volume == pytest.approx(
+        float(integral_properties.volume(integral_properties.integrate_faces(trimmed))[0]), rel=1e-7
+    )
 
 
 def place(shape: object) -> object:
@@ -53,21 +55,21 @@ def body(name: str) -> object:
 
 
 @pytest.mark.parametrize("name", ["rounded box", "cylinder", "cone", "sphere", "torus", "bracket"])
-def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(
-    name: str, cover: Callable[..., PatchComplex]
-) -> None:
-    from tpmscad.kernel import boolean
-    from tpmscad.kernel.tool.complex import body_complex
+def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: str, cover: Callable[..., Brep]) -> None:
+    from tpmscad.kernel.body_import.body_brep import brep_from_shape
+    from tpmscad.kernel.boolean import boolean_operations
 
     lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), body(name)
-    trimmed = trim(lattice, body_complex(shape))
+    trimmed = trim(lattice, brep_from_shape(shape))
     assert trimmed.report.shifted == 0
-    found = kernel.check_shape(kernel.build(trimmed.complex).shape)
+    found = kernel.check_shape(kernel.build(trimmed.brep).shape)
     assert found.valid
     assert found.closed
-    assert found.volume == pytest.approx(float(measure.volume(measure.face_moments(trimmed.complex))[0]), rel=1e-6)
+    assert found.volume == pytest.approx(
+        float(integral_properties.volume(integral_properties.integrate_faces(trimmed.brep))[0]), rel=1e-6
+    )
     around = shape.bounding_box()
     low, high = np.array(tuple(around.min)) - 0.25, np.array(tuple(around.max)) + 0.25
     block = kernel.build(trim_box(lattice, low, high)).shape
-    other = boolean.common(block, shape.wrapped)
+    other = boolean_operations.intersect_solids(block, shape.wrapped)
     assert found.volume == pytest.approx(sum(kernel.check_shape(s).volume for s in other), rel=1e-6)

@@ -7,17 +7,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import round_shapes as shapes
-from misfits import misfit
 from scipy.spatial.transform import Rotation
 
+from tests.shapes import round_shapes as shapes
+from tests.shapes.misfits import misfit
 from tpmscad import surfaces
-from tpmscad.errors import InvalidRequest
-from tpmscad.patches import connectivity, measure
-from tpmscad.patches import lattice as lattices
-from tpmscad.patches.complex import PatchComplex
-from tpmscad.splines.bspline import Surface
-from tpmscad.trimming import TrimmingError, polyhedron, trim
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.lattice import copies as lattices
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming import polyhedron, trim
 
 CELL = 10.0
 TOL = 1e-7
@@ -30,26 +31,26 @@ def slowly(*values: object) -> object:
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
-def volume(complex: PatchComplex) -> float:
-    return float(measure.volume(measure.face_moments(complex))[0]) if len(complex.faces) else 0.0
+def volume(brep: Brep) -> float:
+    return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
 
 
-def turned(complex: PatchComplex) -> PatchComplex:
+def turned(brep: Brep) -> Brep:
     """The same surface with the other side solid."""
-    return replace(complex, faces=replace(complex.faces, sense=-complex.faces.sense))
+    return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))
 
 
-def shifted(complex: PatchComplex, by: tuple[float, float, float]) -> PatchComplex:
-    edges, faces = complex.edges, complex.faces
+def shifted(brep: Brep, by: tuple[float, float, float]) -> Brep:
+    edges, faces = brep.edges, brep.faces
     return replace(
-        complex,
-        vertices=complex.vertices + by,
+        brep,
+        vertices=brep.vertices + by,
         edges=replace(edges, translation=edges.translation + by),
         faces=replace(faces, translation=faces.translation + by),
     )
 
 
-def bracket() -> PatchComplex:
+def bracket() -> Brep:
     """An L of two walls, not convex."""
     corners = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 7), (0, 7)]
     points = [(x, y, z) for z in (0.0, 5.0) for x, y in corners]
@@ -83,28 +84,30 @@ BODIES = {
     ],
 )
 def test_solid_and_void_share_the_body_between_them(
-    body: str, name: str, layers: tuple[float | None, float | None], cover: Callable[..., PatchComplex]
+    body: str, name: str, layers: tuple[float | None, float | None], cover: Callable[..., Brep]
 ) -> None:
     tool, lattice = BODIES[body](), cover(name, (2, 2, 2), AT_HOME, layers)
     parts = [trim(lattice, tool, TOL), trim(turned(lattice), tool, TOL)]
     for part in parts:
         assert part.report.shifted == 0
-        assert connectivity.is_closed(part.complex)
-        off = misfit(part.complex)
-        assert (off <= part.complex.edges.deviation[part.complex.uses.edge] + 1e-9).all()
+        assert connectivity.is_closed(part.brep)
+        off = misfit(part.brep)
+        assert (off <= part.brep.edges.deviation[part.brep.uses.edge] + 1e-9).all()
         assert off.max() < 2 * TOL
-        patches = {c for c in part.complex.faces.carrier if isinstance(part.complex.carriers[c], Surface)}
+        patches = {c for c in part.brep.faces.carrier if isinstance(part.brep.carriers[c], BSplineSurface)}
         assert patches <= set(range(len(lattice.carriers)))  # the lattice's own
-    assert volume(parts[0].complex) + volume(parts[1].complex) == pytest.approx(volume(tool), rel=1e-8)
-    areas = [measure.face_moments(part.complex).area[part.complex.tagged("cap")].sum() for part in parts]
-    assert sum(areas) == pytest.approx(measure.face_moments(tool).area.sum(), rel=1e-7)
+    assert volume(parts[0].brep) + volume(parts[1].brep) == pytest.approx(volume(tool), rel=1e-8)
+    areas = [
+        integral_properties.integrate_faces(part.brep).area[part.brep.faces_with_tag("cap")].sum() for part in parts
+    ]
+    assert sum(areas) == pytest.approx(integral_properties.integrate_faces(tool).area.sum(), rel=1e-7)
 
 
 @pytest.mark.parametrize("body", ["torus", *map(slowly, ("cylinder", "sphere", "cone", "flask", "bracket"))])
-def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., PatchComplex]) -> None:
+def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., Brep]) -> None:
     """The trigonometric gyroid is 1.4e-3 of the cell from the exact one, on either side of it, and the points are many."""
     tool = BODIES[body]()
-    found = volume(trim(cover("gyroid", (2, 2, 2), AT_HOME, (None, 0.0)), tool, TOL).complex)
+    found = volume(trim(cover("gyroid", (2, 2, 2), AT_HOME, (None, 0.0)), tool, TOL).brep)
     n = 90
     low, high = tool.vertices.min(axis=0) - 5, tool.vertices.max(axis=0) + 5
     x = np.stack(np.meshgrid(*[np.linspace(0.5 / n, 1 - 0.5 / n, n)] * 3), axis=-1).reshape(-1, 3) * (high - low) + low
@@ -139,37 +142,37 @@ def in_bracket(x: np.ndarray) -> np.ndarray:
     return (c > 0) & (c < 5) & (a > 0) & (b > 0) & (((a < 6) & (b < 2)) | ((a < 2) & (b < 7)))
 
 
-def test_a_body_in_one_room_of_the_lattice_is_all_solid_or_nothing(cover: Callable[..., PatchComplex]) -> None:
+def test_a_body_in_one_room_of_the_lattice_is_all_solid_or_nothing(cover: Callable[..., Brep]) -> None:
     lattice = cover("schwarz_p", (2, 2, 2), AT_HOME, (None, 0.0))
     for middle, part in (((15.0, 15.0, 15.0), 1.0), ((10.0, 10.0, 10.0), 0.0)):
         ball = shapes.sphere(1.0, translation=middle)
-        assert volume(trim(lattice, ball, TOL).complex) == pytest.approx(part * 4 / 3 * np.pi, rel=1e-9)
+        assert volume(trim(lattice, ball, TOL).brep) == pytest.approx(part * 4 / 3 * np.pi, rel=1e-9)
 
 
-def test_a_lattice_inside_the_body_stays_whole(cover: Callable[..., PatchComplex]) -> None:
+def test_a_lattice_inside_the_body_stays_whole(cover: Callable[..., Brep]) -> None:
     surface = cover("gyroid", (1, 1, 1), AT_HOME, (-0.05, 0.05)).carriers[0].scaled(1 / CELL)
-    motions = surfaces.symmetry("gyroid")
-    sheet = lattices.Sheet((surface,), (0, True), (0, False))
-    whole = lattices.natural(motions, sheet, lattices.whole_cells("gyroid", (1, 1, 1), np.zeros(3)))
-    kept = trim(whole, shapes.sphere(3.0), TOL).complex
+    motions = surfaces.patch_symmetry("gyroid")
+    sheet = lattices.OffsetSurfaces((surface,), (0, True), (0, False))
+    whole = lattices.build_natural_lattice(motions, sheet, lattices.place_whole_cells("gyroid", (1, 1, 1), np.zeros(3)))
+    kept = trim(whole, shapes.sphere(3.0), TOL).brep
     assert len(kept.faces) == len(whole.faces)
     assert volume(kept) == pytest.approx(volume(whole), rel=1e-12)
-    assert len(trim(whole, shapes.sphere(3.0, translation=(9.0, 0.0, 0.0)), TOL).complex.faces) == 0
+    assert len(trim(whole, shapes.sphere(3.0, translation=(9.0, 0.0, 0.0)), TOL).brep.faces) == 0
 
 
 @pytest.mark.parametrize("slide", [0.0, slowly(0.4)])
-def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Callable[..., PatchComplex]) -> None:
+def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Callable[..., Brep]) -> None:
     """Translations along the axis: two cells of it have the wall's classes of one, and its volume twice."""
     found = []
     for cells in (1, 2):
         lattice = cover("gyroid", (1, 1, 3), AT_HOME, (None, 0.0))
         tool = shapes.cylinder(3.1, CELL * cells, translation=(4.7, 5.2, 3.0 + slide))
         found.append(trim(lattice, tool, TOL))
-    assert volume(found[1].complex) == pytest.approx(2 * volume(found[0].complex), rel=1e-8)
+    assert volume(found[1].brep) == pytest.approx(2 * volume(found[0].brep), rel=1e-8)
     assert found[1].report.curves == found[0].report.curves
 
 
-def test_what_is_no_body_of_planes_and_quadrics_is_refused(cover: Callable[..., PatchComplex]) -> None:
+def test_what_is_no_body_of_planes_and_quadrics_is_refused(cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, (None, 0.0))
     with pytest.raises(TrimmingError, match="B-spline"):
         trim(lattice, turned(lattice), TOL)

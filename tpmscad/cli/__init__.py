@@ -15,32 +15,32 @@ from typing import Annotated
 
 import typer
 
-from tpmscad.cli import files, infill, lattice, recipe, surfaces
+from tpmscad.cli import infill_command, lattice_command, recipe_commands, step_file_commands, surfaces_command
 from tpmscad.errors import InvalidRequest, TpmscadError
 
-STATUS = """Exit status: 0 if made and as requested; 1 if it could not be made or misses the request, then nothing is written;
-2 if the request can't be carried out as written."""
+EXIT_STATUS_HELP = """Exit status: 0 if made and as requested; 1 if it could not be made or misses the request (nothing
+is written); 2 if the request cannot be carried out as written."""
 
 app = typer.Typer(
     name="tpmscad",
     help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids. Lengths are in mm.",
     no_args_is_help=True,
-    epilog=STATUS,
+    epilog=EXIT_STATUS_HELP,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
 
-def examples(*lines: str) -> str:
+def format_examples(*lines: str) -> str:
     """The end of a command's help; what follows \b keeps its line breaks."""
     return "\b\n" + "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
 
 
 for command, short, lines in (
-    (surfaces.surfaces, "List the catalogue of surfaces.", ["surfaces"]),
+    (surfaces_command.surfaces, "List the catalogue of surfaces.", ["surfaces"]),
     (
-        lattice.lattice,
+        lattice_command.lattice,
         "Make a lattice of a minimal surface in a box.",
         [
             "lattice gyroid --cell 10 --cells 2,2,2 --thickness 1 -o gyroid.step",
@@ -49,28 +49,28 @@ for command, short, lines in (
         ],
     ),
     (
-        infill.infill,
+        infill_command.infill,
         "Fill the solid in a STEP file with a lattice.",
         ["infill bracket.step gyroid --cell 8 --thickness 0.8 --skin 1.5 -o filled.step"],
     ),
     (
-        recipe.blend,
+        recipe_commands.blend,
         "Join porous structures as a TOML file says.",
         ["blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"],
     ),
     (
-        recipe.solidify,
+        recipe_commands.solidify,
         "Make the solid of a field as a TOML file says.",
         ["solidify examples/graded.toml -o graded.step --report graded.json"],
     ),
     (
-        files.check,
+        step_file_commands.check,
         "Read a STEP file back and say what is in it.",
         ["check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"],
     ),
-    (files.render, "Draw a STEP file as a PNG picture.", ["render gyroid.step -o gyroid.png"]),
+    (step_file_commands.render, "Draw a STEP file as a PNG picture.", ["render gyroid.step -o gyroid.png"]),
 ):
-    app.command(short_help=short, epilog=examples(*lines))(command)
+    app.command(short_help=short, epilog=format_examples(*lines))(command)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -78,12 +78,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         app(None if arguments is None else list(arguments), prog_name="tpmscad")
     except InvalidRequest as error:
-        _fail(error, 2)
+        _exit_with_error(error, 2)
     except (TpmscadError, OSError) as error:
-        _fail(error, 1)
+        _exit_with_error(error, 1)
 
 
-def _fail(error: Exception, status: int) -> None:
+def _exit_with_error(error: Exception, status: int) -> None:
     print("tpmscad:", " ".join(str(error).split()), file=sys.stderr)
     sys.exit(status)
 
@@ -98,7 +98,7 @@ def _show_version(wanted: bool) -> None:
 
 
 @app.callback()
-def _options(
+def _declare_global_options(
     show_version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
     ] = False,

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 
-def numbers(text: str) -> float | tuple[float, ...]:
+def parse_numbers(text: str) -> float | tuple[float, ...]:
     """One number, or several with commas between."""
     try:
         values = tuple(float(part) for part in text.split(","))
@@ -17,61 +17,68 @@ def numbers(text: str) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
-def surfaces_that_begin(incomplete: str) -> list[str]:
+def complete_surface_name(incomplete: str) -> list[str]:
     """Names of the catalogue, for the shell's completion."""
     from tpmscad.surfaces import CATALOGUE
 
     return [name for name in CATALOGUE if name.startswith(incomplete)]
 
 
-Surface = Annotated[
-    str, typer.Argument(autocompletion=surfaces_that_begin, help="Name of the surface, see `tpmscad surfaces`.")
+SurfaceArgument = Annotated[
+    str, typer.Argument(autocompletion=complete_surface_name, help="Name of the surface, see `tpmscad surfaces`.")
 ]
-Cell = Annotated[
-    Any, typer.Option(parser=numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm, or one for each axis.")
+CellOption = Annotated[
+    Any,
+    typer.Option(parser=parse_numbers, metavar="L|X,Y,Z", help="Edge length of the cell, mm, or one for each axis."),
 ]
-Cells = Annotated[
-    Any, typer.Option(parser=numbers, metavar="N|X,Y,Z", help="Number of cells along every axis, or along each.")
+CellsOption = Annotated[
+    Any, typer.Option(parser=parse_numbers, metavar="N|X,Y,Z", help="Number of cells along every axis, or along each.")
 ]
-Thickness = Annotated[
+ThicknessOption = Annotated[
     float | None, typer.Option(metavar="MM", help="Wall thickness along the normal, mm. This, or one of the next two.")
 ]
-Offset = Annotated[
+OffsetOption = Annotated[
     Any,
     typer.Option(
-        parser=numbers,
+        parser=parse_numbers,
         metavar="LO,HI",
         help="Signed normal distances of the wall's two sides, mm; one distance for --kind skeletal.",
     ),
 ]
-VolumeFraction = Annotated[
+VolumeFractionOption = Annotated[
     float | None, typer.Option(metavar="0..1", help="Solid share of the whole cell, which sets the distances.")
 ]
-Tol = Annotated[
+TolOption = Annotated[
     float | None,
     typer.Option(metavar="MM", help="Greatest deviation from the reference, mm.  [default: a thousandth of the cell]"),
 ]
-Kind = Annotated[Literal["sheet", "skeletal"], typer.Option(help="Between two offset surfaces, or on one side of one.")]
-Side = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
-Reference = Annotated[
+KindOption = Annotated[
+    Literal["sheet", "skeletal"], typer.Option(help="Between two offset surfaces, or on one side of one.")
+]
+SideOption = Annotated[Literal["+", "-"], typer.Option(help="Which side is solid, for --kind skeletal.")]
+ReferenceOption = Annotated[
     Literal["minimal", "nodal"] | None,
     typer.Option(help="The exact minimal surface, the default where there is one, or the trigonometric one."),
 ]
-Boundary = Annotated[
+BoundaryOption = Annotated[
     Literal["box", "natural"], typer.Option(help="Flat caps in the planes of the box, or whole patches bridged.")
 ]
-Phase = Annotated[Any, typer.Option(parser=numbers, metavar="X,Y,Z", help="Shift of the lattice, in cells.")]
-Instanced = Annotated[bool, typer.Option("--instanced", help="Store one cell and place it, as an assembly.")]
-Schema = Annotated[Literal["ap242", "ap214"], typer.Option(help="STEP application protocol.")]
-Output = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")]
-Picture = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")]
-Report = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write what was measured as JSON.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
-StepFile = Annotated[Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")]
-Measured = Annotated[
+PhaseOption = Annotated[
+    Any, typer.Option(parser=parse_numbers, metavar="X,Y,Z", help="Shift of the lattice, in cells.")
+]
+InstancedOption = Annotated[bool, typer.Option("--instanced", help="Store one cell and place it, as an assembly.")]
+SchemaOption = Annotated[Literal["ap242", "ap214"], typer.Option(help="STEP application protocol.")]
+OutputOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")]
+PictureOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")]
+ReportOption = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write what was measured as JSON.")]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar and no summary.")]
+StepFileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")
+]
+MetricsOption = Annotated[
     bool, typer.Option("--metrics", help="Also volume fraction, surface, hydraulic diameter, smallest wall and pore.")
 ]
-Within = Annotated[
+WithinOption = Annotated[
     Path | None,
     typer.Option(
         metavar="BODY.step",

@@ -6,23 +6,21 @@ import json
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from tpmscad._typing import Progress
 from tpmscad.errors import InvalidRequest, NotMet
 
-BAR_DELAY = 1.0
+BAR_DELAY_SECONDS = 1.0
 """Seconds before the progress bar shows: shorter work needs none."""
 
 STEP_SUFFIXES = (".step", ".stp")
 
-Progress = Callable[[str, float], None]
-"""Told the name of a stage and how much of it is done, 0 to 1."""
 
-
-def writable(path: Path, suffixes: Iterable[str]) -> Path:
+def check_writable(path: Path, suffixes: Iterable[str]) -> Path:
     """The path, if a file of one of these kinds can be put there; looked at before anything is computed."""
     if path.suffix.lower() not in suffixes:
         raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {' or '.join(suffixes)}")
@@ -57,7 +55,7 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
 
     class LateBar(Bar):
         def get_renderables(self) -> Iterable[Any]:
-            return super().get_renderables() if time.monotonic() - begun > BAR_DELAY else ()
+            return super().get_renderables() if time.monotonic() - begun > BAR_DELAY_SECONDS else ()
 
     columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
     with LateBar(*columns, console=Console(stderr=True), transient=True) as bar:
@@ -66,10 +64,10 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
 
 
 @contextmanager
-def reported(report: Path | None) -> Iterator[None]:
+def report_unmet_request(report: Path | None) -> Iterator[None]:
     """A result that misses the request leaves its certificate in the report, and nothing else."""
     if report is not None:
-        writable(report, (".json",))
+        check_writable(report, (".json",))
     try:
         yield
     except NotMet as error:

@@ -14,19 +14,18 @@ from tpmscad.fields.booleans import (
     smooth_union,
     union,
 )
-from tpmscad.fields.bspline import bspline_unit
-from tpmscad.fields.catalogue import TPMS, TpmsInfo, find
-from tpmscad.fields.cell_sizes import cell_sizes
+from tpmscad.fields.cell_grading import cell_sizes
+from tpmscad.fields.coordinate_transforms import mapped, rotated, scaled, translated
 from tpmscad.fields.field import Field, as_field, constant
-from tpmscad.fields.fraction import threshold_for, volume_fraction
-from tpmscad.fields.function import from_function
-from tpmscad.fields.grading import graded_threshold
-from tpmscad.fields.image import image_region
-from tpmscad.fields.maps import mapped, rotated, scaled, translated
+from tpmscad.fields.function_field import from_function
+from tpmscad.fields.image_regions import image_region
+from tpmscad.fields.implicit_bspline import bspline_unit
+from tpmscad.fields.nodal_field import tpms
+from tpmscad.fields.nodal_forms import TPMS, TpmsInfo, find_surface
+from tpmscad.fields.primitive_regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.ramps import coordinate, linear, ramp
-from tpmscad.fields.regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.thresholds import pore, rod, sheet
-from tpmscad.fields.tpms import tpms
+from tpmscad.fields.volume_fraction_thresholds import graded_threshold, threshold_for, volume_fraction
 
 __all__ = [
     "TPMS",
@@ -41,7 +40,7 @@ __all__ = [
     "coordinate",
     "cylinder",
     "difference",
-    "find",
+    "find_surface",
     "from_function",
     "graded_threshold",
     "halfspace",

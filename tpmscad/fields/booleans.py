@@ -12,14 +12,14 @@ from functools import reduce
 
 import numpy as np
 
+from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Combined, Field, FieldLike, as_field
-from tpmscad.fields.field import Extreme as Extreme
-from tpmscad.fields.points import Array, Jet, positive
+from tpmscad.fields.evaluation import FieldJet, as_positive
+from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
 
 
 @dataclass(frozen=True, slots=True)
-class RoundedExtreme(Combined):
+class RoundedMinMaxField(BinaryField):
     """The greater (sign +1) or lesser (-1) of two fields, rounded where they differ by less than `width`: elsewhere the very bits
     of the greater or lesser."""
 
@@ -35,7 +35,7 @@ class RoundedExtreme(Combined):
         added, _ = self.profile(np.abs(f - g) / self.width)
         return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * added
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
         added, slope = self.profile(np.abs(f[0] - g[0]) / self.width)
         keep = self.sign * f[0] >= self.sign * g[0]
@@ -45,7 +45,7 @@ class RoundedExtreme(Combined):
 
 
 @dataclass(frozen=True, slots=True)
-class SmoothExtreme(RoundedExtreme):
+class CubicMinMaxField(RoundedMinMaxField):
     """Rounded by sign * width / 6 * (1 - |f - g| / width)^3: twice continuously differentiable across the crease."""
 
     def profile(self, apart: Array) -> tuple[Array, Array]:
@@ -55,17 +55,17 @@ class SmoothExtreme(RoundedExtreme):
 
 def union(*fields: FieldLike) -> Field:
     """The solid of any of the fields: their minimum."""
-    return _folded(fields, -1)
+    return _fold_min_max(fields, -1)
 
 
 def intersection(*fields: FieldLike) -> Field:
     """The solid common to all fields: their maximum. `intersection(phi, model)` is a free-form porous model (eq. 25)."""
-    return _folded(fields, +1)
+    return _fold_min_max(fields, +1)
 
 
 def difference(field: FieldLike, *taken: FieldLike) -> Field:
     """The solid of the first field without the solids of the others."""
-    return _folded((field, *(-as_field(f) for f in taken)), +1)
+    return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
 
 
 def complement(field: FieldLike) -> Field:
@@ -75,12 +75,12 @@ def complement(field: FieldLike) -> Field:
 
 def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     """Their union with the crease filled where the two values differ by less than `width` (in values of the fields)."""
-    return SmoothExtreme(as_field(first), as_field(second), -1, positive(width, "width"))
+    return CubicMinMaxField(as_field(first), as_field(second), -1, as_positive(width, "width"))
 
 
 def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Field:
     """Their intersection with the edge rounded where the two values differ by less than `width`."""
-    return SmoothExtreme(as_field(first), as_field(second), +1, positive(width, "width"))
+    return CubicMinMaxField(as_field(first), as_field(second), +1, as_positive(width, "width"))
 
 
 def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field:
@@ -88,7 +88,7 @@ def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field
     return smooth_intersection(field, -as_field(taken), width)
 
 
-def _folded(fields: tuple[FieldLike, ...], sign: int) -> Field:
+def _fold_min_max(fields: tuple[FieldLike, ...], sign: int) -> Field:
     if not fields:
         raise InvalidRequest("a union or intersection needs at least one field")
-    return reduce(lambda f, g: Extreme(f, g, sign), map(as_field, fields))
+    return reduce(lambda f, g: MinMaxField(f, g, sign), map(as_field, fields))

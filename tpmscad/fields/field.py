@@ -16,10 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.points import Array, Jet, Triple, columns, flattened, grid_axes, parts, slabs
+from tpmscad.fields.evaluation import (
+    FieldJet,
+    Triple,
+    as_grid_axes,
+    copy_columns,
+    flatten_points,
+    grid_slabs,
+    point_batches,
+)
 
-ANY_PERIOD: Triple = (0.0, 0.0, 0.0)
+EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
 """Of a constant: unchanged by every translation."""
 
 
@@ -37,7 +46,7 @@ class Field:
         """Values at coordinates that broadcast against each other; the result may still have to be broadcast."""
         raise NotImplementedError
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value, df/dx, df/dy, df/dz at coordinates that broadcast; the value has the bits of `at`."""
         raise NotImplementedError
 
@@ -46,10 +55,10 @@ class Field:
         return None
 
     def __call__(self, points: ArrayLike) -> Array:
-        flat, shape = flattened(points)
+        flat, shape = flatten_points(points)
         values = np.empty(len(flat))
-        for part in parts(len(flat)):
-            values[part] = self.at(*columns(flat[part]))
+        for part in point_batches(len(flat)):
+            values[part] = self.at(*copy_columns(flat[part]))
         return values.reshape(shape)
 
     def gradient(self, points: ArrayLike) -> Array:
@@ -58,43 +67,43 @@ class Field:
 
     def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
         """Values (...) and gradient (..., 3) in one pass."""
-        flat, shape = flattened(points)
+        flat, shape = flatten_points(points)
         values, slopes = np.empty(len(flat)), np.empty((len(flat), 3))
-        for part in parts(len(flat)):
-            values[part], slopes[part, 0], slopes[part, 1], slopes[part, 2] = self.jet(*columns(flat[part]))
+        for part in point_batches(len(flat)):
+            values[part], slopes[part, 0], slopes[part, 1], slopes[part, 2] = self.jet(*copy_columns(flat[part]))
         return values.reshape(shape), slopes.reshape(*shape, 3)
 
     def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Values on the grid of all x with all y with all z: (nx, ny, nz), the same bits as on the grid's points."""
-        axes = grid_axes(x, y, z)
+        axes = as_grid_axes(x, y, z)
         values = np.empty(tuple(len(axis) for axis in axes))
-        for part, coordinates in slabs(axes):
+        for part, coordinates in grid_slabs(axes):
             values[part] = self.at(*coordinates)
         return values
 
-    def gradient_on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
+    def value_and_gradient_on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
         """Values (nx, ny, nz) and gradient (nx, ny, nz, 3) on that grid."""
-        axes = grid_axes(x, y, z)
+        axes = as_grid_axes(x, y, z)
         values = np.empty(tuple(len(axis) for axis in axes))
         slopes = np.empty((*values.shape, 3))
-        for part, coordinates in slabs(axes):
+        for part, coordinates in grid_slabs(axes):
             values[part], slopes[part, ..., 0], slopes[part, ..., 1], slopes[part, ..., 2] = self.jet(*coordinates)
         return values, slopes
 
-    def __add__(self, other: FieldLike) -> Sum:
-        return Sum(self, as_field(other))
+    def __add__(self, other: FieldLike) -> SumField:
+        return SumField(self, as_field(other))
 
-    def __radd__(self, other: FieldLike) -> Sum:
-        return Sum(as_field(other), self)
+    def __radd__(self, other: FieldLike) -> SumField:
+        return SumField(as_field(other), self)
 
-    def __sub__(self, other: FieldLike) -> Sum:
-        return Sum(self, -as_field(other))
+    def __sub__(self, other: FieldLike) -> SumField:
+        return SumField(self, -as_field(other))
 
-    def __rsub__(self, other: FieldLike) -> Sum:
-        return Sum(as_field(other), -self)
+    def __rsub__(self, other: FieldLike) -> SumField:
+        return SumField(as_field(other), -self)
 
     def __mul__(self, other: FieldLike) -> Field:
-        return product(self, other)
+        return multiply_fields(self, other)
 
     __rmul__ = __mul__
 
@@ -102,22 +111,22 @@ class Field:
         divisor = as_field(number)
         if getattr(divisor, "value", 0.0) == 0:
             raise InvalidRequest(f"a field can be divided by a number other than zero, not by {number!r}")
-        return product(self, 1.0 / float(number))
+        return multiply_fields(self, 1.0 / float(number))
 
     def __neg__(self) -> Field:
-        return product(self, -1.0)
+        return multiply_fields(self, -1.0)
 
     __invert__ = __neg__
 
     def __or__(self, other: FieldLike) -> Field:
-        return Extreme(self, as_field(other), -1)
+        return MinMaxField(self, as_field(other), -1)
 
     def __and__(self, other: FieldLike) -> Field:
-        return Extreme(self, as_field(other), +1)
+        return MinMaxField(self, as_field(other), +1)
 
 
 @dataclass(frozen=True, slots=True)
-class Constant(Field):
+class ConstantField(Field):
     """The same value everywhere."""
 
     value: float
@@ -125,16 +134,16 @@ class Constant(Field):
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return np.full((1,) * x.ndim, self.value)
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         zero = np.zeros((1,) * x.ndim)
         return np.full((1,) * x.ndim, self.value), zero, zero, zero
 
     def periods(self) -> Triple | None:
-        return ANY_PERIOD
+        return EVERY_TRANSLATION
 
 
 @dataclass(frozen=True, slots=True)
-class Combined(Field):
+class BinaryField(Field):
     """A field of two others' values."""
 
     first: Field
@@ -145,20 +154,20 @@ class Combined(Field):
 
 
 @dataclass(frozen=True, slots=True)
-class Sum(Combined):
+class SumField(BinaryField):
     """first + second."""
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return self.first.at(x, y, z) + self.second.at(x, y, z)
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         f, fx, fy, fz = self.first.jet(x, y, z)
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f + g, fx + gx, fy + gy, fz + gz
 
 
 @dataclass(frozen=True, slots=True)
-class Scaled(Field):
+class ScaledField(Field):
     """factor times a field."""
 
     factor: float
@@ -167,7 +176,7 @@ class Scaled(Field):
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return self.factor * self.field.at(x, y, z)
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         f, fx, fy, fz = self.field.jet(x, y, z)
         c = self.factor
         return c * f, c * fx, c * fy, c * fz
@@ -177,20 +186,20 @@ class Scaled(Field):
 
 
 @dataclass(frozen=True, slots=True)
-class Product(Combined):
+class ProductField(BinaryField):
     """first times second."""
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return self.first.at(x, y, z) * self.second.at(x, y, z)
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         f, fx, fy, fz = self.first.jet(x, y, z)
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f * g, fx * g + f * gx, fy * g + f * gy, fz * g + f * gz
 
 
 @dataclass(frozen=True, slots=True)
-class Extreme(Combined):
+class MinMaxField(BinaryField):
     """The greater (sign +1) or the lesser (sign -1) of two fields; gradient of the first where they are equal."""
 
     sign: int
@@ -199,7 +208,7 @@ class Extreme(Combined):
         f, g = self.first.at(x, y, z), self.second.at(x, y, z)
         return np.where(self.sign * f >= self.sign * g, f, g)
 
-    def jet(self, x: Array, y: Array, z: Array) -> Jet:
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
         keep = self.sign * f[0] >= self.sign * g[0]
         value, fx, fy, fz = (np.where(keep, a, b) for a, b in zip(f, g, strict=True))
@@ -216,13 +225,13 @@ def as_field(source: Any) -> Field:
         return source
     if callable(source):
         # a function is a kind of field, and so needs this module first
-        from tpmscad.fields.function import from_function
+        from tpmscad.fields.function_field import from_function
 
         return from_function(source)
     return constant(source)
 
 
-def constant(value: Any) -> Constant:
+def constant(value: Any) -> ConstantField:
     """The field with one value everywhere."""
     try:
         number = float(value)
@@ -232,27 +241,27 @@ def constant(value: Any) -> Constant:
         ) from None
     if not np.isfinite(number):
         raise InvalidRequest(f"a constant field needs a finite value, not {number}")
-    return Constant(number)
+    return ConstantField(number)
 
 
-def product(field: Field, other: FieldLike) -> Field:
+def multiply_fields(field: Field, other: FieldLike) -> Field:
     """A field times a number or another field."""
     other = as_field(other)
-    if not isinstance(other, Constant):
-        return Product(field, other)
-    if isinstance(field, Scaled):
-        return Scaled(other.value * field.factor, field.field)
-    if isinstance(field, Constant):
-        return Constant(other.value * field.value)
-    return Scaled(other.value, field)
+    if not isinstance(other, ConstantField):
+        return ProductField(field, other)
+    if isinstance(field, ScaledField):
+        return ScaledField(other.value * field.factor, field.field)
+    if isinstance(field, ConstantField):
+        return ConstantField(other.value * field.value)
+    return ScaledField(other.value, field)
 
 
 def common_periods(*fields: Field) -> Triple | None:
     """The periods that all the fields share, as they are stated (no common multiples are sought)."""
-    found = ANY_PERIOD
+    found = EVERY_TRANSLATION
     for field in fields:
         periods = field.periods()
-        if periods is None or (ANY_PERIOD != found != periods != ANY_PERIOD):
+        if periods is None or (EVERY_TRANSLATION != found != periods != EVERY_TRANSLATION):
             return None
-        found = periods if found == ANY_PERIOD else found
+        found = periods if found == EVERY_TRANSLATION else found
     return found

@@ -9,44 +9,44 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field import Constant, Extreme, Field, FieldLike, as_field
-from tpmscad.fields.tpms import Tpms
+from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.fields.nodal_field import NodalField
 
 
 def rod(phi: FieldLike, c: FieldLike) -> Field:
     """{phi <= c}, as phi - c."""
     phi, c = as_field(phi), as_field(c)
-    _check_rod(phi, -np.inf, _number(c), f"rod threshold {_number(c):g}")
+    _check_range(phi, -np.inf, _constant_value(c), f"rod threshold {_constant_value(c):g}")
     return phi - c
 
 
 def pore(phi: FieldLike, c: FieldLike) -> Field:
     """{phi >= c}, as c - phi."""
     phi, c = as_field(phi), as_field(c)
-    _check_rod(phi, _number(c), np.inf, f"pore threshold {_number(c):g}")
+    _check_range(phi, _constant_value(c), np.inf, f"pore threshold {_constant_value(c):g}")
     return c - phi
 
 
 def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
     """{lo <= phi <= hi}, as max(lo - phi, phi - hi). Of a signed distance it is the layer between two offsets."""
     phi, lo, hi = as_field(phi), as_field(lo), as_field(hi)
-    low, high = _number(lo), _number(hi)
+    low, high = _constant_value(lo), _constant_value(hi)
     if low >= high:
         raise InvalidRequest(
             f"sheet from {low:g} to {high:g} is empty: the lower threshold must be below the upper one"
         )
-    _check_rod(phi, low, high, f"sheet from {low:g} to {high:g}")
-    return Extreme(lo - phi, phi - hi, +1)
+    _check_range(phi, low, high, f"sheet from {low:g} to {high:g}")
+    return MinMaxField(lo - phi, phi - hi, +1)
 
 
-def _number(threshold: Field) -> float:
+def _constant_value(threshold: Field) -> float:
     """The value of a constant threshold; nan, with which every comparison is false, of a field."""
-    return threshold.value if isinstance(threshold, Constant) else np.nan
+    return threshold.value if isinstance(threshold, ConstantField) else np.nan
 
 
-def _check_rod(phi: Field, low: float, high: float, what: str) -> None:
+def _check_range(phi: Field, low: float, high: float, what: str) -> None:
     """Refuse thresholds between which a surface of the catalogue has nothing, or everything."""
-    if not isinstance(phi, Tpms):
+    if not isinstance(phi, NodalField):
         return
     least, most = phi.info.range
     if low >= most or high <= least:

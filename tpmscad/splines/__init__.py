@@ -2,64 +2,71 @@
 
 from __future__ import annotations
 
-from tpmscad.splines.adaptive import BEZIER, Fit, Space, Trial, adapt
-from tpmscad.splines.axis import Axis, bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
-from tpmscad.splines.bounds import (
+from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions, unconstrained_subspace
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, design_matrix, line_segment
+from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
+from tpmscad.splines.error_bounds import (
     derivative_bounds,
-    filip,
+    filip_bound,
     filip_step,
-    fit_bound,
+    fit_error_bound,
     second_derivative_bounds,
-    zheng_sederberg,
+    zheng_sederberg_bound,
 )
-from tpmscad.splines.bspline import Curve, Surface, design, line
-from tpmscad.splines.continuity import Conditions, Joint, joint_conditions
-from tpmscad.splines.cpia import Grid, Iteration, cpia, cpia_rate, plain_grid
-from tpmscad.splines.fitting import fit
-from tpmscad.splines.knots import elevate, insert, restrict, split
-from tpmscad.splines.pia import lspia, pia, pia_rate
-from tpmscad.splines.subspace import Subspace, free, pole_metric, solve_conditions
+from tpmscad.splines.knots import elevate_degree, insert_knot, restrict_surface, split_surface
+from tpmscad.splines.progressive_iteration import (
+    CpiaResult,
+    DataGrid,
+    cpia_convergence_rate,
+    fit_cpia,
+    iterate_lspia,
+    iterate_pia,
+    pia_convergence_rate,
+    trapezoidal_grid,
+)
+from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
+from tpmscad.splines.surface_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, SplineSpace, fit_surface, fit_to_tolerance
 
 __all__ = [
-    "BEZIER",
-    "Axis",
-    "Conditions",
-    "Curve",
-    "Fit",
-    "Grid",
-    "Iteration",
+    "BEZIER_SPACES",
+    "AdaptiveFit",
+    "AffineSubspace",
+    "BSplineCurve",
+    "BSplineSurface",
+    "ContinuityConditions",
+    "CpiaResult",
+    "DataGrid",
+    "FitTrial",
     "Joint",
-    "Space",
-    "Subspace",
-    "Surface",
-    "Trial",
-    "adapt",
+    "SplineAxis",
+    "SplineSpace",
     "bezier_knots",
-    "cpia",
-    "cpia_rate",
+    "cpia_convergence_rate",
     "derivative_bounds",
-    "design",
-    "elevate",
-    "filip",
+    "design_matrix",
+    "elevate_degree",
+    "filip_bound",
     "filip_step",
-    "fit",
-    "fit_bound",
-    "free",
+    "fit_cpia",
+    "fit_error_bound",
+    "fit_surface",
+    "fit_to_tolerance",
     "gauss_axis",
-    "insert",
+    "insert_knot",
+    "iterate_lspia",
+    "iterate_pia",
     "joint_conditions",
-    "line",
-    "lspia",
-    "pia",
-    "pia_rate",
-    "plain_grid",
+    "line_segment",
+    "pia_convergence_rate",
     "pole_axis",
     "pole_metric",
-    "restrict",
+    "restrict_surface",
     "sampled_axis",
     "second_derivative_bounds",
     "solve_conditions",
-    "split",
+    "split_surface",
+    "trapezoidal_grid",
+    "unconstrained_subspace",
     "uniform_knots",
-    "zheng_sederberg",
+    "zheng_sederberg_bound",
 ]

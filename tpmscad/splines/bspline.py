@@ -11,15 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline
 from scipy.special import comb
 
-Array = NDArray[np.float64]
+from tpmscad._typing import Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Curve:
+class BSplineCurve:
     """A B-spline curve in D dimensions: poles (N, D), knots (N + degree + 1,) with repetition."""
 
     poles: Array
@@ -41,25 +41,25 @@ class Curve:
         """Points, or derivatives of the given order, at t: (..., D)."""
         return np.asarray(_spline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
 
-    def reversed(self) -> Curve:
+    def reversed(self) -> BSplineCurve:
         """The same points on the same domain, run the other way."""
         low, high = self.domain
-        return Curve(self.poles[::-1].copy(), (low + high) - self.knots[::-1], self.degree)
+        return BSplineCurve(self.poles[::-1].copy(), (low + high) - self.knots[::-1], self.degree)
 
-    def moved(self, rotation: Array, translation: Array) -> Curve:
-        return Curve(self.poles @ rotation.T + translation, self.knots, self.degree)
+    def moved(self, rotation: Array, translation: Array) -> BSplineCurve:
+        return BSplineCurve(self.poles @ rotation.T + translation, self.knots, self.degree)
 
-    def scaled(self, factor: float) -> Curve:
-        return Curve(factor * self.poles, self.knots, self.degree)
+    def scaled(self, factor: float) -> BSplineCurve:
+        return BSplineCurve(factor * self.poles, self.knots, self.degree)
 
 
-def line(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> Curve:
+def line_segment(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> BSplineCurve:
     """The straight segment as a curve of degree one on the given domain."""
-    return Curve(np.array([start, end], float), np.repeat(np.array(domain, float), 2), 1)
+    return BSplineCurve(np.array([start, end], float), np.repeat(np.array(domain, float), 2), 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class BSplineSurface:
     """A tensor-product B-spline surface: poles (U, V, D), a knot vector with repetition and a degree for u and for v."""
 
     poles: Array
@@ -93,15 +93,15 @@ class Surface:
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., D)."""
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
-        rows = design(self.knots_u, self.degree_u, u.ravel(), du)
-        columns = design(self.knots_v, self.degree_v, v.ravel(), dv)
+        rows = design_matrix(self.knots_u, self.degree_u, u.ravel(), du)
+        columns = design_matrix(self.knots_v, self.degree_v, v.ravel(), dv)
         half = (rows @ self.poles.reshape(len(self.poles), -1)).reshape(len(rows), *self.poles.shape[1:])
         return (columns[:, None] @ half).reshape(*u.shape, self.poles.shape[2])
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """The same on the grid of all u with all v: (len(u), len(v), D)."""
-        rows = design(self.knots_u, self.degree_u, np.asarray(u, float), du)
-        columns = design(self.knots_v, self.degree_v, np.asarray(v, float), dv)
+        rows = design_matrix(self.knots_u, self.degree_u, np.asarray(u, float), du)
+        columns = design_matrix(self.knots_v, self.degree_v, np.asarray(v, float), dv)
         half = (rows @ self.poles.reshape(len(self.poles), -1)).reshape(len(rows), *self.poles.shape[1:])
         return columns @ half
 
@@ -109,28 +109,30 @@ class Surface:
         """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
         return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))
 
-    def side(self, index: int) -> Curve:
+    def side(self, index: int) -> BSplineCurve:
         """The border curve of side 0..3, run counter-clockwise."""
         along_u = index in (0, 2)
         poles = {0: self.poles[:, 0], 1: self.poles[-1], 2: self.poles[:, -1], 3: self.poles[0]}[index]
-        curve = Curve(
+        curve = BSplineCurve(
             poles.copy(), self.knots_u if along_u else self.knots_v, self.degree_u if along_u else self.degree_v
         )
         return curve if index in (0, 1) else curve.reversed()
 
-    def side_line(self, index: int) -> Curve:
+    def side_pcurve(self, index: int) -> BSplineCurve:
         """The parameter curve of that side, on the domain of `side(index)` and run the same way."""
         corners = self.corners
-        return line(corners[index], corners[(index + 1) % 4], self.side(index).domain)
+        return line_segment(corners[index], corners[(index + 1) % 4], self.side(index).domain)
 
-    def moved(self, rotation: Array, translation: Array) -> Surface:
-        return Surface(self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
+    def moved(self, rotation: Array, translation: Array) -> BSplineSurface:
+        return BSplineSurface(
+            self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v
+        )
 
-    def scaled(self, factor: float) -> Surface:
-        return Surface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
+    def scaled(self, factor: float) -> BSplineSurface:
+        return BSplineSurface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
 
 
-def design(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
+def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
     """Values (or derivatives) of every basis function at t (n,): (n, len(knots) - degree - 1), dense.
 
     One-sided at the ends of the domain: the last point takes the last span. Patches have tens of basis functions, for

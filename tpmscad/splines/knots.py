@@ -9,10 +9,11 @@ from math import comb
 
 import numpy as np
 
-from tpmscad.splines.bspline import Array, Surface
+from tpmscad._typing import Array
+from tpmscad.splines.bspline import BSplineSurface
 
 
-def insert(poles: Array, knots: Array, degree: int, t: float, times: int = 1) -> tuple[Array, Array]:
+def insert_knot(poles: Array, knots: Array, degree: int, t: float, times: int = 1) -> tuple[Array, Array]:
     """Poles (N + times, ...) and knots after inserting the knot t, which must be inside the domain, so many times (Boehm)."""
     for _ in range(times):
         k = int(np.searchsorted(knots, t, side="right")) - 1
@@ -29,51 +30,51 @@ def insert(poles: Array, knots: Array, degree: int, t: float, times: int = 1) ->
     return poles, knots
 
 
-def split(surface: Surface, direction: int, t: float) -> tuple[Surface, Surface]:
+def split_surface(surface: BSplineSurface, direction: int, t: float) -> tuple[BSplineSurface, BSplineSurface]:
     """The surface in two at u = t (direction 0) or v = t (1), each on its part of the domain."""
-    poles, knots, degree = _along(surface, direction)
+    poles, knots, degree = _direction_arrays(surface, direction)
     repeats = int(np.count_nonzero(knots == t))
-    poles, knots = insert(poles, knots, degree, t, degree - repeats)
+    poles, knots = insert_knot(poles, knots, degree, t, degree - repeats)
     first = int(np.searchsorted(knots, t))
     border = first - 1  # the pole that the surface at t interpolates
-    low = _rebuilt(surface, direction, poles[: border + 1], np.append(knots[: first + degree], t))
-    high = _rebuilt(surface, direction, poles[border:], np.insert(knots[first:], 0, t))
+    low = _replace_direction(surface, direction, poles[: border + 1], np.append(knots[: first + degree], t))
+    high = _replace_direction(surface, direction, poles[border:], np.insert(knots[first:], 0, t))
     return low, high
 
 
-def restrict(surface: Surface, u: tuple[float, float], v: tuple[float, float]) -> Surface:
+def restrict_surface(surface: BSplineSurface, u: tuple[float, float], v: tuple[float, float]) -> BSplineSurface:
     """The piece of the surface on [u0, u1] x [v0, v1], a rectangle in its domain."""
     for direction, (low, high) in enumerate((u, v)):
         start, end = surface.domain[direction]
         if not start <= low < high <= end:
             raise ValueError(f"[{low}, {high}] is not an interval in [{start}, {end}]")
         if low > start:
-            surface = split(surface, direction, low)[1]
+            surface = split_surface(surface, direction, low)[1]
         if high < end:
-            surface = split(surface, direction, high)[0]
+            surface = split_surface(surface, direction, high)[0]
     return surface
 
 
-def elevate(surface: Surface, degree_u: int, degree_v: int) -> Surface:
+def elevate_degree(surface: BSplineSurface, degree_u: int, degree_v: int) -> BSplineSurface:
     """The same one-span (Bezier) surface with poles for higher degrees."""
     for direction, degree in ((0, degree_u), (1, degree_v)):
-        poles, knots, old = _along(surface, direction)
+        poles, knots, old = _direction_arrays(surface, direction)
         if len(poles) != old + 1 or degree < old:
             raise ValueError(
                 f"degree {old} with {len(poles)} poles can't be elevated to {degree}: one span, upwards only"
             )
-        matrix = _elevation(old, degree)
+        matrix = _elevation_matrix(old, degree)
         raised = np.einsum("ij,j...->i...", matrix, poles)
         domain = float(knots[old]), float(knots[-old - 1])
         raised_knots = np.repeat(np.array(domain), degree + 1)
         raised = raised if direction == 0 else raised.swapaxes(0, 1)
         knots_u, knots_v = (raised_knots, surface.knots_v) if direction == 0 else (surface.knots_u, raised_knots)
         pu, pv = (degree, surface.degree_v) if direction == 0 else (surface.degree_u, degree)
-        surface = Surface(raised, knots_u, knots_v, pu, pv)
+        surface = BSplineSurface(raised, knots_u, knots_v, pu, pv)
     return surface
 
 
-def _elevation(low: int, high: int) -> Array:
+def _elevation_matrix(low: int, high: int) -> Array:
     """Bernstein coefficients of degree `high` from those of degree `low`: (high + 1, low + 1)."""
     return np.array(
         [
@@ -86,13 +87,13 @@ def _elevation(low: int, high: int) -> Array:
     )
 
 
-def _along(surface: Surface, direction: int) -> tuple[Array, Array, int]:
+def _direction_arrays(surface: BSplineSurface, direction: int) -> tuple[Array, Array, int]:
     if direction == 0:
         return surface.poles, surface.knots_u, surface.degree_u
     return surface.poles.swapaxes(0, 1), surface.knots_v, surface.degree_v
 
 
-def _rebuilt(surface: Surface, direction: int, poles: Array, knots: Array) -> Surface:
+def _replace_direction(surface: BSplineSurface, direction: int, poles: Array, knots: Array) -> BSplineSurface:
     if direction == 0:
-        return Surface(poles.copy(), knots, surface.knots_v, surface.degree_u, surface.degree_v)
-    return Surface(poles.swapaxes(0, 1).copy(), surface.knots_u, knots, surface.degree_u, surface.degree_v)
+        return BSplineSurface(poles.copy(), knots, surface.knots_v, surface.degree_u, surface.degree_v)
+    return BSplineSurface(poles.swapaxes(0, 1).copy(), surface.knots_u, knots, surface.degree_u, surface.degree_v)

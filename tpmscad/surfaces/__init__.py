@@ -1,48 +1,48 @@
 """Exact triply periodic minimal surfaces and their nodal namesakes, in the unit cubic cell."""
 
-from tpmscad.surfaces.catalogue import CATALOGUE, SurfaceInfo, check_reference, find
-from tpmscad.surfaces.jet import Jet
-from tpmscad.surfaces.mirrors import MirrorSymmetry, has_mirrors, mirror_symmetry
-from tpmscad.surfaces.patch import MARGIN, SurfacePatch, patch
-from tpmscad.surfaces.symmetry import PatchSymmetry, symmetry
-from tpmscad.surfaces.volume import (
+from tpmscad.surfaces.differential_geometry import SurfaceJet
+from tpmscad.surfaces.motion_group import PatchSymmetry, patch_symmetry
+from tpmscad.surfaces.offset_volumes import (
     area,
-    measures,
+    cell_measures,
+    check_offset,
     offsets_for,
     skeletal_offset_for,
     skeletal_volume_fraction,
     thickness_for,
     volume_fraction,
-    within_reach,
 )
+from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirror_symmetry
+from tpmscad.surfaces.surface_patch import PARAMETER_MARGIN, SurfacePatch, primitive_patch
+from tpmscad.surfaces.surface_records import CATALOGUE, SurfaceInfo, check_reference, find_surface
 
 
-def motions(name: str) -> PatchSymmetry | MirrorSymmetry:
+def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
     """What the lattice of a catalogued surface is copied by: proper motions of its patch, or reflections of its piece."""
-    return mirror_symmetry(name) if has_mirrors(name) else symmetry(name)
+    return mirror_symmetry(name) if has_mirrors(name) else patch_symmetry(name)
 
 
 __all__ = [
     "CATALOGUE",
-    "MARGIN",
-    "Jet",
+    "PARAMETER_MARGIN",
     "MirrorSymmetry",
     "PatchSymmetry",
     "SurfaceInfo",
+    "SurfaceJet",
     "SurfacePatch",
     "area",
+    "cell_measures",
+    "check_offset",
     "check_reference",
-    "find",
+    "find_surface",
     "has_mirrors",
-    "measures",
     "mirror_symmetry",
-    "motions",
     "offsets_for",
-    "patch",
+    "patch_symmetry",
+    "primitive_patch",
     "skeletal_offset_for",
     "skeletal_volume_fraction",
-    "symmetry",
+    "surface_symmetry",
     "thickness_for",
     "volume_fraction",
-    "within_reach",
 ]

@@ -21,38 +21,38 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
-from tpmscad.surfaces.jet import Array
-from tpmscad.surfaces.series import SPINOR_A, SPINOR_B
+from tpmscad._typing import Array
+from tpmscad.surfaces.spinor_series import SPINOR_A, SPINOR_B
 
-HALF_SIDE = 1.0 / np.sqrt(3.0)
+KLEIN_HALF_SIDE = 1.0 / np.sqrt(3.0)
 """Half the side of the square in Klein's model."""
 
-MAX_OFFSET = 0.5
+MIN_CURVATURE_RADIUS = 0.5
 """Least radius of curvature, at the patch's centre, raw."""
 
 Complex = NDArray[np.complex128]
 
-Series = tuple[int, Array]
+SpinorSeries = tuple[int, Array]
 """(first, c) for sum c[k] t^(4k + first), first in 0..3."""
 
 
-def _product(p: Series, q: Series) -> Series:
+def _product(p: SpinorSeries, q: SpinorSeries) -> SpinorSeries:
     return p[0] + q[0], np.convolve(p[1], q[1])[: len(p[1])]
 
 
-def _derivative(p: Series) -> Series:
+def _derivative(p: SpinorSeries) -> SpinorSeries:
     first, c = p
     slopes = (4.0 * np.arange(len(c)) + first) * c
     return (first - 1, slopes) if first else (3, slopes[1:])
 
 
-def _integral(p: Series) -> Series:
+def _integral(p: SpinorSeries) -> SpinorSeries:
     first, c = p
     return first + 1, c / (4.0 * np.arange(len(c)) + first + 1)
 
 
-_ALPHA: Series = (0, SPINOR_A)
-_BETA: Series = (1, SPINOR_B)
+_ALPHA: SpinorSeries = (0, SPINOR_A)
+_BETA: SpinorSeries = (1, SPINOR_B)
 _ALPHA1, _BETA1 = _derivative(_ALPHA), _derivative(_BETA)
 _TABLES = (
     *(_ALPHA, _ALPHA1, _derivative(_ALPHA1)),
@@ -61,23 +61,23 @@ _TABLES = (
 )
 
 
-def mid_surface(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
+def evaluate_weierstrass(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
     """The surface and its unit normal with their derivatives by x and y: two (6, 3, ...), raw; x, y of one shape (...).
 
     The first axis is value, x, y, xx, xy, yy, the second the coordinate. `bonnet` is e^(i theta): 1 for Diamond, i for
     Schwarz P.
     """
-    t, *by_xy = _disc(x, y)
+    t, *by_xy = _klein_to_poincare(x, y)
     powers = (np.ones_like(t), t, t * t, t * t * t)
     s = powers[2] ** 2
     alpha, alpha1, alpha2, beta, beta1, beta2, int_aa, int_bb, int_ab = (
         powers[first] * polyval(s, coefficients) for first, coefficients in _TABLES
     )
-    phi = _null(alpha * alpha, beta * beta, 2 * alpha * beta)
-    phi1 = 2 * _null(alpha * alpha1, beta * beta1, alpha * beta1 + alpha1 * beta)
-    position = (bonnet * _null(int_aa, int_bb, 2 * int_ab)).real
+    phi = _null_vector(alpha * alpha, beta * beta, 2 * alpha * beta)
+    phi1 = 2 * _null_vector(alpha * alpha1, beta * beta1, alpha * beta1 + alpha1 * beta)
+    position = (bonnet * _null_vector(int_aa, int_bb, 2 * int_ab)).real
 
-    alpha_sq, beta_sq = _square(alpha), _square(beta)
+    alpha_sq, beta_sq = _abs_squared(alpha), _abs_squared(beta)
     m = alpha_sq + beta_sq
     m_t = alpha.conj() * alpha1 + beta.conj() * beta1
     cross = alpha.conj() * beta
@@ -86,14 +86,14 @@ def mid_surface(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
     w_t = alpha * beta2 - alpha2 * beta
     n_t = (w / m**2) * phi.conj()
     n_tt = ((w_t - 2 * w * m_t / m) / m**2) * phi.conj()
-    n_mixed = (-2 * _square(w) / m**2) * normal
+    n_mixed = (-2 * _abs_squared(w) / m**2) * normal
     return (
-        _chain(position, 0.5 * bonnet * phi, 0.5 * bonnet * phi1, np.zeros_like(position), *by_xy),
-        _chain(normal, n_t, n_tt, n_mixed, *by_xy),
+        _chain_rule(position, 0.5 * bonnet * phi, 0.5 * bonnet * phi1, np.zeros_like(position), *by_xy),
+        _chain_rule(normal, n_t, n_tt, n_mixed, *by_xy),
     )
 
 
-def _chain(
+def _chain_rule(
     value: Array,
     d: Complex,
     dd: Complex,
@@ -110,23 +110,23 @@ def _chain(
             value,
             2 * (d * t_x).real,
             2 * (d * t_y).real,
-            2 * (dd * t_x**2 + d * t_xx).real + 2 * _square(t_x) * mixed,
+            2 * (dd * t_x**2 + d * t_xx).real + 2 * _abs_squared(t_x) * mixed,
             2 * (dd * t_x * t_y + d * t_xy).real + 2 * (t_x * t_y.conj()).real * mixed,
-            2 * (dd * t_y**2 + d * t_yy).real + 2 * _square(t_y) * mixed,
+            2 * (dd * t_y**2 + d * t_yy).real + 2 * _abs_squared(t_y) * mixed,
         ]
     )
 
 
-def _square(z: Complex) -> Array:
+def _abs_squared(z: Complex) -> Array:
     """|z|^2."""
     return z.real**2 + z.imag**2
 
 
-def _null(p: Complex, q: Complex, r: Complex) -> Complex:
+def _null_vector(p: Complex, q: Complex, r: Complex) -> Complex:
     return np.stack([p - q, 1j * (p + q), r])
 
 
-def _disc(x: Array, y: Array) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
+def _klein_to_poincare(x: Array, y: Array) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
     """t = e^(i pi / 4) z / (1 + r), z = x + iy, r = (1 - |z|^2)^(1/2), with t_x, t_y, t_xx, t_xy, t_yy.
 
     Klein's model to Poincare's, turned by an eighth so that the square's sides are the quadrilateral's.

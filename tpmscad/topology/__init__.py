@@ -3,23 +3,27 @@
 Loops are compiled by numba on first use (some seconds, once per machine: they are cached on disk).
 """
 
-from tpmscad.topology.betti import Betti, betti, certified, euler_characteristic
-from tpmscad.topology.grid import CONNECTIVITY
-from tpmscad.topology.persistence import Pairs, persistence
-from tpmscad.topology.pieces import Pieces, cavities, components, isolated
-from tpmscad.topology.straddle import straddling
+from tpmscad.topology.components import (
+    LabelledComponents,
+    count_components_and_cavities,
+    label_cavities,
+    label_components,
+)
+from tpmscad.topology.cubical_betti import Betti, betti, bound_component_counts, euler_characteristic
+from tpmscad.topology.persistence import PersistencePairs, compute_pairs_at_level, compute_persistence
+from tpmscad.topology.voxels import CONNECTIVITY
 
 __all__ = [
     "CONNECTIVITY",
     "Betti",
-    "Pairs",
-    "Pieces",
+    "LabelledComponents",
+    "PersistencePairs",
     "betti",
-    "cavities",
-    "certified",
-    "components",
+    "bound_component_counts",
+    "compute_pairs_at_level",
+    "compute_persistence",
+    "count_components_and_cavities",
     "euler_characteristic",
-    "isolated",
-    "persistence",
-    "straddling",
+    "label_cavities",
+    "label_components",
 ]

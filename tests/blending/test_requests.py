@@ -1,0 +1,114 @@
+"""Requests that can't be blended are refused with what is wrong and what would do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.blending import CylinderRadius, LinearCoordinate, LineWeightSpec, blend
+from tpmscad.blending.composition.defects import count_defects
+from tpmscad.errors import InvalidRequest
+
+ROD, OTHER = fields.rod(fields.tpms("gyroid", period=0.5), 0.0), fields.rod(fields.tpms("schwarz_p", period=0.5), 0.0)
+LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))
+MIDDLE = fields.box((0.3, 0, 0), (0.7, 0.5, 0.5))
+SIZE = (24, 13, 12)
+
+
+def refused(message, structures=(ROD, OTHER), regions=(LEFT, RIGHT), blending=(MIDDLE,), **options):
+    with pytest.raises(InvalidRequest, match=message):
+        blend(structures, regions, blending, **{"resolution": SIZE, **options})
+
+
+def test_numbers_of_structures_and_regions_must_agree():
+    refused("1 structure given", structures=[ROD], regions=[LEFT], blending=[])
+    refused("3 regions for 2 structures", regions=[LEFT, RIGHT, MIDDLE])
+    refused("2 blending regions for 2 structures: 1 are needed", blending=[MIDDLE, MIDDLE])
+    refused("2 weights for 1 blending regions", weight=["x", "y"])
+
+
+def test_empty_overlapping_and_distant_regions_are_named():
+    refused("region 1 is empty", regions=[LEFT, fields.box((3, 3, 3), (4, 4, 4))], domain=((0, 0, 0), (1, 0.5, 0.5)))
+    refused("blending region 0 is empty", blending=[fields.box((5, 5, 5), (6, 6, 6))])
+    refused("regions 0 and 1 overlap", regions=[fields.box((0, 0, 0), (0.8, 0.5, 0.5)), RIGHT])
+    refused("blending region 0 does not touch region 1", blending=[fields.box((0.1, 0, 0), (0.3, 0.5, 0.5))])
+    refused("does not touch any of the regions 0 to 0", blending=[fields.box((0.7, 0, 0), (0.9, 0.5, 0.5))])
+
+
+def test_regions_without_bounds_need_a_domain():
+    walls = fields.halfspace((0.5, 0, 0), "x"), fields.halfspace((0.5, 0, 0), (-1, 0, 0))
+    refused("region 0 has no bounds: give domain", regions=walls)
+    result = blend((ROD, OTHER), walls, [MIDDLE], resolution=SIZE, domain=((0, 0, 0), (1, 0.5, 0.5)))
+    assert result.converged
+    refused("must be .* finite", domain=((0, 0, 0), (1, math.inf, 1)))
+
+
+def test_values_that_are_not_finite_and_functions_of_single_points_are_refused():
+    hole = fields.from_function(lambda p: np.where(p[:, 0] > 0.8, np.nan, p[:, 0] - 0.5))
+    refused("not finite at .* first at", structures=[hole, OTHER])
+    refused("vectorised|array|points", structures=[lambda p: math.sin(p[0]), OTHER])
+
+
+def test_under_sampled_structures_are_refused_with_a_resolution_that_would_do():
+    fine = fields.rod(fields.tpms("iwp", period=1 / 16), -2.0)
+    with pytest.raises(InvalidRequest, match=r"under-sampled.*3\.1 samples per period") as caught:
+        blend((ROD, fine), (LEFT, RIGHT), [MIDDLE], resolution=(50, 26, 26))
+    told = tuple(int(n) for n in str(caught.value).split("resolution of (")[1].split(")")[0].split(","))
+    assert (
+        count_defects(fine.on_grid(*(np.linspace(0, s, n) for s, n in zip((1, 0.5, 0.5), told, strict=True)))).n0 == 0
+    )
+    refused(
+        "under-sampled.*isolated components and holes there",
+        structures=[ROD, lambda p: fine(p)],
+        resolution=(50, 25, 25),
+    )
+
+
+def test_names_and_numbers_out_of_range_are_refused():
+    refused("method 'best': must be one of topological", method="best")
+    refused("weight 'round': must be one of auto", weight="round")
+    refused("max_change 0: must be above 0", max_change=0)
+    refused("minimum_neck -1: must be a width above zero", minimum_neck=-1)
+    refused("at least 2 samples", resolution=(1, 4, 4))
+    refused("it is no layer", weight=LineWeightSpec(CylinderRadius()))
+    refused("needs a blending region that is a layer", method="sigmoid", weight="volume")
+    refused("needs at least 1", weight=LineWeightSpec(LinearCoordinate(), degree=0))
+
+
+def test_without_a_resolution_one_is_chosen_that_keeps_the_structures_whole():
+    thin = fields.sheet(fields.tpms("gyroid", period=0.5), -0.3, 0.3)
+    result = blend((ROD, thin), (LEFT, RIGHT), [MIDDLE])
+    assert result.converged
+    assert min(result.resolution) >= 20
+    spacing = [length / (n - 1) for length, n in zip((1, 0.5, 0.5), result.resolution, strict=True)]
+    assert max(spacing) == pytest.approx(min(spacing), rel=0.1)
+
+
+def test_a_function_of_points_is_a_structure_and_keeps_its_bits():
+    def wavy(points):
+        return np.sin(12 * points[..., 0]) * np.cos(12 * points[..., 1]) + 0.4 * np.sin(12 * points[..., 2]) - 0.3
+
+    result = blend((wavy, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE)
+    points = np.random.default_rng(0).uniform(0, (0.29, 0.5, 0.5), (70_001, 3))
+    assert np.array_equal(result.field(points), wavy(points))
+    assert result.field(points.reshape(-1, 7, 3)[:50]).shape == (50, 7) if len(points) % 7 == 0 else True
+
+
+def test_progress_tells_stages_and_ends_at_one():
+    told = []
+    blend(
+        (ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE, progress=lambda stage, part: told.append((stage, part))
+    )
+    assert [part for _, part in told] == sorted(part for _, part in told)
+    assert told[-1][1] == 1.0
+
+
+def test_errors_become_plain_values_for_a_report():
+    result = blend((ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE)
+    told = result.errors.to_dict()
+    assert told["resolutions"] == (SIZE, (48, 26, 24))
+    assert set(told["n0"]) == {"initial", "final", "intrinsic"}
+    assert set(result.seconds) >= {"sampling", "weights", "optimisation", "check"}

@@ -1,0 +1,128 @@
+"""Moments of faces against closed forms: a box of planes, a box of bilinear patches, any rigid motion, mirrors included."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tests.shapes.box_shapes import CORNERS, SIDES, plane_box
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, Faces
+from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.moments.loop_integrals import integrate_pcurves
+from tpmscad.brep.welding import weld_patches
+from tpmscad.splines.bspline import BSplineSurface, line_segment
+from tpmscad.splines.knots import restrict_surface
+
+SIZE = np.array([2.0, 3.0, 5.0])
+
+
+def patch_box(degree: int = 1) -> Brep:
+    surfaces = []
+    s, t = np.linspace(0, 1, degree + 1), np.linspace(0, 1, degree + 1)
+    knots = np.repeat([0.0, 1.0], degree + 1)
+    for side in SIDES:
+        a, b, c, d = (CORNERS * SIZE)[side]
+        poles = (
+            np.multiply.outer(np.outer(1 - s, 1 - t), a)
+            + np.multiply.outer(np.outer(s, 1 - t), b)
+            + np.multiply.outer(np.outer(s, t), c)
+            + np.multiply.outer(np.outer(1 - s, t), d)
+        )
+        surfaces.append(BSplineSurface(poles, knots, knots, degree, degree))
+    n = len(surfaces)
+    still = np.zeros((n, 3))
+    return weld_patches(
+        surfaces, np.arange(n), np.tile(np.eye(3), (n, 1, 1)), still, np.ones(n, int), np.zeros(n, int), ["box"]
+    )
+
+
+MOTIONS = {
+    "at rest": (np.eye(3), np.zeros(3)),
+    "turned": (Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix(), np.array([0.4, -7.0, 2.5])),
+    "mirrored": (np.diag([1.0, -1.0, 1.0]) @ Rotation.from_rotvec([1.3, 0.1, 0.2]).as_matrix(), np.array([1.0, 2, 3])),
+}
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_a_box_of_planes_has_its_volume_area_and_centre_wherever_it_stands(motion: str) -> None:
+    rotation, translation = MOTIONS[motion]
+    moments = integral_properties.integrate_faces(plane_box(SIZE, rotation, translation))
+    assert integral_properties.volume(moments)[0] == pytest.approx(30.0, rel=1e-13)
+    assert moments.area.sum() == pytest.approx(62.0, rel=1e-13)
+    np.testing.assert_allclose(
+        integral_properties.centroid(moments), rotation @ (SIZE / 2) + translation, rtol=0, atol=1e-12
+    )
+    np.testing.assert_allclose(moments.normal.sum(axis=0), 0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("degree", [1, 2, 5])
+def test_a_box_of_patches_equals_the_box_of_planes(degree: int) -> None:
+    moments = integral_properties.integrate_faces(patch_box(degree))
+    planar = integral_properties.integrate_faces(plane_box(SIZE))
+    for name in ("area", "normal", "first", "second"):
+        np.testing.assert_allclose(getattr(moments, name), getattr(planar, name), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_moments_of_moved_patches_are_those_of_patches_with_moved_poles(motion: str) -> None:
+    rotation, translation = MOTIONS[motion]
+    rng = np.random.default_rng(7)
+    knots_u, knots_v = np.array([0, 0, 0, 0.4, 1, 1, 1]), np.array([0, 0, 0, 0, 1, 1, 1, 1.0])
+    surface = BSplineSurface(rng.random((4, 4, 3)), knots_u, knots_v, 2, 3)
+    one = np.ones(1, int)
+
+    def moments(s: BSplineSurface, r: np.ndarray, t: np.ndarray) -> integral_properties.FaceMoments:
+        return integral_properties.integrate_faces(weld_patches([s], 0 * one, r[None], t[None], one, 0 * one, ["a"]))
+
+    placed = moments(surface, rotation, translation)
+    baked = moments(surface.moved(rotation, translation), np.eye(3), np.zeros(3))
+    for name in ("area", "normal", "first", "second"):
+        np.testing.assert_allclose(getattr(placed, name), getattr(baked, name), rtol=1e-12, atol=1e-13)
+
+
+def test_inner_knots_do_not_blur_the_quadrature() -> None:
+    """The same bicubic-by-quadratic patch in one piece and cut along its inner knots."""
+    rng = np.random.default_rng(5)
+    knots_u, knots_v = np.array([0, 0, 0, 0.3, 0.7, 1, 1, 1]), np.array([0, 0, 0, 0, 0.45, 1, 1, 1, 1.0])
+    surface = BSplineSurface(rng.random((5, 5, 3)), knots_u, knots_v, 2, 3)
+    one = np.ones(1, int)
+
+    def moments(s: BSplineSurface) -> integral_properties.FaceMoments:
+        return integral_properties.integrate_faces(
+            weld_patches([s], 0 * one, np.eye(3)[None], np.zeros((1, 3)), one, 0 * one, ["a"])
+        )
+
+    pieces = [restrict_surface(surface, u, v) for u in ((0, 0.3), (0.3, 0.7), (0.7, 1)) for v in ((0, 0.45), (0.45, 1))]
+    whole, parts = moments(surface), [moments(p) for p in pieces]
+    for name in ("normal", "first", "second"):
+        np.testing.assert_allclose(
+            getattr(whole, name), sum(getattr(p, name) for p in parts), rtol=0, atol=1e-14, err_msg=name
+        )
+
+
+def test_a_box_is_one_closed_shell_of_a_sphere() -> None:
+    for box in (patch_box(2), plane_box(SIZE)):
+        assert connectivity.is_closed(box)
+        count, shell = connectivity.label_shells(box)
+        assert count == 1
+        assert connectivity.euler_characteristic(box, shell).tolist() == [2]
+        assert len(box.edges) == 12
+        assert len(box.vertices) == 8
+
+
+def test_a_missing_face_and_a_face_turned_over_are_noticed() -> None:
+    box = patch_box()
+    turned = box.faces.sense.copy()
+    turned[2] = -1
+    faces = Faces(*[turned if f == "sense" else getattr(box.faces, f) for f in Faces.__slots__])
+    flipped = Brep(*[faces if f == "faces" else getattr(box, f) for f in Brep.__slots__])
+    assert len(connectivity.find_unmatched_edges(flipped)) == 4
+
+
+def test_a_loop_that_does_not_leave_the_patchs_first_column_measures_nothing() -> None:
+    """Pieces that run along u = u0, where the integral begins, may be all that there is at once."""
+    surface = patch_box().carriers[0]
+    side = line_segment([0.0, 0.0], [0.0, 1.0])
+    np.testing.assert_array_equal(integrate_pcurves(surface, [(side, (0.0, 1.0))]), 0.0)

@@ -1,0 +1,111 @@
+"""The command line with its real workflows and the kernel: a lattice to a STEP file and back, and the requests it refuses."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tpmscad import cli
+
+pytestmark = pytest.mark.kernel
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def tpmscad(*arguments: str, folder: Path) -> subprocess.CompletedProcess[str]:
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    return subprocess.run(
+        [sys.executable, "-m", "tpmscad", *arguments], cwd=folder, env=environment, capture_output=True, text=True
+    )
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A folder with gyroid.step in it, and the report of making it."""
+    folder = tmp_path_factory.mktemp("made")
+    line = "lattice gyroid --cell 10 --thickness 1 --tol 0.02 -o gyroid.step --report gyroid.json"
+    answer = tpmscad(*line.split(), folder=folder)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert answer.stdout.startswith("met")
+    assert sorted(os.listdir(folder)) == ["gyroid.json", "gyroid.step"]
+    return folder, json.loads((folder / "gyroid.json").read_text())
+
+
+def test_the_report_holds_the_certificate(made: tuple[Path, dict[str, Any]]) -> None:
+    report = made[1]
+    assert report["met"] is True
+    assert report["max_deviation"] <= report["tol"] == 0.02
+    # Steiner's formula for a symmetric sheet, 2 t A + 2 t^3 2 pi chi / 3 with t = 0.5, chi = -8 and A = 3.0915 cell edges squared
+    assert report["volume"] == pytest.approx(309.15 - 4.19, rel=1e-3)
+
+
+def test_check_finds_in_the_file_what_the_report_says(made: tuple[Path, dict[str, Any]]) -> None:
+    folder, report = made
+    answer = tpmscad("check", "gyroid.step", "--report", "check.json", folder=folder)
+    assert (answer.returncode, answer.stderr) == (0, "")
+    found = json.loads((folder / "check.json").read_text())
+    assert found["volume"] == pytest.approx(report["volume"], rel=1e-9)
+    assert found["area"] == pytest.approx(report["area"], rel=1e-6)
+
+
+def test_render_draws_a_picture_without_a_display(made: tuple[Path, dict[str, Any]]) -> None:
+    answer = tpmscad("render", "gyroid.step", "-o", "gyroid.png", folder=made[0])
+    assert (answer.returncode, answer.stderr) == (0, "")
+    assert (made[0] / "gyroid.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(("length", "status"), [(0, 2), (100, 1), (100_000, 1)])
+def test_check_of_a_file_that_is_no_step_or_cut_short_ends_in_an_error(
+    made: tuple[Path, dict[str, Any]], tmp_path: Path, length: int, status: int
+) -> None:
+    (tmp_path / "cut.step").write_bytes((made[0] / "gyroid.step").read_bytes()[:length])
+    answer = tpmscad("check", "cut.step", folder=tmp_path)
+    assert (answer.returncode, answer.stderr.count("\n")) == (status, 1)
+    assert "cut.step" in answer.stderr
+
+
+def test_an_assembly_of_cells_is_made_on_request(tmp_path: Path) -> None:
+    line = "lattice schwarz_p --cell 10 --cells 3,2,1 --thickness 1 --tol 0.1 --instanced --schema ap214 -o p.step"
+    assert tpmscad(*line.split(), folder=tmp_path).returncode == 0
+    tpmscad("check", "p.step", "--report", "p.json", folder=tmp_path)
+    assert json.loads((tmp_path / "p.json").read_text())["solids"] == 6
+
+
+@pytest.mark.parametrize(
+    ("request_line", "words"),
+    [
+        ("gyroidd --cell 10 --thickness 1", "gyroid"),
+        ("gyroid --cell 0 --thickness 1", "cell 0"),
+        ("gyroid --cell nan --thickness 1", "cell nan"),
+        ("gyroid --cell 10 --cells 0,1,1 --thickness 1", "cells 0"),
+        ("gyroid --cell 10 --cells 1.5,1,1 --thickness 1", "cells 1.5"),
+        ("gyroid --cell 10 --thickness -1", "thickness -1"),
+        ("gyroid --cell 10 --thickness 9", "thickness below"),
+        ("gyroid --cell 10 --thickness 1 --offset -0.5,0.5", "thickness and offset"),
+        ("gyroid --cell 10 --volume-fraction 1.5", "volume_fraction 1.5"),
+        ("gyroid --cell 10", "exactly one of"),
+        ("gyroid --cell 10 --thickness 1 --tol 0", "tol 0"),
+        ("gyroid --cell 10 --thickness 1 --tol 1e-9", "tol 1e-09"),
+        ("gyroid --cell 10 --thickness 1 --phase 0.5", "phase"),
+    ],
+)
+def test_a_request_out_of_bounds_ends_in_2_naming_it(
+    request_line: str,
+    words: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["lattice", *request_line.split(), "-o", "out.step"])
+    err = capsys.readouterr().err
+    assert (stop.value.code, err.count("\n")) == (2, 1)
+    assert words in err
+    assert not os.listdir()

@@ -1,0 +1,122 @@
+"""tpmscad blend and tpmscad solidify on real files: exit status, what is said, what is left behind."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tpmscad import cli
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+RODS = "\n".join(
+    f'[[structures]]\nkind = "rod"\nsurface = "{name}"\nperiod = 2.5\nlevel = {level}'
+    for name, level in (("schwarz_p", -0.8), ("iwp", -2.0))
+)
+BOXES = "\n".join(
+    f'[[{where}]]\nkind = "box"\nlo = [{low}, 0, 0]\nhi = [{high}, 5, 5]'
+    for where, low, high in (("regions", 0, 10), ("regions", 10, 20), ("blending_regions", 6, 14))
+)
+TORN = f'tol = 0.05\nmethod = "initial"\nresolution = [100, 26, 26]\n{RODS}\n{BOXES}\n'
+"""A blend left as it starts: in pieces."""
+
+
+def run(line: str) -> int:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(shlex.split(line))
+    return int(stop.value.code or 0)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    for example in EXAMPLES.glob("*.toml"):
+        shutil.copy(example, tmp_path)
+    (tmp_path / "torn.toml").write_text(TORN)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def made() -> list[str]:
+    return [name for name in sorted(os.listdir()) if not name.endswith(".toml")]
+
+
+def test_a_dry_run_blends_and_writes_the_report_only(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("blend transition.toml --dry-run --report out.json") == 0
+    assert "no topological error of the blend at 25x25x25 and 50x50x50" in capsys.readouterr().out
+    assert made() == ["out.json"]
+    report = json.loads(Path("out.json").read_text())
+    assert report["converged"] is True
+    assert report["errors"]["n0"]["final"] == [0, 0]
+
+
+def test_a_dry_run_of_a_field_tells_how_solid_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("solidify graded.toml --dry-run --report out.json") == 0
+    assert "% solid" in capsys.readouterr().out
+    assert 0.3 < json.loads(Path("out.json").read_text())["volume_fraction"] < 0.5
+
+
+def test_a_blend_with_errors_left_ends_in_1_with_its_message_and_no_model(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("blend torn.toml -o out.step --report out.json") == 1
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert "errors left: 100x26x26: " in err
+    assert made() == ["out.json"]
+    assert json.loads(Path("out.json").read_text())["converged"] is False
+    assert run("blend torn.toml --dry-run --allow-errors") == 0
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "blend scaffold.toml",
+        "blend scaffold.toml --dry-run -o out.step",
+        "blend missing.toml -o out.step",
+        "blend scaffold.toml -o out.stl",
+        "blend scaffold.toml -o nowhere/out.step",
+        "blend graded.toml -o out.step",
+        "solidify scaffold.toml -o out.step",
+        "solidify graded.toml",
+        "solidify graded.toml --dry-run --report nowhere/out.json",
+    ],
+)
+def test_bad_usage_ends_in_2_before_anything_is_made(capsys: pytest.CaptureFixture[str], line: str) -> None:
+    assert run(line) == 2
+    assert capsys.readouterr().err
+    assert made() == []
+
+
+def test_an_error_of_the_file_ends_in_2_with_its_line(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
+    (folder / "torn.toml").write_text(TORN.replace("period = 2.5", "period = -3", 1))
+    assert run("blend torn.toml -o out.step") == 2
+    assert capsys.readouterr().err == "tpmscad: torn.toml, line 7, structures[0].period: -3 must be positive\n"
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("line", ["blend transition.toml", "solidify graded.toml"])
+def test_the_solid_is_written_and_reads_back_as_reported(capsys: pytest.CaptureFixture[str], line: str) -> None:
+    assert run(f"{line} -o out.step --report out.json") == 0
+    assert capsys.readouterr().out.startswith("met\n")
+    report = json.loads(Path("out.json").read_text())
+    assert report["met"] is True
+    assert report["max_deviation"] <= report["tol"]
+    assert ("blend" in report) == line.startswith("blend")
+    assert run("check out.step --report found.json") == 0
+    assert json.loads(Path("found.json").read_text())["volume"] == pytest.approx(report["volume"], rel=1e-9)
+
+
+@pytest.mark.kernel
+def test_the_domain_may_be_the_body_of_a_step_file(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    import build123d as bd
+
+    bd.export_step(bd.Pos(5, 5, 5) * bd.Cylinder(5, 9), str(folder / "drum.step"))
+    text = (folder / "graded.toml").read_text()
+    (folder / "drum.toml").write_text(re.sub("domain = .*", 'domain = "drum.step"', text).replace('"growth"', "-0.3"))
+    assert run("solidify drum.toml --dry-run") == 0
+    assert run("solidify drum.toml -o out.step") == 0, capsys.readouterr().err
+    assert run("check out.step --report found.json") == 0
+    assert 0.2 * 707 < json.loads(Path("found.json").read_text())["volume"] < 0.6 * 707

@@ -1,0 +1,47 @@
+"""Betti numbers of fields whose necks are far thinner than any grid that is tried."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmscad import fields, topology
+from tpmscad.fields.betti_numbers import INITIAL_LINES, compute_betti_numbers
+
+LO, HI = np.array([-1.9, -1.45, -1.3]), np.array([1.93, 1.38, 1.51])
+
+
+def ovals(half: float, sign: float) -> fields.Field:
+    """Cassini ovals turned about x, with a neck (or, half < 0, a gap) of that half width at the origin; solid or void."""
+    level = np.sign(half) * 2 * half**2
+
+    def value(x: np.ndarray) -> np.ndarray:
+        square = (x * x).sum(axis=-1)
+        along = 2 * x[..., 0] ** 2 - square
+        return sign * (square**2 - 2 * along - level)
+
+    return fields.as_field(value)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("half", [4e-3, 1e-3])
+@pytest.mark.parametrize(
+    ("way", "sign", "expected"),
+    [(1, 1, (1, 0, 0)), (-1, 1, (2, 0, 0)), (1, -1, (1, 0, 1)), (-1, -1, (1, 0, 2))],
+    ids=["strut", "gap", "channel", "wall"],
+)
+def test_necks_thinner_than_the_grids_spacing_are_seen(
+    half: float, way: int, sign: int, expected: tuple[int, int, int]
+) -> None:
+    assert compute_betti_numbers(ovals(way * half, sign), LO, HI) == expected
+
+
+def test_plain_grids_do_not_see_them() -> None:
+    axes = [np.linspace(a, b, INITIAL_LINES) for a, b in zip(LO, HI, strict=True)]
+    seen = {topology.betti(ovals(way * 1e-3, 1).on_grid(*axes)).b0 for way in (1, -1)}
+    assert len(seen) == 1
+
+
+def test_fields_without_necks_are_counted_as_they_are() -> None:
+    assert compute_betti_numbers(fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 0)
+    assert compute_betti_numbers(-fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 1)

@@ -1,0 +1,122 @@
+"""Coordinate maps: exact Jacobians, walls of true thickness, closed smooth lattices."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tpmscad import surfaces
+from tpmscad.brep.edge_continuity import measure_edge_continuity
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattice import copies, mapped_lattice, maps
+
+RNG = np.random.default_rng(11)
+POINTS = 10 * RNG.random((40, 3))
+
+
+def bent(p: np.ndarray) -> np.ndarray:
+    return np.stack([p[..., 0], p[..., 1], p[..., 2] + 2 * np.sin(0.3 * p[..., 0])], axis=-1)
+
+
+MAPS = {
+    "stretched": maps.stretching((1.0, 2.0, 0.7)),
+    "graded": maps.grading(1, (1.0, 2.0), 10.0),
+    "graded by a function": maps.grading(2, lambda z: 1 + 0.02 * z**2, 10.0),
+    "cylinder": maps.cylinder(25.0),
+    "of the user": maps.as_map(bent),
+    "composed": maps.composition(maps.as_map(bent), maps.stretching((1.0, 2.0, 0.7)), 10.0),
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_jacobians_are_the_derivatives(name: str) -> None:
+    map, h = MAPS[name], 1e-4
+    jacobian = map.jacobian(POINTS, 10.0)
+    for axis in range(3):
+        step = h * np.eye(3)[axis]
+        difference = (map(POINTS + step) - map(POINTS - step)) / (2 * h)
+        np.testing.assert_allclose(jacobian[..., axis], difference, rtol=0, atol=1e-8)
+
+
+def test_a_user_map_gets_derivatives_to_eleven_digits() -> None:
+    exact = 0.6 * np.cos(0.3 * POINTS[:, 0])
+    np.testing.assert_allclose(MAPS["of the user"].jacobian(POINTS, 10.0)[:, 2, 0], exact, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("function", "match"),
+    [
+        (lambda p: p[..., :2], "returned shape"),
+        (lambda p: np.log(p - 5), "not finite"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:invalid value encountered in log")
+def test_bad_maps_are_refused_with_what_is_wrong(function: object, match: str) -> None:
+    with pytest.raises(InvalidRequest, match=match):
+        maps.as_map(function)(POINTS)  # type: ignore[arg-type]
+
+
+def mid(map: maps.Map, name: str = "gyroid") -> mapped_lattice.MappedSurface:
+    placements = copies.place_whole_cells(name, (1, 1, 1), np.zeros(3))
+    return mapped_lattice.MappedSurface(
+        surfaces.primitive_patch(name), surfaces.patch_symmetry(name), placements, map, 10.0
+    )
+
+
+def test_a_map_that_folds_is_refused() -> None:
+    fold = maps.Map(lambda p: np.stack([p[..., 0] ** 2 / 10 - p[..., 0], p[..., 1], p[..., 2]], axis=-1), name="fold")
+    with pytest.raises(InvalidRequest, match="fold folds"):
+        mid(fold).orientation()
+
+
+@pytest.mark.parametrize("name", ["graded", "cylinder"])
+def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> None:
+    surface = mid(MAPS[name])
+    u, v = RNG.random((2, 30))
+    h = 1e-5
+    for index in (0, 7):
+        low, middle, high = (surface.offset(u, v, d, index) for d in (-0.4, 0.0, 0.4))
+        np.testing.assert_allclose(np.linalg.norm(high - low, axis=-1), 0.8, rtol=1e-9)
+        along = surface.offset(u + h, v, 0.0, index) - surface.offset(u - h, v, 0.0, index)
+        np.testing.assert_allclose(np.einsum("ni,ni->n", (high - middle) / 0.4, along) / (2 * h), 0, rtol=0, atol=1e-7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["stretched", "cylinder", "of the user"])
+def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> None:
+    surface = mid(MAPS[name])
+    lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
+    brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=True)
+    found, shape = measure_edge_continuity(brep, ("offset+", "offset-")), measure_solid(brep)
+    assert deviation.max <= 0.05
+    assert found.gap < 1e-8
+    assert found.tangent_jump_deg < 1e-6
+    assert found.curvature_jump < 1e-6
+    assert shape.closed
+    assert len(shape.pieces) == 1
+
+
+@pytest.mark.slow
+def test_the_identity_map_gives_the_lattice_itself() -> None:
+    surface = mid(maps.stretching((1.0, 1.0, 1.0)))
+    lower, upper, _ = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 1e-3)
+    expected = 1000 * surfaces.volume_fraction("gyroid", "minimal", -0.03, 0.03)
+    assert measure_solid(
+        mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=True)
+    ).volume == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_least_curvature_radius_of_an_unmapped_lattice_is_the_exact_one() -> None:
+    limit = 10 * surfaces.primitive_patch("gyroid").max_offset
+    assert mapped_lattice.least_curvature_radius(mid(maps.stretching((1.0, 1.0, 1.0)))) == pytest.approx(
+        limit, rel=1e-3
+    )
+
+
+def test_boxes_that_stay_boxes_are_told_from_those_that_do_not() -> None:
+    size = np.array([10.0, 10.0, 10.0])
+    low, high = mapped_lattice.map_box(MAPS["graded"], size)
+    np.testing.assert_allclose([low, high], [[0, 0, 0], [10, 15, 10]], rtol=0, atol=1e-12)
+    with pytest.raises(InvalidRequest, match="boundary='natural'"):
+        mapped_lattice.map_box(MAPS["of the user"], size)

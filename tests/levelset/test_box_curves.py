@@ -1,0 +1,43 @@
+"""Sections with the box: that they stay in it, and do not cross, is measured."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.shapes.ball_level_sets import TOL, ball_layer
+from tpmscad.levelset.fit.box_curves import find_crossing_curves, measure_overshoot, sample_box_curves
+from tpmscad.levelset.level_set_fit import LevelSetFit, _classify_failures
+
+
+def layer() -> LevelSetFit:
+    return ball_layer()[0]
+
+
+def test_a_section_that_passes_stays_in_the_box_and_crosses_nothing() -> None:
+    made = layer()
+    assert (made.net.plane >= 0).sum() > 4
+    assert measure_overshoot(made.net, sample_box_curves(made.net, made.fit), made.tree).max() <= 0
+    assert not find_crossing_curves(made.net, sample_box_curves(made.net, made.fit)).any()
+
+
+@pytest.mark.parametrize("reach", [0.9, 1.1])
+def test_a_curve_bent_across_the_one_opposite_is_told_with_it_and_makes_their_patches_folded(reach: float) -> None:
+    made = layer()
+    net, fit = made.net, made.fit
+    on_box = np.flatnonzero(net.plane >= 0)
+    middle = np.array([0.5 * (fit.curves[c][0] + fit.curves[c][-1]) for c in on_box])
+    one = 0
+    other = int(np.linalg.norm(middle - middle[one], axis=1).argmax())
+    curves = list(fit.curves)
+    bent = curves[on_box[one]].copy()
+    weight = 0.5 ** (len(bent) - 1) * 2  # what the first and last pole leave to those between, at the middle
+    bent[1:-1] = middle[one] + reach * (middle[other] - middle[one]) / (1 - weight)
+    curves[on_box[one]] = bent
+    spoilt = replace(fit, curves=curves)
+    found = find_crossing_curves(net, sample_box_curves(net, spoilt))
+    assert found[on_box[[one, other]]].all() == (reach > 1)
+    folded, _, _ = _classify_failures(net, spoilt, made.measured, made.tree, TOL)
+    assert folded[(net.curve == on_box[other]).any(axis=1)].all() == (reach > 1)

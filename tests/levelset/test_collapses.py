@@ -1,0 +1,244 @@
+"""Laws of simplified layouts: the same closed two-manifold on the box and on the field, of fewer and well shaped polygons."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.shapes.cut_fields import FIELDS, HI, LO
+from tpmscad.levelset.quadmesh import octree
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
+from tpmscad.levelset.quadmesh.quality import corner_distortion
+from tpmscad.levelset.quadmesh.simplification import collapse_candidates as field_rated
+from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE, PolygonMesh, extract_mesh
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeed, plan_edit, plan_edits_from
+from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices
+from tpmscad.levelset.quadmesh.smoothing import project_to_level_set, smooth_mesh
+
+
+@cache
+def layout(name: str, seed: int = 4, share: float = 0.1) -> QuadMesh:
+    rng = np.random.default_rng(seed)
+    tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
+    tree = octree.split_leaves(tree, rng.random(len(tree.size)) < share)
+    field = FIELDS[name]
+    return smooth_mesh(build_dual_mesh(tree, field), field, LO, HI)
+
+
+@cache
+def smaller(name: str) -> QuadMesh:
+    return simplify_mesh(layout(name), FIELDS[name], LO, HI).mesh
+
+
+def patches(mesh: QuadMesh) -> int:
+    return int(np.where(mesh.corners[:, 3] < 0, 3, 1).sum())
+
+
+def euler(mesh: QuadMesh) -> int:
+    return len(mesh.vertices) - len(mesh.side_ends) + len(mesh.corners)
+
+
+def normals(mesh: QuadMesh, name: str) -> np.ndarray:
+    slope = FIELDS[name].gradient(mesh.vertices)
+    return slope / np.linalg.norm(slope, axis=1, keepdims=True)
+
+
+def rows(mesh: QuadMesh) -> list[tuple[int, ...]]:
+    return [tuple(v for v in corners if v >= 0) for corners in mesh.corners.tolist()]
+
+
+@pytest.mark.parametrize("name", FIELDS)
+class TestEverySimplifiedLayout:
+    def test_has_fewer_patches(self, name: str) -> None:
+        assert patches(smaller(name)) < 0.95 * patches(layout(name))
+
+    def test_is_the_same_surface(self, name: str) -> None:
+        mesh = smaller(name)
+        assert euler(mesh) == euler(layout(name))
+        ends = np.sort(mesh.side_ends, axis=1)
+        assert len(np.unique(ends, axis=0)) == len(ends)
+        assert (ends[:, 0] < ends[:, 1]).all()
+        directed: dict[tuple[int, int], int] = {}
+        for corners in mesh.corners.tolist():
+            polygon = [v for v in corners if v >= 0]
+            assert len(set(polygon)) == len(polygon)
+            for a, b in zip(polygon, polygon[1:] + polygon[:1], strict=True):
+                assert (a, b) not in directed
+                directed[a, b] = 1
+        for (a, b), plane in zip(mesh.side_ends.tolist(), mesh.side_plane, strict=True):
+            assert directed.get((a, b), 0) + directed.get((b, a), 0) == (2 if plane < 0 else 1)
+
+    def test_has_one_fan_of_polygons_round_each_vertex(self, name: str) -> None:
+        mesh = smaller(name)
+        after: dict[int, dict[int, int]] = {}
+        for corners in mesh.corners.tolist():
+            polygon = [v for v in corners if v >= 0]
+            for i, v in enumerate(polygon):
+                after.setdefault(v, {})[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
+        for v in range(len(mesh.vertices)):
+            steps = after[v]
+            starts = set(steps) - set(steps.values())
+            assert len(starts) == int(mesh.fixed[v].any())
+            at, seen = (next(iter(starts)) if starts else next(iter(steps))), 0
+            while at in steps and seen < len(steps):
+                at, seen = steps[at], seen + 1
+            assert seen == len(steps)
+
+    def test_ends_on_the_box_where_the_layout_did(self, name: str) -> None:
+        mesh, before = smaller(name), layout(name)
+        at = np.nonzero(mesh.fixed)
+        assert np.isin(mesh.vertices[at], [0.0, *HI]).all()
+        assert ((mesh.vertices == LO) | (mesh.vertices == HI) | ~mesh.fixed).all()
+        on_box = np.flatnonzero(mesh.side_plane >= 0)
+        axis, upper = np.divmod(mesh.side_plane[on_box], 2)
+        bound = np.where(upper, HI[axis], LO[axis])
+        points = mesh.vertices[mesh.side_ends[on_box]]
+        assert (np.take_along_axis(points, axis[:, None, None], 2)[..., 0] == bound[:, None]).all()
+        ends, old_ends = (m.vertices[m.fixed.sum(axis=1) == 2] for m in (mesh, before))
+        assert len(ends) == len(old_ends)
+        assert np.allclose(np.sort(ends, axis=0), np.sort(old_ends, axis=0), rtol=0, atol=1e-12)
+
+    def test_lies_on_the_surface_with_polygons_no_worse_than_the_limit_or_than_before(self, name: str) -> None:
+        mesh = smaller(name)
+        assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
+        assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
+        before, after = (
+            corner_distortion(m.vertices, normals(m, name), m.fixed, m.corners).max() for m in (layout(name), mesh)
+        )
+        assert after <= max(1.0, before)
+
+
+def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
+    once, again = smaller("gyroid"), simplify_mesh(layout("gyroid"), FIELDS["gyroid"], LO, HI).mesh
+    assert np.array_equal(once.vertices, again.vertices)
+    assert np.array_equal(once.corners, again.corners)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = layout(name)
+    polygons = PolygonMesh(mesh)
+    surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
+    monkeypatch.setattr(field_rated, "BEFORE", np.inf)
+    numbers = np.array(sorted(polygons.polygon))
+    found = field_rated.rank_candidates(polygons, surface, numbers)
+    by_arrays = set()
+    for k in range(len(found.number)):
+        start = found.start[k] or CollapseSeed(((int(found.goes[k]), int(found.stays[k])),), (int(found.number[k]),))
+        by_arrays.add((tuple(sorted(start.into)), tuple(sorted(start.removed))))
+        change = plan_edit(polygons, start)
+        if change is None or change.dropped or len(change.into) != 1:
+            continue
+        after = PolygonMesh(mesh)
+        after.apply(change)
+        around = [f for v in change.into.values() for f in after.around[v]]
+        rows = np.concatenate([after.rows[around], after.rows[after.next - len(change.new) : after.next]])
+        (goes, stays), vertices, up = next(iter(change.into.items())), mesh.vertices.copy(), surface.normals.copy()
+        if not mesh.fixed[stays].any() or mesh.fixed[stays].sum() == mesh.fixed[goes].sum():
+            middle, reach = vertices[[goes, stays]].mean(axis=0), np.linalg.norm(vertices[goes] - vertices[stays])
+            vertices[stays] = project_to_level_set(FIELDS[name], middle[None], mesh.fixed[[stays]], np.array([reach]))[
+                0
+            ]
+            slope = FIELDS[name].gradient(vertices[stays])
+            up[stays] = slope / np.linalg.norm(slope)
+        bad = corner_distortion(vertices, up, mesh.fixed, rows).max()
+        if bad < 1.0:
+            assert abs(found.score[k] + field_rated.SCORE_PER_SAVED_PATCH * change.saved - bad) < 0.15
+    into = {each for each, _ in by_arrays}
+    one_by_one = {
+        tuple(sorted(c.into.items())) for n in numbers.tolist() for c in plan_edits_from(polygons, n) if c.into
+    }
+    assert one_by_one <= into
+
+
+def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
+    before = layout("gyroid")
+    found = simplify_mesh(before, FIELDS["gyroid"], LO, HI)
+    polygons = found.polygons
+    assert [polygons.polygon[f] for f in found.numbers] == [tuple(found.of[list(r)].tolist()) for r in rows(found.mesh)]
+    for step in reversed(found.history):
+        polygons.undo(step.change, step.numbers, step.old, step.plane)
+    assert _state(polygons) == _state(PolygonMesh(before))
+
+
+@pytest.mark.parametrize("name", ["gyroid", "iwp"])
+def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
+    mesh = layout(name)
+    polygons = PolygonMesh(mesh)
+    on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.around[v]) == 1]
+    assert on_edge
+    for v in on_edge:
+        (number,) = polygons.around[v]
+        polygon = polygons.polygon[number]
+        i = polygon.index(v)
+        before, after = polygon[i - 1], polygon[(i + 1) % len(polygon)]
+        assert polygons.plan_collapse({before: after}, [number]) is None
+        assert polygons.plan_collapse({after: before}, [number]) is None
+
+
+@given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 3)), min_size=1, max_size=25))
+@settings(max_examples=15, deadline=None)
+def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draws: list[tuple[int, int]]) -> None:
+    mesh = layout("schwarz_p")
+    polygons = PolygonMesh(mesh)
+    fixed = mesh.fixed.any(axis=1)
+    for number, turn in draws:
+        chosen = sorted(polygons.polygon)[number % len(polygons.polygon)]
+        polygon = polygons.polygon[chosen]
+        a, b = polygon[turn % len(polygon)], polygon[(turn + len(polygon) // 2) % len(polygon)]
+        if fixed[a] or fixed[b]:
+            continue
+        change = polygons.plan_collapse({a: b}, [chosen, polygons.beside.get((b, a), chosen)])
+        if change is None:
+            continue
+        state = _state(polygons)
+        old, plane = {f: polygons.polygon[f] for f in change.old}, polygons.box_sides(change.old)
+        made = polygons.apply(change)
+        assert change.saved > 0
+        polygons.undo(change, made, old, plane)
+        assert _state(polygons) == state
+        polygons.apply(change)
+    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    assert euler(after) == euler(mesh)
+    assert np.array_equal(
+        np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
+        np.where(after.side_plane < 0, 2, 1),
+    )
+
+
+@given(seed=st.integers(0, 10**6))
+@settings(max_examples=15, deadline=None)
+def test_collapses_at_random_stop_before_the_surface_changes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mesh = small(("ball", "schwarz_p", "gyroid")[seed % 3])
+    polygons = PolygonMesh(mesh)
+    for _ in range(300):
+        chosen = int(rng.choice(sorted(polygons.polygon)))
+        found = plan_edits_from(polygons, chosen)
+        if found:
+            polygons.apply(found[rng.integers(len(found))])
+    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    assert len(after.corners) < 0.8 * len(mesh.corners)
+    round_each = np.bincount(after.corners[after.corners >= 0])
+    inner = ~after.fixed.any(axis=1)
+    assert round_each[inner].min(initial=MIN_VALENCE) >= MIN_VALENCE
+    assert round_each.max() <= max(MAX_VALENCE, np.bincount(mesh.corners[mesh.corners >= 0]).max())
+    assert euler(after) == euler(mesh)
+    assert np.array_equal(
+        np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
+        np.where(after.side_plane < 0, 2, 1),
+    )
+
+
+@cache
+def small(name: str) -> QuadMesh:
+    return build_dual_mesh(octree.uniform_octree(LO, HI, np.array((4, 4, 4))), FIELDS[name])
+
+
+def _state(polygons: PolygonMesh) -> tuple[object, ...]:
+    return dict(polygons.polygon), [set(a) for a in polygons.around], dict(polygons.beside), dict(polygons.plane)

@@ -1,0 +1,185 @@
+"""Laws of what repeats: copies are translates of what they are copies of, and a solid of copies is as good as one without."""
+
+from __future__ import annotations
+
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.brep.connectivity import is_closed
+from tpmscad.brep.edge_continuity import measure_edge_continuity
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.levelset import level_set_fit as field_layer
+from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
+from tpmscad.levelset.fit import fit_quality as field_check
+from tpmscad.levelset.fit import network_fit as field_fit
+from tpmscad.levelset.quadmesh import octree
+from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
+from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.patch_network import PatchNetwork, build_patch_network
+from tpmscad.levelset.quadmesh.periodicity import (
+    crop_to_searched_periods,
+    find_translated_copies,
+    no_copies,
+    snap_translated_vertices,
+    tile_octree,
+)
+from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.parallel import task_runner
+from tpmscad.splines.bspline import BSplineSurface
+
+LO, TOL = np.zeros(3), 1e-2
+GYROID = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+
+
+@cache
+def net(counts: tuple[int, int, int], size: tuple[float, float, float], refined: bool) -> tuple[PatchNetwork, Octree]:
+    hi = np.array(size)
+    tree = octree.uniform_octree(LO, hi, np.array(counts))
+    if refined:  # one leaf at the lower corner
+        tree = octree.split_leaves(tree, np.arange(len(tree.size)) == 0)
+    field = extend_linearly(GYROID, LO, hi)
+    return build_patch_network(
+        snap_translated_vertices(smooth_mesh(build_dual_mesh(tree, field), field, LO, hi, sweeps=20), field, tree),
+        field,
+    ), tree
+
+
+@pytest.mark.parametrize("refined", [False, True])
+def test_copies_are_translates_by_whole_periods_with_all_that_bounds_them(refined: bool) -> None:
+    laid, tree = net((16, 8, 4), (40.0, 20.0, 10.0), refined)
+    laid, copies = find_translated_copies(laid, GYROID, tree)
+    assert 0.2 * len(laid.curve) < np.count_nonzero(~copies.original_patches)
+    for shift in (copies.curve_shift, copies.patch_shift):
+        assert np.array_equal(shift, 10.0 * np.rint(shift / 10.0))
+        assert (shift[:, 2] == 0).all()  # the box is a single period high
+    main = np.arange(laid.n_sides)
+    ends = laid.vertices[laid.ends[main]]
+    moved = laid.vertices[laid.ends[copies.curve[main]]] + copies.curve_shift[main, None]
+    assert np.abs(ends - moved).max() < 1e-13 * 40
+    assert np.array_equal(laid.plane, laid.plane[copies.curve])
+    sides, firsts = laid.curve, laid.curve[copies.patch]
+    assert np.array_equal(copies.curve[sides], copies.curve[firsts])
+    between = copies.curve_shift[sides] - copies.curve_shift[firsts]
+    assert np.array_equal(between, np.repeat(copies.patch_shift[:, None], 4, axis=1))
+    assert np.array_equal(laid.sense, laid.sense[copies.patch])
+
+
+def test_nothing_repeats_where_leaves_are_no_whole_number_to_a_period() -> None:
+    laid, tree = net((15, 8, 4), (38.0, 20.0, 10.0), False)
+    _, copies = find_translated_copies(laid, GYROID, tree)
+    assert (copies.patch_shift[:, 0] == 0).all()
+    single, tree = net((4, 4, 4), (10.0, 10.0, 10.0), False)
+    assert find_translated_copies(single, GYROID, tree)[1].original_patches.all()
+
+
+@cache
+def solid(copied: bool) -> FieldSolid:
+    with pytest.MonkeyPatch.context() as patch:
+        if not copied:
+            patch.setattr(field_layer, "repeated", lambda n, *_: (n, no_copies(len(n.ends), len(n.curve))))
+        return fit_field_solid(GYROID, LO, np.array([40.0, 10.0, 10.0]), TOL)
+
+
+@pytest.mark.slow
+def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
+    one, other = solid(True), solid(False)
+    assert len(one.brep.carriers) < 0.8 * len(other.brep.carriers)
+    assert len(one.brep.faces) == len(other.brep.faces)
+    assert is_closed(one.brep)
+    assert measure_edge_continuity(one.brep, ("surface",)).gap < 1e-12
+    assert np.abs(one.brep.vertices - other.brep.vertices).max() < 1e-12
+    for i in range(0, len(one.brep.faces), 37):
+        a, b = (c.brep.carriers[c.brep.faces.carrier[i]] for c in (one, other))
+        if isinstance(a, BSplineSurface):
+            assert isinstance(b, BSplineSurface)
+            assert (
+                np.abs(a.poles + one.brep.faces.translation[i] - b.poles).max() < 1e-6
+            )  # fits amplify round-off, far below tol
+    assert measure_solid(one.brep).volume == pytest.approx(measure_solid(other.brep).volume, rel=1e-9)
+    for name in ("to_field", "from_field", "rms", "cosine", "jump_deg", "jump_p95_deg", "curvature_jump"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-4), name
+
+
+def test_copies_are_neither_fitted_nor_measured(monkeypatch: pytest.MonkeyPatch) -> None:
+    fitted, measured = [], []
+    fit, sample = field_fit.fit_patches, field_check.sample_patches
+    monkeypatch.setattr(field_fit, "fit_patches", lambda f, b, j: fitted.append(len(b[0])) or fit(f, b, j))
+    monkeypatch.setattr(field_check, "sampled", lambda f, p: measured.append(len(p)) or sample(f, p))
+    made = fit_field_solid(GYROID, LO, np.array([50.0, 10.0, 10.0]), TOL).brep
+    own = sum(isinstance(c, BSplineSurface) for c in made.carriers)
+    assert sum(fitted) == sum(measured) == own < 0.7 * len(made.faces)
+
+
+class Late(Executor):
+    """Runs nothing until it is asked for, and then the last first."""
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[Future[Any], Any, Any]] = []
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        ask = future.result
+
+        def result(timeout: float | None = None) -> Any:
+            while self.waiting:
+                f, call, given = self.waiting.pop()
+                f.set_result(call(*given))
+            return ask(timeout)
+
+        future.result = result  # type: ignore[method-assign]
+        self.waiting.append((future, fn, args))
+        return future
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("executor", [Late, lambda: ThreadPoolExecutor(3)], ids=["one of the caller's own", "threads"])
+def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in (field_fit, field_check):
+        monkeypatch.setattr(module, "PIECE", 64)
+    box = LO, np.array([20.0, 10.0, 10.0])
+    serial = fit_field_solid(GYROID, *box, TOL).brep
+    with executor() as pool, task_runner(pool, GYROID) as work:
+        pooled = fit_field_solid(GYROID, *box, TOL, work=work).brep
+    assert np.array_equal(pooled.vertices, serial.vertices)
+    assert np.array_equal(pooled.faces.carrier, serial.faces.carrier)
+    assert np.array_equal(pooled.faces.translation, serial.faces.translation)
+    for one, other in zip(pooled.carriers, serial.carriers, strict=True):
+        assert not isinstance(one, BSplineSurface) or np.array_equal(one.poles, other.poles)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    lo, hi = np.array([0.0, 1.0, 2.0]), np.array([40.0, 51.0, 17.0])
+    end, periods = crop_to_searched_periods(GYROID, lo, hi)
+    assert end.tolist() == [20.0, 21.0, 17.0]
+    assert periods.tolist() == [4, 5, 0]
+    tree = octree.uniform_octree(lo, end, np.array([8, 8, 6]))
+    for _ in range(2):
+        tree = octree.split_leaves(tree, rng.random(len(tree.size)) < 0.03)
+    whole = tile_octree(tree, hi, periods)
+    assert np.allclose(whole.step, tree.step, rtol=1e-12)
+    for number in rng.integers(0, len(whole.size), 200):
+        corner, size = whole.origin[number], whole.size[number]
+        inner = np.stack(np.meshgrid(*(np.arange(size),) * 3, indexing="ij"), -1).reshape(-1, 3) + corner
+        per = tree.shape // np.where(periods > 0, 2, 1)
+        last = np.where(periods > 0, periods, 1) - 1
+        within, cell = inner % per, inner // per
+        found = []
+        for upper in np.ndindex(2, 2, 2):  # the leaves of the piece that the place stands for
+            use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
+            found.append(tree.size[tree.leaf[tuple((within + use * per).T)]])
+        assert size <= np.min(found)
+    assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
+
+
+def test_only_long_boxes_of_whole_periods_are_searched_in_a_piece() -> None:
+    for size in ((20.0, 10.0, 10.0), (39.0, 10.0, 10.0)):
+        assert not crop_to_searched_periods(GYROID, LO, np.array(size))[1].any()
+    assert not crop_to_searched_periods(fields.sphere((0, 0, 0), 30.0), LO, np.array([40.0, 40.0, 40.0]))[1].any()

@@ -1,0 +1,128 @@
+"""Laws of layouts: on any octree the dual mesh is a closed two-manifold of the field's topology, on the box and on the field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.shapes.cut_fields import FIELDS, HI, LO
+from tpmscad.levelset.quadmesh import octree
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
+from tpmscad.levelset.quadmesh.patch_network import build_patch_network, match_networks
+from tpmscad.levelset.quadmesh.smoothing import corner_sines, smooth_mesh
+
+
+def tree_of(seed: int, share: float, counts: tuple[int, int, int] = (5, 6, 4)) -> octree.Octree:
+    rng = np.random.default_rng(seed)
+    tree = octree.uniform_octree(LO, HI, np.array(counts))
+    for _ in range(2):
+        tree = octree.split_leaves(tree, rng.random(len(tree.size)) < share)
+    return tree
+
+
+def uses(mesh: QuadMesh) -> np.ndarray:
+    return np.bincount(mesh.sides[mesh.sides >= 0], minlength=len(mesh.side_ends))
+
+
+@given(seed=st.integers(0, 999), share=st.floats(0.0, 0.3))
+@settings(max_examples=10, deadline=None)
+def test_an_octree_fills_its_box_once_and_neighbours_differ_by_at_most_two(seed: int, share: float) -> None:
+    tree = tree_of(seed, share)
+    assert (tree.size**3).sum() == np.prod(tree.shape)
+    at = np.array(np.unravel_index(np.arange(tree.leaf.size), tree.leaf.shape)).T
+    origin, size = tree.origin[tree.leaf.ravel()], tree.size[tree.leaf.ravel()]
+    assert ((at >= origin) & (at < origin + size[:, None])).all()
+    sizes = tree.size[tree.leaf]
+    for step in np.ndindex(3, 3, 3):
+        moved = tuple(slice(max(0, d - 1), n + min(0, d - 1)) for d, n in zip(step, sizes.shape, strict=True))
+        back = tuple(slice(max(0, 1 - d), n + min(0, 1 - d)) for d, n in zip(step, sizes.shape, strict=True))
+        ratio = sizes[moved] / sizes[back]
+        assert ratio.max() <= 2
+        assert ratio.min() >= 0.5
+
+
+@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize(("seed", "share"), [(0, 0.0), (1, 0.05), (2, 0.3)])
+def test_inner_sides_join_two_polygons_and_those_on_the_box_belong_to_one(name: str, seed: int, share: float) -> None:
+    mesh = build_dual_mesh(tree_of(seed, share), FIELDS[name])
+    assert np.array_equal(uses(mesh), np.where(mesh.side_plane < 0, 2, 1))
+    points = mesh.vertices[mesh.side_ends]
+    on_box = mesh.side_plane >= 0
+    axis, upper = np.divmod(mesh.side_plane[on_box], 2)
+    bound = np.where(upper, HI[axis], LO[axis])
+    assert (np.take_along_axis(points[on_box], axis[:, None, None], 2)[..., 0] == bound[:, None]).all()
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_the_euler_characteristic_does_not_depend_on_the_octree(name: str) -> None:
+    found = {
+        len(m.vertices) - len(m.side_ends) + len(m.corners)
+        for m in (
+            build_dual_mesh(tree_of(seed, share, (10, 12, 8)), FIELDS[name]) for seed, share in ((0, 0.0), (5, 0.05))
+        )
+    }
+    assert len(found) == 1
+
+
+def test_the_surface_of_a_ball_is_a_sphere_and_cut_by_a_plane_a_disk() -> None:
+    for name, expected in (("ball", 2), ("ball cut by the box", 1)):
+        mesh = build_dual_mesh(tree_of(3, 0.2), FIELDS[name])
+        assert len(mesh.vertices) - len(mesh.side_ends) + len(mesh.corners) == expected
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_relaxed_vertices_are_on_the_surface_in_the_box_and_polygons_face_outwards(name: str) -> None:
+    field = FIELDS[name]
+    mesh = smooth_mesh(build_dual_mesh(tree_of(0, 0.0, (8, 9, 7)), field), field, LO, HI)
+    slope = field.gradient(mesh.vertices)
+    steep = np.linalg.norm(slope, axis=1)
+    assert (np.abs(field(mesh.vertices)) < 1e-10 * steep * 10).all()
+    assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
+    quads = mesh.corners[mesh.corners[:, 3] >= 0]
+    assert corner_sines(mesh.vertices, quads, slope / steep[:, None]).min() > 0.2
+
+
+def test_a_net_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
+    field = FIELDS["gyroid"]
+    net = build_patch_network(smooth_mesh(build_dual_mesh(tree_of(4, 0.1), field), field, LO, HI), field)
+    assert (net.piece > 0).any()
+
+    def name(curve: int, where: int) -> int:
+        """A vertex, or -1 - c for the middle of a curve: where is 0 at a curve's start, 1 at its middle, 2 at its end."""
+        if where == 1:
+            return -1 - curve
+        if where == 0 and curve >= net.n_sides:
+            return -1 - int(net.middle_of[curve - net.n_sides])
+        return int(net.ends[curve, where // 2])
+
+    for corners, curves, senses, pieces in zip(net.corners, net.curve, net.sense, net.piece, strict=True):
+        for i in range(4):
+            low, high = {0: (0, 2), 1: (0, 1), 2: (1, 2)}[int(pieces[i])]
+            begin, end = (low, high) if senses[i] > 0 else (high, low)
+            assert name(int(curves[i]), begin) == corners[i]
+            assert name(int(curves[i]), end) == corners[(i + 1) % 4]
+
+
+def test_a_split_leaves_the_layout_alone_but_for_what_is_near() -> None:
+    field = FIELDS["gyroid"]
+    tree = octree.uniform_octree(LO, HI, np.array((8, 9, 7)))
+    before = smooth_mesh(build_dual_mesh(tree, field), field, LO, HI)
+    chosen = np.zeros(len(tree.size), bool)
+    chosen[before.cell[0]] = True
+    after = smooth_mesh(build_dual_mesh(octree.split_leaves(tree, chosen), field), field, LO, HI, before=before)
+    moved = ~np.isin(before.vertices[:, 0], after.vertices[:, 0])
+    assert 0 < moved.sum() < 0.4 * len(moved)
+    centre = tree.points(tree.origin[before.cell[0]] + 0.5)
+    assert np.linalg.norm(before.vertices[moved] - centre, axis=1).max() < 5 * tree.step.max()
+    net, old = build_patch_network(after, field), build_patch_network(before, field)
+    same = match_networks(net, old)
+    assert (same.patch >= 0).sum() > 0.5 * len(old.curve)
+    at = np.flatnonzero(same.patch >= 0)
+    here, there = net.corners[at], old.corners[same.patch[at]]
+    whole = (here >= 0).all(axis=1)
+    assert np.array_equal(net.vertices[here[whole]], old.vertices[there[whole]])
+    assert np.array_equal(
+        net.vertices[net.ends[same.curve >= 0, 1]], old.vertices[old.ends[same.curve[same.curve >= 0], 1]]
+    )

@@ -1,0 +1,94 @@
+"""Laws of changes undone in simplified layouts: whatever comes back, the layout stays the closed two-manifold that it was."""
+
+from __future__ import annotations
+
+from copy import deepcopy
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tpmscad import fields
+from tpmscad.levelset.quadmesh import octree
+from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
+from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
+from tpmscad.levelset.quadmesh.simplification.greedy_simplification import SimplifiedMesh, simplify_mesh
+from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+
+LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
+FIELD = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+
+
+@cache
+def layout() -> QuadMesh:
+    tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
+    tree = octree.split_leaves(tree, np.random.default_rng(4).random(len(tree.size)) < 0.2)
+    return smooth_mesh(build_dual_mesh(tree, FIELD), FIELD, LO, HI)
+
+
+@cache
+def simple() -> SimplifiedMesh:
+    return simplify_mesh(layout(), FIELD, LO, HI)
+
+
+def history() -> EditHistory:
+    return EditHistory(layout(), deepcopy(simple()), FIELD, LO, HI)
+
+
+def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
+    rows = [[v for v in corners if v >= 0] for corners in mesh.corners.tolist()]
+    return [(row[i - 1], v) for row in rows for i, v in enumerate(row)]
+
+
+def test_a_history_starts_with_the_simplified_layout() -> None:
+    found, mesh = simple(), history().mesh()[0]
+    np.testing.assert_array_equal(mesh.vertices, found.mesh.vertices)
+    np.testing.assert_array_equal(mesh.corners, found.mesh.corners)
+    assert len(mesh.corners) < 0.7 * len(layout().corners)
+
+
+@pytest.mark.slow
+@given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 3)), min_size=1, max_size=12))
+@settings(max_examples=15, deadline=None)
+def test_any_changes_undone_leave_a_two_manifold_of_the_same_topology_on_the_field_and_in_the_box(
+    draws: list[tuple[int, int]],
+) -> None:
+    wanted, original = history(), layout()
+    for draw, levels in draws:
+        numbers = wanted.mesh()[1]
+        wanted.undo([int(numbers[draw % len(numbers)])], levels)
+    mesh, numbers = wanted.mesh()
+    edges = directed(mesh)
+    here = set(edges)
+    assert len(here) == len(edges)
+    on_box = {tuple(sorted(ends)) for ends in mesh.side_ends[mesh.side_plane >= 0].tolist()}
+    assert {tuple(sorted(e)) for e in here if e[::-1] not in here} == on_box
+    euler = [len(m.vertices) - len(m.side_ends) + len(m.corners) for m in (mesh, original)]
+    assert euler[0] == euler[1]
+    assert len(numbers) == len(mesh.corners) <= len(original.corners)
+    slope = np.linalg.norm(FIELD.gradient(mesh.vertices), axis=1)
+    assert (np.abs(FIELD(mesh.vertices)) / slope).max() < 1e-6
+    assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
+
+
+def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_the_last_bit() -> None:
+    wanted, original = history(), layout()
+    while wanted.undo(wanted.mesh()[1].tolist(), 3):
+        pass
+    mesh, numbers = wanted.mesh()
+    np.testing.assert_array_equal(numbers, np.arange(len(original.corners)))
+    np.testing.assert_array_equal(mesh.corners, original.corners)
+    np.testing.assert_array_equal(mesh.vertices, original.vertices)
+
+
+def test_a_side_that_would_come_back_to_where_there_is_one_brings_back_what_made_that_one() -> None:
+    wanted = history()
+    polygons = wanted._polygons
+    last = max(wanted._made)
+    sides = {(p[k - 1], v) for p in wanted._made[last].old.values() for k, v in enumerate(p)} - set(polygons.beside)
+    assert not wanted._clashing({last})
+    other = next(number for number, by in wanted._by.items() if by != last and number in polygons.polygon)
+    polygons.beside[min(sides)] = other
+    assert wanted._clashing({last}) == {wanted._by[other]}

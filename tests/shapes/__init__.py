@@ -1,0 +1,1 @@
+"""Shapes, fields and deviations made by hand for the tests."""

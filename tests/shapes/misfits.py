@@ -1,0 +1,27 @@
+"""How far the curves of a complex are from its carriers and vertices, measured."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
+
+
+def misfit(brep: Brep) -> np.ndarray:
+    """For every use, how far the carrier at its parameter curve is from the edge's curve, and that from the edge's vertices."""
+    result = []
+    faces, edges, uses = brep.faces, brep.edges, brep.uses
+    for use, face in enumerate(brep.face_of_use):
+        edge = uses.edge[use]
+        t = np.linspace(*edges.span[edge], 14)
+        points = brep.curves[edges.curve[edge]](t) @ edges.rotation[edge].T + edges.translation[edge]
+        carrier = brep.carriers[faces.carrier[face]]
+        if isinstance(carrier, Plane):
+            off = np.abs(((points - faces.translation[face]) @ faces.rotation[face] - carrier.origin) @ carrier.normal)
+        else:
+            on_patch = carrier(*brep.pcurves[uses.pcurve[use]](t).T)
+            off = np.linalg.norm(on_patch @ faces.rotation[face].T + faces.translation[face] - points, axis=1)
+        ends = brep.vertices[[edges.start[edge], edges.end[edge]]]
+        result.append(max(off.max(), np.linalg.norm(points[[0, -1]] - ends, axis=1).max()))
+    return np.array(result)

@@ -1,0 +1,1 @@
+"""The topological optimiser and its constraint generators."""

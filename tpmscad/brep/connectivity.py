@@ -1,0 +1,58 @@
+"""What follows from shared edges alone: closedness, open borders, shells, Euler characteristic."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tpmscad._typing import IntArray
+from tpmscad.brep.boundary_representation import Brep
+
+
+def count_edge_uses(brep: Brep) -> IntArray:
+    """How many loop sides each edge is: (E,)."""
+    return np.bincount(brep.uses.edge, minlength=len(brep.edges))
+
+
+def find_unmatched_edges(brep: Brep) -> IntArray:
+    """Edges that are not used exactly twice, once in each direction as seen along the outward normals."""
+    seen_from_outside = brep.uses.sense * brep.faces.sense[brep.face_of_use]
+    balance = np.bincount(brep.uses.edge, weights=seen_from_outside, minlength=len(brep.edges))
+    return np.flatnonzero((count_edge_uses(brep) != 2) | (balance != 0))
+
+
+def is_closed(brep: Brep) -> bool:
+    """Whether the faces bound a region consistently: no unmatched edge."""
+    return len(find_unmatched_edges(brep)) == 0
+
+
+def label_shells(brep: Brep) -> tuple[int, IntArray]:
+    """The number of edge-connected components and each face's, numbered by first face: n, (F,)."""
+    face = brep.face_of_use
+    n_faces, n_edges = len(brep.faces), len(brep.edges)
+    incidence = coo_array((np.ones(len(face), bool), (face, n_faces + brep.uses.edge)), shape=(n_faces + n_edges,) * 2)
+    _, label = connected_components(incidence, directed=False)
+    _, first, compact = np.unique(label[:n_faces], return_index=True, return_inverse=True)
+    rank = np.empty(len(first), np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))
+    return len(first), rank[compact]
+
+
+def euler_characteristic(brep: Brep, shell: IntArray) -> NDArray[np.int64]:
+    """V - E + F of each shell, a face with h holes counting as 1 - h: (n_shells,). `shell` is each face's, as from `shells`."""
+    n = int(shell.max(initial=-1)) + 1
+    of_use = shell[brep.face_of_use]
+    edge_shell = np.zeros(len(brep.edges), np.int64)
+    edge_shell[brep.uses.edge] = of_use
+    ends = np.concatenate([brep.edges.start, brep.edges.end])
+    vertices = np.unique(np.stack([ends, np.concatenate([edge_shell, edge_shell])]), axis=1)
+    holes = np.bincount(shell, weights=np.diff(brep.faces.loop_start) - 1, minlength=n)
+    used = np.unique(brep.uses.edge)
+    return np.asarray(
+        np.bincount(vertices[1], minlength=n)
+        - np.bincount(edge_shell[used], minlength=n)
+        + np.bincount(shell, minlength=n)
+        - holes.astype(np.int64)
+    )

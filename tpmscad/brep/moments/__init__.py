@@ -1,0 +1,1 @@
+"""Volume, area and centroid of boundary representations by quadrature."""

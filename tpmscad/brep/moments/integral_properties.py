@@ -1,0 +1,145 @@
+"""Volume, area and centroid of a complex by Gauss quadrature on its own surfaces, trimmed faces included, without the kernel.
+
+A face's moments  N = int n dA,  M = int x n^T dA,  Q = int x (x . n) dA  follow a rigid motion in closed form, so they are taken
+once for each piece of geometry (`measure_pieces`, `measure_span`, `measure_whole`) and then placed. By the divergence theorem
+volume = tr M / 3, and the centroid is int Q / (4 volume), over outward normals.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
+from tpmscad.brep.moments.legendre_series import integrate_pcurves_single_span, is_single_span
+from tpmscad.brep.moments.loop_integrals import N_MOMENTS, composite_curve_rule, integrate_pcurves
+from tpmscad.brep.moments.tensor_gauss import whole_moments
+from tpmscad.splines.bspline import BSplineSurface
+
+
+@dataclass(frozen=True, slots=True)
+class FaceMoments:
+    """Integrals over faces: area (F,), N (F, 3), M (F, 3, 3) = int x_i n_j, Q (F, 3) = int x_i (x . n)."""
+
+    area: Array
+    normal: Array
+    first: Array
+    second: Array
+
+
+def integrate_faces(brep: Brep) -> FaceMoments:
+    """The moments of every face over its outward normal, in model units."""
+    faces, uses = brep.faces, brep.uses
+    face = brep.face_of_use
+    carrier = faces.carrier[face]
+    planar = np.array([isinstance(c, Plane) for c in brep.carriers], bool)[carrier]
+
+    whole, moments = whole_moments(brep)
+    curved = np.flatnonzero(~planar & ~whole[face])
+    if len(curved):
+        span = brep.edges.span[uses.edge[curved]]
+        keys, key_of_use = np.unique(
+            np.column_stack([carrier[curved], uses.pcurve[curved], span]), axis=0, return_inverse=True
+        )
+        table = np.empty((len(keys), N_MOMENTS))
+        starts = [0, *(np.flatnonzero(np.diff(keys[:, 0])) + 1).tolist(), len(keys)]  # keys come sorted by carrier
+        for start, stop in zip(starts[:-1], starts[1:], strict=True):
+            surface = brep.carriers[int(keys[start, 0])]
+            assert not isinstance(surface, Plane)
+            pieces = [(brep.pcurves[int(p)], (low, high)) for _, p, low, high in keys[start:stop].tolist()]
+            if isinstance(surface, BSplineSurface) and is_single_span(surface):
+                table[start:stop] = integrate_pcurves_single_span(surface, pieces)
+            else:
+                table[start:stop] = integrate_pcurves(surface, pieces)
+        np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
+    if len(curved) or whole.any():
+        moments = _move_moments(moments, faces.rotation, faces.translation)
+    _add_planar_faces(moments, brep, np.flatnonzero(planar), face)
+
+    outward = np.where(faces.sense > 0, 1.0, -1.0)[:, None]
+    return FaceMoments(
+        area=moments[:, 0],
+        normal=moments[:, 1:4] * outward,
+        first=moments[:, 4:13].reshape(-1, 3, 3) * outward[:, None],
+        second=moments[:, 13:] * outward,
+    )
+
+
+def volume(moments: FaceMoments, group: IntArray | None = None) -> Array:
+    """Signed volume of each group of faces (all in one group when None): (n_groups,)."""
+    each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
+    return np.bincount(np.zeros(len(each), np.int64) if group is None else group, weights=each).astype(float)
+
+
+def centroid(moments: FaceMoments) -> Array:
+    """Centre of mass of the region the faces bound: (3,)."""
+    return np.asarray(moments.second.sum(axis=0) / (4.0 * volume(moments)[0]))
+
+
+def _move_moments(moments: Array, rotation: Array, translation: Array) -> Array:
+    """Moments after x -> R x + t, over the moved surface's own S_u x S_v (a mirror turns it round)."""
+    sign = np.where(np.linalg.det(rotation) > 0, 1.0, -1.0)
+    normal, first, second = moments[:, 1:4], moments[:, 4:13].reshape(-1, 3, 3), moments[:, 13:]
+    t = translation
+    back = np.einsum("fji,fj->fi", rotation, t)
+    cone = np.trace(first, axis1=1, axis2=2) + (back * normal).sum(axis=1)  # int (R x + t) . R n
+    second = np.einsum("fij,fj->fi", rotation, second + np.einsum("fij,fj->fi", first, back)) + t * cone[:, None]
+    first = np.einsum("fia,fab,fjb->fij", rotation, first, rotation, optimize=True)
+    normal = np.einsum("fij,fj->fi", rotation, normal)
+    first = first + np.einsum("fi,fj->fij", t, normal)
+    signed = sign[:, None] * np.concatenate([normal, first.reshape(-1, 9), second], axis=1)
+    return np.concatenate([moments[:, :1], signed], axis=1)
+
+
+def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: IntArray) -> None:
+    """Add the planar faces' moments to `moments` in place, from the edges' own curves projected on the plane."""
+    edges, uses, faces = brep.edges, brep.uses, brep.faces
+    if len(planar_uses) == 0:
+        return
+    in_plane = np.zeros((len(faces), 3))  # int of 1, u, v
+    frames = _plane_frames(brep)
+    edge = uses.edge[planar_uses]
+    keys, key_of_use = np.unique(np.column_stack([edges.curve[edge], edges.span[edge]]), axis=0, return_inverse=True)
+    order = np.argsort(key_of_use.ravel(), kind="stable")
+    bounds = np.searchsorted(key_of_use.ravel()[order], np.arange(len(keys) + 1)).tolist()
+    for k, (index, low, high) in enumerate(keys.tolist()):
+        curve = brep.curves[int(index)]
+        nodes, weights = composite_curve_rule(curve, (low, high))
+        local, speed = curve(nodes), curve(nodes, 1)
+        at = planar_uses[order[bounds[k] : bounds[k + 1]]]
+        e, f = uses.edge[at], face[at]
+        points = local @ np.swapaxes(edges.rotation[e], 1, 2) + (edges.translation[e] - frames[f, 0])[:, None]
+        axes = np.swapaxes(frames[f, 1:3], 1, 2)
+        u, v = np.moveaxis(points @ axes, -1, 0)
+        dv = (speed @ np.swapaxes(edges.rotation[e], 1, 2) @ axes)[:, :, 1] * weights * uses.sense[at][:, None]
+        np.add.at(in_plane, f, np.stack([(p * dv).sum(axis=1) for p in (u, u**2 / 2, u * v)], axis=1))
+    at = np.unique(face[planar_uses])
+    moments[at] = _lift_planar_moments(in_plane[at], frames[at])
+
+
+def _plane_frames(brep: Brep) -> Array:
+    """Origin, x axis, y axis and normal of each planar face after its motion; zeros elsewhere: (F, 4, 3).
+
+    The normal is the placed x axis times the placed y axis, so a mirrored plane keeps counter-clockwise loops.
+    """
+    faces = brep.faces
+    frames = np.zeros((len(faces), 4, 3))
+    for index, carrier in enumerate(brep.carriers):
+        if isinstance(carrier, Plane):
+            at = np.flatnonzero(faces.carrier == index)
+            frames[at, 0] = faces.rotation[at] @ carrier.origin + faces.translation[at]
+            frames[at, 1] = faces.rotation[at] @ carrier.x_axis
+            frames[at, 2] = faces.rotation[at] @ carrier.y_axis
+            frames[at, 3] = np.cross(frames[at, 1], frames[at, 2])
+    return frames
+
+
+def _lift_planar_moments(in_plane: Array, frames: Array) -> Array:
+    """In-plane moments (n, 3) as moments in space (n, COLUMNS)."""
+    o, n, area = frames[:, 0], frames[:, 3], in_plane[:, :1]
+    x = area * o + np.einsum("na,nai->ni", in_plane[:, 1:3], frames[:, 1:3])
+    height = (o * n).sum(axis=1)[:, None]
+    return np.concatenate([area, area * n, np.einsum("ni,nk->nik", x, n).reshape(-1, 9), height * x], axis=1)

@@ -1,0 +1,110 @@
+"""Whole patches become a complex: vertices and edges that coincide are found once and shared.
+
+Patches made by symmetry meet to round-off, so coincidence is decided with a generous margin: `WELD` of the smallest patch's
+size, a million times the round-off and a thousandth of any feature. Edges are told apart by their mid-parameter points, so two
+edges between the same vertices stay two. What the welded sides differ by is measured and kept as the edge's `deviation`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.splines.bspline import BSplineSurface
+
+WELD_RADIUS_FRACTION = 1e-5
+"""Points closer than this fraction of the smallest patch's diagonal are one point."""
+
+
+def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
+    """Labels (n,) of points within `radius` of each other, chained, and the first member of each label."""
+    pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
+    links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
+    _, labels = connected_components(links, directed=False)
+    _, first, ordered = np.unique(labels, return_index=True, return_inverse=True)
+    order = np.argsort(first)  # number the clusters by first appearance, so that the result does not depend on the tree
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    return rank[ordered], first[order]
+
+
+def weld_patches(
+    primitives: Sequence[BSplineSurface],
+    carrier: NDArray[np.integer],
+    rotation: Array,
+    translation: Array,
+    sense: NDArray[np.integer],
+    tag: NDArray[np.integer],
+    tags: Sequence[str],
+) -> Brep:
+    """The complex of whole patches: face i is primitives[carrier[i]] moved by rotation[i] (3, 3) and translation[i] (3,).
+
+    Sides must share their parametrisation where they meet (equal or reversed); how far they differ is each edge's deviation.
+    """
+    samples = np.stack([_sample_sides(primitive) for primitive in primitives])  # (P, 4, 5, 3), counter-clockwise
+    placed = np.einsum("fij,fskj->fski", rotation, samples[carrier]) + translation[:, None, None, :]
+    radius = WELD_RADIUS_FRACTION * float(min(np.linalg.norm(s[0, 0] - s[2, 0]) for s in samples))
+
+    corner, first_corner = cluster_points(placed[:, :, 0].reshape(-1, 3), radius)
+    edge, first_use = cluster_points(placed[:, :, 2].reshape(-1, 3), radius)
+    start = corner.reshape(-1, 4)
+    end = np.roll(start, -1, axis=1).ravel()
+    start = start.ravel()
+
+    use_sense = np.where(start == start[first_use[edge]], 1, -1)
+    along = placed.reshape(-1, 5, 3)
+    own = along[first_use[edge]]
+    mismatch = np.linalg.norm(along - np.where(use_sense[:, None, None] > 0, own, own[:, ::-1]), axis=2).max(axis=1)
+    deviation = np.zeros(len(first_use))
+    np.maximum.at(deviation, edge, mismatch)
+    if deviation.max(initial=0.0) > radius:
+        raise ValueError(f"sides that share their ends and middle differ by {deviation.max():.3g} elsewhere")
+
+    domains = np.array([primitive.side(s).domain for primitive in primitives for s in range(4)])
+    side = np.tile(np.arange(4), len(carrier))
+    owner = np.repeat(carrier, 4)
+    curves = [primitive.side(s) for primitive in primitives for s in range(4)]
+    lines = [primitive.side_pcurve(s) for primitive in primitives for s in range(4)]
+    face = first_use // 4
+    curve = (4 * owner + side)[first_use]
+    if not np.array_equal(domains[4 * owner + side], domains[curve][edge]):
+        raise ValueError("sides that meet must share their parameter's range")
+    return Brep(
+        carriers=tuple(primitives),
+        curves=tuple(curves),
+        pcurves=tuple(line for forward in lines for line in (forward, forward.reversed())),
+        vertices=placed[:, :, 0].reshape(-1, 3)[first_corner],
+        edges=Edges(
+            curve=curve,
+            rotation=rotation[face],
+            translation=translation[face],
+            span=domains[curve],
+            start=start[first_use],
+            end=end[first_use],
+            deviation=deviation,
+        ),
+        uses=EdgeUses(edge=edge, sense=use_sense, pcurve=2 * (4 * owner + side) + (use_sense < 0)),
+        faces=Faces(
+            carrier=np.asarray(carrier, np.int64),
+            rotation=rotation,
+            translation=translation,
+            sense=np.asarray(sense, np.int64),
+            tag=np.asarray(tag, np.int64),
+            loop_start=np.arange(len(carrier) + 1),
+            use_start=4 * np.arange(len(carrier) + 1),
+        ),
+        tags=tuple(tags),
+    )
+
+
+def _sample_sides(surface: BSplineSurface) -> Array:
+    """Five points of each side, counter-clockwise, ends included: (4, 5, 3)."""
+    curves = [surface.side(s) for s in range(4)]
+    return np.stack([curve(np.linspace(*curve.domain, 5)) for curve in curves])

@@ -1,0 +1,192 @@
+"""CAD bodies as patch complexes: faces on planes, cylinders, cones, spheres and tori, exactly; on edges exact or within 1e-10.
+
+Nothing is approximated but parameter curves and edges that are neither straight nor conic, and these to round-off nearly.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from OCP.Bnd import Bnd_Box
+from OCP.BRepBndLib import BRepBndLib
+from OCP.TopAbs import TopAbs_FACE
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.carriers import EdgeCurve, Plane, Quadric
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, NotQuadric
+from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
+from tpmscad.kernel.body_import.exact_faces import read_exact_body
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.recognise.edge_curves import CurveFitFailed, fit_pcurve
+from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL, recognise_carrier
+from tpmscad.kernel.recognise.unrolled_faces import ImportedBody, UnsupportedFace, unroll_face
+from tpmscad.kernel.step.step_reader import solids_of
+from tpmscad.splines.bspline import BSplineCurve
+
+FACE_TAG = "body"
+"""The tag of all faces."""
+
+MAX_NAMED_FACES = 3
+"""Faces that an error names, at most."""
+
+BOUNDARY_DISTANCE_TOL = 1e-7
+"""Mean distance, in units of the body's size, by which the complex's border may differ from the kernel's: its edges have
+tolerances of that order."""
+
+
+def brep_from_shape(shape: Any) -> Brep:
+    """The solids of a TopoDS shape, or anything that wraps one (build123d, CadQuery), as one closed complex, placed.
+
+    Faces that close on themselves are cut in two, so that there are no seams. NotQuadric where a face is neither plane nor
+    quadric, or an edge can't be followed; InvalidRequest where there is no solid.
+    """
+    return brep_and_source_faces(shape)[0]
+
+
+def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
+    """The complex, and for each of its faces the index of the shape's face that it is (a part of)."""
+    topods: TopoDS_Shape = getattr(shape, "wrapped", shape)
+    faces = [face for solid in solids_of(topods) for face in _solid_faces(solid)]
+    if not faces:
+        raise InvalidRequest("the shape has no solid: make one of its faces first")
+    size = _box_diagonal(topods)
+    _refuse_free_form(faces, size)
+    at = -1
+    try:
+        body = read_exact_body(faces, size)
+        unrolled_faces = []
+        for at in range(len(body.faces)):
+            unrolled_faces.append(unroll_face(body, body.faces[at]))
+        at = -1
+        body = split_closed_faces(ImportedBody(body.vertices, body.edges, tuple(unrolled_faces), size))
+        brep = _assemble(body)
+    except (UnsupportedFace, CurveFitFailed) as error:
+        raise NotQuadric(
+            f"{_describe_face(faces, at)} {error}: use the kernel for it", (at,) if at >= 0 else ()
+        ) from None
+    _check_closed_and_volume(brep, faces, size)
+    return brep, np.array([face.origin for face in body.faces])
+
+
+def _solid_faces(solid: TopoDS_Shape) -> list[TopoDS_Face]:
+    explorer, found = TopExp_Explorer(solid, TopAbs_FACE), []
+    while explorer.More():
+        found.append(convert.as_face(explorer.Current()))
+        explorer.Next()
+    return found
+
+
+def _box_diagonal(shape: TopoDS_Shape) -> float:
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box, False)
+    return float(np.linalg.norm(np.subtract(box.CornerMax().Coord(), box.CornerMin().Coord())))
+
+
+def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
+    reasons = {}
+    for i, face in enumerate(faces):
+        try:
+            recognise_carrier(face, size)
+        except UnsupportedFace as reason:
+            reasons[i] = f"{_describe_face(faces, i)} {reason}"
+    if reasons:
+        more = f" and {len(reasons) - MAX_NAMED_FACES} more" if len(reasons) > MAX_NAMED_FACES else ""
+        raise NotQuadric("; ".join(list(reasons.values())[:MAX_NAMED_FACES]) + more, tuple(reasons))
+
+
+def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
+    if index < 0:
+        return "a face"
+    box = Bnd_Box()
+    BRepBndLib.Add_s(faces[index], box)
+    x, y, z = (0.5 * np.add(box.CornerMin().Coord(), box.CornerMax().Coord())).tolist()
+    return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
+
+
+def _assemble(body: ImportedBody) -> Brep:
+    """The complex of a body without seams; every edge's deviation measured."""
+    curves: list[EdgeCurve] = []
+    pcurves: list[BSplineCurve] = []
+    index: dict[int, int] = {}
+    for edge in body.edges:
+        if id(edge.curve) not in index:
+            index[id(edge.curve)] = len(curves)
+            curves.append(edge.curve)
+    deviation = np.zeros(len(body.edges))
+    rows, use_start, loop_start = [], [0], [0]
+    for face in body.faces:
+        for loop in face.loops:
+            for use in loop:
+                edge, number = body.edges[use.edge], -1
+                if not isinstance(face.carrier, Plane):
+                    assert use.near is not None
+                    number = len(pcurves)
+                    pcurves.append(
+                        fit_pcurve(face.carrier, edge.curve, edge.span, use.near, body.size, EXACT_REL_TOL * body.size)
+                    )
+                rows.append((use.edge, use.sense, number))
+                off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)
+                deviation[use.edge] = max(deviation[use.edge], off)
+            use_start.append(len(rows))
+        loop_start.append(len(use_start) - 1)
+    edges, n = body.edges, len(body.faces)
+    return Brep(
+        carriers=tuple(face.carrier for face in body.faces),
+        curves=tuple(curves),
+        pcurves=tuple(pcurves),
+        vertices=np.array(body.vertices),
+        edges=Edges(
+            np.array([index[id(e.curve)] for e in edges]),
+            *_identity_motions(len(edges)),
+            np.array([e.span for e in edges]),
+            np.array([e.start for e in edges]),
+            np.array([e.end for e in edges]),
+            deviation,
+        ),
+        uses=EdgeUses(*np.array(rows).T),
+        faces=Faces(
+            np.arange(n),
+            *_identity_motions(n),
+            np.array([face.sense for face in body.faces]),
+            np.zeros(n, np.int64),
+            np.array(loop_start),
+            np.array(use_start),
+        ),
+        tags=(FACE_TAG,),
+    )
+
+
+def _identity_motions(count: int) -> tuple[Array, Array]:
+    return np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
+
+
+DEVIATION_SAMPLES = 33
+
+
+def _edge_deviation(body: ImportedBody, carrier: Plane | Quadric, edge: int, along: BSplineCurve | None) -> float:
+    t = np.linspace(*body.edges[edge].span, DEVIATION_SAMPLES)
+    points: Array = body.edges[edge].curve(t)
+    if along is None:
+        return float(np.abs(carrier.distance(points)).max())
+    return float(np.linalg.norm(carrier(*along(t).T) - points, axis=1).max())
+
+
+def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) -> None:
+    """NotQuadric unless the complex is closed and has the kernel's volume."""
+    unmatched = connectivity.find_unmatched_edges(brep)
+    if len(unmatched):
+        at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
+        raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
+    moments = integral_properties.integrate_faces(brep)
+    volume, expected = float(integral_properties.volume(moments)[0]), float(face_moments(faces)[:, 1].sum())
+    if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
+        raise NotQuadric(
+            f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: use the kernel", ()
+        )

@@ -1,0 +1,190 @@
+"""A kernel solid's faces, edges and vertices read out as a `Body`: placed, with outward sides, on their exact surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.BRepTools import BRepTools_WireExplorer
+from OCP.GeomAbs import (
+    GeomAbs_BSplineCurve,
+    GeomAbs_Circle,
+    GeomAbs_Ellipse,
+    GeomAbs_Line,
+)
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_REVERSED, TopAbs_WIRE
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape
+
+from tpmscad._typing import Array
+from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane, Quadric
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import EdgeKey
+from tpmscad.kernel.recognise.edge_curves import (
+    REFIT_SAMPLES,
+    fit_intersection_curve,
+    nearest_parameter,
+    project_to_carriers,
+    recognise_line_or_circle,
+)
+from tpmscad.kernel.recognise.face_carriers import (
+    CHECK_SAMPLES,
+    EXACT_REL_TOL,
+    axis_frame,
+    evaluate_mid_face,
+    recognise_carrier,
+)
+from tpmscad.kernel.recognise.unrolled_faces import (
+    ImportedBody,
+    ImportedEdge,
+    ImportedFace,
+    ImportedUse,
+    UnsupportedFace,
+)
+from tpmscad.splines.bspline import line_segment
+
+VERTEX_REL_TOL = 1e-5
+"""Of the body's size: a vertex that is farther from its faces' common point is not one of this body's."""
+
+
+def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
+    """The faces, with the orientation that makes them look outwards, as a body of that size.
+
+    Refused where a face, or an edge, is not what a patch complex can hold exactly.
+    """
+    carriers = [recognise_carrier(face, size) for face in faces]
+    edge_of: dict[EdgeKey, int] = {}
+    vertex_of: dict[EdgeKey, int] = {}
+    shapes: list[TopoDS_Edge] = []
+    ends: list[tuple[int, int]] = []
+    beside: list[list[int]] = []
+    loops_of = []
+    for i, face in enumerate(faces):
+        loops = []
+        for wire in _wire_edges(face):
+            loop = []
+            for edge in wire:
+                key = EdgeKey(edge)
+                if key not in edge_of:
+                    edge_of[key] = len(shapes)
+                    forward = convert.as_edge(edge.Oriented(TopAbs_FORWARD))
+                    shapes.append(forward)
+                    vertices = [convert.first_vertex(forward), convert.last_vertex(forward)]
+                    start, end = (vertex_of.setdefault(EdgeKey(v), len(vertex_of)) for v in vertices)
+                    ends.append((start, end))
+                    beside.append([])
+                e = edge_of[key]
+                if i not in beside[e]:
+                    beside[e].append(i)
+                loop.append(ImportedUse(e, -1 if edge.Orientation() == TopAbs_REVERSED else 1))
+            loops.append(tuple(loop))
+        loops_of.append(loops)
+    around: list[set[int]] = [set() for _ in vertex_of]
+    for e, (start, end) in enumerate(ends):
+        around[start].update(beside[e])
+        around[end].update(beside[e])
+    points = [np.array(BRep_Tool.Pnt_s(key.edge).Coord()) for key in vertex_of]
+    vertices = [_exact_vertex(p, [carriers[i] for i in sorted(of)], size) for p, of in zip(points, around, strict=True)]
+    edges = [
+        ImportedEdge(*_exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size), a, b)
+        for shape, of, (a, b) in zip(shapes, beside, ends, strict=True)
+    ]
+    result = []
+    for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
+        _, point, normal, _ = evaluate_mid_face(face)
+        agree = 1 if normal @ carrier.gradient(point) > 0 else -1
+        if agree < 0:
+            loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
+        outward = -agree if face.Orientation() == TopAbs_REVERSED else agree
+        result.append(ImportedFace(carrier, outward, tuple(loops), i))
+    return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size)
+
+
+def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
+    """The face's edges, loop by loop in order, counter-clockwise about the kernel's S_u x S_v; none at poles."""
+    forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
+    loops = []
+    wires = TopExp_Explorer(forward, TopAbs_WIRE)
+    while wires.More():
+        wire = convert.as_wire(wires.Current())
+        wires.Next()
+        walk, loop = BRepTools_WireExplorer(wire, forward), []
+        while walk.More():
+            loop.append(walk.Current())
+            walk.Next()
+        if len(loop) != _count_edges(wire):
+            raise UnsupportedFace("has a border that can't be followed")
+        loop = [edge for edge in loop if not BRep_Tool.Degenerated_s(edge)]
+        if loop:
+            loops.append(loop)
+    return loops
+
+
+def _count_edges(shape: TopoDS_Shape) -> int:
+    explorer, count = TopExp_Explorer(shape, TopAbs_EDGE), 0
+    while explorer.More():
+        count += 1
+        explorer.Next()
+    return count
+
+
+def _exact_vertex(point: Array, carriers: Sequence[Plane | Quadric], size: float) -> Array:
+    """The faces' common point next to the kernel's vertex."""
+    exact = project_to_carriers(carriers, point[None])[0]
+    if np.linalg.norm(exact - point) > VERTEX_REL_TOL * size:
+        raise UnsupportedFace(f"has no common point with its neighbours near {point.round(6)}")
+    return exact
+
+
+def _exact_edge(
+    shape: TopoDS_Edge, carriers: Sequence[Plane | Quadric], start: Array, end: Array, size: float
+) -> tuple[EdgeCurve, tuple[float, float]]:
+    """The edge's curve and span, on all its carriers to EXACT, from one vertex to the other."""
+    adaptor = BRepAdaptor_Curve(shape)
+    low, high = adaptor.FirstParameter(), adaptor.LastParameter()
+    tol = EXACT_REL_TOL * size
+    curve = _occt_conic(adaptor)
+    if curve is not None:
+        span = nearest_parameter(curve, start, low), nearest_parameter(curve, end, high)
+        if _max_distance(curve(np.linspace(*span, CHECK_SAMPLES)), carriers) <= tol:
+            if isinstance(curve, Circle | Ellipse):
+                return curve, span
+            length = float(np.linalg.norm(curve(span[1]) - curve(span[0])))
+            return line_segment(curve(span[0]), curve(span[1]), (0.0, length)), (0.0, length)
+    breaks = [low, high]
+    if adaptor.GetType() == GeomAbs_BSplineCurve:
+        spline = adaptor.BSpline()
+        knots = [spline.Knot(i) for i in range(1, spline.NbKnots() + 1)]
+        breaks = [low, *[k for k in knots if low < k < high], high]
+    each = max(4, REFIT_SAMPLES // (len(breaks) - 1))
+    t = np.unique(np.concatenate([np.linspace(a, b, each) for a, b in zip(breaks[:-1], breaks[1:], strict=True)]))
+    points = project_to_carriers(carriers, np.array([adaptor.Value(s).Coord() for s in t.tolist()]))
+    points[[0, -1]] = start, end
+    known = recognise_line_or_circle(points, tol)
+    if known is not None:
+        return known
+    if len(carriers) != 2:
+        raise UnsupportedFace("has a seam that is neither line nor circle")
+    fit = fit_intersection_curve(
+        carriers[0], carriers[1], points, tol / 4
+    )  # its parameter curves are to keep to tol as well
+    return fit, fit.domain
+
+
+def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
+    """A line (from parameter 0 to 1 at unit speed), circle or ellipse of the kernel with its parameter."""
+    kind = adaptor.GetType()
+    if kind == GeomAbs_Line:
+        start, along = np.array(adaptor.Line().Location().Coord()), np.array(adaptor.Line().Direction().Coord())
+        return line_segment(start, start + along)
+    if kind == GeomAbs_Circle:
+        return Circle(*axis_frame(adaptor.Circle()), adaptor.Circle().Radius())
+    if kind == GeomAbs_Ellipse:
+        return Ellipse(*axis_frame(adaptor.Ellipse()), adaptor.Ellipse().MajorRadius(), adaptor.Ellipse().MinorRadius())
+    return None
+
+
+def _max_distance(points: Array, carriers: Sequence[Plane | Quadric]) -> float:
+    return max(float(np.abs(c.distance(points)).max()) for c in carriers)

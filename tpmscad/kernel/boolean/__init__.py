@@ -1,0 +1,1 @@
+"""Boolean operations of the kernel."""

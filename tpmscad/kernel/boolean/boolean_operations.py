@@ -1,0 +1,95 @@
+"""Trimming by the kernel's own boolean: slow and general. Its results are checked, whatever it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from OCP.BRep import BRep_Tool
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
+from OCP.BRepGProp import BRepGProp
+from OCP.GProp import GProp_GProps
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
+from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import make_compound, to_build123d
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.step.step_reader import solids_of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KernelSolids:
+    """Kernel solids, largest first, that no complex stands for. `shape` is the one solid, or a compound of several."""
+
+    solids: tuple[Any, ...]
+
+    @property
+    def shape(self) -> Any:
+        return self.solids[0] if len(self.solids) == 1 else make_compound(self.solids)
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        return to_build123d(self.shape, len(self.solids))
+
+
+@contextmanager
+def translate_occt_errors(operation: str, shape: Any, remedy: str = "") -> Iterator[None]:
+    """KernelError for whatever OCC throws: in Python its exceptions have no ancestor in common."""
+    try:
+        yield
+    except Exception as error:
+        if not type(error).__module__.startswith("OCP"):
+            raise
+        raise KernelError(operation, f"{type(error).__name__} {error}{remedy}", shape) from error
+
+
+def intersect_solids(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
+    """The solids that two solids have in common, largest first; none where they do not meet. KernelError if it gives up."""
+    return _run_boolean("common of lattice and body", BRepAlgoAPI_Common, first, second)
+
+
+def subtract_solid(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
+    """The solids that are left of the first where the second is taken away, largest first."""
+    return _run_boolean("body without lattice", BRepAlgoAPI_Cut, first, second)
+
+
+def _run_boolean(
+    name: str, kind: Callable[[TopoDS_Shape, TopoDS_Shape], Any], first: TopoDS_Shape, second: TopoDS_Shape
+) -> tuple[TopoDS_Solid, ...]:
+    with translate_occt_errors(name, first):
+        operation = kind(first, second)
+        if not operation.IsDone() or operation.Shape().IsNull():
+            raise KernelError(name, "the kernel's boolean failed", first)
+        return sort_by_volume(solids_of(operation.Shape()))
+
+
+def sort_by_volume(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:
+    """Largest first."""
+    measured = [(estimate_volume(solid), solid) for solid in solids]
+    return tuple(solid for _, solid in sorted(measured, key=lambda pair: -pair[0]))
+
+
+def estimate_volume(solid: TopoDS_Solid) -> float:
+    """By OCC's own quadrature, good to four digits or so."""
+    properties = GProp_GProps()
+    BRepGProp.VolumeProperties_s(solid, properties)
+    return float(properties.Mass())
+
+
+def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
+    """Pieces, tunnels and voids of solids, from their shells' Euler characteristics."""
+    pieces = voids = euler = 0
+    for solid in solids:
+        shells = len(convert.list_subshapes(solid, TopAbs_SHELL))
+        pieces, voids = pieces + 1, voids + shells - 1
+        edges = [e for e, _ in convert.count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)]
+        proper = sum(not BRep_Tool.Degenerated_s(convert.as_edge(e)) for e in edges)
+        vertices = len(convert.count_subshape_uses(solid, TopAbs_VERTEX, TopAbs_EDGE))
+        faces = len(convert.list_subshapes(solid, TopAbs_FACE))
+        wires = len(convert.list_subshapes(solid, TopAbs_WIRE))
+        euler += vertices - proper + 2 * faces - wires  # a face with h holes counts as 1 - h
+    return pieces, pieces + voids - euler // 2, voids

@@ -1,0 +1,147 @@
+"""A body with voids in it: shells inside it, or open through some of its faces. Nothing is intersected."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from OCP.BRep import BRep_Builder, BRep_Tool
+from OCP.BRepClass import BRepClass_FaceClassifier
+from OCP.BRepTools import BRepTools_WireExplorer
+from OCP.Geom import Geom_Plane
+from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_WIRE
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
+
+from tpmscad.brep.carriers import Plane
+from tpmscad.brep.loops import nest_loops
+from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.kernel.boolean.inward_offset import sample_edges
+from tpmscad.kernel.boolean.shell_assembly import assemble_solids
+from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
+from tpmscad.kernel.build.solids import make_solid
+from tpmscad.kernel.measure.cad_body import CadBody
+from tpmscad.kernel.measure.shape_sampling import faces_of, find_creases
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of, sample_edge
+from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face
+
+OPERATION = "opening of the skin"
+
+OPENING_TOL = 1e-6
+"""Model units: how far off an open face the voids may end that open through it."""
+
+CHORDS_PER_EDGE = 16
+"""Straight pieces that stand for an edge where loops are sorted into each other."""
+
+
+def subtract_voids(
+    body: CadBody, voids: Sequence[TopoDS_Solid], open_faces: Sequence[TopoDS_Face]
+) -> tuple[TopoDS_Solid, ...]:
+    """The body without solids that lie in it and apart, and touch it in its open faces at most: largest first.
+
+    Their shells turn inwards; what they touch of a face becomes a hole in it. KernelError where that does not close.
+    """
+    if not open_faces:
+        return (
+            make_solid(
+                [*_shells(body.shape), *(convert.as_shell(s.Reversed()) for void in voids for s in _shells(void))]
+            ),
+        )
+    holes: list[list[TopoDS_Face]] = [[] for _ in open_faces]
+    planes = [_outward_plane(face) for face in open_faces]
+    faces = [f for f in faces_of(body.shape) if not any(f.IsSame(face) for face in open_faces)]
+    for void in voids:
+        for face in faces_of(void):
+            at = next((i for i, o in enumerate(open_faces) if _is_in_opening(face, planes[i], o)), None)
+            if at is None:
+                faces.append(convert.as_face(face.Reversed()))
+            else:
+                holes[at].append(face)
+    for face, plane, of in zip(open_faces, planes, holes, strict=True):
+        faces += _cut_holes(face, plane, of)
+    return assemble_solids(faces)[0]
+
+
+def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
+    """The body's faces that are meant by faces (build123d, CadQuery, TopoDS) or numbers in the body's order.
+
+    InvalidRequest where one is no face of the body, is not plane, meets another, or has no edge to end at.
+    """
+    own, found = faces_of(body.shape), []
+    for wanted in faces:
+        shape = getattr(wanted, "wrapped", wanted)
+        if isinstance(shape, int | np.integer):
+            face = own[shape] if 0 <= shape < len(own) else None
+        else:
+            face = next((f for f in own if isinstance(shape, TopoDS_Face) and f.IsSame(shape)), None)
+        if face is None:
+            raise InvalidRequest(
+                f"open_faces: {wanted!r} is no face of {body.name}: take faces of the very shape that is filled, or numbers "
+                f"from 0 to {len(own) - 1} in its order"
+            )
+        if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
+            raise InvalidRequest(
+                f"open_faces: {wanted!r} is not plane: leave the skin on it, and bore through it afterwards"
+            )
+        found.append(face)
+    smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).group
+    for face in found:
+        if np.count_nonzero(smooth == smooth[next(i for i, f in enumerate(own) if f.IsSame(face))]) > 1:
+            x, y, z = sample_edges(face).mean(axis=0)
+            raise InvalidRequest(
+                f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) goes on smoothly into another, so that the skin has no "
+                "place to end: open a face with sharp edges, or leave the fillets for afterwards"
+            )
+    edges = [EdgeKey(edge) for face in found for edge in edges_of(face)]
+    if len(set(edges)) < len(edges):
+        raise InvalidRequest("open_faces: two of the faces meet in an edge, or are one: leave one of them out")
+    return tuple(found)
+
+
+def _shells(solid: TopoDS_Solid) -> list[Any]:
+    return [convert.as_shell(shell) for shell in convert.list_subshapes(solid, TopAbs_SHELL)]
+
+
+def _outward_plane(face: TopoDS_Face) -> Plane:
+    _, point, normal, beside = evaluate_mid_face(face)
+    x, out = beside - point, normal if face.Orientation() != TopAbs_REVERSED else -normal
+    return Plane(point, x / np.linalg.norm(x), out / np.linalg.norm(out))
+
+
+def _is_in_opening(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> bool:
+    """Whether a void's face is one in which it touches an open face."""
+    if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
+        return False
+    points = np.concatenate([sample_edge(edge, 2) for edge in edges_of(face)])
+    if np.abs(plane.distance(points)).max() > OPENING_TOL:
+        return False
+    return BRepClass_FaceClassifier(opening, convert.point(points[0]), OPENING_TOL).State() == TopAbs_IN
+
+
+def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> Iterator[TopoDS_Face]:
+    """What is left of a face: the skin's rim, and the lattice's sections in the holes."""
+    wires = [*_wires(face), *(convert.as_wire(wire.Reversed()) for hole in holes for wire in _wires(hole))]
+    polygons = []
+    for wire in wires:
+        walk, points = BRepTools_WireExplorer(wire), []
+        while walk.More():
+            points.append(sample_edge(walk.Current(), CHORDS_PER_EDGE)[:-1])
+            walk.Next()
+        polygons.append(plane.parameters(np.concatenate(points)))
+    try:
+        nested = nest_loops(polygons)
+    except TrimmingError as error:
+        raise KernelError(OPERATION, str(error), face) from error
+    builder, surface = BRep_Builder(), convert.plane(plane.origin, plane.x_axis, plane.y_axis)
+    for loops in nested:
+        part = TopoDS_Face()
+        builder.MakeFace(part, surface, CONFUSION_TOLERANCE)
+        for loop in loops:
+            builder.Add(part, wires[loop])
+        yield part
+
+
+def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
+    """The face's loops as seen from outside, counter-clockwise around it."""
+    return [convert.as_wire(wire) for wire in convert.list_subshapes(face, TopAbs_WIRE)]

@@ -1,0 +1,101 @@
+"""A body within its own skin: shrunk by the skin's thickness, on all faces but those that stay open."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
+from OCP.GeomAbs import GeomAbs_Intersection
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
+from scipy.stats import qmc
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.boolean.boolean_operations import translate_occt_errors
+from tpmscad.kernel.measure.cad_body import CadBody, enclosing_box, read_body
+from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.measure.signed_distance import BodyDistance
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import sample_edge
+
+OPERATION = "offset by the skin"
+
+JOIN_TOLERANCE = 1e-6
+"""Model units: how far apart two offset faces may meet."""
+
+DEPTH_SAMPLES = 2048
+"""Points that tell whether the shrunk body is all that lies deeper than the skin: a wrong one is off by whole corners."""
+
+MAX_STANDARD_ERRORS = 4.0
+"""Standard errors of a plain random sample; the quasi-random one used is better."""
+
+PIECES_PER_EDGE = 4
+"""Of every edge of the shrunk body, at whose ends its depth is looked at."""
+
+DEPTH_REL_TOL = 1e-4
+"""Of the skin: how far from it the depth of the shrunk body's edges may be. Faces that fold over miss it by whole radii."""
+
+
+def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] = ()) -> CadBody:
+    """The part of the body that lies deeper than `skin` (model units) under its faces, but for those that stay open.
+
+    InvalidRequest if nothing does; KernelError where the kernel's offset gives up, or leaves out or adds something.
+    """
+    if not (np.isfinite(skin) and skin > 0):
+        raise InvalidRequest(f"skin {skin!r} is a thickness: a finite number above zero, or None for no skin")
+    closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in open_faces)]
+    if not closed:
+        raise InvalidRequest("open_faces are all of the body's faces: give no skin instead")
+    distance = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(closed))
+    depth, points = _sample_depths(body, distance)
+    if not (depth > skin).any():
+        raise InvalidRequest(
+            f"a skin of {skin:g} is thicker than {body.name}, which is nowhere deeper than {depth.max():.4g}: "
+            "make it thinner, or leave the body solid"
+        )
+    maker = BRepOffset_MakeOffset()
+    remedy = f"; make the skin thinner than the body's smallest fillets, or offset {body.name} where it was modelled"
+    with translate_occt_errors(OPERATION, body.shape, remedy):
+        maker.Initialize(body.shape, -skin, JOIN_TOLERANCE, BRepOffset_Skin, False, False, GeomAbs_Intersection, False)
+        for face in open_faces:
+            maker.SetOffsetOnFace(face, 0.0)
+        maker.MakeOffsetShape()
+        shape = maker.Shape() if maker.IsDone() else None
+        if shape is None or shape.IsNull():
+            raise KernelError(OPERATION, f"the kernel finds no offset at {skin:g}{remedy}", body.shape)
+        try:
+            inner = read_body(shape)
+        except InvalidRequest as error:
+            raise KernelError(OPERATION, f"{error}{remedy}", body.shape) from error
+    low, high = enclosing_box(body.shape)
+    share = float((depth > skin).mean())
+    box = float(np.prod(high - low))
+    error = MAX_STANDARD_ERRORS * np.sqrt(max(share * (1 - share), 1 / len(points)) / len(points)) * box
+    if abs(inner.volume - share * box) > error:
+        raise KernelError(
+            OPERATION,
+            f"the kernel's offset has volume {inner.volume:.4g}, but {share * box:.4g} +- {error:.2g} lies deeper than "
+            f"{skin:g}{remedy}",
+            body.shape,
+        )
+    at = sample_edges(inner.shape)
+    off = np.abs(np.abs(distance(at)) - skin)
+    if off.max() > max(DEPTH_REL_TOL * skin, 10 * JOIN_TOLERANCE):
+        where = ", ".join(f"{c:.4g}" for c in at[off.argmax()])
+        raise KernelError(OPERATION, f"the kernel's offset folds over near ({where}){remedy}", body.shape)
+    return inner
+
+
+def sample_edges(shape: TopoDS_Solid) -> Array:
+    """Points along every edge of a shape: (n, 3)."""
+    edges = [convert.as_edge(edge) for edge, _ in convert.count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
+    return np.concatenate([sample_edge(edge, PIECES_PER_EDGE) for edge in edges])
+
+
+def _sample_depths(body: CadBody, distance: BodyDistance) -> tuple[Array, Array]:
+    """How deep points spread evenly over the body's box lie in it (n,), and these points (n, 3)."""
+    low, high = enclosing_box(body.shape)
+    points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(0)).random(DEPTH_SAMPLES)
+    return -distance(points), points

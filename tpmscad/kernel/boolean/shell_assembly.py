@@ -1,0 +1,73 @@
+"""Kernel faces that bound solids, put together by the edges they share."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.TopAbs import TopAbs_REVERSED
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from tpmscad._typing import IntArray
+from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import make_shell, make_solid, shell_contains
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of
+
+FaceEdgeUses = list[list[tuple[int, int]]]
+"""For each face the numbers of its edges, and +1 or -1 as it runs along them, seen from outside."""
+
+OPERATION = "assembly of trimmed faces"
+
+
+def edge_uses(faces: Sequence[TopoDS_Face]) -> FaceEdgeUses:
+    """Which edges the faces have in common; degenerated ones are left out."""
+    number: dict[EdgeKey, int] = {}
+    return [
+        [
+            (number.setdefault(EdgeKey(edge), len(number)), -1 if edge.Orientation() == TopAbs_REVERSED else 1)
+            for edge in edges_of(face)
+            if not BRep_Tool.Degenerated_s(edge)
+        ]
+        for face in faces
+    ]
+
+
+def face_components(uses: FaceEdgeUses, barrier: set[int] | frozenset[int] = frozenset()) -> IntArray:
+    """The component of each face, faces being joined over every edge that is no barrier: (F,)."""
+    pairs = np.array([(f, e) for f, own in enumerate(uses) for e, _ in own if e not in barrier], np.int64).reshape(
+        -1, 2
+    )
+    n = len(uses) + 1 + int(pairs[:, 1].max(initial=-1))
+    links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], len(uses) + pairs[:, 1])), shape=(n, n))
+    return np.asarray(connected_components(links, directed=False)[1][: len(uses)])
+
+
+def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, ...], float]:
+    """The solids that the faces, outward sides out, bound, the largest outside first, voids inside them; and their volume.
+
+    KernelError unless every edge joins two of them that run along it in opposite ways, and every void lies in a solid.
+    """
+    uses = edge_uses(faces)
+    table = np.array([use for own in uses for use in own], np.int64).reshape(-1, 2)
+    open_edges = (np.bincount(table[:, 0]) != 2) | (np.bincount(table[:, 0], table[:, 1]) != 0)
+    if open_edges.any():
+        raise KernelError(OPERATION, f"{np.count_nonzero(open_edges)} edges do not join two of the trimmed faces")
+    label = face_components(uses)
+    volume = np.bincount(label, face_moments(faces)[:, 1])
+    members = {s: [faces[f] for f in np.flatnonzero(label == s).tolist()] for s in np.unique(label).tolist()}
+    shells = {s: make_shell(of) for s, of in members.items()}
+    order = sorted(shells, key=lambda s: -volume[s])
+    outer = [s for s in order if volume[s] > 0]
+    pieces = {s: [s] for s in outer}
+    for void in order[len(outer) :]:
+        point = np.array(BRep_Tool.Pnt_s(convert.first_vertex(edges_of(members[void][0])[0])).Coord())
+        around = next((s for s in reversed(outer) if shell_contains(shells[s], point)), None)
+        if around is None:
+            raise KernelError(OPERATION, f"a shell of volume {volume[void]:.6g} is in no solid: inside out")
+        pieces[around].append(void)
+    return tuple(make_solid([shells[s] for s in piece]) for piece in pieces.values()), float(volume.sum())

@@ -1,0 +1,143 @@
+"""Vertices, edges and parameter curves of a patch complex as kernel objects; `build` makes faces on them."""
+
+from __future__ import annotations
+
+import numpy as np
+from OCP.BRep import BRep_Builder
+from OCP.Geom2d import Geom2d_Curve
+from OCP.gp import gp_Trsf
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Vertex
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Circle, Ellipse
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.kernel.occt import convert
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+
+CONFUSION_TOLERANCE = 1e-7
+"""OCC's smallest useful tolerance (Precision::Confusion): what every vertex, edge and face gets unless measured worse."""
+
+UNIT_SPEED_TOL = 1e-12
+"""How far from 1 the speed of a straight parameter curve may be that becomes a line of the kernel, which runs at unit speed."""
+
+
+def build_vertices(builder: BRep_Builder, brep: Brep) -> list[TopoDS_Vertex]:
+    """Every vertex, with a tolerance that covers the ends of its edges."""
+    vertices = []
+    for position, tolerance in zip(brep.vertices, vertex_tolerances(brep).tolist(), strict=True):
+        vertex = TopoDS_Vertex()
+        builder.MakeVertex(vertex, convert.point(position), tolerance)
+        vertices.append(vertex)
+    return vertices
+
+
+def build_edges(builder: BRep_Builder, brep: Brep, vertices: list[TopoDS_Vertex]) -> list[TopoDS_Edge]:
+    """Edges with vertices, 3-D curve and range; parameter curves come with the faces."""
+    reversed_vertices = [vertex.Reversed() for vertex in vertices]
+    edges = brep.edges
+    moves = build_transforms(edges.rotation, edges.translation)
+    curves = [convert.curve(c) for c in brep.curves]
+    straight = set(straight_edges(brep).tolist())
+    tolerance = np.maximum(CONFUSION_TOLERANCE, edges.deviation).tolist()
+    result = []
+    spans, ends = (
+        (edges.span + conic_range_shifts(brep)[:, None]).tolist(),
+        np.column_stack([edges.start, edges.end]).tolist(),
+    )
+    for i, index in enumerate(edges.curve.tolist()):
+        edge = TopoDS_Edge()
+        start, end = ends[i]
+        low, high = spans[i]
+        if i in straight:
+            a, b = brep.vertices[start], brep.vertices[end]
+            builder.MakeEdge(edge, convert.line(a, b), tolerance[i])
+            low, high = 0.0, float(np.linalg.norm(b - a))
+        else:
+            builder.MakeEdge(edge, curves[index].Transformed(moves[i]), tolerance[i])
+        builder.Add(edge, vertices[start])
+        builder.Add(edge, reversed_vertices[end])
+        builder.Range(edge, low, high)
+        result.append(edge)
+    return result
+
+
+def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
+    """Each use's parameter curve, None on planes. Along straight edges they take the length from the edge's start."""
+    edges, uses = brep.edges, brep.uses
+    straight = set(straight_edges(brep).tolist())
+    on_patch = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
+    shift = conic_range_shifts(brep).tolist()
+    made: dict[tuple[int, bool, float], Geom2d_Curve] = {}
+    result: list[Geom2d_Curve | None] = []
+    for e, p, patch in zip(uses.edge.tolist(), uses.pcurve.tolist(), on_patch[brep.face_of_use].tolist(), strict=True):
+        if p < 0:
+            result.append(None)
+        elif e in straight:
+            result.append(convert.line_2d(*brep.pcurves[p](edges.span[e])))
+        else:
+            key = p, patch, shift[e]
+            if key not in made:
+                curve = brep.pcurves[p]
+                curve = BSplineCurve(curve.poles, curve.knots + shift[e], curve.degree) if shift[e] else curve
+                made[key] = convert.curve_2d(curve) if patch else _line_or_spline(curve)
+            result.append(made[key])
+    return result
+
+
+def build_transforms(rotation: Array, translation: Array) -> list[gp_Trsf]:
+    """The motion of each item; equal ones are made once."""
+    rows = np.concatenate([rotation.reshape(-1, 9), translation], axis=1)
+    distinct, index = np.unique(rows, axis=0, return_inverse=True)
+    made = [convert.transformation(row[:9].reshape(3, 3), row[9:]) for row in distinct]
+    return [made[i] for i in index.ravel().tolist()]
+
+
+def straight_edges(brep: Brep) -> IntArray:
+    """Edges that run straight on planes and quadrics only, which can follow a change of parameter: they become true lines."""
+    straight = np.array([_is_segment(c) for c in brep.curves], bool)[brep.edges.curve]
+    fixed = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
+    straight[brep.uses.edge[fixed[brep.face_of_use]]] = False
+    return np.flatnonzero(straight)
+
+
+def conic_range_shifts(brep: Brep) -> Array:
+    """What to add to each edge's parameter: whole turns for conics, so that it begins in the first; 0 for all others: (E,).
+
+    The kernel takes an edge on a circle for another piece of it if all its range is negative.
+    """
+    conic = np.array([isinstance(c, Circle | Ellipse) for c in brep.curves], bool)[brep.edges.curve]
+    return np.where(conic, -TWO_PI * np.floor(brep.edges.span[:, 0] / TWO_PI), 0.0)
+
+
+def _line_or_spline(curve: BSplineCurve) -> Geom2d_Curve:
+    """A parameter curve on a quadric: a line where it can be one, as the kernel has it itself."""
+    low, high = curve.domain
+    start, end = curve([low, high])
+    speed = float(np.linalg.norm(end - start)) / (high - low)
+    if not _is_segment(curve) or abs(speed - 1.0) > UNIT_SPEED_TOL:
+        return convert.curve_2d(curve)
+    return convert.line_2d(start - low * (end - start) / (high - low), end)
+
+
+def _is_segment(curve: object) -> bool:
+    return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
+
+
+def end_points(brep: Brep) -> Array:
+    """Where the edges' curves begin and end: (E, 2, 3)."""
+    edges = brep.edges
+    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
+    local = np.stack([brep.curves[int(i)]([low, high]) for i, low, high in keys])[key.ravel()]
+    return np.einsum("eij,ekj->eki", edges.rotation, local) + edges.translation[:, None]
+
+
+def vertex_tolerances(brep: Brep) -> Array:
+    """What each vertex needs to cover the ends of its edges, and the edges' own deviations: (V,)."""
+    edges = brep.edges
+    tolerance = np.full(len(brep.vertices), CONFUSION_TOLERANCE)
+    ends = end_points(brep)
+    for vertex, end in ((edges.start, ends[:, 0]), (edges.end, ends[:, 1])):
+        miss = np.linalg.norm(brep.vertices[vertex] - end, axis=1)
+        np.maximum.at(tolerance, vertex, np.maximum(miss, edges.deviation))
+    return tolerance

@@ -1,0 +1,115 @@
+"""Which shells bound which solid: outer shells and the voids in them, from the complex's own signed volumes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane, Quadric, SphericalSurface, ToroidalSurface
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError
+from tpmscad.splines.bspline import BSplineSurface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShellNesting:
+    """The shell of each face (F,), each shell's signed volume, and the solids: an outer shell first, then its voids' shells.
+
+    Pieces come largest outer volume first, equal ones by their first face.
+    """
+
+    shell_of_face: IntArray
+    volume: Array
+    moments: integral_properties.FaceMoments
+    pieces: tuple[tuple[int, ...], ...]
+
+    def faces_of(self, shell: int) -> IntArray:
+        return np.flatnonzero(self.shell_of_face == shell)
+
+
+def nest_shells(
+    brep: Brep, inside: Callable[[int, Array], bool], moments: integral_properties.FaceMoments | None = None
+) -> ShellNesting:
+    """Sort the shells of a closed complex into solids. `moments` are its faces', where they are known already.
+
+    A shell that bounds its inside has positive volume, a void's negative. A void belongs to the smallest outer shell around it:
+    the only one whose box reaches around the void's, or, where boxes leave a choice or are generous (on quadrics), the smallest
+    of which `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
+    """
+    count, shell = connectivity.label_shells(brep)
+    moments = integral_properties.integrate_faces(brep) if moments is None else moments
+    volume = integral_properties.volume(moments, shell)
+    outer = np.flatnonzero(volume > 0)
+    outer = outer[np.argsort(-volume[outer], kind="stable")]
+    pieces = {int(s): [int(s)] for s in outer}
+    voids = np.flatnonzero(volume <= 0)
+    if len(voids):
+        low, high, point = _edge_boxes(brep, shell, count)
+        least, most, round_shell = _enlarge_by_quadrics(brep, shell, low, high)
+        for void in voids:
+            reach = low[void], high[void]
+            around = [int(s) for s in outer if (least[s] < reach[0]).all() and (most[s] > reach[1]).all()]
+            if len(around) > 1 or any(round_shell[s] for s in around):
+                around = [s for s in around if inside(s, point[void])]
+            if not around:
+                raise KernelError(
+                    "build",
+                    f"a shell of volume {volume[void]:.6g} near {point[void].round(6)} is in no solid: inside out",
+                )
+            pieces[around[-1]].append(int(void))
+    return ShellNesting(shell, volume, moments, tuple(tuple(piece) for piece in pieces.values()))
+
+
+def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, Array]:
+    """Boxes of each shell's edges, sampled at ends and middles, and a vertex of it: (count, 3) each."""
+    edges = brep.edges
+    middle = np.empty((len(edges), 3))
+    keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
+    for k, (index, low, high) in enumerate(keys):
+        at = np.flatnonzero(key.ravel() == k)
+        middle[at] = edges.rotation[at] @ brep.curves[int(index)](0.5 * (low + high)) + edges.translation[at]
+    edge_shell = shell[brep.face_of_use]
+    used = brep.uses.edge
+    points = np.concatenate([brep.vertices[edges.start[used]], brep.vertices[edges.end[used]], middle[used]])
+    of = np.concatenate([edge_shell] * 3)
+    lowest, highest = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(lowest, of, points)
+    np.maximum.at(highest, of, points)
+    _, first = np.unique(of, return_index=True)
+    return lowest, highest, points[first]
+
+
+def _enlarge_by_quadrics(
+    brep: Brep, shell: IntArray, low: Array, high: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The boxes widened to hold each shell's faces on quadrics, somewhat too wide, and which shells have such faces."""
+    low, high, has = low.copy(), high.copy(), np.zeros(len(low), bool)
+    faces, uses, face = brep.faces, brep.uses, brep.face_of_use
+    for i, index in enumerate(faces.carrier.tolist()):
+        carrier = brep.carriers[index]
+        if isinstance(carrier, BSplineSurface | Plane):
+            continue
+        v = np.concatenate([brep.pcurves[p].poles[:, 1] for p in np.unique(uses.pcurve[face == i]).tolist()])
+        centre, radius = _bounding_sphere(carrier, float(v.min()), float(v.max()))
+        centre = faces.rotation[i] @ centre + faces.translation[i]
+        s = shell[i]
+        low[s], high[s], has[s] = np.minimum(low[s], centre - radius), np.maximum(high[s], centre + radius), True
+    return low, high, has
+
+
+def _bounding_sphere(quadric: Quadric, low: float, high: float) -> tuple[Array, float]:
+    """Centre and radius of a ball around the part of a quadric between two values of v."""
+    if isinstance(quadric, SphericalSurface):
+        return quadric.origin, quadric.radius
+    if isinstance(quadric, ToroidalSurface):
+        return quadric.origin, quadric.major + quadric.minor
+    rims = quadric(np.zeros(2), np.array([low, high]))
+    heights = (rims - quadric.origin) @ quadric.axis
+    middle = quadric.origin + heights.mean() * quadric.axis
+    return middle, float(np.linalg.norm(rims - middle, axis=1).max())

@@ -1,0 +1,216 @@
+"""A patch complex becomes kernel solids by its own connectivity: no sewing, nothing searched for, no tolerance guessed.
+
+Vertices, edges and faces of the complex become one TopoDS each. An edge has one 3-D curve and one parameter curve per use; all
+take the same parameter, so SameParameter holds by construction. Edges on planes need no parameter curve: the kernel projects.
+Where a loop runs along a pole of a quadric, the kernel wants a degenerated edge, which the complex does not have (see `poles`).
+Wires run counter-clockwise in (u, v), and a face is reversed where its outward normal is -S_u x S_v. Motions are baked into the
+poles: a mirror in a TopLoc_Location makes OCC turn solids inside out.
+
+Neighbouring regions of one complex as kernel solids: where two touch they share faces, edges and vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.BRep import BRep_Builder
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.Geom import Geom_Surface
+from OCP.TopAbs import TopAbs_FORWARD, TopAbs_IN, TopAbs_REVERSED
+from OCP.TopoDS import (
+    TopoDS_Compound,
+    TopoDS_Face,
+    TopoDS_Shape,
+    TopoDS_Shell,
+    TopoDS_Solid,
+    TopoDS_Wire,
+)
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError
+from tpmscad.kernel.build.degenerate_edges import find_pole_steps, make_degenerate_edge
+from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE, build_edges, build_pcurves, build_transforms, build_vertices
+from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
+from tpmscad.kernel.occt import convert
+from tpmscad.splines.bspline import BSplineSurface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BuiltSolids:
+    """Solids of a complex. `shape` is a TopoDS_Solid, or a compound of several; `faces[i]` is face i of the complex.
+
+    `nesting` tells which faces bound which solid.
+    """
+
+    shape: TopoDS_Shape
+    solids: tuple[TopoDS_Solid, ...]
+    faces: tuple[TopoDS_Face, ...]
+    nesting: ShellNesting
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        return to_build123d(self.shape, len(self.solids))
+
+
+def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:
+    """The solid or solids that a closed complex bounds, in model units, largest first.
+
+    `moments` are its faces', where they are known already; afterwards they are in `nesting`. KernelError where the complex is
+    open, or a shell is inside out.
+    """
+    unmatched = connectivity.find_unmatched_edges(brep)
+    if len(unmatched):
+        at = brep.vertices[brep.edges.start[unmatched[0]]]
+        raise KernelError("build", f"{len(unmatched)} edges do not join two faces, the first at {at.round(6)}")
+    faces = build_faces(brep)
+    count, label = connectivity.label_shells(brep)
+    members = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
+    shells = [make_shell(faces[i] for i in of) for of in members]
+
+    nested = nest_shells(brep, lambda shell, point: shell_contains(shells[shell], point), moments)
+    solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.pieces)
+    return BuiltSolids(solids[0] if len(solids) == 1 else make_compound(solids), solids, faces, nested)
+
+
+def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
+    """Whether what the shell bounds holds a point (3,)."""
+    classifier = BRepClass3d_SolidClassifier(make_solid([shell]))
+    classifier.Perform(convert.point(point), CONFUSION_TOLERANCE)
+    return bool(classifier.State() == TopAbs_IN)
+
+
+def to_build123d(shape: TopoDS_Shape, solids: int) -> Any:
+    """The build123d Solid, or Compound where the shape holds several."""
+    from build123d import Compound, Solid  # takes seconds to import, and files are written without it
+
+    return Solid(shape) if solids == 1 else Compound(shape)
+
+
+def make_compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:
+    """The shapes side by side as one."""
+    builder, result = BRep_Builder(), TopoDS_Compound()
+    builder.MakeCompound(result)
+    for shape in shapes:
+        builder.Add(result, shape)
+    return result
+
+
+def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
+    """Every face, outward normals, on shared edges and vertices; of open complexes too."""
+    builder = BRep_Builder()
+    surfaces = _placed_surfaces(brep)
+    vertices = build_vertices(builder, brep)
+    edges = build_edges(builder, brep, vertices)
+    pcurves = build_pcurves(brep)
+    at_pole = find_pole_steps(brep)
+    tolerance = np.maximum(CONFUSION_TOLERANCE, brep.edges.deviation).tolist()
+    faces, uses = brep.faces, brep.uses
+    use_edge, use_sense = uses.edge.tolist(), uses.sense.tolist()
+    loop_start, use_start, sense = faces.loop_start.tolist(), faces.use_start.tolist(), faces.sense.tolist()
+    result = []
+    for i in range(len(faces)):
+        face = TopoDS_Face()
+        builder.MakeFace(face, surfaces[i], CONFUSION_TOLERANCE)
+        seen: dict[int, int] = {}
+        for loop in range(loop_start[i], loop_start[i + 1]):
+            wire = TopoDS_Wire()
+            builder.MakeWire(wire)
+            for k in range(use_start[loop], use_start[loop + 1]):
+                e, pcurve = use_edge[k], pcurves[k]
+                if pcurve is not None and e in seen:  # a seam: this face lies on both sides of the edge
+                    along, against = (k, seen[e]) if use_sense[k] > 0 else (seen[e], k)
+                    builder.UpdateEdge(edges[e], pcurves[along], pcurves[against], face, tolerance[e])
+                elif pcurve is not None:
+                    builder.UpdateEdge(edges[e], pcurve, face, tolerance[e])
+                    seen[e] = k
+                builder.Add(wire, edges[e].Oriented(TopAbs_FORWARD if use_sense[k] > 0 else TopAbs_REVERSED))
+                if k in at_pole:
+                    step = at_pole[k]
+                    builder.Add(
+                        wire, make_degenerate_edge(builder, face, vertices[step.vertex], step, CONFUSION_TOLERANCE)
+                    )
+            wire.Closed(True)
+            builder.Add(face, wire)
+        result.append(face if sense[i] > 0 else convert.as_face(face.Reversed()))
+    return tuple(result)
+
+
+def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
+    """Each face's own placed surface: a surface that two faces share can't hold both parameter curves of their edge."""
+    faces = brep.faces
+    moves = build_transforms(faces.rotation, faces.translation)
+    bases = [_unplaced_surface(c) for c in brep.carriers]
+    result = []
+    for i, index in enumerate(faces.carrier.tolist()):
+        carrier, base, rotation = brep.carriers[index], bases[index], faces.rotation[i]
+        if isinstance(carrier, Plane):
+            origin = rotation @ carrier.origin + faces.translation[i]
+            result.append(convert.plane(origin, rotation @ carrier.x_axis, rotation @ carrier.y_axis))
+        else:
+            result.append(base.Transformed(moves[i]))
+    return result
+
+
+def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
+    """The surface where it was made; None for planes, which are made in their places."""
+    if isinstance(carrier, Plane):
+        return None
+    return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
+
+
+def make_shell(faces: Iterable[TopoDS_Face]) -> TopoDS_Shell:
+    builder, shell = BRep_Builder(), TopoDS_Shell()
+    builder.MakeShell(shell)
+    for face in faces:
+        builder.Add(shell, face)
+    shell.Closed(True)
+    return shell
+
+
+def make_solid(shells: Iterable[TopoDS_Shell]) -> TopoDS_Solid:
+    builder, solid = BRep_Builder(), TopoDS_Solid()
+    builder.MakeSolid(solid)
+    for shell in shells:
+        builder.Add(solid, shell)
+    return solid
+
+
+def build_regions(
+    brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]
+) -> tuple[tuple[TopoDS_Solid, ...], ...]:
+    """The solids of each region, largest first. `members[r]` are the faces of `complex` that region r's faces are."""
+    faces = build_faces(brep)
+    result = []
+    for region, member in zip(regions, members, strict=True):
+        own = [
+            faces[m] if brep.faces.sense[m] == sense else convert.as_face(faces[m].Reversed())
+            for m, sense in zip(member.tolist(), region.faces.sense.tolist(), strict=True)
+        ]
+        result.append(_build_region(region, own))
+    return tuple(result)
+
+
+def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
+    made: dict[int, TopoDS_Shell] = {}
+
+    def shell(number: int) -> TopoDS_Shell:
+        if number not in made:
+            made[number] = make_shell(faces[i] for i in shells[number])
+        return made[number]
+
+    count, label = connectivity.label_shells(region)
+    shells: list[list[int]] = [[] for _ in range(count)]
+    for face, number in enumerate(label.tolist()):
+        shells[number].append(face)
+    return tuple(
+        make_solid([shell(s) for s in piece])
+        for piece in nest_shells(region, lambda s, point: shell_contains(shell(s), point)).pieces
+    )

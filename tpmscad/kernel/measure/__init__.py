@@ -1,0 +1,1 @@
+"""Measurements by the kernel: validity, mass properties, distances."""

@@ -1,0 +1,106 @@
+"""A CAD body as it comes in: a build123d, CadQuery or TopoDS shape, or a STEP file, read into one solid fit to be filled."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.Bnd import Bnd_Box
+from OCP.BRepBndLib import BRepBndLib
+from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
+from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.step.step_reader import read_step, solids_of
+
+MAX_COORDINATE = 1e9
+"""Model units: the kernel's own idea of infinity is 2e100, and its tolerance of 1e-7 means nothing beyond this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CadBody:
+    """One valid, closed solid, what was measured on it, and what to call it."""
+
+    shape: TopoDS_Solid
+    report: ShapeReport
+    name: str
+
+    @property
+    def volume(self) -> float:
+        return self.report.volume
+
+
+def read_body(source: Any) -> CadBody:
+    """The one solid in a build123d or CadQuery shape (builders and workplanes too), a TopoDS shape or a STEP file.
+
+    InvalidRequest says what else was found: no solid or several, an open, invalid or reversed one, no STEP file.
+    """
+    shape, name = _resolve_shape(source)
+    solids = tuple(solids_of(shape))
+    if len(solids) != 1:
+        found = (
+            f"{len(solids)} solids"
+            if solids
+            else f"no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})"
+        )
+        raise InvalidRequest(
+            f"{name} holds {found}: a body is one solid; fill several one at a time, or unite them first"
+        )
+    low, high = enclosing_box(solids[0])
+    if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > MAX_COORDINATE:
+        raise InvalidRequest(f"{name} reaches beyond {MAX_COORDINATE:g}: a body has to be finite")
+    report = check_shape(solids[0])
+    for wrong, what in (
+        (not report.closed, "is not closed: some of its edges bound one face only"),
+        (not report.valid, "is rejected by the kernel's check"),
+        (report.volume <= 0, f"is inside out: its volume is {report.volume:.6g}"),
+    ):
+        if wrong:
+            raise InvalidRequest(f"{name} {what}; mend it where it was modelled")
+    return CadBody(solids[0], report, name)
+
+
+def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
+    if isinstance(source, str | os.PathLike):
+        try:
+            return read_step(source).shape, str(source)
+        except KernelError as error:
+            raise InvalidRequest(f"{error.status}: a STEP file with one solid is needed") from error
+    if isinstance(source, CadBody):
+        return source.shape, source.name
+    if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or up its chain
+        try:
+            source = source.findSolid()
+        except ValueError as error:
+            raise InvalidRequest(f"the workplane holds no solid: {error}") from error
+    elif hasattr(source, "part") and not hasattr(source, "wrapped"):  # a build123d builder
+        source = source.part
+    try:
+        shape = getattr(source, "wrapped", source)
+    except AssertionError:  # how build123d says that a shape is empty
+        shape = None
+    if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
+        raise InvalidRequest(
+            f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape or a STEP file's path"
+        )
+    return shape, str(getattr(source, "label", "") or "the body")
+
+
+def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
+    """Opposite corners (3,), (3,) of a box around the shape: exact for plane and quadric faces, generous for others."""
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box, False)
+    if box.IsVoid() or box.IsOpen():
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    box.SetGap(0.0)
+    return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())
+
+
+def transform_shape(shape: TopoDS_Shape, rotation: Array, translation: Array) -> TopoDS_Shape:
+    """A copy of the shape at R x + t."""
+    return BRepBuilderAPI_Transform(shape, convert.transformation(rotation, translation), True).Shape()

@@ -1,0 +1,132 @@
+"""Moments of kernel faces on cylinders, cones, spheres and tori: line integrals over their edges' own 3-D curves.
+
+    int_D f du dv = loop int F dv,    F(u, v) = int_0^u f(s, v) ds in closed form,    as in patches.measure.
+
+Kernel edges are only near their parameter curves; these serve to tell one turn from the next, the curve in space for the rest.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d, BRepAdaptor_Surface
+from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Sphere, GeomAbs_Torus
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
+
+from tpmscad._typing import Array
+from tpmscad.brep.carriers import ConicalSurface, Plane, Quadric, SphericalSurface
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.moments.loop_integrals import TRIGONOMETRIC_ORDER, antiderivative_matrix
+from tpmscad.kernel.occt.edge_quadrature import CurveNodes, EdgeNodeCache, curve_breaks, edges_of, nodes_on_intervals
+from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face, recognise_carrier
+from tpmscad.kernel.recognise.unrolled_faces import UnsupportedFace
+
+QUADRIC_TYPES = (GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
+
+PANEL_GAUSS_POINTS, MAX_PANEL_ANGLE, MAX_HALVINGS = 12, 0.6, 30
+"""Gauss points of a piece of an edge that passes a pole, radians of u it may turn by, and how often it is halved for that."""
+
+POLE_REL_TOL = 1e-9
+"""Nearer to the axis than this part of the edge's distance from the origin there is no angle."""
+
+NODES_PER_BATCH = 20000
+"""Nodes evaluated together: 140 000 points, 30 MB."""
+
+
+def recognise_quadric(face: TopoDS_Face) -> Quadric | None:
+    """The quadric that the kernel has under the face, if it is one that does not meet itself."""
+    if BRepAdaptor_Surface(face, False).GetType() not in QUADRIC_TYPES:
+        return None
+    try:
+        carrier = recognise_carrier(face, 1.0)
+    except UnsupportedFace:
+        return None
+    assert not isinstance(carrier, Plane)
+    return carrier
+
+
+def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNodeCache) -> Array:
+    """Area, x . n dA / 3 and x (x . n) dA / 4 over the face's forward side, for loops as the face uses them: (5,)."""
+    turns = _AngleUnwrapper(face, quadric)
+    parts = []
+    for edge in edges_of(face):
+        if not BRep_Tool.Degenerated_s(edge):
+            nodes, sign = nodes_of(edge)
+            if isinstance(quadric, SphericalSurface | ConicalSurface):
+                nodes = _refine_near_poles(edge, nodes, quadric)
+            uv = turns.of(edge, nodes)
+            along_v = quadric(uv[:, 0], uv[:, 1], 0, 1)
+            rise = (nodes.tangents * along_v).sum(1) / (along_v * along_v).sum(1)
+            parts.append(np.column_stack([uv, sign * nodes.weights * rise]))
+    table = np.concatenate(parts)
+    total = np.zeros(5)
+    for start in range(0, len(table), NODES_PER_BATCH):
+        total += _integrate_loop(quadric, *table[start : start + NODES_PER_BATCH].T)
+    total[0] *= turns.side
+    return total
+
+
+def _refine_near_poles(edge: TopoDS_Edge, nodes: CurveNodes, quadric: Quadric) -> CurveNodes:
+    """More nodes where the edge passes a pole, and with it the angle u, faster than `nodes` can follow."""
+    curve = BRepAdaptor_Curve(edge)
+    breaks = curve_breaks(curve)
+    swing = _panel_angles(curve, breaks, quadric)
+    if swing.max() < MAX_PANEL_ANGLE:
+        return nodes
+    for _ in range(MAX_HALVINGS):
+        wide = np.flatnonzero(swing > MAX_PANEL_ANGLE)
+        if len(wide) == 0:
+            break
+        breaks = np.union1d(breaks, 0.5 * (breaks[wide] + breaks[wide + 1]))
+        swing = _panel_angles(curve, breaks, quadric)
+    return nodes_on_intervals(curve, breaks, PANEL_GAUSS_POINTS)
+
+
+def _panel_angles(curve: BRepAdaptor_Curve, breaks: Array, quadric: Quadric) -> Array:
+    """How far the angle turns between neighbouring breaks, both included."""
+    t = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0.0, 1.0, PANEL_GAUSS_POINTS)
+    points = np.array([curve.Value(s).Coord() for s in t.ravel().tolist()])
+    angle = quadric.parameters(points)[:, 0].reshape(t.shape)
+    arm = points - quadric.origin
+    pole = (np.linalg.norm(np.cross(arm, quadric.axis), axis=1) < POLE_REL_TOL * np.abs(arm).max()).reshape(t.shape)
+    angle[:, 0] = np.where(pole[:, 0], angle[:, 1], angle[:, 0])
+    angle[:, -1] = np.where(pole[:, -1], angle[:, -2], angle[:, -1])
+    return np.asarray(np.ptp(np.unwrap(angle, axis=1), axis=1))
+
+
+def _integrate_loop(quadric: Quadric, u: Array, v: Array, rise: Array) -> Array:
+    """The sum of F(u, v) times the rise, F the integral from 0 to u of |N|, x . N / 3 and x (x . N) / 4: (5,)."""
+    samples = np.arange(2 * TRIGONOMETRIC_ORDER + 1) * TWO_PI / (2 * TRIGONOMETRIC_ORDER + 1)
+    inner_v = np.broadcast_to(v[:, None], (len(v), len(samples)))
+    x = quadric(samples, inner_v)
+    n = np.cross(quadric(samples, inner_v, 1, 0), quadric(samples, inner_v, 0, 1))
+    weights = rise[:, None] * antiderivative_matrix(u, samples)
+    cone = weights * (x * n).sum(-1)
+    return np.concatenate(
+        [[(weights * np.linalg.norm(n, axis=-1)).sum(), cone.sum() / 3.0], np.einsum("nk,nkd->d", cone, x) / 4.0]
+    )
+
+
+class _AngleUnwrapper:
+    """Angles on the quadric that go on where the kernel's own do. `side` is -1 where its S_u x S_v is the kernel's reversed."""
+
+    def __init__(self, face: TopoDS_Face, quadric: Quadric) -> None:
+        self.face, self.quadric = face, quadric
+        (u, v), point, normal, beside = evaluate_mid_face(face)
+        self.side = 1.0 if normal @ quadric.gradient(point) > 0 else -1.0
+        own = quadric.parameters(point)
+        step = quadric.parameters(beside)[0] - own[0]
+        self.way = 1.0 if np.sin(step) > 0 else -1.0
+        self.offset = own - np.array([self.way * u, v])
+
+    def of(self, edge: TopoDS_Edge, nodes: CurveNodes) -> Array:
+        """(u, v) at the edge's nodes: (n, 2)."""
+        uv = self.quadric.parameters(nodes.points)
+        at = len(nodes.t) // 2
+        u, v = BRepAdaptor_Curve2d(edge, self.face).Value(float(nodes.t[at])).Coord()
+        near = self.offset + np.array([self.way * u, v])
+        for axis, period in enumerate(self.quadric.period):
+            if period:
+                angle = np.unwrap(uv[:, axis], period=period)
+                uv[:, axis] = angle + period * np.round((near[axis] - angle[at]) / period)
+        return np.asarray(uv)

@@ -1,0 +1,287 @@
+"""Points with outward normals spread over the faces of a shape, and where faces meet in sharp edges.
+
+Faces are sampled on a grid of their own parameters, fine enough for the spacing asked; of trimmed faces those nodes stay that an
+even-odd count along each row of the grid puts inside the loops. Points and normals are the surface's own.
+
+Points spread evenly over a solid, along lines that the kernel cuts at its faces: many points for one call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from OCP.BRep import BRep_Tool
+from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.Geom import Geom_BSplineSurface, Geom_Surface
+from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
+from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Vec
+from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
+from OCP.TopAbs import TopAbs_FACE, TopAbs_ON, TopAbs_REVERSED
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.stats import qmc
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
+from tpmscad.kernel.measure.cad_body import enclosing_box
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of
+from tpmscad.kernel.step.step_reader import solids_of
+from tpmscad.splines.bspline import BSplineSurface
+
+CREASE_COSINE = np.cos(np.radians(15.0))
+"""Faces whose normals differ by more at an edge meet sharply there; certified joints differ by 2 degrees at most."""
+
+EXTENT_SAMPLES = 17
+"""Lines along u and along v on which a face's extent is measured."""
+
+MIN_CHORDS_PER_PCURVE = 32
+"""Straight pieces that stand for a trimming curve, per knot span 4: nodes nearer to it than those are kept or left by chance."""
+
+
+MAX_NORMAL_TURN = np.radians(4.0)
+"""Normals of neighbouring nodes turn by no more: sides that face each other at one line only are seen to."""
+
+MAX_PROBES_PER_FACE = 5
+"""Samples asked whether their face lies on a surface: one that crosses it does so in a line."""
+
+NEAREST_SAMPLES = 9
+"""Two even sets of samples on one plane, as many of each: one of the other set is among the nearest nine."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceSamples:
+    """Points (n, 3), unit normals out of the solid (n, 3), and the face each lies on (n,)."""
+
+    points: Array
+    normals: Array
+    face: IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Creases:
+    """Faces in smooth groups, `group` (F,); points on sharp edges (n, 3), the two faces that meet there and their normals."""
+
+    group: IntArray
+    points: Array
+    faces: IntArray
+    normals: Array
+
+
+def faces_of(shape: Any) -> list[TopoDS_Face]:
+    """The faces of a shape as its solids use them, in the explorer's order."""
+    return [convert.as_face(face) for face in convert.list_subshapes(getattr(shape, "wrapped", shape), TopAbs_FACE)]
+
+
+def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
+    """Nodes at most `spacing` and 4 degrees apart along u and along v; faces narrower have one row, slivers perhaps none."""
+    found = [_sample_face(face, spacing) for face in faces]
+    return FaceSamples(
+        np.concatenate([points for points, _ in found]),
+        np.concatenate([normals for _, normals in found]),
+        np.repeat(np.arange(len(found)), [len(points) for points, _ in found]),
+    )
+
+
+def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
+    """Which faces go on smoothly into each other, and points along the sharp edges at most `spacing` apart."""
+    uses: dict[EdgeKey, list[tuple[TopoDS_Edge, int]]] = {}
+    for i, face in enumerate(faces):
+        for edge in edges_of(face):
+            if not BRep_Tool.Degenerated_s(edge):
+                uses.setdefault(EdgeKey(edge), []).append((edge, i))
+    surfaces = [_FaceSurface(face) for face in faces]
+    smooth, sharp = [(0, 0)], [(np.zeros((0, 3)), np.zeros((0, 2, 3)), 0, 0)]
+    for users in uses.values():
+        if len(users) != 2:
+            continue
+        (edge, i), (other, j) = users
+        points, first = _sample_edge_normals(edge, faces[i], surfaces[i], spacing)
+        _, second = _sample_edge_normals(other, faces[j], surfaces[j], spacing, len(points))
+        turned = (first * second).sum(axis=1) < CREASE_COSINE
+        if turned.any():
+            sharp.append((points[turned], np.stack([first, second], axis=1)[turned], i, j))
+        else:
+            smooth.append((i, j))
+    one, two = np.transpose(smooth)
+    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(faces), len(faces)))
+    return Creases(
+        connected_components(graph, directed=False)[1].astype(np.int64),
+        np.concatenate([points for points, *_ in sharp]),
+        np.concatenate([np.tile([i, j], (len(points), 1)) for points, _, i, j in sharp]),
+        np.concatenate([normals for _, normals, *_ in sharp]),
+    )
+
+
+def lie_on_surface(solid: TopoDS_Solid, samples: FaceSamples, near: float) -> NDArray[np.bool_]:
+    """Which samples lie within `near` of a solid's surface, as told by a few of each face: the others follow them."""
+    classifier = BRepClass3d_SolidClassifier(solid)
+    result = np.zeros(len(samples.points), bool)
+    for face in np.unique(samples.face):
+        mine = np.flatnonzero(samples.face == face)
+        for i in mine[np.linspace(0, len(mine) - 1, min(len(mine), MAX_PROBES_PER_FACE)).astype(int)]:
+            classifier.Perform(convert.point(samples.points[i]), near)
+            if classifier.State() != TopAbs_ON:
+                break
+        else:
+            result[mine] = True
+    return result
+
+
+def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing: float) -> bool:
+    """Whether faces of different solids lie on each other, back to back."""
+    solids = [faces_of(solid) for solid in solids_of(getattr(shape, "wrapped", shape))]
+    if len(solids) < 2:
+        return False
+    owner = np.repeat(np.arange(len(solids)), [len(faces) for faces in solids])[samples.face]
+    tree = cKDTree(samples.points)
+    _, next_to = tree.query(samples.points, k=min(NEAREST_SAMPLES, len(samples.points)), distance_upper_bound=spacing)
+    for column in next_to.T:
+        i = np.flatnonzero(column < len(samples.points))
+        j = column[i]
+        back = (samples.normals[i] * samples.normals[j]).sum(axis=1) < -1.0 + 1e-6
+        level = np.abs(((samples.points[i] - samples.points[j]) * samples.normals[i]).sum(axis=1)) < near
+        if (back & level & (owner[i] != owner[j])).any():
+            return True
+    return False
+
+
+class _FaceSurface:
+    """Points and outward normals of a face's surface at parameters."""
+
+    def __init__(self, face: TopoDS_Face) -> None:
+        self.geometry: Geom_Surface = BRep_Tool.Surface_s(face)
+        self.sign = -1.0 if face.Orientation() == TopAbs_REVERSED else 1.0
+
+    def spline(self) -> BSplineSurface | None:
+        """The surface as arrays, if it is a plain B-spline."""
+        g = self.geometry
+        if not isinstance(g, Geom_BSplineSurface):
+            return None
+        if g.IsURational() or g.IsVRational() or g.IsUPeriodic() or g.IsVPeriodic():
+            return None
+        return convert.surface_from_occt(g)
+
+    def __call__(self, uv: Array) -> tuple[Array, Array]:
+        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
+        rows = []
+        for u, v in uv.tolist():
+            self.geometry.D1(u, v, point, du, dv)
+            rows.append(point.Coord() + du.Coord() + dv.Coord())
+        table = np.array(rows).reshape(-1, 9)
+        return table[:, :3], self.unit(table[:, 3:6], table[:, 6:])
+
+    def unit(self, du: Array, dv: Array) -> Array:
+        normals = np.cross(du, dv)
+        length = np.linalg.norm(normals, axis=-1, keepdims=True)
+        return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
+
+
+def _sample_face(face: TopoDS_Face, spacing: float) -> tuple[Array, Array]:
+    surface = _FaceSurface(face)
+    loops = _trimming_segments(face)
+    low, high = loops.reshape(-1, 2).min(axis=0), loops.reshape(-1, 2).max(axis=0)
+    spline = surface.spline()
+    if spline is not None:  # a pole outside the rectangle may stand for a curve inside it
+        low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
+    us, vs = (np.linspace(a, b, EXTENT_SAMPLES) for a, b in zip(low, high, strict=True))
+    net = _sample_grid(surface, spline, us, vs)
+    counts = []
+    for axis in (0, 1):
+        length, turn = np.linalg.norm(np.diff(net, axis=1 + axis), axis=-1).sum(axis=1 + axis).max(axis=-1)
+        counts.append(max(1, int(np.ceil(max(length / spacing, turn / MAX_NORMAL_TURN)))))
+    u, v = (a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, counts, strict=True))
+    inside = _inside_even_odd(loops, u, v)
+    if spline is None:
+        return surface(_grid_parameters(u, v)[inside.ravel()])
+    points, normals = _sample_grid(surface, spline, u, v)
+    return points[inside], normals[inside]
+
+
+def _sample_grid(surface: _FaceSurface, spline: BSplineSurface | None, u: Array, v: Array) -> Array:
+    """Points and normals on the grid of all u with all v: (2, len(u), len(v), 3)."""
+    if spline is None:
+        return np.stack(surface(_grid_parameters(u, v))).reshape(2, len(u), len(v), 3)
+    return np.stack([spline.grid(u, v), surface.unit(spline.grid(u, v, 1, 0), spline.grid(u, v, 0, 1))])
+
+
+def _grid_parameters(u: Array, v: Array) -> Array:
+    return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def _trimming_segments(face: TopoDS_Face) -> Array:
+    """The face's border in its parameters as segments: (n, 2, 2)."""
+    pieces = []
+    for edge in edges_of(face):
+        curve = BRepAdaptor_Curve2d(edge, face)
+        kind = curve.GetType()
+        chords = 1 if kind == GeomAbs_Line else MIN_CHORDS_PER_PCURVE
+        if kind == GeomAbs_BSplineCurve:
+            chords = max(MIN_CHORDS_PER_PCURVE, 4 * (curve.BSpline().NbKnots() - 1))
+        t = np.linspace(curve.FirstParameter(), curve.LastParameter(), chords + 1)
+        line = np.array([curve.Value(s).Coord() for s in t.tolist()])
+        pieces.append(np.stack([line[:-1], line[1:]], axis=1))
+    return np.concatenate(pieces)
+
+
+def _inside_even_odd(loops: Array, u: Array, v: Array) -> Array:
+    """Which nodes (u_i, v_j) are inside: an odd number of segments crosses the row u = u_i below v_j."""
+    start, end = loops[:, 0], loops[:, 1]
+    first = np.searchsorted(u, np.minimum(start[:, 0], end[:, 0]), side="right")
+    last = np.searchsorted(u, np.maximum(start[:, 0], end[:, 0]), side="right")
+    hits = last - first
+    segment = np.repeat(np.arange(len(loops)), hits)
+    row = np.arange(len(segment)) - np.repeat(np.cumsum(hits) - hits, hits) + first[segment]
+    a, b = start[segment], end[segment]
+    crossing = a[:, 1] + (b[:, 1] - a[:, 1]) * (u[row] - a[:, 0]) / (b[:, 0] - a[:, 0])
+    below = np.zeros((len(u), len(v) + 1), np.int64)
+    np.add.at(below, (row, np.searchsorted(v, crossing)), 1)
+    return np.cumsum(below, axis=1)[:, :-1] % 2 == 1
+
+
+def _sample_edge_normals(
+    edge: TopoDS_Edge, face: TopoDS_Face, surface: _FaceSurface, spacing: float, count: int | None = None
+) -> tuple[Array, Array]:
+    """Points of an edge and the face's normals there, evenly in the edge's parameter."""
+    curve = BRepAdaptor_Curve2d(edge, face)
+    low, high = curve.FirstParameter(), curve.LastParameter()
+    if count is None:
+        probe, _ = surface(np.array([curve.Value(s).Coord() for s in np.linspace(low, high, EXTENT_SAMPLES).tolist()]))
+        count = max(3, int(np.ceil(np.linalg.norm(np.diff(probe, axis=0), axis=1).sum() / spacing)) + 1)
+    t = np.linspace(low, high, count)
+    return surface(np.array([curve.Value(s).Coord() for s in t.tolist()]))
+
+
+def sample_solid(solid: TopoDS_Solid, lines: int, each: int) -> Array:
+    """Points in the solid (n, 3): of `lines` lines along the longest side of its box, `each` at random on that side's length.
+
+    A line that meets the faces an odd number of times grazes an edge, and is left out.
+    """
+    low, high = enclosing_box(solid)
+    along = int(np.argmax(high - low))
+    length = high[along] - low[along]
+    starts = low + (high - low) * np.insert(
+        qmc.Sobol(2, seed=np.random.default_rng(1)).random(lines), along, 0.0, axis=1
+    )
+    rng = np.random.default_rng(2)
+    shooter = IntCurvesFace_ShapeIntersector()
+    shooter.Load(solid, CONFUSION_TOLERANCE)
+    way = gp_Dir(*np.eye(3)[along].tolist())
+    found = [np.zeros((0, 3))]
+    for start in starts:
+        shooter.Perform(gp_Lin(convert.point(start), way), -length, 2.0 * length)
+        hits = np.sort([shooter.WParameter(i + 1) for i in range(shooter.NbPnt())])
+        hits = hits[np.diff(hits, prepend=-np.inf) > CONFUSION_TOLERANCE]
+        if len(hits) % 2:
+            continue
+        t = length * rng.random(each)
+        t = t[np.searchsorted(hits, t) % 2 == 1]
+        found.append(start + t[:, None] * np.eye(3)[along])
+    return np.concatenate(found)

@@ -1,0 +1,1 @@
+"""OCCT objects from arrays and back."""

@@ -1,0 +1,246 @@
+"""Arrays to OCC values and back: the one file that knows OCCT 7.9 from OCCT 8.
+
+Containers changed their names (TColgp_Array2OfPnt became Array2_gp_Pnt) and casts lost their suffix (TopoDS.Face_s became
+TopoDS.Face); everything else here is common to both. Poles go in and out at about 1 microsecond each.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import OCP
+from OCP.Geom import (
+    Geom_BSplineCurve,
+    Geom_BSplineSurface,
+    Geom_Circle,
+    Geom_ConicalSurface,
+    Geom_Curve,
+    Geom_CylindricalSurface,
+    Geom_Ellipse,
+    Geom_Line,
+    Geom_Plane,
+    Geom_SphericalSurface,
+    Geom_Surface,
+    Geom_ToroidalSurface,
+)
+from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
+from OCP.TCollection import TCollection_AsciiString
+from OCP.TopExp import TopExp, TopExp_Explorer
+from OCP.TopoDS import TopoDS
+
+from tpmscad._typing import Array
+from tpmscad.brep.carriers import (
+    Circle,
+    ConicalSurface,
+    CylindricalSurface,
+    EdgeCurve,
+    Ellipse,
+    Quadric,
+    SphericalSurface,
+)
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+
+try:
+    from OCP.collections import Array1_double as RealArray
+    from OCP.collections import Array1_gp_Pnt as PointArray
+    from OCP.collections import Array1_gp_Pnt2d as PointArray2d
+    from OCP.collections import Array1_int as IntArray
+    from OCP.collections import Array2_gp_Pnt as PointGrid
+    from OCP.collections import DataMap_TCollection_AsciiString_TCollection_AsciiString as StringMap
+    from OCP.collections import IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
+    from OCP.collections import List_TopoDS_Shape as ShapeList
+    from OCP.collections import Sequence_TCollection_AsciiString as StringSequence
+
+    as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
+    as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
+except ImportError:
+    from OCP.Resource import Resource_DataMapOfAsciiStringAsciiString as StringMap
+    from OCP.TColgp import TColgp_Array1OfPnt as PointArray
+    from OCP.TColgp import TColgp_Array1OfPnt2d as PointArray2d
+    from OCP.TColgp import TColgp_Array2OfPnt as PointGrid
+    from OCP.TColStd import TColStd_Array1OfInteger as IntArray
+    from OCP.TColStd import TColStd_Array1OfReal as RealArray
+    from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
+    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
+    from OCP.TopTools import TopTools_ListOfShape as ShapeList
+
+    as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
+    as_shell, as_solid, as_wire = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s
+
+
+OCCT_VERSION: tuple[int, ...] = tuple(int(part) for part in OCP.__version__.split(".")[:3])
+"""The version of the kernel underneath, e.g. (7, 9, 3)."""
+
+
+def shape_list(shapes: Iterable[Any]) -> Any:
+    """The shapes as OCC's own list."""
+    result = ShapeList()
+    for shape in shapes:
+        result.Append(shape)
+    return result
+
+
+def _knots(knots: Array) -> tuple[Any, Any]:
+    """Distinct knots and their multiplicities, which constructors copy: those of many curves are the same."""
+    return _cached_knots(knots.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _cached_knots(knots: bytes) -> tuple[Any, Any]:
+    values, counts = np.unique(np.frombuffer(knots), return_counts=True)
+    reals, ints = RealArray(1, len(values)), IntArray(1, len(values))
+    for i, (value, count) in enumerate(zip(values.tolist(), counts.tolist(), strict=True), 1):
+        reals.SetValue(i, value)
+        ints.SetValue(i, count)
+    return reals, ints
+
+
+def point_grid(points: Array) -> Any:
+    """(U, V, 3) as a grid of OCC points."""
+    rows, columns, _ = points.shape
+    grid = PointGrid(1, rows, 1, columns)
+    for i, row in enumerate(points.tolist(), 1):
+        for j, (x, y, z) in enumerate(row, 1):
+            grid.SetValue(i, j, gp_Pnt(x, y, z))
+    return grid
+
+
+def surface(value: BSplineSurface) -> Geom_Surface:
+    """The B-spline surface; the same parameters, poles and knots."""
+    (uk, um), (vk, vm) = _knots(value.knots_u), _knots(value.knots_v)
+    return Geom_BSplineSurface(point_grid(value.poles), uk, vk, um, vm, value.degree_u, value.degree_v)
+
+
+def quadric(value: Quadric) -> Geom_Surface:
+    """The same surface with the same parameters."""
+    frame = gp_Ax3(point(value.origin), direction(value.axis), direction(value.x_axis))
+    if isinstance(value, CylindricalSurface):
+        return Geom_CylindricalSurface(frame, value.radius)
+    if isinstance(value, ConicalSurface):
+        return Geom_ConicalSurface(frame, value.angle, value.radius)
+    if isinstance(value, SphericalSurface):
+        return Geom_SphericalSurface(frame, value.radius)
+    return Geom_ToroidalSurface(frame, value.major, value.minor)
+
+
+def curve(value: EdgeCurve) -> Geom_Curve:
+    """The curve in space with the same parameter."""
+    if isinstance(value, Circle | Ellipse):
+        frame = gp_Ax2(point(value.origin), direction(value.normal), direction(value.x_axis))
+        if isinstance(value, Circle):
+            return Geom_Circle(frame, value.radius)
+        return Geom_Ellipse(frame, value.major, value.minor)
+    poles = PointArray(1, len(value.poles))
+    for i, (x, y, z) in enumerate(value.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt(x, y, z))
+    return Geom_BSplineCurve(poles, *_knots(value.knots), value.degree)
+
+
+def curve_2d(value: BSplineCurve) -> Geom2d_Curve:
+    """The B-spline curve in a surface's parameters."""
+    poles = PointArray2d(1, len(value.poles))
+    for i, (u, v) in enumerate(value.poles.tolist(), 1):
+        poles.SetValue(i, gp_Pnt2d(u, v))
+    return Geom2d_BSplineCurve(poles, *_knots(value.knots), value.degree)
+
+
+def line_2d(start: Array, end: Array) -> Geom2d_Curve:
+    """The line through two points of a surface's parameters, at unit speed from the first."""
+    along = end - start
+    return Geom2d_Line(gp_Pnt2d(*start.tolist()), gp_Dir2d(*along.tolist()))
+
+
+def line(start: Array, end: Array) -> Geom_Curve:
+    """The line through two points, at unit speed from the first."""
+    return Geom_Line(point(start), direction(end - start))
+
+
+def plane(origin: Array, x_axis: Array, y_axis: Array) -> Geom_Surface:
+    """The plane origin + u x_axis + v y_axis; the axes are orthogonal unit vectors."""
+    return Geom_Plane(gp_Ax3(point(origin), direction(np.cross(x_axis, y_axis)), direction(x_axis)))
+
+
+def point(value: Array) -> gp_Pnt:
+    return gp_Pnt(*value.tolist())
+
+
+def direction(value: Array) -> gp_Dir:
+    return gp_Dir(*value.tolist())
+
+
+def transformation(rotation: Array, translation: Array) -> gp_Trsf:
+    """x -> R x + t, mirrors included."""
+    result = gp_Trsf()
+    result.SetValues(*np.column_stack([rotation, translation]).ravel().tolist())
+    return result
+
+
+def _expand_knots(knots: Any, counts: Any) -> Array:
+    values = [knots.Value(i) for i in range(knots.Lower(), knots.Upper() + 1)]
+    return np.repeat(values, [counts.Value(i) for i in range(counts.Lower(), counts.Upper() + 1)])
+
+
+def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
+    """The value of a non-rational, non-periodic B-spline surface of the kernel."""
+    nu, nv = geometry.NbUPoles(), geometry.NbVPoles()
+    grid = geometry.Poles()
+    poles = np.fromiter(
+        (c for i in range(1, nu + 1) for j in range(1, nv + 1) for c in grid.Value(i, j).Coord()), float, 3 * nu * nv
+    ).reshape(nu, nv, 3)
+    return BSplineSurface(
+        poles,
+        _expand_knots(geometry.UKnots(), geometry.UMultiplicities()),
+        _expand_knots(geometry.VKnots(), geometry.VMultiplicities()),
+        geometry.UDegree(),
+        geometry.VDegree(),
+    )
+
+
+def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> BSplineCurve:
+    """The value of a non-rational, non-periodic B-spline curve of the kernel, in space or in parameters."""
+    points = geometry.Poles()
+    poles = np.array([points.Value(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
+    return BSplineCurve(poles, _expand_knots(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
+
+
+def string_sequence() -> Any:
+    """An empty sequence of OCC strings."""
+    return StringSequence()
+
+
+def string_map(entries: Mapping[str, str]) -> Any:
+    """OCC strings by OCC strings."""
+    made = StringMap()
+    for key, value in entries.items():
+        made.Bind(TCollection_AsciiString(key), TCollection_AsciiString(value))
+    return made
+
+
+def first_vertex(edge: Any) -> Any:
+    """Where the edge's curve begins."""
+    return TopExp.FirstVertex_s(edge)
+
+
+def last_vertex(edge: Any) -> Any:
+    """Where the edge's curve ends."""
+    return TopExp.LastVertex_s(edge)
+
+
+def list_subshapes(shape: Any, kind: Any) -> list[Any]:
+    """The sub-shapes of a kind (TopAbs_FACE, ...) as the shape uses them, one for each use."""
+    explorer, found = TopExp_Explorer(shape, kind), []
+    while explorer.More():
+        found.append(explorer.Current())
+        explorer.Next()
+    return found
+
+
+def count_subshape_uses(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:
+    """Every distinct sub-shape of a kind, and how often it occurs in sub-shapes of the owning kind."""
+    found = ShapeMap()
+    TopExp.MapShapesAndAncestors_s(shape, kind, owner, found)
+    return [(found.FindKey(i), found.FindFromIndex(i).Size()) for i in range(1, found.Extent() + 1)]

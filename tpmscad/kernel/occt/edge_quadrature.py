@@ -1,0 +1,122 @@
+"""Points and Gauss nodes along the kernel's edges, on their 3-D curves; an edge that two faces share is walked once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.polynomial import legendre
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.GeomAbs import GeomAbs_BSplineCurve
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_REVERSED
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
+
+from tpmscad._typing import Array
+from tpmscad.kernel.occt import convert
+
+GAUSS_POINTS_SINGLE_SPAN, GAUSS_POINTS_PER_SPAN = 16, 6
+"""Gauss points of a curve's only span (a patch's whole side, say), and of each of several (cut curves, fitted in many). Against
+more than twice as many, volumes of trimmed gyroids move by 2e-15; with 12 and 4 they do by 4e-14."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveNodes:
+    """Parameters (n,), weights (n,), points (n, 3) and tangents (n, 3), along the edge's curve."""
+
+    t: Array
+    weights: Array
+    points: Array
+    tangents: Array
+
+
+class EdgeNodeCache:
+    """Nodes of edges, kept for the second face that asks."""
+
+    def __init__(self) -> None:
+        self._known: dict[Any, CurveNodes] = {}
+
+    def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, float]:
+        """The nodes, and -1 where the edge is used against its curve, else 1."""
+        key = EdgeKey(edge)
+        nodes = self._known.get(key)
+        if nodes is None:
+            nodes = self._known[key] = _edge_nodes(edge)
+        return nodes, -1.0 if edge.Orientation() == TopAbs_REVERSED else 1.0
+
+
+class EdgeKey:
+    """An edge as a key, whichever way it is used."""
+
+    __slots__ = ("edge",)
+
+    def __init__(self, edge: TopoDS_Edge) -> None:
+        self.edge = edge
+
+    def __hash__(self) -> int:
+        return hash(self.edge)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, EdgeKey) and bool(self.edge.IsSame(other.edge))
+
+
+def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
+    """The face's edges as its loops use them."""
+    explorer, edges = TopExp_Explorer(face, TopAbs_EDGE), []
+    while explorer.More():
+        edges.append(convert.as_edge(explorer.Current()))
+        explorer.Next()
+    return edges
+
+
+def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
+    """The ends of that many pieces of an edge, alike in its parameter, in the edge's own direction: (pieces + 1, 3)."""
+    curve = BRepAdaptor_Curve(edge)
+    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
+    points = np.array([curve.Value(s).Coord() for s in t.tolist()])
+    return points[::-1] if edge.Orientation() == TopAbs_REVERSED else points
+
+
+@lru_cache
+def gauss_legendre(points: int) -> tuple[Array, Array]:
+    """Nodes in [-1, 1] and weights; finding them costs more than using them."""
+    return legendre.leggauss(points)
+
+
+def composite_gauss(breaks: Array, points: int) -> tuple[Array, Array]:
+    """Gauss nodes and weights on every interval between the breaks."""
+    x, w = gauss_legendre(points)
+    half = 0.5 * np.diff(breaks)[:, None]
+    return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
+
+
+def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
+    """Where an edge's curve begins, has knots, and ends."""
+    low, high = curve.FirstParameter(), curve.LastParameter()
+    inside = np.zeros(0)
+    if curve.GetType() == GeomAbs_BSplineCurve:
+        spline = curve.BSpline()
+        knots = np.array([spline.Knot(i) for i in range(1, spline.NbKnots() + 1)])
+        inside = knots[(knots > low) & (knots < high)]
+    return np.concatenate([[low], inside, [high]])
+
+
+def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
+    """That many nodes on every interval."""
+    t, weights = composite_gauss(breaks, points)
+    point, tangent = gp_Pnt(), gp_Vec()
+    rows = []
+    for s in t.tolist():
+        curve.D1(s, point, tangent)
+        rows.append(point.Coord() + tangent.Coord())
+    table = np.array(rows)
+    return CurveNodes(t, weights, table[:, :3], table[:, 3:])
+
+
+def _edge_nodes(edge: TopoDS_Edge) -> CurveNodes:
+    curve = BRepAdaptor_Curve(edge)
+    breaks = curve_breaks(curve)
+    return nodes_on_intervals(curve, breaks, GAUSS_POINTS_PER_SPAN if len(breaks) > 2 else GAUSS_POINTS_SINGLE_SPAN)

@@ -1,0 +1,1 @@
+"""Surfaces and curves of OCCT shapes recognised as planes, quadrics and splines."""

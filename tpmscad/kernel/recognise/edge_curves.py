@@ -1,0 +1,254 @@
+"""The edges of a CAD body as curves that lie on the faces' own surfaces to round-off, and their parameter curves there.
+
+Lines, circles and ellipses are taken as they are, splines that run along a line or a circle as these. Any other edge (a cylinder
+through a cone, say) is only as good as the kernel's tolerance: its points are brought onto both surfaces by Newton, spaced by
+length of arc and interpolated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import make_interp_spline
+
+from tpmscad._typing import Array
+from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Ellipse, Plane, Quadric, SphericalSurface
+from tpmscad.brep.conics import TWO_PI
+from tpmscad.splines.bspline import BSplineCurve, design_matrix, line_segment
+
+FIT_DEGREE = 7
+MAX_FIT_SPANS = 400
+"""Degree and greatest number of spans of fitted curves; half an ellipse on a cylinder takes 8 for 1e-10 of its size."""
+
+EDGE_SAMPLES = 65
+"""Points along an edge at which angles are followed."""
+
+MAX_ANGLE_STEP, MIN_INTERVAL_FRACTION = 0.5, 1e-9
+"""Radians that angles may turn by from one such point to the next, unless these are nearer than that part of the edge."""
+
+REFIT_SAMPLES = 257
+"""Points of the kernel's curve that are brought onto both surfaces before it is spaced anew."""
+
+WORST_ERROR_FRACTION = 0.03
+"""Of the greatest error: spans with more than that are halved together."""
+
+ERROR_CHECKS_PER_SPAN = 5
+"""Points between knots where a fit's error is measured."""
+
+AFFINE_TOL = 1e-11
+"""Radians, or body sizes: parameters that are a linear function of the curve's own to that are taken for one."""
+
+POLE_REL_TOL = 1e-7
+"""Of the body's size: nearer to the axis than this, a point is a pole of a sphere or the apex of a cone."""
+
+
+class CurveFitFailed(Exception):
+    """A curve that can't be fitted: it passes a pole, or turns too sharply."""
+
+
+def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
+    """Whether points (n, 3) of a sphere or cone are on its axis: (n,)."""
+    if not isinstance(carrier, SphericalSurface | ConicalSurface):
+        return np.zeros(len(points), bool)
+    arm = points - carrier.origin
+    return np.asarray(np.linalg.norm(np.cross(arm, carrier.axis), axis=1) < POLE_REL_TOL * size, bool)
+
+
+def follow_parameters(
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array | None, size: float
+) -> Array:
+    """(u, v) of the curve at parameters t (n,) of the span, without jumps along it; near `near` in its middle: (n, 2).
+
+    At SAMPLES even parameters where t is None.
+    """
+    grid, known = _sample_parameters(carrier, curve, span, size)
+    even = known[np.searchsorted(grid, np.linspace(*span, EDGE_SAMPLES))]
+    shift = np.zeros(2)
+    for axis, period in enumerate(carrier.period):
+        if period and near is not None:
+            shift[axis] = period * round((near[axis] - even[EDGE_SAMPLES // 2, axis]) / period)
+    if t is None:
+        return even + shift
+    uv, pole = _parameters(carrier, curve, t, size)
+    for axis, period in enumerate(carrier.period):
+        if period:
+            about = np.interp(t, grid, known[:, axis])
+            if axis == 0:
+                uv[pole, 0] = about[pole]
+            uv[:, axis] += period * np.round((about - uv[:, axis]) / period)
+    return np.asarray(uv + shift)
+
+
+@lru_cache(maxsize=1024)
+def _sample_parameters(
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float
+) -> tuple[Array, Array]:
+    """SAMPLES even parameters of the span, more where angles turn fast, and (u, v) there without jumps."""
+    grid = np.linspace(*span, EDGE_SAMPLES)
+    while True:
+        uv, pole = _parameters(carrier, curve, grid, size)
+        if pole.any():  # there is no direction: the nearest one
+            known = np.flatnonzero(~pole)
+            uv[pole, 0] = uv[known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)], 0]
+        for axis, period in enumerate(carrier.period):
+            if period:
+                uv[:, axis] = np.unwrap(uv[:, axis], period=period)
+        steps = np.abs(np.diff(uv, axis=0))[:, [p > 0 for p in carrier.period]].max(axis=1)
+        wide = np.flatnonzero((steps > MAX_ANGLE_STEP) & (np.diff(grid) > MIN_INTERVAL_FRACTION * (span[1] - span[0])))
+        if len(wide) == 0:
+            return grid, uv
+        grid = np.union1d(grid, 0.5 * (grid[wide] + grid[wide + 1]))
+
+
+def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tuple[Array, NDArray[np.bool_]]:
+    points = curve(t)
+    return carrier.parameters(points), is_at_pole(carrier, points, size)
+
+
+def fit_pcurve(
+    carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array, size: float, tol: float
+) -> BSplineCurve:
+    """The parameter curve on the carrier, within tol of the curve: a line wherever it is one."""
+    t = np.linspace(*span, EDGE_SAMPLES)
+    uv = follow_parameters(carrier, curve, span, near, None, size)
+    slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
+    middle = uv[EDGE_SAMPLES // 2]
+    straight = middle + np.multiply.outer(t - t[EDGE_SAMPLES // 2], slope)
+    if (np.abs(uv - straight) < AFFINE_TOL * np.array([1.0, max(1.0, size)])).all():
+        slope = np.where(np.abs(slope - np.round(slope)) < AFFINE_TOL * max(1.0, size), np.round(slope), slope)
+        low, high = (middle + (s - t[EDGE_SAMPLES // 2]) * slope for s in span)
+        return line_segment(low, high, span)
+    inner = curve.knots if isinstance(curve, BSplineCurve) else np.zeros(0)
+    inner = inner[(inner > span[0]) & (inner < span[1])]
+
+    def error(fit: BSplineCurve, checks: Array) -> Array:
+        return np.asarray(np.linalg.norm(carrier(*fit(checks).T) - curve(checks), axis=1))
+
+    return _fit_adaptively(
+        lambda s: follow_parameters(carrier, curve, span, near, s, size), np.union1d(span, inner), error, tol
+    )
+
+
+def _fit_adaptively(
+    values: Callable[[Array], Array], breaks: Array, error: Callable[[BSplineCurve, Array], Array], tol: float
+) -> BSplineCurve:
+    """The spline through values(t), with spans halved wherever the error at its checks is over tol."""
+    while len(breaks) <= MAX_FIT_SPANS:
+        knots, sites = _knots_and_sites(breaks)
+        poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
+        fit = BSplineCurve(poles, knots, FIT_DEGREE)
+        worst = error(fit, _check_parameters(breaks)).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
+        if (worst <= tol).all():
+            return fit
+        bad = np.flatnonzero(
+            ~(worst <= max(tol, WORST_ERROR_FRACTION * worst.max()))
+        )  # what is worst spoils its neighbourhood
+        breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
+    raise CurveFitFailed("turns too sharply for a curve of its own")
+
+
+def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
+    """Knots with the breaks, and Greville sites."""
+    knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
+    sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
+    return knots, np.clip(sites, breaks[0], breaks[-1])
+
+
+def _check_parameters(breaks: Array) -> Array:
+    inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
+    return np.asarray((breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel())
+
+
+def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> Array:
+    """The points (n, 3) moved onto all the surfaces at once by Newton's least steps, where they nearly are."""
+    for _ in range(MAX_NEWTON_STEPS):
+        off = np.stack([c.distance(points) for c in carriers], axis=1)
+        slope = np.stack([c.gradient(points) for c in carriers], axis=1)
+        step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=MIN_TRANSVERSE_ANGLE), off)
+        points = points - step
+        if np.abs(step).max() <= 1e-15 * np.abs(points).max():
+            break
+    return points
+
+
+MAX_NEWTON_STEPS = 8
+MIN_TRANSVERSE_ANGLE = 1e-5
+"""Surfaces that meet at a smaller angle (radians) are taken for tangent: one equation, not two."""
+
+
+def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path: Array, tol: float) -> BSplineCurve:
+    """The B-spline through points (m, 3) near both surfaces, its parameter the length of arc, within tol of both."""
+    points = project_to_carriers((first, second), path)
+    t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    for _ in range(2):  # chords, then arcs
+        dense = make_interp_spline(t, points, 5)
+        t = _arc_lengths(dense, t)
+    dense = make_interp_spline(t, points, 5)
+
+    def values(sites: Array) -> Array:
+        through = project_to_carriers((first, second), dense(sites))
+        through[[0, -1]] = points[[0, -1]]
+        return through
+
+    def error(fit: BSplineCurve, checks: Array) -> Array:
+        at = fit(checks)
+        return np.maximum(np.abs(first.distance(at)), np.abs(second.distance(at)))
+
+    return _fit_adaptively(values, np.array([0.0, t[-1]]), error, tol)
+
+
+@lru_cache(maxsize=1)
+def _arc_length_rule() -> tuple[Array, Array]:
+    x, w = np.polynomial.legendre.leggauss(6)
+    return x, w
+
+
+def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
+    """Length of arc at t, from the first."""
+    x, w = _arc_length_rule()
+    half = 0.5 * np.diff(t)
+    nodes = (t[:-1] + half)[:, None] + half[:, None] * x
+    speed = np.linalg.norm(dense(nodes.ravel(), 1), axis=1).reshape(nodes.shape)
+    return np.concatenate([[0.0], np.cumsum(half * (speed @ w))])
+
+
+def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tuple[float, float]] | None:
+    """The line or circle that points (m, 3) along a curve are on, with its span from the first to the last; or None."""
+    start, end, middle = points[0], points[-1], points[len(points) // 2]
+    chord = end - start
+    length = float(np.linalg.norm(chord))
+    if length > tol:
+        off = points - start
+        off = off - np.multiply.outer(off @ chord / length**2, chord)
+        if np.linalg.norm(off, axis=1).max() <= tol:
+            return line_segment(start, end, (0.0, length)), (0.0, length)
+    else:  # closed: three points a third apart
+        end, middle = points[2 * len(points) // 3], points[len(points) // 3]
+    a, b = middle - start, end - start
+    normal = np.cross(a, b)
+    if np.linalg.norm(normal) <= tol * max(np.linalg.norm(a), np.linalg.norm(b)):
+        return None
+    arm = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
+    arm = arm / (2.0 * normal @ normal)  # from the first point to the centre
+    centre, radius = start + arm, float(np.linalg.norm(arm))
+    circle = Circle(centre, -arm / radius, normal / np.linalg.norm(normal), radius)
+    out = points - centre
+    if max(np.abs(out @ circle.normal).max(), np.abs(np.linalg.norm(out, axis=1) - radius).max()) > tol:
+        return None
+    angle = np.unwrap(np.arctan2(out @ circle.y_axis, out @ circle.x_axis))
+    return (circle, (0.0, float(angle[-1]))) if (np.diff(angle) > 0).all() else None
+
+
+def nearest_parameter(curve: EdgeCurve, point: Array, guess: float) -> float:
+    """The parameter next to the guess at which the curve is nearest to a point close to it."""
+    if isinstance(curve, BSplineCurve):
+        slope = curve(guess, 1)
+        return guess + float((point - curve(guess)) @ slope / (slope @ slope))
+    x, y = (point - curve.origin) @ curve.x_axis, (point - curve.origin) @ curve.y_axis
+    if isinstance(curve, Ellipse):
+        x, y = x / curve.major, y / curve.minor
+    angle = float(np.arctan2(y, x))
+    return angle + TWO_PI * round((guess - angle) / TWO_PI)

@@ -1,0 +1,141 @@
+"""The plane or quadric that a kernel face lies on, told by its kind or recognised in a spline."""
+
+from __future__ import annotations
+
+import numpy as np
+from OCP.BRepAdaptor import BRepAdaptor_Surface
+from OCP.BRepTools import BRepTools
+from OCP.GeomAbs import GeomAbs_Cone, GeomAbs_Cylinder, GeomAbs_Plane, GeomAbs_Sphere, GeomAbs_Torus
+from OCP.gp import gp_Cone, gp_Cylinder, gp_Pln, gp_Pnt, gp_Sphere, gp_Vec
+from OCP.ShapeAnalysis import ShapeAnalysis_CanonicalRecognition
+from OCP.TopoDS import TopoDS_Face
+
+from tpmscad._typing import Array
+from tpmscad.brep.carriers import (
+    Circle,
+    ConicalSurface,
+    CylindricalSurface,
+    Plane,
+    Quadric,
+    SphericalSurface,
+    ToroidalSurface,
+)
+from tpmscad.kernel.recognise.edge_curves import recognise_line_or_circle
+from tpmscad.kernel.recognise.unrolled_faces import UnsupportedFace
+
+EXACT_REL_TOL = 1e-10
+"""Of the body's size: what an edge may be off its surfaces, and a surface off the plane or quadric it is taken for."""
+
+CHECK_SAMPLES = 9
+"""Points along an edge, and along either parameter of a face, where what is taken for exact is measured."""
+
+
+def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
+    """The plane or quadric that the face lies on. Refused where there is none."""
+    adaptor = BRepAdaptor_Surface(face, False)
+    kind = adaptor.GetType()
+    if kind == GeomAbs_Plane:
+        return _plane(adaptor.Plane())
+    if kind == GeomAbs_Cylinder:
+        return _cylinder(adaptor.Cylinder())
+    if kind == GeomAbs_Cone:
+        return _cone(adaptor.Cone(), evaluate_mid_face(face)[1])
+    if kind == GeomAbs_Sphere:
+        return _sphere(adaptor.Sphere())
+    if kind == GeomAbs_Torus:
+        torus = adaptor.Torus()
+        if torus.MajorRadius() <= torus.MinorRadius():
+            raise UnsupportedFace("is a torus that meets itself")
+        return ToroidalSurface(*axis_frame(torus), torus.MajorRadius(), torus.MinorRadius())
+    found = _recognise_spline(face, size)
+    if found is None:
+        raise UnsupportedFace(f"is free-form ({str(kind).split('_')[-1]}), neither plane nor quadric")
+    return found
+
+
+def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
+    """The plane or quadric that a surface of another kind is, to EXACT."""
+    recognition = ShapeAnalysis_CanonicalRecognition(face)
+    points = _sample_face_grid(face)
+    pln, cylinder, cone, sphere = gp_Pln(), gp_Cylinder(), gp_Cone(), gp_Sphere()
+    tol = EXACT_REL_TOL * size
+    for found in (
+        lambda: _plane(pln) if recognition.IsPlane(tol, pln) else None,
+        lambda: _cylinder(cylinder) if recognition.IsCylinder(tol, cylinder) else None,
+        lambda: _cone(cone, evaluate_mid_face(face)[1]) if recognition.IsCone(tol, cone) else None,
+        lambda: _sphere(sphere) if recognition.IsSphere(tol, sphere) else None,
+        lambda: _fit_torus(points, tol),
+        lambda: _fit_torus(np.swapaxes(points, 0, 1), tol),
+    ):
+        carrier = found()
+        if carrier is not None and np.abs(carrier.distance(points)).max() <= tol:
+            return carrier
+    return None
+
+
+def _fit_torus(points: Array, tol: float) -> ToroidalSurface | None:
+    """The torus around whose middle the rows of points (n, m, 3) are circles, which the kernel does not look for."""
+    circles = [
+        found[0]
+        for found in (recognise_line_or_circle(row, tol) for row in points)
+        if found and isinstance(found[0], Circle)
+    ]
+    if len(circles) < len(points):
+        return None
+    around = recognise_line_or_circle(np.array([circle.origin for circle in circles]), tol)
+    if around is None or not isinstance(around[0], Circle) or around[0].radius <= circles[0].radius:
+        return None
+    return ToroidalSurface(around[0].origin, around[0].x_axis, around[0].normal, around[0].radius, circles[0].radius)
+
+
+def axis_frame(value: object) -> tuple[Array, Array, Array]:
+    """Origin, x axis and axis of a kernel conic or surface."""
+    frame = value.Position()  # type: ignore[attr-defined]
+    return tuple(np.array(c.Coord()) for c in (frame.Location(), frame.XDirection(), frame.Direction()))  # type: ignore[return-value]
+
+
+def _plane(value: gp_Pln) -> Plane:
+    return Plane(*axis_frame(value))
+
+
+def _cylinder(value: gp_Cylinder) -> CylindricalSurface:
+    return CylindricalSurface(*axis_frame(value), value.Radius())
+
+
+def _sphere(value: gp_Sphere) -> SphericalSurface:
+    return SphericalSurface(*axis_frame(value), value.Radius())
+
+
+def _cone(value: gp_Cone, point: Array) -> ConicalSurface:
+    """The nappe that a point of the face is on; the kernel's cones have both."""
+    origin, x_axis, axis = axis_frame(value)
+    radius, angle = value.RefRadius(), value.SemiAngle()
+    height = float((point - origin) @ axis)
+    if radius + height * np.tan(angle) >= 0:
+        return ConicalSurface(origin, x_axis, axis, radius, angle)
+    from_apex = height + radius / np.tan(angle)
+    away = np.sign(from_apex)
+    return ConicalSurface(origin + height * axis, x_axis, away * axis, abs(from_apex * np.tan(angle)), abs(angle))
+
+
+def evaluate_mid_face(face: TopoDS_Face) -> tuple[tuple[float, float], Array, Array, Array]:
+    """The kernel's (u, v) amid the face's, away from poles, the point there, S_u x S_v, and a point at a slightly larger u."""
+    surface = BRepAdaptor_Surface(face, False)
+    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+    u, v = 0.47 * u0 + 0.53 * u1, 0.47 * v0 + 0.53 * v1
+    point, along_u, along_v = gp_Pnt(), gp_Vec(), gp_Vec()
+    surface.D1(u, v, point, along_u, along_v)
+    beside = surface.Value(u + 0.01 * (u1 - u0), v).Coord()
+    return (u, v), np.array(point.Coord()), np.cross(along_u.Coord(), along_v.Coord()), np.array(beside)
+
+
+def _sample_face_grid(face: TopoDS_Face) -> Array:
+    """Points on a grid of the face's parameters: (SAMPLES, SAMPLES, 3)."""
+    surface = BRepAdaptor_Surface(face, False)
+    u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+    grid = [
+        surface.Value(u, v).Coord()
+        for u in np.linspace(u0, u1, CHECK_SAMPLES)
+        for v in np.linspace(v0, v1, CHECK_SAMPLES)
+    ]
+    return np.array(grid).reshape(CHECK_SAMPLES, CHECK_SAMPLES, 3)

@@ -1,0 +1,74 @@
+"""Triangles of a kernel shape for drawing, with the surfaces' own normals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.BRepGProp import BRepGProp_Face
+from OCP.BRepMesh import BRepMesh_IncrementalMesh
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopLoc import TopLoc_Location
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import KernelError
+from tpmscad.kernel.occt import convert
+
+MAX_FACET_ANGLE = 0.35
+"""Radians between neighbouring facets; normals are exact, so only outlines show it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tessellation:
+    """Points (n, 3), outward unit normals (n, 3), and corners (m, 3) as indices of points."""
+
+    points: Array
+    normals: Array
+    corners: IntArray
+
+
+def tessellate(shape: Any, deflection: float) -> Tessellation:
+    """Triangles within `deflection` of the shape's faces. KernelError if nothing can be drawn."""
+    topods = getattr(shape, "wrapped", shape)
+    BRepMesh_IncrementalMesh(topods, deflection, False, MAX_FACET_ANGLE, True)
+    points, normals, corners, count = [], [], [], 0
+    explorer = TopExp_Explorer(topods, TopAbs_FACE)
+    while explorer.More():
+        face = convert.as_face(explorer.Current())
+        explorer.Next()
+        mesh = BRep_Tool.Triangulation_s(face, TopLoc_Location())
+        if mesh is None:
+            continue
+        local, uv = _mesh_nodes(mesh)
+        motion = face.Location().Transformation()
+        matrix = np.array([[motion.Value(i, j) for j in range(1, 5)] for i in range(1, 4)])
+        triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]) - 1
+        points.append(local @ matrix[:, :3].T + matrix[:, 3])
+        normals.append(_face_normals(face, uv))
+        corners.append((triples[:, ::-1] if face.Orientation() == TopAbs_REVERSED else triples) + count)
+        count += len(local)
+    if not points:
+        raise KernelError("triangulate", "the shape has no face that can be drawn", topods)
+    return Tessellation(np.concatenate(points), np.concatenate(normals), np.concatenate(corners))
+
+
+def _mesh_nodes(mesh: Any) -> tuple[Array, Array]:
+    numbers = range(1, mesh.NbNodes() + 1)
+    return np.array([mesh.Node(i).Coord() for i in numbers]), np.array([mesh.UVNode(i).Coord() for i in numbers])
+
+
+def _face_normals(face: Any, uv: Array) -> Array:
+    """Outward unit normals of the placed face at its parameters; zero where the surface has none."""
+    surface = BRepGProp_Face(face)
+    point, normal = gp_Pnt(), gp_Vec()
+    found = []
+    for u, v in uv.tolist():
+        surface.Normal(u, v, point, normal)
+        found.append(normal.Coord())
+    vectors = np.array(found)
+    length = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, length, out=np.zeros_like(vectors), where=length > 0)

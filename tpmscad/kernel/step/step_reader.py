@@ -1,0 +1,116 @@
+"""Read STEP files with the kernel: every solid, placed copies included."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from OCP.IFSelect import IFSelect_RetDone
+from OCP.Message import Message
+from OCP.STEPControl import STEPControl_Reader
+from OCP.TopAbs import TopAbs_SOLID
+from OCP.TopExp import TopExp_Explorer
+from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.occt import convert
+
+PART21_MAGIC = b"ISO-10303-21;"
+
+SHAPE_FIX_MODES = (
+    "FixSelfIntersectionMode",
+    "FixIntersectingWiresMode",
+    "FixLoopWiresMode",
+    "FixNotchedEdgesMode",
+    "FixTailMode",
+    "FixSplitFaceMode",
+    "FixSmallMode",
+    "FixSmallAreaWireMode",
+    "FixOrientationMode",
+    "FixFaceOrientationMode",
+    "FixShellOrientationMode",
+    "FixSameParameterMode",
+    "FixEdgeSameParameterMode",
+)
+"""What the kernel's reader mends in other people's files, and what takes more than half of its time. Parameter curves,
+seams and degenerated edges are not among these: a STEP file need not have them, the kernel must."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepContent:
+    """What a file holds: all roots as one shape, its solids in the file's order, the names of the length units."""
+
+    shape: TopoDS_Shape
+    solids: tuple[TopoDS_Solid, ...]
+    units: tuple[str, ...]
+    products: tuple[str, ...]
+
+    @property
+    def wrapped(self) -> TopoDS_Shape:
+        """The shape, by the name that build123d and CadQuery give it."""
+        return self.shape
+
+
+def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepContent:
+    """Read a STEP file, in mm whatever its unit; as the kernel's readers do, or with none of their `REPAIRS`.
+
+    InvalidRequest if there is no such file, or it is no STEP file; KernelError if the kernel can't read it or finds no solid.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InvalidRequest(f"there is no file {path}")
+    with path.open("rb") as file:
+        if PART21_MAGIC not in file.read(1024):
+            raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {PART21_MAGIC.decode()}")
+    reader = STEPControl_Reader()
+    with silence_occt():
+        status = reader.ReadFile(str(path))
+        if status != IFSelect_RetDone:
+            raise KernelError("read STEP", f"{path} can't be parsed ({status})")
+        if not healed:  # not before the file is read: that sets them anew
+            reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
+        if reader.TransferRoots() == 0:
+            raise KernelError("read STEP", f"{path} holds no shape")
+        shape = reader.OneShape()
+    solids = tuple(solids_of(shape))
+    if not solids:
+        raise KernelError("read STEP", f"{path} holds no solid", shape)
+    return StepContent(shape, solids, _length_units(reader), _product_names(reader))
+
+
+def solids_of(shape: TopoDS_Shape) -> Iterator[TopoDS_Solid]:
+    """The solids in a shape, with their places."""
+    explorer = TopExp_Explorer(shape, TopAbs_SOLID)
+    while explorer.More():
+        yield convert.as_solid(explorer.Current())
+        explorer.Next()
+
+
+@contextmanager
+def silence_occt() -> Iterator[None]:
+    """OCC's translators print to standard output; not in here."""
+    messenger = Message.DefaultMessenger_s()
+    printers = list(messenger.Printers())
+    for printer in printers:
+        messenger.RemovePrinter(printer)
+    try:
+        yield
+    finally:
+        for printer in printers:
+            messenger.AddPrinter(printer)
+
+
+def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
+    length, angle, solid_angle = (convert.string_sequence() for _ in range(3))
+    reader.FileUnits(length, angle, solid_angle)
+    return tuple(length.Value(i).ToCString() for i in range(1, length.Length() + 1))
+
+
+def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:
+    # looked up in the kernel, not entity by entity; other types that begin so come along
+    found = reader.GiveList("step-type(PRODUCT)")
+    kinds = (found.Value(i) for i in range(1, found.Length() + 1))
+    return tuple(e.Name().ToCString() for e in kinds if e.DynamicType().Name() == "StepBasic_Product")

@@ -1,0 +1,166 @@
+"""A patch complex as Part 21 entities: vertices, edges, faces, solids on their geometry; formatted in bulk from the arrays.
+
+A surface or curve that several faces or edges use in one place is written once. Parameter curves are left out, and poles of
+quadrics have no edges, both of which every reader allows for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
+from tpmscad.kernel.build.shell_nesting import ShellNesting
+from tpmscad.kernel.step.geometry_entities import (
+    PlacedGeometry,
+    poles_of,
+    write_curves,
+    write_directions,
+    write_placed_replicas,
+    write_points,
+    write_surfaces,
+)
+from tpmscad.kernel.step.part21 import DataSection, format_reals, format_references, format_string
+from tpmscad.splines.bspline import BSplineSurface
+
+
+@dataclass(frozen=True, slots=True)
+class SolidEntities:
+    """Numbers of the solids' entities and of each face's, in the complex's order."""
+
+    solids: tuple[int, ...]
+    faces: tuple[int, ...]
+
+
+def write_solids(entities: DataSection, brep: Brep, nesting: ShellNesting, replicas: bool = False) -> SolidEntities:
+    """Add the solids of a closed complex: a MANIFOLD_SOLID_BREP, or BREP_WITH_VOIDS, for each piece.
+
+    `replicas` writes a primitive once and copies it, see `step.replica`.
+    """
+    surfaces = PlacedGeometry.of(brep.faces.carrier, brep.faces.rotation, brep.faces.translation)
+    curves = PlacedGeometry.of(brep.edges.curve, brep.edges.rotation, brep.edges.translation)
+    poles, control = [poles_of(c) for c in brep.carriers], [poles_of(c) for c in brep.curves]
+    spline = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[surfaces.primitive]
+    written = surfaces.bases(spline) if replicas else surfaces
+    surface_points, curve_points = written.points(poles), curves.points(control)
+    numbers = write_points(entities, np.concatenate([brep.vertices, *surface_points, *curve_points]))
+    of_vertex, *of_rest = _split_numbers(
+        numbers, [len(brep.vertices), *map(len, surface_points), *map(len, curve_points)]
+    )
+    of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
+
+    surface_number = write_surfaces(entities, brep, written, of_surface)
+    if replicas:
+        surface_number = write_placed_replicas(entities, surfaces, spline, written, surface_number)
+    curve_number = write_curves(entities, brep, curves, of_curve)
+    edge_number = _write_edges(entities, brep, of_vertex, curve_number[curves.index])
+    faces = _write_faces(entities, brep, surface_number[surfaces.index], edge_number)
+    shells = entities.extend(
+        [
+            f"CLOSED_SHELL('',{format_references((faces[nesting.faces_of(s)]).tolist())})"
+            for s in range(len(nesting.volume))
+        ]
+    )
+    solids = []
+    for outer, *voids in nesting.pieces:
+        # A void's shell bounds the void as it would a solid, and is turned over here (advanced_brep_shape_representation, WR5).
+        inner = entities.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
+        kind = f"BREP_WITH_VOIDS('',#{shells[outer]},{format_references(inner)})"
+        solids.append(entities.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
+    return SolidEntities(tuple(solids), tuple(faces.tolist()))
+
+
+def _split_numbers(numbers: IntArray, sizes: Sequence[int]) -> list[IntArray]:
+    return np.split(numbers, np.cumsum(sizes)[:-1])
+
+
+def _write_edges(entities: DataSection, brep: Brep, points: IntArray, curve: IntArray) -> IntArray:
+    edges = brep.edges
+    vertices = np.array(entities.extend([f"VERTEX_POINT('',#{p})" for p in points.tolist()]))
+    curve = curve.copy()
+    straight = np.flatnonzero(curve == 0)
+    along = brep.vertices[edges.end[straight]] - brep.vertices[edges.start[straight]]
+    length = np.linalg.norm(along, axis=1)
+    along_each = write_directions(entities, along / length[:, None])
+    vectors = entities.extend(
+        [f"VECTOR('',#{d},{r})" for d, r in zip(along_each, format_reals(length.tolist()), strict=True)]
+    )
+    origins = points[edges.start[straight]].tolist()
+    curve[straight] = entities.extend([f"LINE('',#{p},#{v})" for p, v in zip(origins, vectors, strict=True)])
+    rows = np.column_stack([vertices[edges.start], vertices[edges.end], curve]).tolist()
+    return np.array(entities.extend([f"EDGE_CURVE('',#{a},#{b},#{c},.T.)" for a, b, c in rows]))
+
+
+def _write_faces(entities: DataSection, brep: Brep, surface: IntArray, edge: IntArray) -> IntArray:
+    """ADVANCED_FACE each, its name the face's tag; loops counter-clockwise about the outward normal."""
+    faces, uses = brep.faces, brep.uses
+    outward = faces.sense[brep.face_of_use] > 0
+    along = np.where((uses.sense > 0) == outward, "T", "F").tolist()
+    oriented = entities.extend(
+        [f"ORIENTED_EDGE('',*,*,#{e},.{s}.)" for e, s in zip(edge[uses.edge].tolist(), along, strict=True)]
+    )
+    face_of_loop = np.repeat(np.arange(len(faces)), np.diff(faces.loop_start))
+    turned = (faces.sense[face_of_loop] < 0).tolist()
+    starts = faces.use_start.tolist()
+    loops = []
+    for i, backwards in enumerate(turned):
+        members = oriented[starts[i] : starts[i + 1]]
+        loops.append(f"EDGE_LOOP('',{format_references(reversed(members) if backwards else members)})")
+    loop = entities.extend(loops)
+    outer = find_outer_loops(brep)
+    kind = ["FACE_OUTER_BOUND" if o else "FACE_BOUND" for o in outer.tolist()]
+    bounds = entities.extend([f"{k}('',#{n},.T.)" for k, n in zip(kind, loop, strict=True)])
+    names = [format_string(tag) for tag in brep.tags]
+    first = faces.loop_start.tolist()
+    quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
+    mirrored = quadric & (np.linalg.det(faces.rotation) < 0)  # its S_u x S_v is not that of the STEP surface
+    rows = zip(faces.tag.tolist(), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
+    return np.array(
+        entities.extend(
+            [
+                f"ADVANCED_FACE({names[t]},{format_references(bounds[first[i] : first[i + 1]])},"
+                f"#{s},.{'T' if sense > 0 else 'F'}.)"
+                for i, (t, s, sense) in enumerate(rows)
+            ]
+        )
+    )
+
+
+def find_outer_loops(brep: Brep) -> np.ndarray:
+    """Whether each loop is its face's outer one: the only one, or the one around the greatest area."""
+    faces = brep.faces
+    counts = np.diff(faces.loop_start)
+    outer = np.ones(len(faces.use_start) - 1, bool)
+    for face in np.flatnonzero(counts > 1).tolist():
+        loops = range(int(faces.loop_start[face]), int(faces.loop_start[face + 1]))
+        areas = [_loop_area(brep, face, range(int(faces.use_start[j]), int(faces.use_start[j + 1]))) for j in loops]
+        outer[loops.start : loops.stop] = np.arange(len(areas)) == int(np.argmax(areas))
+    return outer
+
+
+AREA_SAMPLES_PER_EDGE = 8
+"""Points per edge for the area within a loop: enough to tell an outer loop from a hole in it."""
+
+
+def _loop_area(brep: Brep, face: int, uses: range) -> float:
+    """Signed area within a loop in its carrier's parameters, counter-clockwise positive."""
+    points = []
+    carrier = brep.carriers[int(brep.faces.carrier[face])]
+    for k in uses:
+        e = int(brep.uses.edge[k])
+        low, high = brep.edges.span[e].tolist()
+        t = np.linspace(low, high, AREA_SAMPLES_PER_EDGE + 1)
+        if isinstance(carrier, Plane):
+            rotation, translation = brep.faces.rotation[face], brep.faces.translation[face]
+            edges = brep.edges
+            space = brep.curves[int(edges.curve[e])](t) @ edges.rotation[e].T + edges.translation[e]
+            uv = carrier.parameters((space - translation) @ rotation)
+        else:
+            uv = brep.pcurves[int(brep.uses.pcurve[k])](t)
+        points.append((uv if brep.uses.sense[k] > 0 else uv[::-1])[:-1])
+    x, y = np.concatenate(points).T
+    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))

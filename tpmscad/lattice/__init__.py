@@ -1,0 +1,1 @@
+"""Exact surfaces as boundary representations: a fitted primitive, its copies by symmetry, mirrored pieces and coordinate maps."""

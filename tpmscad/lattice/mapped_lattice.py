@@ -1,0 +1,274 @@
+"""Sampled patches that are translates of one another: fitted, measured and stored once.
+
+Lattices bent by a coordinate map: every patch fitted to the mapped exact surface, its walls offset along the mapped normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
+from tpmscad.brep.edge_continuity import evaluate_curvature
+from tpmscad.brep.welding import cluster_points, weld_patches
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattice import g2_fit
+from tpmscad.lattice.copies import Placements, find_open_sides, ruled_surface, translate_cell_patches
+from tpmscad.lattice.maps import Map
+from tpmscad.lattice.offset_surfaces import LATTICE_TAGS
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.surfaces import PatchSymmetry, SurfacePatch
+
+TRANSLATE_TOL_FRACTION = 1e-11
+"""Of the patches' extent: samples this near after a translation are the same patch. Maps are evaluated to 1e-14 or so, the
+differences that give a user's map its normals to 1e-12."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TranslationClasses:
+    """`first` (n,) indexes the first patch of each class; patch i is that of `label[i]` moved by `translation[i]`."""
+
+    first: IntArray
+    label: IntArray
+    translation: Array
+
+
+def group_translates(samples: Array) -> TranslationClasses:
+    """Classes of patches sampled on one grid (P, m, n, 3)."""
+    flat = samples.reshape(len(samples), -1, 3)
+    shape = flat - flat[:, :1]
+    radius = TRANSLATE_TOL_FRACTION * np.ptp(flat[0], axis=0).max()
+    # A handful of samples tells nearly all classes apart; those that agree there are compared whole.
+    signature = shape[:, np.linspace(1, shape.shape[1] - 1, 7).astype(int)].reshape(len(samples), -1)
+    label, first = cluster_points(signature, 10 * radius)
+    differs = np.abs(shape - shape[first[label]]).max(axis=(1, 2)) > 10 * radius
+    label[differs] = len(first) + np.arange(np.count_nonzero(differs))
+    first = np.concatenate([first, np.flatnonzero(differs)])
+    return TranslationClasses(first, label, flat[:, 0] - flat[first[label], 0])
+
+
+BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
+"""Bezier degrees tried in turn; every patch of a lattice takes the same, so that borders share their spline space."""
+
+PATCH_SAMPLES_PER_PARAMETER = 25
+"""Samples along each parameter for the deviation of each of the many patches."""
+
+MAX_PARAMETRIC_EXCESS = 3.0
+"""Differences at equal parameters over orthogonal distances, at the most: measured 1.0 to 2.2 on gyroid, diamond and P."""
+
+FLATNESS_TOL_FRACTION = 1e-9
+"""A side of the box counts as flat if its image spreads by less than this fraction of the box."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedSurface:
+    """The mapped mid surface over given placements: lattice coordinates are cell edges times cells."""
+
+    patch: SurfacePatch
+    symmetry: PatchSymmetry
+    placements: Placements
+    map: Map
+    cell: float
+
+    def offset(self, u: Array, v: Array, distance: float, index: int | slice = slice(None)) -> Array:
+        """Points at the signed normal distance from the mapped surface, on every placement (P, ..., 3) or on one (..., 3)."""
+        jet = self.patch.jet(u, v)
+        rotation, translation = self.placements.rotation[index], self.placements.translation[index]
+        shape = (*rotation.shape[:-2], *(1,) * np.ndim(u), 3)
+        turn = rotation.reshape(*shape[:-1], 3, 3)
+        points = self.cell * ((turn @ jet.position[..., None])[..., 0] + translation.reshape(shape))
+        mapped = self.map(points)
+        if distance == 0.0:
+            return mapped
+        normal = (turn @ jet.normal[..., None])[..., 0]
+        # A normal goes by the inverse transpose, which keeps it on the side the nodal value grows to.
+        normal = np.linalg.solve(np.swapaxes(self.map.jacobian(points, self.cell), -1, -2), normal[..., None])[..., 0]
+        return mapped + distance * normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+
+    def orientation(self) -> int:
+        """Sign of the map's Jacobian determinant, the same everywhere; InvalidRequest where it vanishes or changes sign."""
+        u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
+        points = self.cell * (
+            np.einsum("fij,nj->fni", self.placements.rotation, self.patch.jet(u, v).position)
+            + self.placements.translation[:, None]
+        )
+        determinant = np.linalg.det(self.map.jacobian(points, self.cell))
+        worst = np.unravel_index(np.argmin(np.abs(determinant)), determinant.shape)
+        if not (np.all(determinant > 0) or np.all(determinant < 0)):
+            raise InvalidRequest(
+                f"{self.map.name} folds: its Jacobian determinant changes sign near {points[worst].tolist()}; "
+                "a map must be one-to-one over the lattice and a cell beyond"
+            )
+        return int(np.sign(determinant.flat[0]))
+
+
+def map_box(map: Map, size: Array) -> tuple[Array, Array]:
+    """Corners (3,), (3,) of the axis-aligned box that the box from the origin to `size` becomes.
+
+    InvalidRequest if the map bends or tilts one of its faces: flat caps then have no plane to lie in.
+    """
+    t = np.linspace(0.0, 1.0, 9)
+    a, b = (g.ravel() for g in np.meshgrid(t, t))
+    bounds = np.empty((2, 3))
+    for axis in range(3):
+        for end in (0, 1):
+            on_face = np.insert(np.stack([a, b], axis=1), axis, float(end), axis=1) * size
+            image = map(on_face)[:, axis]
+            if np.ptp(image) > FLATNESS_TOL_FRACTION * size.max():
+                raise InvalidRequest(
+                    f"{map.name} does not keep the box's {'lower' if end == 0 else 'upper'} {'xyz'[axis]} side flat and "
+                    f"square to {'xyz'[axis]} (it spreads over {np.ptp(image):.3g}): use boundary='natural'"
+                )
+            bounds[end, axis] = image.mean()
+    return bounds.min(axis=0), bounds.max(axis=0)
+
+
+def select_placements_near_box(
+    patch: SurfacePatch,
+    symmetry: PatchSymmetry,
+    map: Map,
+    box: tuple[Array, Array],
+    cells: tuple[int, int, int],
+    phase: Array,
+    cell: float,
+    reach: float,
+) -> Placements:
+    """The placements whose mapped mid patch comes within `reach` of the box; the map must hold a cell beyond the lattice."""
+    origin = np.stack(np.meshgrid(*[np.arange(-2, n + 2) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
+    placements = translate_cell_patches(symmetry, origin + (phase - np.floor(phase)))
+    t = np.linspace(0.0, 1.0, 7)
+    u, v = (g.ravel() for g in np.meshgrid(t, t))
+    points = np.einsum("fij,nj->fni", placements.rotation, patch.jet(u, v).position)
+    points += placements.translation[:, None]
+    near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
+    image = map(cell * points[near])
+    # Between the samples a patch bulges by less than an eighth of its extent.
+    margin = reach + 0.125 * np.ptp(image, axis=1).max()
+    inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
+    keep = np.flatnonzero(near)[inside]
+    return Placements(placements.rotation[keep], placements.translation[keep])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedLayer:
+    """A fitted bounding surface: over placement i lies patches[label[i]] moved by translation[i]."""
+
+    patches: list[BSplineSurface]
+    label: IntArray
+    translation: Array
+
+    def patch(self, index: int) -> BSplineSurface:
+        return self.patches[self.label[index]].moved(np.eye(3), self.translation[index])
+
+
+def fit_mapped_layers(
+    mapped: MappedSurface,
+    distances: tuple[float | None, float | None],
+    tol: float,
+    progress: Callable[[float], None] = lambda done: None,
+) -> tuple[MappedLayer | None, MappedLayer | None, Deviation]:
+    """The lower and the upper fitted surface (None where there is none), and the worst patch's deviation.
+
+    The lowest degree whose patches all meet `tol` is taken, or the last tried: the caller compares. Patches that the map leaves
+    translates of one another, as an anisotropic cell does, are fitted once.
+    """
+    t = g2_fit.sample_parameters()
+    u, v = np.meshgrid(t, t, indexing="ij")
+    sampled = [(d, mapped.offset(u, v, d)) for d in distances if d is not None]
+    classes = [group_translates(s) for _, s in sampled]
+    total = sum(len(c.first) for c in classes)
+    for degree in BEZIER_DEGREES:
+        last = degree == BEZIER_DEGREES[-1]
+        fitted = [g2_fit.fit_g2_patches(s[c.first], degree) for (_, s), c in zip(sampled, classes, strict=True)]
+        estimates = [
+            _estimate_least_deviation(p, s[c.first]) for p, (_, s), c in zip(fitted, sampled, classes, strict=True)
+        ]
+        if not last and max(estimates) > tol:
+            continue
+        layers = [
+            MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.translation)
+            for poles, c in zip(fitted, classes, strict=True)
+        ]
+        each = []
+        for (distance, _), layer, c in zip(sampled, layers, classes, strict=True):
+            for patch, index in zip(layer.patches, c.first, strict=True):
+                each.append(
+                    measure_deviation(
+                        patch, _offset_evaluator(mapped, distance, int(index)), PATCH_SAMPLES_PER_PARAMETER
+                    )
+                )
+                progress(len(each) / total)
+        if last or max(d.max for d in each) <= tol:
+            break
+    of_side = iter(layers)
+    lower, upper = (None if d is None else next(of_side) for d in distances)
+    return lower, upper, combine_deviations(each)
+
+
+def _offset_evaluator(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
+    return lambda u, v: mapped.offset(u, v, distance, index)
+
+
+def least_curvature_radius(mapped: MappedSurface) -> float:
+    """The least curvature radius of the mapped mid surface, sampled: offsets must stay below it."""
+    t = g2_fit.sample_parameters()
+    samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0)
+    poles = g2_fit.fit_g2_patches(samples[group_translates(samples).first], BEZIER_DEGREES[-1])
+    u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
+    largest = max(
+        np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles
+    )
+    return float(1.0 / largest)
+
+
+def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
+    """InvalidRequest where an offset passes the greatest there is; `name` says which surface it is of."""
+    limit, worst = least_curvature_radius(mapped), max(offsets, key=abs)
+    if abs(worst) >= limit:
+        raise InvalidRequest(
+            f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g}: "
+            f"offsets stay below it, a symmetric wall's thickness below {2 * limit:.6g}"
+        )
+
+
+def assemble_mapped_lattice(
+    mapped: MappedSurface, lower: MappedLayer | None, upper: MappedLayer | None, *, natural: bool
+) -> Brep:
+    """The layers as one complex: closed by ruled gap faces along the border when `natural`, open otherwise."""
+    facing = mapped.symmetry.handedness * mapped.orientation()
+    carriers: list[BSplineSurface] = []
+    parts = []
+    for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
+        if layer is not None:
+            n = len(layer.label)
+            parts.append((len(carriers) + layer.label, layer.translation, np.full(n, outward * facing), [tag] * n))
+            carriers += layer.patches
+    if natural:
+        if lower is None or upper is None:
+            raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
+        open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements), strict=True))
+        n = len(open_at)
+        parts.append((len(carriers) + np.arange(n), np.zeros((n, 3)), np.full(n, facing), ["gap"] * n))
+        carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
+    carrier, translation, sense, tags = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return weld_patches(
+        carriers,
+        carrier,
+        np.tile(np.eye(3), (len(carrier), 1, 1)),
+        translation,
+        sense,
+        np.array([LATTICE_TAGS.index(tag) for tag in tags]),
+        LATTICE_TAGS,
+    )
+
+
+def _estimate_least_deviation(poles: Array, samples: Array) -> float:
+    """A cautious low estimate of the deviation from the differences at the inner samples: a degree it rules out misses."""
+    t = g2_fit.sample_parameters()
+    inside = (t >= 0) & (t <= 1)
+    fitted = np.stack([g2_fit.bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
+    return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)

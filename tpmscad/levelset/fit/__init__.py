@@ -1,0 +1,1 @@
+"""Fits to a level set: boundary curves, patches, and the quality of the result."""

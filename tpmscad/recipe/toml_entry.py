@@ -1,0 +1,144 @@
+"""Entries of a TOML document that know where they stand, so that whatever is wrong is told with file, line and key."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path as FilePath
+from typing import Any
+
+from tpmscad.errors import RecipeError
+from tpmscad.recipe.key_lines import KeyPath, find_key_lines
+
+SUGGESTION_CUTOFF = 0.5
+"""How alike a word is to one that is suggested (difflib's ratio): "tolerance" is to "tol"."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A value of the document: a table, an array, a string, a number or a truth value."""
+
+    file: FilePath
+    lines: dict[KeyPath, int]
+    path: KeyPath
+    value: Any
+
+    def __getitem__(self, key: str) -> Entry:
+        """The entry of a key of a table that must be there."""
+        found = self.get(key)
+        if found is None:
+            raise self.error(f"the key {key!r} is missing")
+        return found
+
+    def get(self, key: str) -> Entry | None:
+        """The entry of a key of a table, if there is one."""
+        if key not in self.value:
+            return None
+        return replace(self, path=(*self.path, key), value=self.value[key])
+
+    def items(self) -> list[Entry]:
+        """The entries of an array."""
+        if not isinstance(self.value, list):
+            raise self.error(f"must be an array [...], not {self.value_text}")
+        return [replace(self, path=(*self.path, k), value=value) for k, value in enumerate(self.value)]
+
+    def table(self, *known: str) -> Entry:
+        """Itself, if it is a table that has none but these keys."""
+        if not isinstance(self.value, dict):
+            raise self.error(f"must be a table, not {self.value_text}")
+        for key in self.value:
+            if known and key not in known:
+                wrong = replace(self, path=(*self.path, key))
+                raise wrong.error(f"unknown key; {_suggest(key, known)}")
+        return self
+
+    def number(self) -> float:
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
+            raise self.error(f"must be a number, not {self.value_text}")
+        if not math.isfinite(self.value):
+            raise self.error(f"{self.value} must be finite")
+        return float(self.value)
+
+    def positive(self) -> float:
+        if self.number() <= 0:
+            raise self.error(f"{self.value:g} must be positive")
+        return self.number()
+
+    def whole(self, least: int = 1) -> int:
+        if isinstance(self.value, bool) or not isinstance(self.value, int):
+            raise self.error(f"must be a whole number, not {self.value_text}")
+        if self.value < least:
+            raise self.error(f"{self.value} must be at least {least}")
+        return self.value
+
+    def boolean(self) -> bool:
+        if not isinstance(self.value, bool):
+            raise self.error(f"must be true or false, not {self.value_text}")
+        return self.value
+
+    def text(self, choices: Sequence[str] = ()) -> str:
+        if not isinstance(self.value, str):
+            raise self.error(f"must be a string, not {self.value_text}")
+        if choices and self.value not in choices:
+            raise self.error(f"{self.value!r} is unknown; {_suggest(self.value, choices)}")
+        return self.value
+
+    def numbers(self, count: int) -> tuple[float, ...]:
+        return tuple(item.number() for item in self.array_of_length(count, "numbers"))
+
+    def array_of_length(self, count: int, what: str) -> list[Entry]:
+        """The entries of an array of that length."""
+        items = self.items()
+        if len(items) != count:
+            raise self.error(f"must be {count} {what}, not {len(items)}")
+        return items
+
+    def beside(self) -> FilePath:
+        """The file of that name, relative to the document's folder."""
+        named = self.file.parent / self.text()
+        if not named.is_file():
+            raise self.error(f"there is no file {named}")
+        return named
+
+    @property
+    def value_text(self) -> str:
+        """The value as a few words of a message."""
+        if isinstance(self.value, dict):
+            return "a table"
+        if isinstance(self.value, list):
+            return f"an array of {len(self.value)}"
+        return f"{str(self.value).lower()}" if isinstance(self.value, bool) else f"{self.value!r}"
+
+    @property
+    def key(self) -> str:
+        """Its keys as one would write them: structures[1].period."""
+        parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path)
+        return "".join(parts).removeprefix(".")
+
+    def error(self, message: str) -> RecipeError:
+        """What is wrong with this entry."""
+        known = self.path
+        while known and known not in self.lines:
+            known = known[:-1]
+        where = f"{self.file.name}, line {self.lines[known]}" if known else self.file.name
+        return RecipeError(": ".join(part for part in (", ".join((where, self.key)) if self.key else where, message)))
+
+
+def _suggest(word: str, known: Sequence[str]) -> str:
+    near = get_close_matches(word, known, n=1, cutoff=SUGGESTION_CUTOFF)
+    return f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(known)}"
+
+
+def read_document(file: FilePath) -> Entry:
+    """The top table of a TOML file. Raises RecipeError for a file that is none."""
+    try:
+        text = file.read_text("utf-8")
+        values = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise RecipeError(f"{file.name} is not TOML: {error}") from error
+    except UnicodeDecodeError as error:
+        raise RecipeError(f"{file.name} is not TOML, which is UTF-8 text: {error}") from error
+    return Entry(file, dict(find_key_lines(text)), (), values)

@@ -1,0 +1,1 @@
+"""In/out classification of intersection curves, lattice edges and points."""

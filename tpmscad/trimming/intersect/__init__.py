@@ -1,0 +1,1 @@
+"""Intersections of patches, curves and surfaces."""

@@ -1,0 +1,105 @@
+"""The border of a patch on a marching grid: which lines it needs, and the signs that its edges prescribe.
+
+What is inside or outside along a side follows from the roots of the shared edge, so that neighbouring patches agree; the grid
+only gets lines enough to tell the roots apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.errors import TrimmingError
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming.operands.implicit_surfaces import ComposedDistance
+
+CELLS_U, CELLS_V = 33, 37
+"""Cells of the grid. Odd and without a common factor, so that no line or diagonal of symmetry holds a grid point."""
+
+Scalar = TypeVar("Scalar", np.bool_, np.float64)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BorderSide:
+    """What the shared edges say about one side: roots as fractions of the side, rising; the sign (-1, +1) before the first
+    root, 0 for a side that lies in the plane."""
+
+    roots: Array
+    sign: int
+
+
+def place_grid_lines(
+    surface: BSplineSurface, borders: tuple[BorderSide, ...], on_corner: BoolArray
+) -> tuple[Array, Array]:
+    """Uniform lines, and one between any two roots of a side that would share an interval, or a root and a corner."""
+    lines = [np.linspace(*surface.domain[0], CELLS_U + 1), np.linspace(*surface.domain[1], CELLS_V + 1)]
+    for side, border in enumerate(borders):
+        axis = side % 2
+        low, high = surface.domain[axis]
+        ends = [np.zeros(int(on_corner[side])), border.roots, np.ones(int(on_corner[(side + 1) % 4]))]
+        stops = np.concatenate(ends)
+        if len(stops) > 1 and len(border.roots):
+            middle = 0.5 * (stops[1:] + stops[:-1])
+            middle = 1.0 - middle if side >= 2 else middle
+            lines[axis] = np.union1d(lines[axis], low + (high - low) * middle)
+    return lines[0], lines[1]
+
+
+def _view_side_nodes(array: NDArray[Scalar], side: int) -> NDArray[Scalar]:
+    """The border nodes of a side in the side's direction, as a view."""
+    return (array[:, 0], array[-1], array[::-1, -1], array[0, ::-1])[side]
+
+
+def side_fractions(us: Array, vs: Array, side: int) -> Array:
+    """The grid lines across a side as fractions of it, in its direction."""
+    lines = us if side % 2 == 0 else vs
+    x = (lines - lines[0]) / (lines[-1] - lines[0])
+    return x if side < 2 else 1.0 - x[::-1]
+
+
+def impose_border_signs(
+    level: BSplineSurface | ComposedDistance,
+    us: Array,
+    vs: Array,
+    borders: tuple[BorderSide, ...],
+    on_corner: BoolArray,
+    negative: BoolArray,
+) -> IntArray:
+    """Overwrite the border nodes of `negative` by what the shared edges say; returns the signs next to sides in the plane."""
+    on_side = np.zeros(4, np.int64)
+    first, last = np.zeros(4, np.int64), np.zeros(4, np.int64)
+    if all(border.sign == 0 for border in borders):
+        raise TrimmingError("all four sides of a patch lie in one plane")
+    for side, border in enumerate(borders):
+        if border.sign == 0:
+            inwards = (0, 1) if side % 2 == 0 else (1, 0)
+            slope = _view_side_nodes(level.grid(us, vs, *inwards)[..., 0], side)[1:-1] * (1 if side in (0, 3) else -1)
+            if (slope > 0).any() and (slope < 0).any():
+                raise TrimmingError("a patch's side lies in a plane that the patch touches or crosses there")
+            on_side[side] = -1 if slope[len(slope) // 2] < 0 else 1
+            _view_side_nodes(negative, side)[:] = on_side[side] < 0
+            continue
+        odd = np.searchsorted(border.roots, side_fractions(us, vs, side)) % 2 == 1
+        _view_side_nodes(negative, side)[1:-1] = (odd ^ (border.sign < 0))[1:-1]
+        first[side] = border.sign
+        last[side] = border.sign * (-1) ** len(border.roots)
+    for corner in range(4):
+        before, after = last[corner - 1], first[corner]
+        if borders[corner - 1].sign == 0 and borders[corner].sign == 0:
+            if on_side[corner - 1] != on_side[corner]:
+                raise TrimmingError("two sides of a patch lie in a plane, on different sides of it")
+            value = on_side[corner]
+        elif 0 in (before, after):
+            value = before or after
+            if value != (on_side[corner] or on_side[corner - 1]):
+                raise TrimmingError("a cut starts from the end of a patch's side that lies in its plane")
+        else:
+            value = before if before == after else 1
+            if before != after and not on_corner[corner]:
+                raise TrimmingError("two edges disagree on the side of their common vertex")
+        _view_side_nodes(negative, corner)[0] = value < 0
+    return on_side

@@ -1,0 +1,1 @@
+"""What is trimmed and what trims it: implicit surfaces, patch sides, bodies."""

@@ -1,0 +1,1 @@
+"""Faces of the lattice and of the body rebuilt from trimmed loops."""

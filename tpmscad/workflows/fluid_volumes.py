@@ -1,0 +1,241 @@
+"""A heat exchanger's three solids: the wall of a sheet lattice in a body and the two channels that it keeps apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Progress
+from tpmscad.brep.boundary_representation import reverse_faces, select_faces
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
+from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
+from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
+from tpmscad.kernel.boolean.boolean_operations import KernelSolids
+from tpmscad.kernel.build.solids import build_regions, make_compound
+from tpmscad.kernel.measure.cad_body import CadBody, read_body
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.trimming import trim
+from tpmscad.trimming.shared_topology import share_topology
+from tpmscad.workflows.certificate import CHIP_VOLUME_FRACTION
+from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
+from tpmscad.workflows.lattice_infill import certify_kernel_solids, rotation_matrix, write_checked_shape
+from tpmscad.workflows.lattice_request import resolve_lattice_request
+from tpmscad.workflows.model import StageTimer
+
+WALL, PLUS, MINUS = "wall", "channel +", "channel -"
+"""The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""
+
+TOTAL_VOLUME_RTOL = 1e-6
+"""Relative: how far the domains' volumes together may be from the body's."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceContact:
+    """What lies on one face of the body: its number in the body's order, and the area of each domain on it."""
+
+    face: int
+    areas: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FluidDomains:
+    """Conformal solids: where two touch they share TopoDS faces, edges and vertices.
+
+    `wall`, `plus` and `minus` are build123d Solids (Compounds, largest piece first, where there are several pieces); their
+    volumes add up to the body's. `touches` says of every face of the body which domains reach it. `certificate` is the wall's.
+    """
+
+    name: str
+    pieces: Mapping[str, tuple[Any, ...]]
+    touches: tuple[FaceContact, ...]
+    certificate: Any
+    body_volume: float
+
+    @property
+    def wall(self) -> Any:
+        return KernelSolids(self.pieces[WALL]).solid
+
+    @property
+    def plus(self) -> Any:
+        return KernelSolids(self.pieces[PLUS]).solid
+
+    @property
+    def minus(self) -> Any:
+        return KernelSolids(self.pieces[MINUS]).solid
+
+    @property
+    def wrapped(self) -> Any:
+        """All solids as one TopoDS compound, shared faces shared: wall, channel +, channel -."""
+        return make_compound(solid for solids in self.pieces.values() for solid in solids)
+
+    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
+        """Write the solids by their names as STEP; the file is read back and checked, and there whole or not at all."""
+        names = [
+            name if number == 0 else f"{name} {number + 1}"
+            for name, solids in self.pieces.items()
+            for number in range(len(solids))
+        ]
+        write_checked_shape(self.wrapped, path, schema=schema, name=self.name, volume=self.body_volume, names=names)
+
+
+def fluid_domains(
+    body: Any,
+    surface: str,
+    *,
+    cell: float | Sequence[float],
+    thickness: float | None = None,
+    offset: Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    reference: str | None = None,
+    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    rotation: Sequence[float] = (0.0, 0.0, 0.0),
+    tol: float | None = None,
+    progress: Progress | None = None,
+) -> FluidDomains:
+    """The wall of a sheet lattice in a body and the two channels beside it, as solids that share their faces.
+
+    Keywords as in `tpmscad.infill`. Pieces of a domain that do not hang together are told in the certificate's notes, which also
+    say which domains reach which face of the body. InvalidRequest where one of the three is missing.
+    """
+    stages = StageTimer(progress)
+    with stages("read"):
+        read = read_body(body)
+    request = resolve_lattice_request(
+        surface,
+        cell=cell,
+        cells=1,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        kind="sheet",
+        side="-",
+        reference=reference,
+        boundary="box",
+        phase=phase,
+        tol=tol,
+        mapped=False,
+    )
+    block = build_lattice_block(request, rotation_matrix(rotation), read, stages)
+    with stages("trim"):
+        found = _compute_domains(block, read)
+    touches = tuple(
+        FaceContact(
+            face, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+        )
+        for face in range(len(faces_of(read.shape)))
+    )
+    with stages("check"):
+        pieces = {name: domain.solids for name, domain in found.items()}
+        certificate, volume = _certify_domains(pieces, touches, block, read, found[WALL].notes)
+    seconds = dict(stages.seconds)
+    return FluidDomains(f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DomainSolids:
+    """The solids of a domain, largest first, its areas on faces of the body by their numbers, and how it was made."""
+
+    solids: tuple[Any, ...]
+    areas: Mapping[int, float]
+    notes: tuple[str, ...]
+
+
+def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """The three, on the patches' own parameters where the body is of planes and quadrics, else by the kernel."""
+    try:
+        return _trim_domains(block, body)
+    except MissingDomain:
+        raise
+    except (InvalidRequest, TrimmingError, KernelError) as refusal:
+        return _split_domains(block, body, f"split by the kernel: {refusal}")
+
+
+def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """Three trims of the same patches by the same body, put together where they are the same."""
+    whole, origin = brep_and_source_faces(body.shape)
+    regions = {WALL: trim(block.patches, whole)}
+    for name, tag in ((PLUS, "offset+"), (MINUS, "offset-")):
+        regions[name] = trim(reverse_faces(select_faces(block.patches, block.patches.faces_with_tag(tag))), whole)
+    if len({trimmed.report.shifted for trimmed in regions.values()}) > 1:
+        raise TrimmingError("the lattice had to be moved for some of the three domains")
+    for name, trimmed in regions.items():
+        if not len(trimmed.brep.faces):
+            raise _missing_domain(body, name)
+    complexes = tuple(trimmed.brep for trimmed in regions.values())
+    joined = share_topology(complexes)
+    solids = build_regions(joined.brep, complexes, joined.region_faces)
+    if not all(is_valid(solid) for of in solids for solid in of):
+        raise TrimmingError("the kernel's check rejects a domain")
+    result = {}
+    for name, brep, of in zip(regions, complexes, solids, strict=True):
+        caps = brep.faces_with_tag("cap")
+        number = origin[brep.faces.carrier[caps] - len(block.patches.carriers)]
+        areas = np.bincount(number, integral_properties.integrate_faces(brep).area[caps])
+        result[name] = DomainSolids(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameters",))
+    return result
+
+
+def _split_domains(block: LatticeBlock, body: CadBody, note: str) -> dict[str, DomainSolids]:
+    cells = split_body(body.shape, block.shape, _tags_of_kernel_faces(block))
+    result = {}
+    for name in (WALL, PLUS, MINUS):
+        own = [c for c in cells if classify_cell(c) == name]
+        if not own:
+            raise _missing_domain(body, name)
+        areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
+        result[name] = DomainSolids(tuple(c.solid for c in own), areas, (note,))
+    return result
+
+
+def classify_cell(cell: SplitSolid) -> str:
+    """Which of the three a cell of the split body is, by the side of the lattice's surfaces that it lies on."""
+    if cell.sides and all(side < 0 for _, side in cell.sides):
+        return WALL
+    if cell.sides == {("offset+", 1)}:
+        return PLUS
+    if cell.sides == {("offset-", 1)}:
+        return MINUS
+    raise KernelError("fluid domains", f"a piece of the body lies on {sorted(cell.sides)}: neither wall nor channel")
+
+
+def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
+    tags = [block.closed.tags[t] for t in block.closed.faces.tag.tolist()]
+    by_face = {hash(face): tag for face, tag in zip(block.built.faces, tags, strict=True)}
+    return [by_face[hash(face)] for face in faces_of(block.shape)]
+
+
+def _certify_domains(
+    pieces: Mapping[str, tuple[Any, ...]],
+    touches: tuple[FaceContact, ...],
+    block: LatticeBlock,
+    body: CadBody,
+    how: tuple[str, ...],
+) -> tuple[Any, float]:
+    """The wall's certificate with what is to be said of the channels, and the volume of all together."""
+    wall = certify_kernel_solids(pieces[WALL], block, how)
+    shortfalls, notes, volume = wall.shortfalls, list(wall.notes), wall.volume
+    for name in (PLUS, MINUS):
+        found = certify_kernel_solids(pieces[name], block, ())
+        shortfalls += tuple(f"{name}: {s}" for s in found.shortfalls if s not in wall.shortfalls)
+        volume += found.volume
+        notes.append(f"{name}: volume {found.volume:.9g}, {len(pieces[name])} connected")
+        notes += [
+            f"{name}: {'chip' if v < CHIP_VOLUME_FRACTION * found.pieces[0] else 'piece'} of volume {v:.4g} apart"
+            for v in found.pieces[1:]
+        ]
+    for touch in touches:
+        notes.append(f"face {touch.face}: " + ", ".join(f"{name} {area:.4g}" for name, area in touch.areas.items()))
+    if abs(volume - body.volume) > TOTAL_VOLUME_RTOL * body.volume:
+        shortfalls += (f"the domains' volumes add up to {volume:.9g}, the body's is {body.volume:.9g}",)
+    return replace(wall, met=not shortfalls, shortfalls=shortfalls, notes=tuple(notes)), volume
+
+
+def _missing_domain(body: CadBody, name: str) -> MissingDomain:
+    """The error for a body that holds no part of the domain called `name`."""
+    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by phase, or make its cell smaller")
