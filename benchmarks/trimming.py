@@ -89,7 +89,7 @@ def measured(surface: str, name: str, patches: Brep, block: Brep, shape: bd.Part
     built = kernel.build_solids(cut.brep)
     made = time.process_time() - begun
     valid, found = kernel.is_valid(built.shape), volume(cut.brep)
-    line = f"{surface:>10} {name:>12} {len(patches.faces):>7} {len(cut.complex.faces):>6} {traced:6.2f} {made:6.2f} "
+    line = f"{surface:>10} {name:>12} {len(patches.faces):>7} {len(cut.brep.faces):>6} {traced:6.2f} {made:6.2f} "
     if by_boolean:
         solid = kernel.build_solids(block).shape
         begun = time.process_time()
@@ -124,7 +124,7 @@ def large(n: int) -> None:
     valid = kernel.is_valid(built.shape)
     stages.append(("check", time.process_time() - begun))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
-    print(f"{len(cut.complex.faces)} faces, valid {valid}, volume {volume(cut.complex):.4f}, {cut.report}")
+    print(f"{len(cut.brep.faces)} faces, valid {valid}, volume {volume(cut.brep):.4f}, {cut.report}")
     print(
         ", ".join(f"{name} {s:.1f} s" for name, s in stages),
         f"CPU; wall {time.perf_counter() - wall:.1f} s, {memory:.2f} GiB",
