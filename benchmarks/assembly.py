@@ -1,6 +1,6 @@
 """Time per face of solids from shared edges against BRepBuilderAPI_Sewing: N x N x N cells, natural boundary, one run.
 
-    python benchmarks/assembly.py [--surface gyroid] [--cells 1,2,4,8] [--sew-up-to 8]
+    python -m benchmarks.assembly [--surface gyroid] [--cells 1,2,4,8] [--sew-up-to 8]
 
 Sewing gets its faces ready made, so that its column is the sewing alone; the other is everything from the arrays to the solid.
 Both are CPU seconds. Sewing finds the edges that the complex knows; its result is not even turned the right way out.

@@ -1,6 +1,6 @@
 """Blending: the tables of the porous-blending paper beside our figures, random pairs, large grids, necks, persistence alone.
 
-    python benchmarks/blending.py [table1] [table2] [pairs [COUNT]] [specks [COUNT]] [large] [necks] [persistence]
+    python -m benchmarks.blending [table1] [table2] [pairs [COUNT]] [specks [COUNT]] [large] [necks] [persistence]
 
 Without arguments table1 and table2. Seconds are CPU seconds of one process; compiled loops are called once before, and what that
 first call costs is printed. "on gudhi" is our loop with every census of a grid replaced by gudhi's persistence of it (time of one
@@ -18,9 +18,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import numpy as np
-from blending_cases import Case, table1, table2, tpms
-from random_pairs import random_pair
 
+from benchmarks.blending_cases import Case, table1, table2, tpms
+from benchmarks.random_pairs import random_pair
 from tpmscad import fields, topology
 from tpmscad.blending import BlendResult, blend
 from tpmscad.blending.composition.sampled_composition import sample_composition

@@ -1,6 +1,6 @@
 """The box boundary against the kernel's boolean, N x N x N cells, and the whole way to a checked STEP file, in one run.
 
-    python benchmarks/box_cut.py [--surfaces gyroid,diamond,schwarz_p] [--cut 1,2,3] [--whole 1,5]
+    python -m benchmarks.box_cut [--surfaces gyroid,diamond,schwarz_p] [--cut 1,2,3] [--whole 1,5]
 
 The cut's columns are CPU seconds of the cut alone: traced on the patches' parameters and closed with caps, beside
 BRepAlgoAPI_Common of the same lattice, whole cells that just cover the box, with the box. Volumes are per cell and must agree.

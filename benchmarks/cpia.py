@@ -1,6 +1,6 @@
 """CPIA and its relatives, iteration by iteration, and the update that TPMS2STEP prints (eqs. 14-18), which diverges.
 
-    python benchmarks/cpia.py [gyroid|diamond|schwarz_p]
+    python -m benchmarks.cpia [gyroid|diamond|schwarz_p]
 
 The printed update adds to PIA's differences Q - B P, for each side i with its half-turn T_i,
 

@@ -1,6 +1,6 @@
 """Graded solids: a wall, a cell size and a volume fraction that change from place to place, with what was measured on each.
 
-python benchmarks/graded.py [wall | sizes | cylinder] ...
+python -m benchmarks.graded [wall | sizes | cylinder] ...
 
 Fractions are those of the made solid: along x in slices of the box, or in shells about the cylinder's axis, by vertical lines
 through triangles of its faces, beside what was asked for (the mean of the fraction field, or of a wall's own field, there).

@@ -1,6 +1,6 @@
 """Parts filled with a lattice beside the kernel's plain boolean of the same lattice and body, in one run.
 
-    python benchmarks/infill.py [--bodies box,cylinder,sphere,bracket,torus] [--surfaces gyroid,diamond,schwarz_p,iwp] [--cells 4]
+    python -m benchmarks.infill [--bodies box,cylinder,sphere,bracket,torus] [--surfaces gyroid,diamond,schwarz_p,iwp] [--cells 4]
                                 [--plain] [--lines 160]
 
 Columns: faces of the result; CPU seconds of the trimming, from the whole patches to the solid, with the kernel's check of it and

@@ -1,6 +1,6 @@
 """Persistence of sampled fields: this package beside gudhi and, where it is installed, cripser, in one run.
 
-    python benchmarks/persistence.py [--largest-gudhi 1000000] [--no-200] [--json FILE]
+    python -m benchmarks.persistence [--largest-gudhi 1000000] [--no-200] [--json FILE]
 
 Both dimensions a blending loop needs, 0 and 2, of a blend of porous structures and of white noise. Times are CPU seconds of
 one thread: the least of three for this package, one run for the others, which compute dimension 1 as well and can't leave it out.

@@ -1,6 +1,6 @@
 """Solids of fields in plain build123d booleans: CPU seconds, validity, and volumes beside quadrature of the fields.
 
-    python benchmarks/solid_booleans.py [field | body] ...
+    python -m benchmarks.solid_booleans [field | body] ...
 
 field: a cylinder cut, a ball in common and a plate fused, five solids of one cell. body: trimmed by three CAD bodies.
 """
@@ -10,17 +10,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import build123d as bd
 import numpy as np
 
+from tests.workflows.test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
 from tpmscad import kernel
 from tpmscad.workflows.implicit_solid import solidify
-
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
-from test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
 
 
 def field() -> None:

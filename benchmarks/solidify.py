@@ -1,6 +1,6 @@
 """Solids of fields: faces, poles, seconds and what the certificates say, beside facets of the same deviation in one run.
 
-python benchmarks/solidify.py [catalogue | fine | thin | scale | copies] ...
+python -m benchmarks.solidify [catalogue | fine | thin | scale | copies] ...
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.facets import facets
 from tpmscad import fields
 from tpmscad.errors import TpmscadError
 from tpmscad.workflows.implicit_solid import solidify
-
-sys.path.insert(0, str(Path(__file__).parent))
-from facets import facets
 
 CELL = ((0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
 NAMES = (

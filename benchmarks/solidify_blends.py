@@ -1,6 +1,6 @@
 """Random blends as solids: accepted or refused, faces per period, CPU seconds, and the reasons of what was refused.
 
-    python benchmarks/solidify_blends.py [FIRST [LAST [2x1x1,3x1x1,...]]]
+    python -m benchmarks.solidify_blends [FIRST [LAST [2x1x1,3x1x1,...]]]
 
 Pairs are those of random_pairs.py; a period is that of the mean number of periods along x. The box has the periods stated (in
 turn; less where the regions end), its middle on the middle of the blending region. The tolerance is 5e-3 of the period. Beside
@@ -15,9 +15,9 @@ import sys
 import time
 
 import numpy as np
-from random_pairs import Pair, random_pair
-from solidify_figures import cpu, sampled_betti
 
+from benchmarks.random_pairs import Pair, random_pair
+from benchmarks.solidify_figures import cpu, sampled_betti
 from tpmscad import kernel
 from tpmscad.blending import blend
 from tpmscad.errors import TpmscadError

@@ -1,6 +1,6 @@
 """The blends of the paper's Table 1 and Figures 9 to 12 as solids in STEP: a row each.
 
-    python benchmarks/solidify_figures.py [--only NAME] [--tol PART_OF_PERIOD] [--part]
+    python -m benchmarks.solidify_figures [--only NAME] [--tol PART_OF_PERIOD] [--part]
 
 NAME is a part of a row's name. With --part it is a box of each blend that holds the blending region's whole width.
 Free-form models (the paper's max(phi, model)) are bodies: the blend is laid out around them and trimmed by their own faces. The
@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from blending_cases import Case, figure9, figure10, figure11, pair, table1
+
+from benchmarks.blending_cases import Case, figure9, figure10, figure11, pair, table1
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import blend_scaffold

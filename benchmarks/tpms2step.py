@@ -1,6 +1,6 @@
 """TPMS2STEP's tables and figures beside the same quantities here: its Tables 2-4, the data of its Figs. 14 and 15.
 
-    python benchmarks/tpms2step.py
+    python -m benchmarks.tpms2step
 
 **Units.** The paper's offsets, tolerances and errors are raw Weierstrass lengths, those of R = (tau^8 - 14 tau^4 + 1)^(-1/2):
 the cubic cell's edge is 2.6562 (gyroid), 3.3715 (Diamond), 2.1565 (Schwarz P), the greatest offset 0.5. Each number is for one
@@ -16,13 +16,12 @@ that missed and all measuring included.
 
 from __future__ import annotations
 
-import sys
 import time
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 
+from benchmarks import cpia
 from tpmscad import surfaces
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import cluster_points
@@ -32,9 +31,6 @@ from tpmscad.splines import AdaptiveFit, BSplineSurface, bezier_knots, gauss_axi
 from tpmscad.splines import fit_cpia as iterate
 from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of
 from tpmscad.surfaces.minimal_patch import PLACEMENTS
-
-sys.path.insert(0, str(Path(__file__).parent))
-import cpia
 
 NAMES = ("gyroid", "diamond", "schwarz_p")
 OFFSETS = (0.0, 0.1, 0.2, 0.3, 0.4)

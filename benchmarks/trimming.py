@@ -1,7 +1,7 @@
 """Lattices trimmed by bodies of planes and quadrics against the kernel's boolean of the same lattice and body, in one run.
 
-    python benchmarks/trimming.py [--surfaces gyroid,diamond,schwarz_p,iwp] [--bodies box,cylinder,...] [--boolean yes]
-    python benchmarks/trimming.py --cells 10
+    python -m benchmarks.trimming [--surfaces gyroid,diamond,schwarz_p,iwp] [--bodies box,cylinder,...] [--boolean yes]
+    python -m benchmarks.trimming --cells 10
 
 All times are CPU seconds. *cut* is the trim alone, *build* makes kernel faces and solids of the result, *boolean* is
 BRepAlgoAPI_Common of the body with a closed block of the same lattice around it. Volumes must agree with the boolean's, or, where

@@ -1,6 +1,6 @@
 """Lattices trimmed by random bodies, one line each, and what became of them all.
 
-    python benchmarks/trimming_stress.py [--first 0] [--last 200] [--seed 1] [--round] [--boolean 20] [--void]
+    python -m benchmarks.trimming_stress [--first 0] [--last 200] [--seed 1] [--round] [--boolean 20] [--void]
 
 Bodies are random in kind, place, size and tilt; a fifth are put through corners, sides and middles of patches, half of these
 tangent there. With --round they are what people draw. Body i of a seed is always the same: a line can be run again alone.
@@ -24,8 +24,8 @@ from typing import Any, NamedTuple
 import build123d as bd
 import numpy as np
 from scipy.stats import qmc
-from trimming import covering, turned, volume
 
+from benchmarks.trimming import covering, turned, volume
 from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TpmscadError, TrimmingError

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from benchmarks.random_pairs import random_pair
 from tpmscad import fields
 from tpmscad.blending import blend
 from tpmscad.blending.composition.blended_field import BlendedField
@@ -16,7 +14,6 @@ from tpmscad.blending.composition.sampled_composition import sample_composition
 from tpmscad.blending.optimise.subgrid_defects import find_subgrid_defects
 from tpmscad.fields.sample_grid import SampleGrid
 
-PAIRS = Path(__file__).parents[2] / "benchmarks" / "random_pairs.py"
 GRID = SampleGrid((0, 0, 0), (1, 1, 1), (25, 22, 27))
 ALL = fields.box((-1, -1, -1), (2, 2, 2))
 
@@ -68,7 +65,7 @@ def test_a_hole_at_the_border_of_the_domain_is_open_and_a_speck_there_is_not() -
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [25, 83])
 def test_random_blends_have_no_isolated_part_at_a_resolution_that_was_not_checked(seed: int) -> None:
-    pair = runpy.run_path(str(PAIRS))["random_pair"](seed)
+    pair = random_pair(seed)
     left = []
     for wanted in (False, None):
         result = blend(pair.structures, pair.regions, [pair.blending], resolution=(50, 50, 50), specks=wanted)

@@ -6,16 +6,15 @@ Newton's method on the squared distance, second derivatives included. Offsets an
 
 from __future__ import annotations
 
-import runpy
 from collections.abc import Callable
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
 from scipy.special import ellipk
 
+from benchmarks import tpms2step
 from tpmscad import surfaces
 from tpmscad.lattice.primitive import fit_primitive, self_joint_conditions
 from tpmscad.splines import BSplineSurface, bezier_knots, fit_cpia, gauss_axis, solve_conditions, trapezoidal_grid
@@ -171,23 +170,22 @@ def test_the_limit_of_cpia_is_the_direct_constrained_solution_to_1e_10(name: str
 def test_the_benchmark_prints_every_table_and_what_it_prints_is_better_than_the_paper(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    benchmark = runpy.run_path(str(Path(__file__).parents[2] / "benchmarks" / "tpms2step.py"))
-    fits = benchmark["tables_2_and_4"]()
+    fits = tpms2step.tables_2_and_4()
     assert [(name, offset) for name, offset, _, _ in fits] == [*product(CELL, OFFSETS)]
     for name, offset, at_tolerance, at_error in fits:
         row = OFFSETS.index(offset)
         assert at_tolerance.deviation * CELL[name] <= TOLERANCES[row]
         assert at_error.deviation * CELL[name] < ERRORS[name][row]
         assert at_tolerance.poles <= at_error.poles < 0.05 * POLES[name][row]
-    for case, found in benchmark["table_3"](fits).items():
+    for case, found in tpms2step.table_3(fits).items():
         kinds = ("first", "second", "average first", "average second")
-        assert all(100 * found[kind] < 1e-6 * of for kind, of in zip(kinds, benchmark["MISMATCH"][case], strict=True))
+        assert all(100 * found[kind] < 1e-6 * of for kind, of in zip(kinds, tpms2step.MISMATCH[case], strict=True))
         assert max(found["vertex first"], found["vertex second"]) < 1e-9
-    for (_, _, tol), (fitted, _) in benchmark["tolerances"]().items():
+    for (_, _, tol), (fitted, _) in tpms2step.tolerances().items():
         assert fitted.converged
         assert fitted.poles <= MOST_POLES[tol]
-    assert max(benchmark["figure_14"]().values()) < 10.7  # seconds, in the text on Fig. 14
-    for points, poles in benchmark["figure_15"]().values():
+    assert max(tpms2step.figure_14().values()) < 10.7  # seconds, in the text on Fig. 14
+    for points, poles in tpms2step.figure_15().values():
         assert points < 1e-12
         assert poles < 1e-10
     printed = capsys.readouterr().out

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import runpy
-from pathlib import Path
-
 import pytest
 
-BENCHMARK = Path(__file__).parents[2] / "benchmarks" / "cpia.py"
+from benchmarks import cpia
 
 
 @pytest.mark.slow
 def test_the_printed_update_diverges_in_every_reading_and_cpia_converges(capsys: pytest.CaptureFixture[str]) -> None:
-    radii, table = runpy.run_path(str(BENCHMARK))["run"]("diamond")
+    radii, table = cpia.run("diamond")
     assert len(radii) == 36
     assert min(radii) > 2
     assert table["eq. 18 as printed, best reading"][-1] > 1e50
