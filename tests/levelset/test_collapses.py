@@ -13,7 +13,7 @@ from tests.shapes.cut_fields import FIELDS, HI, LO
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
-from tpmscad.levelset.quadmesh.simplification import collapse_candidates as field_rated
+from tpmscad.levelset.quadmesh.simplification import collapse_candidates
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE, PolygonMesh, extract_mesh
 from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeed, plan_edit, plan_edits_from
@@ -124,9 +124,9 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
     mesh = layout(name)
     polygons = PolygonMesh(mesh)
     surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
-    monkeypatch.setattr(field_rated, "BEFORE", np.inf)
+    monkeypatch.setattr(collapse_candidates, "MAX_DISTORTION_BEFORE_SMOOTHING", np.inf)
     numbers = np.array(sorted(polygons.polygon))
-    found = field_rated.rank_candidates(polygons, surface, numbers)
+    found = collapse_candidates.rank_candidates(polygons, surface, numbers)
     by_arrays = set()
     for k in range(len(found.number)):
         start = found.start[k] or CollapseSeed(((int(found.goes[k]), int(found.stays[k])),), (int(found.number[k]),))
@@ -148,7 +148,7 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
             up[stays] = slope / np.linalg.norm(slope)
         bad = corner_distortion(vertices, up, mesh.fixed, rows).max()
         if bad < 1.0:
-            assert abs(found.score[k] + field_rated.SCORE_PER_SAVED_PATCH * change.saved - bad) < 0.15
+            assert abs(found.score[k] + collapse_candidates.SCORE_PER_SAVED_PATCH * change.saved - bad) < 0.15
     into = {each for each, _ in by_arrays}
     one_by_one = {
         tuple(sorted(c.into.items())) for n in numbers.tolist() for c in plan_edits_from(polygons, n) if c.into

@@ -14,10 +14,9 @@ from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.fields.linear_extension import extend_linearly
-from tpmscad.levelset import level_set_fit as field_layer
+from tpmscad.levelset import level_set_fit
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
-from tpmscad.levelset.fit import fit_quality as field_check
-from tpmscad.levelset.fit import network_fit as field_fit
+from tpmscad.levelset.fit import fit_quality, network_fit
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -82,7 +81,9 @@ def test_nothing_repeats_where_leaves_are_no_whole_number_to_a_period() -> None:
 def solid(copied: bool) -> FieldSolid:
     with pytest.MonkeyPatch.context() as patch:
         if not copied:
-            patch.setattr(field_layer, "repeated", lambda n, *_: (n, no_copies(len(n.ends), len(n.curve))))
+            patch.setattr(
+                level_set_fit, "find_translated_copies", lambda n, *_: (n, no_copies(len(n.ends), len(n.curve)))
+            )
         return fit_field_solid(GYROID, LO, np.array([40.0, 10.0, 10.0]), TOL)
 
 
@@ -108,9 +109,9 @@ def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
 
 def test_copies_are_neither_fitted_nor_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted, measured = [], []
-    fit, sample = field_fit.fit_patches, field_check.sample_patches
-    monkeypatch.setattr(field_fit, "fit_patches", lambda f, b, j: fitted.append(len(b[0])) or fit(f, b, j))
-    monkeypatch.setattr(field_check, "sampled", lambda f, p: measured.append(len(p)) or sample(f, p))
+    fit, sample = network_fit.fit_patches, fit_quality.sample_patches
+    monkeypatch.setattr(network_fit, "fit_patches", lambda f, b, j: fitted.append(len(b[0])) or fit(f, b, j))
+    monkeypatch.setattr(fit_quality, "sample_patches", lambda f, p: measured.append(len(p)) or sample(f, p))
     made = fit_field_solid(GYROID, LO, np.array([50.0, 10.0, 10.0]), TOL).brep
     own = sum(isinstance(c, BSplineSurface) for c in made.carriers)
     assert sum(fitted) == sum(measured) == own < 0.7 * len(made.faces)
@@ -140,8 +141,8 @@ class Late(Executor):
 @pytest.mark.slow
 @pytest.mark.parametrize("executor", [Late, lambda: ThreadPoolExecutor(3)], ids=["one of the caller's own", "threads"])
 def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (field_fit, field_check):
-        monkeypatch.setattr(module, "PIECE", 64)
+    for module in (network_fit, fit_quality):
+        monkeypatch.setattr(module, "ITEMS_PER_TASK", 64)
     box = LO, np.array([20.0, 10.0, 10.0])
     serial = fit_field_solid(GYROID, *box, TOL).brep
     with executor() as pool, task_runner(pool, GYROID) as work:

@@ -13,8 +13,7 @@ from tests.shapes.ball_level_sets import BALL, HI, LO, TOL, ball_layer
 from tpmscad import fields
 from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.levelset import fit_simplification as field_fewer
-from tpmscad.levelset import fit_simplification as field_mended
+from tpmscad.levelset import fit_simplification
 from tpmscad.levelset.brep_assembly import assemble_field_brep
 from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
 from tpmscad.levelset.level_set_fit import LevelSetFit, _classify_failures, fit_level_set
@@ -54,9 +53,9 @@ def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.Monke
         tried.append(args)
         return replace(whole, bad=np.unique(whole.mesh.cell)[:3])
 
-    monkeypatch.setattr(field_fewer, "fitted", failing)
+    monkeypatch.setattr(fit_simplification, "fit_level_set", failing)
     assert simplify_fit(whole, TOL, samples) is whole
-    assert 1 < len(tried) <= field_fewer.MAX_REFITS
+    assert 1 < len(tried) <= fit_simplification.MAX_REFITS
 
 
 def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -70,7 +69,7 @@ def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monk
         misses.append(not wanted <= polygons_of(made.mesh))
         return replace(made, bad=whole.mesh.cell[[at]]) if misses[-1] else made
 
-    monkeypatch.setattr(field_fewer, "fitted", strict)
+    monkeypatch.setattr(fit_simplification, "fit_level_set", strict)
     small = simplify_fit(whole, TOL, samples)
     assert misses[0]
     assert wanted <= polygons_of(small.mesh)
@@ -92,8 +91,8 @@ def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undo
         made = fit_level_set(*args)
         return replace(made, bad=np.unique(made.mesh.cell)[:2]) if len(asked) < 4 else made
 
-    monkeypatch.setattr(field_fewer, "History", Reluctant)
-    monkeypatch.setattr(field_fewer, "fitted", missing)
+    monkeypatch.setattr(fit_simplification, "EditHistory", Reluctant)
+    monkeypatch.setattr(fit_simplification, "fit_level_set", missing)
     small = simplify_fit(whole, TOL, samples)
     assert asked == [1, 2, 3, 4]
     assert len(small.fit.patches) < len(whole.fit.patches)
@@ -148,7 +147,7 @@ def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(mo
     assert 0 < len(whole.mesh.corners) - len(better.mesh.corners) <= 3
     same = {v.tobytes() for v in whole.mesh.vertices} & {v.tobytes() for v in better.mesh.vertices}
     assert len(same) > 0.5 * len(whole.mesh.vertices)
-    monkeypatch.setattr(field_mended, "fitted", lambda *_: one)
+    monkeypatch.setattr(fit_simplification, "fit_level_set", lambda *_: one)
     assert merge_failing_polygons(one, TOL, samples) is one
 
 
@@ -157,7 +156,7 @@ def test_two_places_are_mended_one_after_the_other() -> None:
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
     two = replace(whole, bad=np.unique(whole.mesh.cell[[quads[0], quads[-1]]]))
-    assert len(two.bad) <= field_mended.MAX_BAD_LEAVES
+    assert len(two.bad) <= fit_simplification.MAX_BAD_LEAVES
     left = [two.bad]
 
     def strict(*args: Any) -> LevelSetFit:
@@ -170,7 +169,7 @@ def test_two_places_are_mended_one_after_the_other() -> None:
         return replace(made, bad=left[-1])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(field_mended, "fitted", strict)
+        patch.setattr(fit_simplification, "fit_level_set", strict)
         assert not len(merge_failing_polygons(two, TOL, samples).bad)
     assert 0 < len(left[1]) < len(left[0])
 
