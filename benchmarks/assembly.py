@@ -20,8 +20,8 @@ from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from tests.kernel import occt_oracle
 from tpmscad import kernel, surfaces
 from tpmscad.brep.boundary_representation import Brep, scale_brep
-from tpmscad.lattice import copies
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies
+from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.workflows.lattice_request import resolve_lattice_request
 
 CELL, THICKNESS, TOL = 10.0, 1.0, 1e-2

@@ -21,8 +21,8 @@ from tests.kernel import occt_oracle
 from tpmscad import kernel, surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattice import copies
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies
+from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.trimming import trim_box
 
 CELL, HALF, TOL = 10.0, 0.5, 1e-3

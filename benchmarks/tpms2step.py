@@ -25,8 +25,8 @@ from benchmarks import cpia
 from tpmscad import surfaces
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import cluster_points
-from tpmscad.lattice import copies
-from tpmscad.lattice.primitive import fit_primitive, self_joint_conditions
+from tpmscad.lattices import copies
+from tpmscad.lattices.primitive import fit_primitive, self_joint_conditions
 from tpmscad.splines import AdaptiveFit, BSplineSurface, bezier_knots, gauss_axis, solve_conditions, trapezoidal_grid
 from tpmscad.splines import fit_cpia as iterate
 from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import tpmscad
+
 ROOT = Path(__file__).resolve().parent.parent
 PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 420
@@ -26,7 +28,7 @@ ROOMS: dict[str, set[str]] = {
     "fields": {"topology", "splines", "numba", *MATHEMATICS},
     "surfaces": {"splines", *MATHEMATICS},
     "brep": {"splines", *MATHEMATICS},
-    "lattice": {"surfaces", "brep", "splines", *MATHEMATICS},
+    "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
@@ -75,7 +77,7 @@ SHORT = {
     "tpmscad/cli/surfaces_command.py": "one command, a file like the other commands",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
     "tpmscad/blending/weights/weight_protocol.py": "one protocol",
-    "tpmscad/lattice/offset_surfaces.py": "one value that three modules share",
+    "tpmscad/lattices/offset_surfaces.py": "one value that three modules share",
 }
 """Modules below the least length, each with its reason."""
 
@@ -176,6 +178,16 @@ class TestEveryModule:
         assert not source.strip() or read(source)[1], "no module docstring"
 
 
+def test_no_module_hides_a_public_function_of_the_same_name() -> None:
+    """The import of tpmscad/NAME binds NAME in the package, in place of the function."""
+    modules = {
+        path.relative_to(ROOT / "tpmscad").parts[0].removesuffix(".py")
+        for path in MODULES
+        if path.is_relative_to(ROOT / "tpmscad")
+    }
+    assert not modules & tpmscad._MODULE_OF_NAME.keys()
+
+
 def test_no_module_stem_occurs_twice() -> None:
     assert not repeated_stems([path for path in MODULES if path.parts[len(ROOT.parts)] == "tpmscad"])
 
@@ -196,8 +208,8 @@ def test_listed_short_modules_exist_and_are_short() -> None:
         ("tpmscad/splines/fit.py", "import tpmscad.brep.boundary_representation"),
         ("tpmscad/levelset/mesh.py", "from tpmscad import kernel"),
         ("tpmscad/levelset/mesh.py", "from OCP.gp import gp_Pnt"),
-        ("tpmscad/brep/volume.py", "from tpmscad.lattice import copies"),
-        ("tpmscad/lattice/cells.py", "from tpmscad.levelset import field_brep"),
+        ("tpmscad/brep/volume.py", "from tpmscad.lattices import copies"),
+        ("tpmscad/lattices/cells.py", "from tpmscad.levelset import field_brep"),
         ("tpmscad/trimming/operands/body.py", "from tpmscad.trimming.intersect import marching"),
         ("tpmscad/trimming/intersect/curves.py", "from tpmscad.trimming.rebuild.lattice_faces import rebuild"),
         ("tpmscad/kernel/build/solids.py", "from tpmscad.kernel.step import part21"),

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from tpmscad import fields, surfaces
     from tpmscad.blending import blend
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
-    from tpmscad.lattice import maps
+    from tpmscad.lattices import maps
     from tpmscad.workflows import body_field, fluid_domains, infill
     from tpmscad.workflows.certificate import Certificate
     from tpmscad.workflows.implicit_solid import solidify
@@ -64,7 +64,7 @@ _MODULE_OF_NAME = {
 }
 _PUBLIC_MODULES = {
     "fields": "tpmscad.fields",
-    "maps": "tpmscad.lattice.maps",
+    "maps": "tpmscad.lattices.maps",
     "surfaces": "tpmscad.surfaces",
 }
 

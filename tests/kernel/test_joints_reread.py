@@ -29,8 +29,8 @@ from tpmscad import kernel, surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.edge_quadrature import edges_of
-from tpmscad.lattice import copies
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies
+from tpmscad.lattices.primitive import fit_offset_surfaces
 
 CELL = 10.0
 SAMPLES = 9

@@ -12,9 +12,9 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattice import copies
-from tpmscad.lattice.cell_block import build_incidence, choose_unpinched_patches
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies
+from tpmscad.lattices.cell_block import build_incidence, choose_unpinched_patches
+from tpmscad.lattices.primitive import fit_offset_surfaces
 
 SURFACES = ("gyroid", "diamond", "schwarz_p")
 OFFSETS = {"gyroid": (-0.05, 0.08), "diamond": (-0.07, 0.07), "schwarz_p": (0.02, 0.11)}
@@ -68,7 +68,7 @@ def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str)
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 def test_a_fit_meets_its_tolerance_and_one_pole_row_less_does_not(name: str, reference: str) -> None:
-    from tpmscad.lattice.primitive import fit_primitive
+    from tpmscad.lattices.primitive import fit_primitive
 
     fit = fit_primitive(name, reference, 0.06, 1e-3)
     assert fit.converged

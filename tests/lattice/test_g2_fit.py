@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.lattice import g2_fit
+from tpmscad.lattices import g2_fit
 
 EDGE = 2 / np.sqrt(3)  # of the Klein square; half of it is c, and 1/c - c is again EDGE
 

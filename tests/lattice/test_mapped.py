@@ -9,7 +9,7 @@ from tpmscad import surfaces
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattice import copies, mapped_lattice, maps
+from tpmscad.lattices import copies, mapped_lattice, maps
 
 RNG = np.random.default_rng(11)
 POINTS = 10 * RNG.random((40, 3))

@@ -10,11 +10,11 @@ from tpmscad import fields, surfaces, topology
 from tpmscad.brep import connectivity
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattice import copies
-from tpmscad.lattice.copies import cover_box_by_reflection
-from tpmscad.lattice.harmonic_chart import compute_harmonic_chart
-from tpmscad.lattice.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies
+from tpmscad.lattices.copies import cover_box_by_reflection
+from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
+from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
+from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming import box, trim

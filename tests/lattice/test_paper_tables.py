@@ -16,7 +16,7 @@ from scipy.special import ellipk
 
 from benchmarks import tpms2step
 from tpmscad import surfaces
-from tpmscad.lattice.primitive import fit_primitive, self_joint_conditions
+from tpmscad.lattices.primitive import fit_primitive, self_joint_conditions
 from tpmscad.splines import BSplineSurface, bezier_knots, fit_cpia, gauss_axis, solve_conditions, trapezoidal_grid
 from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of
 

@@ -10,7 +10,7 @@ import pytest
 
 from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep, scale_brep
-from tpmscad.lattice import copies as lattices
+from tpmscad.lattices import copies as lattices
 from tpmscad.splines.bspline import BSplineSurface, design_matrix
 
 CELL = 10.0

@@ -16,7 +16,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.lattice import copies as lattices
+from tpmscad.lattices import copies as lattices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import polyhedron, trim
 

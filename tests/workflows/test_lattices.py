@@ -12,7 +12,7 @@ import pytest
 
 import tpmscad
 from tpmscad import surfaces
-from tpmscad.lattice import maps
+from tpmscad.lattices import maps
 
 pytestmark = pytest.mark.kernel
 
@@ -196,7 +196,7 @@ def test_mapped_lattices_are_certified_and_read_back(case: str, tmp_path: Path) 
 
 
 def test_a_result_that_misses_its_tolerance_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from tpmscad.lattice import primitive
+    from tpmscad.lattices import primitive
     from tpmscad.splines.surface_fit import SplineSpace
 
     monkeypatch.setattr(primitive, "LADDER", (SplineSpace(5),))

@@ -14,7 +14,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, measure_solid
-from tpmscad.lattice.maps import Map
+from tpmscad.lattices.maps import Map
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.workflows.lattice_request import LatticeRequest
 

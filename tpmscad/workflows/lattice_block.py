@@ -25,10 +25,10 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.measure.cad_body import CadBody, enclosing_box
 from tpmscad.kernel.measure.cad_body import transform_shape as moved_shape
-from tpmscad.lattice import copies as lattices
-from tpmscad.lattice import mapped_lattice as mappings
-from tpmscad.lattice.maps import stretching
-from tpmscad.lattice.primitive import fit_offset_surfaces
+from tpmscad.lattices import copies as lattices
+from tpmscad.lattices import mapped_lattice as mappings
+from tpmscad.lattices.maps import stretching
+from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.implicit_solid import solidify
 from tpmscad.workflows.lattice_request import LatticeRequest

@@ -15,12 +15,12 @@ from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, TrimmingError
-from tpmscad.lattice import copies as lattices
-from tpmscad.lattice import mapped_lattice as mappings
-from tpmscad.lattice.copies import cover_box_by_reflection
-from tpmscad.lattice.maps import Map, as_map, composition, stretching
-from tpmscad.lattice.offset_surfaces import OffsetSurfaces
-from tpmscad.lattice.primitive import OffsetSurfacesFit, fit_offset_surfaces
+from tpmscad.lattices import copies as lattices
+from tpmscad.lattices import mapped_lattice as mappings
+from tpmscad.lattices.copies import cover_box_by_reflection
+from tpmscad.lattices.maps import Map, as_map, composition, stretching
+from tpmscad.lattices.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.primitive import OffsetSurfacesFit, fit_offset_surfaces
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.certificate import certify_lattice
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request

@@ -15,8 +15,8 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
-from tpmscad.lattice.mirror_fit import fit_mirror_pieces
-from tpmscad.lattice.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.mirror_fit import fit_mirror_pieces
+from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines import error_bounds
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from tpmscad._typing import Array
-from tpmscad.lattice.mirror_continuity import mirror_conditions
+from tpmscad.lattices.mirror_continuity import mirror_conditions
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis

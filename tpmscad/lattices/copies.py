@@ -18,8 +18,8 @@ from tpmscad import surfaces
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points, weld_patches
-from tpmscad.lattice.cell_block import build_incidence, choose_unpinched_patches
-from tpmscad.lattice.offset_surfaces import LATTICE_TAGS, TOUCH_TOL_CELLS, OffsetSurfaces
+from tpmscad.lattices.cell_block import build_incidence, choose_unpinched_patches
+from tpmscad.lattices.offset_surfaces import LATTICE_TAGS, TOUCH_TOL_CELLS, OffsetSurfaces
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import split_surface
 from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry

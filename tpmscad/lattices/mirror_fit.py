@@ -22,9 +22,9 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array
 from tpmscad.brep.deviation import Deviation, combine_deviations, mean_square, project_to_patch, sample_around_peaks
 from tpmscad.errors import NoFoot
-from tpmscad.lattice.harmonic_chart import HarmonicChart, compute_harmonic_chart
-from tpmscad.lattice.mirror_continuity import mirror_conditions
-from tpmscad.lattice.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.harmonic_chart import HarmonicChart, compute_harmonic_chart
+from tpmscad.lattices.mirror_continuity import mirror_conditions
+from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis

@@ -16,10 +16,10 @@ from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviat
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import cluster_points, weld_patches
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattice import g2_fit
-from tpmscad.lattice.copies import Placements, find_open_sides, ruled_surface, translate_cell_patches
-from tpmscad.lattice.maps import Map
-from tpmscad.lattice.offset_surfaces import LATTICE_TAGS
+from tpmscad.lattices import g2_fit
+from tpmscad.lattices.copies import Placements, find_open_sides, ruled_surface, translate_cell_patches
+from tpmscad.lattices.maps import Map
+from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
