@@ -24,7 +24,7 @@ from benchmarks.random_pairs import random_pair
 from tpmscad import fields, topology
 from tpmscad.blending import BlendResult, blend
 from tpmscad.blending.composition.sampled_composition import sample_composition
-from tpmscad.blending.optimise import gradient_descent, optimiser
+from tpmscad.blending.optimise import optimiser
 from tpmscad.blending.optimise.neck_width import measure_necks
 from tpmscad.blending.optimise.optimiser import find_grid_defects
 from tpmscad.blending.optimise.subgrid_defects import is_isolated
@@ -112,17 +112,19 @@ def gudhi_seconds(case: Case, shape: tuple[int, ...]) -> float:
 
 @contextmanager
 def gudhi_persistence() -> Iterator[None]:
-    """The paper's loop on gudhi's pairs instead of ours."""
+    """The paper's descent on gudhi's persistence pairs instead of ours."""
 
-    def straddling(values: np.ndarray, dimension: int, convention: str, level: float) -> topology.PersistencePairs:
+    def gudhi_pairs_at_level(
+        values: np.ndarray, dimension: int, convention: str, level: float
+    ) -> topology.PersistencePairs:
         return gudhi_complex.gudhi_pairs(values, dimension, convention).straddling(level)
 
-    ours = gradient_descent.topology.straddling
-    gradient_descent.topology.straddling = straddling
+    ours = topology.compute_pairs_at_level
+    topology.compute_pairs_at_level = gudhi_pairs_at_level
     try:
         yield
     finally:
-        gradient_descent.topology.straddling = ours
+        topology.compute_pairs_at_level = ours
 
 
 def print_pairs(count: int) -> None:

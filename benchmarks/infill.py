@@ -28,10 +28,10 @@ from scipy.spatial import cKDTree
 
 from tpmscad import kernel, surfaces
 from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import intersect_body_with_lattice
 from tpmscad.workflows.lattice_block import build_lattice_block
 from tpmscad.workflows.lattice_request import LatticeRequest, resolve_lattice_request
-from tpmscad.workflows.model import StageTimer
 
 SIZE = 40.0
 WALL = 0.1

@@ -44,7 +44,7 @@ def main() -> dict[str, BlendResult]:
     for name, result in results.items():
         assert result.converged, f"{name}: {result.message}"
     kinds = [type(result.weights[0].coordinate).__name__ for result in results.values()]
-    assert kinds == ["Along", "CylinderRadius", "SphereRadius"], kinds
+    assert kinds == ["LinearCoordinate", "CylinderRadius", "SphereRadius"], kinds
     return results
 
 

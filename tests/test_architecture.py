@@ -18,7 +18,7 @@ PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 420
 MIN_LINES = 40
 
-GROUND = {"_typing", "errors", "parallel"}
+GROUND = {"_typing", "errors", "parallel", "stage_timer"}
 """Modules that every room may import; they import nothing of the package but each other."""
 
 MATHEMATICS = {"numpy", "scipy"}
@@ -74,6 +74,7 @@ ONLY_IN = {"gudhi": {"tpmscad/topology/gudhi_complex.py"}}
 SHORT = {
     "tpmscad/__main__.py": "runs the command line",
     "tpmscad/_typing.py": "aliases only",
+    "tpmscad/stage_timer.py": "one value that the workflows and the blends share",
     "tpmscad/cli/surfaces_command.py": "one command, a file like the other commands",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
     "tpmscad/blending/weights/weight_protocol.py": "one protocol",

@@ -20,13 +20,13 @@ from tpmscad.kernel.build.solids import build_regions, make_compound
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import trim
 from tpmscad.trimming.shared_topology import share_topology
 from tpmscad.workflows.certificate import CHIP_VOLUME_FRACTION
 from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.workflows.lattice_infill import certify_kernel_solids, rotation_matrix, write_checked_shape
 from tpmscad.workflows.lattice_request import resolve_lattice_request
-from tpmscad.workflows.model import StageTimer
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""

@@ -26,8 +26,9 @@ from tpmscad.fields.linear_extension import LinearExtension, extend_level_sets_l
 from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
 from tpmscad.parallel import task_runner
+from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, build_certificate
-from tpmscad.workflows.model import Model, StageTimer
+from tpmscad.workflows.model import Model
 
 FIELD_TANGENT_JUMP_LIMITS_DEG = (0.5, 2.0)
 """Joints: at the 95th percentile, and at most."""

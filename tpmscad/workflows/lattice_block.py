@@ -29,11 +29,11 @@ from tpmscad.lattices import copies as lattices
 from tpmscad.lattices import mapped_lattice as mappings
 from tpmscad.lattices.maps import stretching
 from tpmscad.lattices.primitive import fit_offset_surfaces
+from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.implicit_solid import solidify
 from tpmscad.workflows.lattice_request import LatticeRequest
 from tpmscad.workflows.lattice_solid import CUT_TOL_CELLS
-from tpmscad.workflows.model import StageTimer
 
 BLOCK_MARGIN_CELLS = 0.1237
 """Cells by which a block reaches beyond the body's box: no plane of it then lies in a symmetry plane that the body lies in."""

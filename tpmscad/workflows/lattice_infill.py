@@ -25,12 +25,13 @@ from tpmscad.kernel.boolean.inward_offset import offset_inward
 from tpmscad.kernel.build.solids import make_compound
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
 from tpmscad.kernel.measure.shape_report import bounding_box
+from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
 from tpmscad.workflows.certificate import Certificate, build_certificate
 from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
 from tpmscad.workflows.lattice_request import check_finite, resolve_lattice_request
 from tpmscad.workflows.lattice_solid import make_volume_check, write_checked_model
-from tpmscad.workflows.model import Model, StageTimer
+from tpmscad.workflows.model import Model
 
 REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
 """Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""

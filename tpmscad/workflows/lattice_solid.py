@@ -21,10 +21,11 @@ from tpmscad.lattices.copies import cover_box_by_reflection
 from tpmscad.lattices.maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.lattices.primitive import OffsetSurfacesFit, fit_offset_surfaces
+from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.certificate import certify_lattice
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
-from tpmscad.workflows.model import Model, StageTimer, UnitCell
+from tpmscad.workflows.model import Model, UnitCell
 
 Notes = tuple[str, ...]
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tpmscad._typing import Array, Progress
+from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.workflows.certificate import Certificate
@@ -51,22 +49,3 @@ class Model:
         if instanced and self.cells is None:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
         write_checked_model(self, path, instanced=instanced, schema=schema)
-
-
-@dataclass(slots=True)
-class StageTimer:
-    """Times the stages of a piece of work and reports them as they begin and end."""
-
-    progress: Progress | None
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def __call__(self, stage: str) -> Iterator[Callable[[float], None]]:
-        begun = time.perf_counter()
-        report = self.progress or (lambda stage, done: None)
-        report(stage, 0.0)
-        try:
-            yield lambda done: report(stage, done)
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.perf_counter() - begun
-        report(stage, 1.0)
