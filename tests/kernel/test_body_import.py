@@ -16,6 +16,7 @@ from OCP.gp import gp_Ax1, gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.TopLoc import TopLoc_Location
 from scipy.integrate import dblquad
 
+from tests.shapes.round_shapes import SURFACE_KINDS
 from tpmscad import kernel
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.solid_properties import measure_solid
@@ -95,7 +96,8 @@ BY_CUTS = ("pipe crossing", "bored ball", "cut cone")
 
 def kinds(brep, origin) -> Counter:
     """How many of the body's faces there are on each kind of surface."""
-    return Counter(dict(zip(origin.tolist(), [type(c).__name__.upper() for c in brep.carriers], strict=True)).values())
+    names = [SURFACE_KINDS[type(c)].upper() for c in brep.carriers]
+    return Counter(dict(zip(origin.tolist(), names, strict=True)).values())
 
 
 def assert_same(shape, brep, volume=1e-10) -> None:

@@ -111,11 +111,11 @@ def test_a_glued_boolean_of_crossing_bodies_is_not_silently_empty() -> None:
     reason=f"OCCT {VERSION}: an edge on a circle at negative angles is taken for another",
 )
 def test_edges_at_negative_angles_are_as_good_as_a_turn_later(monkeypatch) -> None:
-    """`edges.turns` moves them into the first turn."""
+    """`edges.conic_range_shifts` moves them into the first turn."""
     from tests.shapes.round_shapes import Arc, To, revolved
     from tpmscad.kernel.build import edges
 
-    monkeypatch.setattr(edges, "turns", lambda brep: np.zeros(len(brep.edges)))
+    monkeypatch.setattr(edges, "conic_range_shifts", lambda brep: np.zeros(len(brep.edges)))
     waist = revolved((0, -1.5), [To(2, -1.5), Arc(2, 0, -3.0), To(1.0, 1.0), To(0, 1.0)])
     assert (waist.edges.span[:, 1] < 0).any()
     assert kernel.is_valid(kernel.build_solids(waist).shape)

@@ -23,6 +23,15 @@ from tpmscad.splines.bspline import BSplineCurve, line_segment
 
 Z = np.array([0.0, 0.0, 1.0])
 
+SURFACE_KINDS = {
+    Plane: "plane",
+    CylindricalSurface: "cylinder",
+    ConicalSurface: "cone",
+    SphericalSurface: "sphere",
+    ToroidalSurface: "torus",
+}
+"""The everyday name of each kind of surface: the tag of a revolved face."""
+
 
 @dataclass(frozen=True)
 class To:
@@ -93,7 +102,7 @@ def revolved(
                 parallels[i, half] = edge(circle, span, at[i, half], at[i, 1 - half])
 
     carriers, uses, senses, use_start, loop_start, pcurves, tag = [], [], [], [0], [0], [], []
-    tags = ("plane", "cylinder", "cone", "sphere", "torus")
+    tags = tuple(SURFACE_KINDS.values())
 
     def use(index: int, sense: int, ends: tuple | None) -> None:
         if ends is not None:
@@ -150,7 +159,7 @@ def revolved(
             loop_start.append(len(use_start) - 1)
             carriers.append(carrier)
             senses.append(sense)
-            tag.append(tags.index(type(carrier).__name__.lower()))
+            tag.append(tags.index(SURFACE_KINDS[type(carrier)]))
     n, f = len(curves), len(carriers)
     table = np.array(uses)
     turn = round(np.linalg.det(rotation))
