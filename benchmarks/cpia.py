@@ -98,7 +98,7 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     number of SHOWN iterations, by method; all printed."""
     patch, symmetry = surfaces.primitive_patch(name), surfaces.patch_symmetry(name)
     offset = OFFSET * patch.max_offset
-    joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    joints = [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
 
     def exact(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return patch.jet(*np.meshgrid(u, v, indexing="ij"), offset).position
@@ -120,7 +120,7 @@ def run(name: str = "gyroid") -> tuple[list[float], dict[str, list[float]]]:
     basis = design_matrix(cubic, 3, u)
     readings = list(product((1, -1), (True, False), range(3), range(3)))
     matrices = {
-        (sign, backwards, a, b): printed_iteration(basis, symmetry.edge_rotation, a, b, sign, backwards)
+        (sign, backwards, a, b): printed_iteration(basis, symmetry.edge_motions.rotation, a, b, sign, backwards)
         for sign, backwards, a, b in readings
     }
     radii = {reading: spectral_radius(matrix) for reading, matrix in matrices.items()}

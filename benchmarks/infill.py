@@ -109,10 +109,10 @@ def wall_nodes(patches: object, spacing: float) -> tuple[np.ndarray, np.ndarray]
         n = 1 + int(np.ceil(np.linalg.norm(np.ptp(carrier.poles, axis=(0, 1))) / spacing))
         u, v = (g.ravel() for g in np.meshgrid(*(np.linspace(*d, n) for d in carrier.domain), indexing="ij"))
         own = np.flatnonzero(faces.carrier == index)
-        turn = faces.rotation[own]
-        way = faces.sense[own] * np.sign(np.linalg.det(turn))
-        nodes.append((np.einsum("fij,nj->fni", turn, carrier(u, v)) + faces.translation[own, None]).reshape(-1, 3))
-        normal = np.einsum("fij,nj->fni", turn, carrier.normal(u, v)) * way[:, None, None]
+        motion = faces.motion[own]
+        way = faces.sense[own] * motion.handedness
+        nodes.append(motion[:, None].apply(carrier(u, v)).reshape(-1, 3))
+        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * way[:, None, None]
         normals.append((normal / np.linalg.norm(normal, axis=-1, keepdims=True)).reshape(-1, 3))
     return np.concatenate(nodes), np.concatenate(normals)
 

@@ -114,8 +114,8 @@ def mismatch(name: str, surface: BSplineSurface) -> dict[str, float]:
     rotation, s = placed.rotation, np.linspace(0.0, 1.0, SAMPLES)
     sides = [evaluate_curvature(surface, *surface.side_pcurve(side)(s).T) for side in range(4)]
     point, normal, tensor = (np.stack(part) for part in zip(*sides, strict=True))
-    point = np.einsum("fij,skj->fski", rotation, point, optimize=True) + placed.translation[:, None, None]
-    normal = np.einsum("fij,skj->fski", rotation, normal, optimize=True)
+    point = placed[:, None, None].apply(point)
+    normal = placed[:, None, None].apply_to_vectors(normal)
     tensor = np.einsum("fij,skjl,fml->fskim", rotation, tensor, rotation, optimize=True)
     point, normal, tensor = (a.reshape(-1, *a.shape[2:]) for a in (point, normal, tensor))
     greatest = np.linalg.norm(tensor, ord=2, axis=(-2, -1)).max()
@@ -123,9 +123,7 @@ def mismatch(name: str, surface: BSplineSurface) -> dict[str, float]:
     # A neighbour is found where it should be: by the exact surface's points, not by the fitted ones.
     exact = surfaces.patch_symmetry(name).side_middles
     corners = surfaces.primitive_patch(name).jet(*copies.UNIT_SQUARE_CORNERS.T).position
-    middles, corners = (
-        (np.einsum("fij,sj->fsi", rotation, p) + placed.translation[:, None]).reshape(-1, 3) for p in (exact, corners)
-    )
+    middles, corners = (placed[:, None].apply(p).reshape(-1, 3) for p in (exact, corners))
     label = cluster_points(middles, 1e-6)[0]
     order = np.argsort(label, kind="stable")
     at = np.flatnonzero(label[order][:-1] == label[order][1:])

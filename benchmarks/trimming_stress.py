@@ -90,11 +90,11 @@ def random_body(rng: np.random.Generator, patches: Brep) -> RandomBody:
     where = [(0.0, 0.0), (0.5, 0.0), (0.5, 0.5)][rng.integers(3)]
     faces = patches.faces
     places = np.stack([patches.carriers[c](*where) for c in range(int(faces.carrier.max()) + 1)])[faces.carrier]
-    places = np.einsum("fij,fj->fi", faces.rotation, places) + faces.translation
+    places = faces.motion.apply(places)
     f = int(rng.choice(np.argsort(np.abs(places - 10).max(axis=1))[:40]))  # near the middle
     at = places[f]
     if rng.random() < 0.5:  # tangent
-        up = faces.rotation[f] @ patches.carriers[faces.carrier[f]].normal(*where)
+        up = faces.motion[f].apply_to_vectors(patches.carriers[faces.carrier[f]].normal(*where))
         source, target = bd.Plane(on, z_dir=normal), bd.Plane(at.tolist(), z_dir=up.tolist())
         return RandomBody(f"{kind}, tangent", target.location * source.location.inverse() * shape, inside)
     place = bd.Pos(*(at - [on.X, on.Y, on.Z]).tolist())

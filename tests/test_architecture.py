@@ -18,7 +18,7 @@ PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 420
 MIN_LINES = 40
 
-GROUND = {"_typing", "errors", "parallel", "stage_timer"}
+GROUND = {"_typing", "errors", "parallel", "rigid_motion", "stage_timer"}
 """Modules that every room may import; they import nothing of the package but each other."""
 
 MATHEMATICS = {"numpy", "scipy"}

@@ -8,6 +8,7 @@ import pytest
 from tpmscad.brep.deviation import measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature, measure_edge_continuity
 from tpmscad.brep.welding import weld_patches
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 RNG = np.random.default_rng(3)
@@ -60,7 +61,7 @@ def test_the_curvature_tensor_of_a_sphere_and_of_a_turned_surface() -> None:
     # A turned copy's tensor is the turned tensor; the tensor annihilates the normal.
     turn = np.linalg.qr(RNG.standard_normal((3, 3)))[0]
     turn *= np.linalg.det(turn)
-    _, m, q = evaluate_curvature(surface.moved(turn, np.zeros(3)), u, v)
+    _, m, q = evaluate_curvature(surface.moved(Motion(turn, np.zeros(3))), u, v)
     np.testing.assert_allclose(m, n @ turn.T, rtol=0, atol=1e-12)
     np.testing.assert_allclose(q, turn @ k @ turn.T, rtol=0, atol=1e-11)
     np.testing.assert_allclose(np.einsum("nij,nj->ni", k, n), 0, rtol=0, atol=1e-12)
@@ -81,7 +82,7 @@ def test_halves_of_one_surface_join_without_a_jump_and_a_kinked_pair_does_not() 
     def measured(slope: float) -> float:
         pair = [bent(s, slope) for s in paraboloid]
         one = np.ones(2, int)
-        brep = weld_patches(pair, np.arange(2), np.tile(np.eye(3), (2, 1, 1)), np.zeros((2, 3)), one, 0 * one, ["a"])
+        brep = weld_patches(pair, np.arange(2), Motion.identity(2), one, 0 * one, ["a"])
         return measure_edge_continuity(brep, ("a",)).tangent_jump_deg
 
     assert measured(0.0) < 1e-12

@@ -12,6 +12,7 @@ from tpmscad.brep.boundary_representation import Brep, Faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.loop_integrals import integrate_pcurves
 from tpmscad.brep.welding import weld_patches
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface, line_segment
 from tpmscad.splines.knots import restrict_surface
 
@@ -32,10 +33,7 @@ def patch_box(degree: int = 1) -> Brep:
         )
         surfaces.append(BSplineSurface(poles, knots, knots, degree, degree))
     n = len(surfaces)
-    still = np.zeros((n, 3))
-    return weld_patches(
-        surfaces, np.arange(n), np.tile(np.eye(3), (n, 1, 1)), still, np.ones(n, int), np.zeros(n, int), ["box"]
-    )
+    return weld_patches(surfaces, np.arange(n), Motion.identity(n), np.ones(n, int), np.zeros(n, int), ["box"])
 
 
 MOTIONS = {
@@ -74,10 +72,12 @@ def test_moments_of_moved_patches_are_those_of_patches_with_moved_poles(motion: 
     one = np.ones(1, int)
 
     def moments(s: BSplineSurface, r: np.ndarray, t: np.ndarray) -> integral_properties.FaceMoments:
-        return integral_properties.integrate_faces(weld_patches([s], 0 * one, r[None], t[None], one, 0 * one, ["a"]))
+        return integral_properties.integrate_faces(
+            weld_patches([s], 0 * one, Motion(r[None], t[None]), one, 0 * one, ["a"])
+        )
 
     placed = moments(surface, rotation, translation)
-    baked = moments(surface.moved(rotation, translation), np.eye(3), np.zeros(3))
+    baked = moments(surface.moved(Motion(rotation, translation)), np.eye(3), np.zeros(3))
     for name in ("area", "normal", "first", "second"):
         np.testing.assert_allclose(getattr(placed, name), getattr(baked, name), rtol=1e-12, atol=1e-13)
 
@@ -90,9 +90,7 @@ def test_inner_knots_do_not_blur_the_quadrature() -> None:
     one = np.ones(1, int)
 
     def moments(s: BSplineSurface) -> integral_properties.FaceMoments:
-        return integral_properties.integrate_faces(
-            weld_patches([s], 0 * one, np.eye(3)[None], np.zeros((1, 3)), one, 0 * one, ["a"])
-        )
+        return integral_properties.integrate_faces(weld_patches([s], 0 * one, Motion.identity(1), one, 0 * one, ["a"]))
 
     pieces = [restrict_surface(surface, u, v) for u in ((0, 0.3), (0.3, 0.7), (0.7, 1)) for v in ((0, 0.45), (0.45, 1))]
     whole, parts = moments(surface), [moments(p) for p in pieces]

@@ -21,6 +21,7 @@ from tpmscad.brep.carriers import (
 )
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.rigid_motion import Motion
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 FRAME = np.array([0.4, -7.0, 2.5]), TURN[0], TURN[1]
@@ -108,7 +109,7 @@ def test_what_is_moved_or_scaled_keeps_its_distances(carrier) -> None:
     for place in PLACES.values():
         if place:
             rotation, shift = place["rotation"], np.array(place["translation"])
-            moved = carrier.moved(rotation, shift)
+            moved = carrier.moved(Motion(rotation, shift))
             np.testing.assert_allclose(
                 moved.distance(points @ rotation.T + shift), carrier.distance(points), atol=1e-13
             )
@@ -127,7 +128,7 @@ def test_conics_lie_where_they_say_and_move_with_their_parameter(name: str) -> N
         slope = (curve(t + 1e-5, order) - curve(t - 1e-5, order)) / 2e-5
         np.testing.assert_allclose(curve(t, order + 1), slope, atol=1e-9)
     mirror = PLACES["mirrored"]["rotation"]
-    np.testing.assert_allclose(curve.moved(mirror, np.ones(3))(t), curve(t) @ mirror.T + 1.0, atol=1e-14)
+    np.testing.assert_allclose(curve.moved(Motion(mirror, np.ones(3)))(t), curve(t) @ mirror.T + 1.0, atol=1e-14)
     np.testing.assert_allclose(curve.scaled(3.0)(t), 3.0 * curve(t), atol=1e-14)
 
 

@@ -78,9 +78,7 @@ def test_pieces_come_largest_first() -> None:
 
 def test_a_missing_face_is_refused() -> None:
     box, f = plane_box(), plane_box().faces
-    faces = type(f)(
-        f.carrier[:5], f.rotation[:5], f.translation[:5], f.sense[:5], f.tag[:5], f.loop_start[:6], f.use_start[:6]
-    )
+    faces = type(f)(f.carrier[:5], f.motion[:5], f.sense[:5], f.tag[:5], f.loop_start[:6], f.use_start[:6])
     u = box.uses
     uses = type(u)(u.edge[:20], u.sense[:20], u.pcurve[:20])
     open_box = type(box)(*[{"faces": faces, "uses": uses}.get(n, getattr(box, n)) for n in box.__slots__])

@@ -24,7 +24,7 @@ def lone_faces(brep: Brep):
         starts = f.use_start[loops]
         uses = slice(starts[0], starts[-1])
         one = slice(i, i + 1)
-        faces = Faces(f.carrier[one], f.rotation[one], f.translation[one], f.sense[one], f.tag[one],
+        faces = Faces(f.carrier[one], f.motion[one], f.sense[one], f.tag[one],
                       np.array([0, len(starts) - 1]), starts - starts[0])  # fmt: skip
         part = {"faces": faces, "uses": EdgeUses(u.edge[uses], u.sense[uses], u.pcurve[uses])}
         yield build_faces(Brep(*[part.get(n, getattr(brep, n)) for n in Brep.__slots__]))[0]

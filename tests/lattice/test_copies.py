@@ -116,10 +116,7 @@ def test_schwarz_p_is_quartered_where_its_mirrors_are_the_box_and_only_there() -
 def test_a_block_takes_each_patch_class_once(cells: tuple[int, int, int]) -> None:
     motions = surfaces.patch_symmetry("gyroid")
     corners = surfaces.primitive_patch("gyroid").jet(*copies.UNIT_SQUARE_CORNERS.T).position
-    placed = [
-        np.einsum("fij,sj->fsi", motions.cell_rotations, p) + motions.cell_translations[:, None]
-        for p in (motions.side_middles, corners)
-    ]
+    placed = [motions.cell_motions[:, None].apply(p) for p in (motions.side_middles, corners)]
     chosen = np.array(choose_unpinched_patches(build_incidence(*placed), cells))
     classes = np.column_stack([chosen[:, 0], np.mod(chosen[:, 1:], cells)])
     assert len(np.unique(classes, axis=0)) == len(chosen) == 24 * np.prod(cells)

@@ -100,7 +100,7 @@ def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
         if isinstance(a, BSplineSurface):
             assert isinstance(b, BSplineSurface)
             assert (
-                np.abs(a.poles + one.brep.faces.translation[i] - b.poles).max() < 1e-6
+                np.abs(a.poles + one.brep.faces.motion.translation[i] - b.poles).max() < 1e-6
             )  # fits amplify round-off, far below tol
     assert measure_solid(one.brep).volume == pytest.approx(measure_solid(other.brep).volume, rel=1e-9)
     for name in ("to_field", "from_field", "rms", "cosine", "jump_deg", "jump_p95_deg", "curvature_jump"):
@@ -149,7 +149,7 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
         pooled = fit_field_solid(GYROID, *box, TOL, work=work).brep
     assert np.array_equal(pooled.vertices, serial.vertices)
     assert np.array_equal(pooled.faces.carrier, serial.faces.carrier)
-    assert np.array_equal(pooled.faces.translation, serial.faces.translation)
+    assert np.array_equal(pooled.faces.motion.translation, serial.faces.motion.translation)
     for one, other in zip(pooled.carriers, serial.carriers, strict=True):
         assert not isinstance(one, BSplineSurface) or np.array_equal(one.poles, other.poles)
 

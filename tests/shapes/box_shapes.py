@@ -7,6 +7,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Plane
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], float)
@@ -29,17 +30,17 @@ def plane_box(size=(2.0, 3.0, 5.0), rotation: Array | None = None, translation=(
             uses.append(edges.setdefault(key, len(edges)))
             senses.append(1 if (i, j) == key else -1)
     ends = np.array(list(edges))
-    motion = {n: (np.tile(rotation, (n, 1, 1)), np.tile(translation, (n, 1))) for n in (6, 12)}
+    motion = {n: Motion(np.tile(rotation, (n, 1, 1)), np.tile(translation, (n, 1))) for n in (6, 12)}
     return Brep(
         carriers=tuple(planes),
         curves=tuple(line_segment(corners[i], corners[j]) for i, j in ends),
         pcurves=(),
         vertices=corners @ rotation.T + translation,
-        edges=Edges(np.arange(12), *motion[12], np.tile([0.0, 1.0], (12, 1)), ends[:, 0], ends[:, 1], np.zeros(12)),
+        edges=Edges(np.arange(12), motion[12], np.tile([0.0, 1.0], (12, 1)), ends[:, 0], ends[:, 1], np.zeros(12)),
         uses=EdgeUses(np.array(uses), np.array(senses), np.full(24, -1)),
         faces=Faces(
             np.arange(6),
-            *motion[6],
+            motion[6],
             np.full(6, round(np.linalg.det(rotation))),  # a mirror turns the normals inwards
             np.arange(6) // 2,
             np.arange(7),

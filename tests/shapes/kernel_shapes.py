@@ -11,6 +11,7 @@ from tests.shapes.box_shapes import plane_box
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.welding import weld_patches
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 
 
@@ -35,8 +36,7 @@ def joined(*parts: Brep) -> Brep:
         put("loop_start", f.loop_start[:-1], loops)
         put("use_start", f.use_start[:-1], uses)
         for name, value in (
-            ("e_rotation", e.rotation), ("e_translation", e.translation), ("span", e.span), ("deviation", e.deviation),
-            ("u_sense", u.sense), ("rotation", f.rotation), ("translation", f.translation), ("f_sense", f.sense),
+            ("span", e.span), ("deviation", e.deviation), ("u_sense", u.sense), ("f_sense", f.sense),
             ("vertices", part.vertices),
         ):  # fmt: skip
             put(name, value)
@@ -48,12 +48,18 @@ def joined(*parts: Brep) -> Brep:
         curves=sum((p.curves for p in parts), ()),
         pcurves=sum((p.pcurves for p in parts), ()),
         vertices=a["vertices"],
-        edges=Edges(a["curve"], a["e_rotation"], a["e_translation"], a["span"], a["start"], a["end"], a["deviation"]),
+        edges=Edges(
+            a["curve"],
+            Motion.concatenate([p.edges.motion for p in parts]),
+            a["span"],
+            a["start"],
+            a["end"],
+            a["deviation"],
+        ),
         uses=EdgeUses(a["edge"], a["u_sense"], a["pcurve"]),
         faces=Faces(
             a["carrier"],
-            a["rotation"],
-            a["translation"],
+            Motion.concatenate([p.faces.motion for p in parts]),
             a["f_sense"],
             a["tag"],
             np.append(a["loop_start"], offset[6]),
@@ -65,7 +71,7 @@ def joined(*parts: Brep) -> Brep:
 
 def turned_inside_out(brep: Brep) -> Brep:
     f = brep.faces
-    faces = Faces(f.carrier, f.rotation, f.translation, -f.sense, f.tag, f.loop_start, f.use_start)
+    faces = Faces(f.carrier, f.motion, -f.sense, f.tag, f.loop_start, f.use_start)
     return Brep(*[faces if n == "faces" else getattr(brep, n) for n in Brep.__slots__])
 
 
@@ -102,8 +108,7 @@ def voxels(solid: np.ndarray, degree: int = 4, knots: int = 0) -> Brep:
                 base[..., axis] = 1.0 if outward > 0 else 0.0
                 surfaces.append(BSplineSurface(bend(base + cell), vector, vector, degree, degree))
     n = len(surfaces)
-    still = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    return weld_patches(surfaces, np.arange(n), *still, np.ones(n, int), np.arange(n) % 2, ["even", "odd"])
+    return weld_patches(surfaces, np.arange(n), Motion.identity(n), np.ones(n, int), np.arange(n) % 2, ["even", "odd"])
 
 
 def frame(n: int) -> np.ndarray:
@@ -150,7 +155,7 @@ def drilled_dome() -> Brep:
     start = np.concatenate([e.start, 8 + np.arange(4), 12 + np.arange(4), 8 + np.arange(4)])
     end = np.concatenate([e.end, 8 + (np.arange(4) + 1) % 4, 12 + (np.arange(4) + 1) % 4, 12 + np.arange(4)])
     n = len(curves)
-    edges = Edges(np.arange(n), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.tile([0.0, 1.0], (n, 1)),
+    edges = Edges(np.arange(n), Motion.identity(n), np.tile([0.0, 1.0], (n, 1)),
                   start, end, np.zeros(n))  # fmt: skip
     pcurves: list[BSplineCurve] = []
 
@@ -189,7 +194,7 @@ def drilled_dome() -> Brep:
     m = len(carriers)
     return Brep(
         tuple(carriers), curves, tuple(pcurves), vertices, edges, EdgeUses(*table.T),
-        Faces(np.arange(m), np.tile(np.eye(3), (m, 1, 1)), np.zeros((m, 3)), np.array([1] * 6 + [-1] * 4),
+        Faces(np.arange(m), Motion.identity(m), np.array([1] * 6 + [-1] * 4),
               np.array([0, 0, 0, 0, 1, 1, 2, 2, 2, 2]), np.array(loop_start), np.array(use_start)),
         ("side", "end", "hole"),
     )  # fmt: skip
@@ -251,8 +256,7 @@ def mirrored_pair() -> Brep:
     return weld_patches(
         cube.carriers,
         np.tile(f.carrier, 2),
-        np.concatenate([np.tile(r, (n, 1, 1)) for r, _ in motions]),
-        np.concatenate([np.tile(t, (n, 1)) for _, t in motions]),
+        Motion.concatenate([Motion(np.tile(r, (n, 1, 1)), np.tile(t, (n, 1))) for r, t in motions]),
         np.concatenate([f.sense, -f.sense]),  # a mirror turns S_u x S_v inwards
         np.tile(f.tag, 2),
         cube.tags,

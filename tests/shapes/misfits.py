@@ -15,13 +15,13 @@ def misfit(brep: Brep) -> np.ndarray:
     for use, face in enumerate(brep.face_of_use):
         edge = uses.edge[use]
         t = np.linspace(*edges.span[edge], 14)
-        points = brep.curves[edges.curve[edge]](t) @ edges.rotation[edge].T + edges.translation[edge]
+        points = edges.motion[edge].apply(brep.curves[edges.curve[edge]](t))
         carrier = brep.carriers[faces.carrier[face]]
         if isinstance(carrier, Plane):
-            off = np.abs(((points - faces.translation[face]) @ faces.rotation[face] - carrier.origin) @ carrier.normal)
+            off = np.abs((faces.motion[face].apply_inverse(points) - carrier.origin) @ carrier.normal)
         else:
             on_patch = carrier(*brep.pcurves[uses.pcurve[use]](t).T)
-            off = np.linalg.norm(on_patch @ faces.rotation[face].T + faces.translation[face] - points, axis=1)
+            off = np.linalg.norm(faces.motion[face].apply(on_patch) - points, axis=1)
         ends = brep.vertices[[edges.start[edge], edges.end[edge]]]
         result.append(max(off.max(), np.linalg.norm(points[[0, -1]] - ends, axis=1).max()))
     return np.array(result)

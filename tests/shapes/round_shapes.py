@@ -19,6 +19,7 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 
 Z = np.array([0.0, 0.0, 1.0])
@@ -170,8 +171,7 @@ def revolved(
         vertices=np.array(vertices) @ rotation.T + translation,
         edges=Edges(
             np.arange(n),
-            np.tile(rotation, (n, 1, 1)),
-            np.tile(translation, (n, 1)).astype(float),
+            Motion(np.tile(rotation, (n, 1, 1)), np.tile(translation, (n, 1)).astype(float)),
             np.array(spans),
             np.array(ends)[:, 0],
             np.array(ends)[:, 1],
@@ -180,8 +180,7 @@ def revolved(
         uses=EdgeUses(*table.T),
         faces=Faces(
             np.arange(f),
-            np.tile(rotation, (f, 1, 1)),
-            np.tile(translation, (f, 1)).astype(float),
+            Motion(np.tile(rotation, (f, 1, 1)), np.tile(translation, (f, 1)).astype(float)),
             turn * np.array(senses),
             np.array(tag),
             np.array(loop_start),
@@ -305,10 +304,10 @@ def pierced_block(size: tuple[float, float, float] = (4.0, 3.0, 2.0), radius: fl
         curves=tuple(curves),
         pcurves=tuple(pcurves),
         vertices=np.array(vertices),
-        edges=Edges(np.arange(n), np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)), np.array(spans),
+        edges=Edges(np.arange(n), Motion.identity(n), np.array(spans),
                     np.array(ends)[:, 0], np.array(ends)[:, 1], np.zeros(n)),
         uses=EdgeUses(*np.array(uses).T),
-        faces=Faces(np.arange(f), np.tile(np.eye(3), (f, 1, 1)), np.zeros((f, 3)), np.array([1] * 6 + [-1] * 2),
+        faces=Faces(np.arange(f), Motion.identity(f), np.array([1] * 6 + [-1] * 2),
                     np.array([0] * 6 + [1] * 2), np.array(loop_start), np.array(use_start)),
         tags=("side", "hole"),
     )  # fmt: skip

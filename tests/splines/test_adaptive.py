@@ -33,7 +33,7 @@ MOST_POLES = {1e-2: 64, 1e-3: 64, 1e-4: 121, 1e-5: 225, 1e-6: 289}
 )
 def test_minimal_surfaces_take_few_poles(name: str, share: float, tol: float) -> None:
     patch, symmetry = surfaces.primitive_patch(name), surfaces.patch_symmetry(name)
-    joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    joints = [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
 
     def exact(u: np.ndarray, v: np.ndarray) -> np.ndarray:
         return patch.jet(*np.meshgrid(u, v, indexing="ij"), share * patch.max_offset).position

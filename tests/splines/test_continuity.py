@@ -43,7 +43,7 @@ def normal_and_curvature(surface: BSplineSurface, u: np.ndarray, v: np.ndarray) 
 
 def half_turns(name: str) -> list[Joint]:
     symmetry = surfaces.patch_symmetry(name)
-    return [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    return [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
 
 
 @cache

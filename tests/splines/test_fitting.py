@@ -80,7 +80,7 @@ def test_subspace_directions_and_basis_agree(weighted: bool) -> None:
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 def test_the_pole_metric_keeps_poles_near_the_surface(reference: str) -> None:
     patch, symmetry = surfaces.primitive_patch("schwarz_p", reference), surfaces.patch_symmetry("schwarz_p")
-    joints = [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    joints = [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
     axis = gauss_axis(bezier_knots(14), 14)
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), 0.8 * patch.max_offset).position
     conditions = joint_conditions(joints, axis, axis, valence=6)

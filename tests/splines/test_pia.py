@@ -69,7 +69,7 @@ def test_lspia_comes_to_the_least_squares_fit_at_its_rate() -> None:
 
 def half_turns(name: str) -> list[Joint]:
     symmetry = surfaces.patch_symmetry(name)
-    return [Joint(s, symmetry.edge_rotation[s], symmetry.edge_translation[s], s) for s in range(4)]
+    return [Joint(s, symmetry.edge_motions.rotation[s], symmetry.edge_motions.translation[s], s) for s in range(4)]
 
 
 U, V = np.linspace(0, 1, 33), (1 - np.cos(np.pi * np.linspace(0, 1, 29))) / 2

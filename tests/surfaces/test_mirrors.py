@@ -62,13 +62,15 @@ def test_the_genus_is_that_of_the_formula(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_motion_keeps_the_formula_and_there_is_one_for_each_copy(name: str) -> None:
     mirrors = surfaces.mirror_symmetry(name)
-    assert len(mirrors.rotations) == MOTIONS[name]
-    images = np.einsum("fij,pj->fpi", mirrors.rotations, POINTS) + mirrors.translations[:, None]
+    assert len(mirrors.motions) == MOTIONS[name]
+    images = mirrors.motions[:, None].apply(POINTS)
     np.testing.assert_allclose(
         field(name)(images.reshape(-1, 3)).reshape(len(images), -1) - field(name)(POINTS), 0, atol=2e-13
     )
     assert len(
-        np.unique(np.concatenate([mirrors.rotations.reshape(-1, 9), mirrors.translations], axis=1), axis=0)
+        np.unique(
+            np.concatenate([mirrors.motions.rotation.reshape(-1, 9), mirrors.motions.translation], axis=1), axis=0
+        )
     ) == len(images)
 
 
@@ -78,8 +80,8 @@ def test_every_point_of_space_is_in_one_copy_of_the_tetrahedron(name: str) -> No
     corners = mirrors.edges.reshape(4, 3)
     shifts = np.stack(np.meshgrid(*[np.arange(-1, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     hits = np.zeros(len(POINTS), int)
-    for rotation, translation in zip(mirrors.rotations, mirrors.translations, strict=True):
-        placed = corners @ rotation.T + translation
+    for motion in mirrors.motions:
+        placed = motion.apply(corners)
         weights = np.linalg.solve((placed[1:] - placed[0]).T, (POINTS[:, None] - shifts - placed[0]).reshape(-1, 3).T)
         inside = (weights > 0).all(axis=0) & (weights.sum(axis=0) < 1)
         hits += inside.reshape(len(POINTS), -1).sum(axis=1)
@@ -185,7 +187,7 @@ def test_no_ball_smaller_than_the_limit_touches_the_surface_twice(name: str) -> 
     slope = field(name).gradient(points)
     normal = slope / np.linalg.norm(slope, axis=1)[:, None]
     shifts = np.stack(np.meshgrid(*[[-2, -1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
-    images = np.einsum("fij,pj->fpi", mirrors.rotations, points) + mirrors.translations[:, None] + shifts
+    images = mirrors.motions[:, None].apply(points) + shifts
     images = images.reshape(-1, 3)
     images = images[((images > points.min(axis=0) - 0.25) & (images < points.max(axis=0) + 0.25)).all(axis=1)]
     away = images - points[:, None]

@@ -140,7 +140,7 @@ def test_joints_are_curvature_continuous_with_the_projective_transition(
         s = y[:, None]
         d1 = length * x_out - s * x_along
         d2 = length**2 * x_oo - 2 * s * length * x_oa + s**2 * x_aa - 2 * length * x_out + 2 * s * x_along
-        turn, shift = symmetry.edge_rotation[side], symmetry.edge_translation[side]
+        turn, shift = symmetry.edge_motions.rotation[side], symmetry.edge_motions.translation[side]
         np.testing.assert_allclose(jet.position[::-1], jet.position @ turn.T + shift, rtol=0, atol=4e-15)
         np.testing.assert_allclose(jet.normal[::-1], jet.normal @ turn.T, rtol=0, atol=4e-15)
         np.testing.assert_allclose(d1[::-1], -d1 @ turn.T, rtol=0, atol=1e-14)
@@ -166,9 +166,8 @@ def test_the_minimal_surface_lies_on_its_nodal_namesake(name: str, distance: flo
 def test_the_normal_points_up_the_nodal_function_handedness_included(name: str, reference: str) -> None:
     symmetry = surfaces.patch_symmetry(name)
     jet = surfaces.primitive_patch(name, reference).jet(U, V)
-    points = np.einsum("fij,uvj->fuvi", symmetry.cell_rotations, jet.position)
-    points += symmetry.cell_translations[:, None, None]
-    normals = np.einsum("fij,uvj->fuvi", symmetry.cell_rotations, jet.normal)
+    points = symmetry.cell_motions[:, None, None].apply(jet.position)
+    normals = symmetry.cell_motions[:, None, None].apply_to_vectors(jet.normal)
     f = formula(name)
     steepness = np.sqrt(sum(along_gradient(f, points, e) ** 2 for e in np.eye(3)))
     cosine = along_gradient(f, points, normals) / steepness
@@ -228,7 +227,7 @@ def test_no_other_sheet_comes_nearer_than_the_greatest_offset(name: str, referen
     u, v = np.meshgrid(*[np.linspace(0, 1, 9)] * 2, indexing="ij")
     jet = surface.jet(u, v)
     p, n = jet.position.reshape(-1, 3), jet.normal.reshape(-1, 3)
-    cell = np.einsum("fij,pj->fpi", symmetry.cell_rotations, p) + symmetry.cell_translations[:, None]
+    cell = symmetry.cell_motions[:, None].apply(p)
     shifts = np.array(list(itertools.product((-1, 0, 1), repeat=3)))
     middle = cell.reshape(-1, 3)
     q = (middle - np.floor(middle - p.mean(axis=0) + 0.5) + shifts[:, None]).reshape(-1, 3)

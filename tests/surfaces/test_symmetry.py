@@ -28,8 +28,7 @@ OPEN_SIDES = {"gyroid": 40, "diamond": 48, "schwarz_p": 22}
 def placed(name: str, points: np.ndarray) -> np.ndarray:
     """(..., 3) on every patch of the cell: (n, ..., 3)."""
     symmetry = surfaces.patch_symmetry(name)
-    moved = np.einsum("fij,pj->fpi", symmetry.cell_rotations, points.reshape(-1, 3))
-    return (moved + symmetry.cell_translations[:, None]).reshape(-1, *points.shape)
+    return symmetry.cell_motions[:, None].apply(points.reshape(-1, 3)).reshape(-1, *points.shape)
 
 
 def labels(points: np.ndarray, periodic: bool) -> np.ndarray:
@@ -46,7 +45,7 @@ def test_the_neighbour_over_a_side_meets_it_reversed(name: str, reference: str, 
     symmetry = surfaces.patch_symmetry(name)
     for side, (u, v) in enumerate(SIDES):
         jet = surfaces.primitive_patch(name, reference).jet(u, v, offset)
-        turn, shift = symmetry.edge_rotation[side], symmetry.edge_translation[side]
+        turn, shift = symmetry.edge_motions.rotation[side], symmetry.edge_motions.translation[side]
         np.testing.assert_allclose(jet.position @ turn.T + shift, jet.position[::-1], rtol=0, atol=4e-15)
         np.testing.assert_allclose(
             jet.normal @ turn.T, jet.normal[::-1], rtol=0, atol=4e-15
@@ -63,21 +62,22 @@ def test_the_rotoinversion_turns_the_patch_and_swaps_its_offsets(name: str, refe
     u, v = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 7))
     for offset in (0.0, 0.13):
         here, there = surface.jet(u, v, offset), surface.jet(1 - v, u, -offset)
-        turned = here.position @ symmetry.swap_rotation.T + symmetry.swap_translation
+        turned = symmetry.swap.apply(here.position)
         np.testing.assert_allclose(turned, there.position, rtol=0, atol=4e-15)
-        np.testing.assert_allclose(here.normal @ symmetry.swap_rotation.T, -there.normal, rtol=0, atol=4e-15)
-    power = np.linalg.matrix_power(symmetry.swap_rotation, 4)
+        np.testing.assert_allclose(symmetry.swap.apply_to_vectors(here.normal), -there.normal, rtol=0, atol=4e-15)
+    power = np.linalg.matrix_power(symmetry.swap.rotation, 4)
     np.testing.assert_array_equal(power, np.eye(3))
-    assert np.linalg.det(symmetry.swap_rotation) == -1
+    assert np.linalg.det(symmetry.swap.rotation) == -1
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_motions_are_exact_elements_of_a_cubic_space_group(name: str) -> None:
     symmetry = surfaces.patch_symmetry(name)
-    for rotation in (*symmetry.edge_rotation, *symmetry.cell_rotations):
+    for rotation in (*symmetry.edge_motions.rotation, *symmetry.cell_motions.rotation):
         np.testing.assert_array_equal(np.sort(np.abs(rotation), axis=0), [[0, 0, 0], [0, 0, 0], [1, 1, 1]])
         assert np.linalg.det(rotation) == pytest.approx(1)
-    for translation in (symmetry.edge_translation, symmetry.cell_translations, symmetry.swap_translation):
+    for motion in (symmetry.edge_motions, symmetry.cell_motions, symmetry.swap):
+        translation = motion.translation
         np.testing.assert_array_equal(8 * translation, np.rint(8 * translation))
 
 
@@ -90,7 +90,7 @@ def test_the_translations_that_keep_the_sides_are_those_of_the_space_group(name:
 def test_the_cell_closes_up_modulo_its_translations(name: str) -> None:
     """Every edge is shared by two patches, every vertex by six, and Euler's characteristic is that of the genus."""
     info = surfaces.CATALOGUE[name]
-    count = len(surfaces.patch_symmetry(name).cell_rotations)
+    count = len(surfaces.patch_symmetry(name).cell_motions)
     assert count == info.patches_per_cell
     surface = surfaces.primitive_patch(name)
     middle = labels(placed(name, surface.jet(*SIDES[:, :, 8].T).position), periodic=True)
@@ -133,4 +133,4 @@ def test_the_symmetry_is_computed_once_and_cannot_be_changed(name: str) -> None:
     symmetry = surfaces.patch_symmetry(name)
     assert surfaces.patch_symmetry(name) is symmetry
     with pytest.raises(ValueError, match="read-only"):
-        symmetry.cell_translations[0] += 1.0
+        symmetry.cell_motions.translation[0] += 1.0

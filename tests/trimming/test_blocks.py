@@ -11,6 +11,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.welding import weld_patches
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import box, polyhedron, trim
 
@@ -33,8 +34,7 @@ def bumpy_block() -> Brep:
     # 4 x (1 - x) has the cubic coefficients 0, 4/3, 4/3, 0, and 4 y (1 - y) the quadratic ones 0, 2, 0
     patches[5].poles[..., 2] += HEIGHT * np.outer([0, 4 / 3, 4 / 3, 0], [0, 2, 0])
     n = len(patches)
-    still = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3))
-    return weld_patches(patches, np.arange(n), *still, np.ones(n, int), np.zeros(n, int), ["block"])
+    return weld_patches(patches, np.arange(n), Motion.identity(n), np.ones(n, int), np.zeros(n, int), ["block"])
 
 
 def above(level: float) -> float:

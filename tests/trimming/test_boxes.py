@@ -161,8 +161,8 @@ def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[
     face = lattice.faces
     middle = np.stack([lattice.carriers[c](0.5, 0.5) for c in face.carrier])
     normal = np.stack([lattice.carriers[c].normal(0.5, 0.5) for c in face.carrier])
-    middle = np.einsum("fij,fj->fi", face.rotation, middle) + face.translation
-    normal = np.einsum("fij,fj->fi", face.rotation, normal)
+    middle = face.motion.apply(middle)
+    normal = face.motion.apply_to_vectors(normal)
     along_x = (np.abs(normal[:, 0]) > 0.999 * np.linalg.norm(normal, axis=1)) & (np.abs(middle[:, 0] - 5) < 4)
     lo = np.array([middle[along_x][0, 0] + by, 3.456, 5.678])
     trimmed = trim(lattice, box(lo, lo + CELL), TOL)

@@ -13,7 +13,7 @@ from tests.shapes import round_shapes as shapes
 from tests.shapes.misfits import misfit
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, reverse_faces, translate_brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import copies as lattices
@@ -35,21 +35,6 @@ def volume(brep: Brep) -> float:
     return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
 
 
-def turned(brep: Brep) -> Brep:
-    """The same surface with the other side solid."""
-    return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))
-
-
-def shifted(brep: Brep, by: tuple[float, float, float]) -> Brep:
-    edges, faces = brep.edges, brep.faces
-    return replace(
-        brep,
-        vertices=brep.vertices + by,
-        edges=replace(edges, translation=edges.translation + by),
-        faces=replace(faces, translation=faces.translation + by),
-    )
-
-
 def bracket() -> Brep:
     """An L of two walls, not convex."""
     corners = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 7), (0, 7)]
@@ -65,7 +50,7 @@ BODIES = {
     "frustum": lambda: shapes.frustum(5.0, 3.0, 8.0, rotation=TILT, translation=(9.1, 8.7, 4.3)),
     "torus": lambda: shapes.torus(4.0, 1.7, rotation=TILT, translation=(9.7, 10.2, 9.9)),
     "flask": lambda: shapes.flask(rotation=TILT, translation=(8.0, 9.0, 6.0)),
-    "pierced block": lambda: shifted(shapes.pierced_block(), (7.0, 8.0, 9.0)),
+    "pierced block": lambda: translate_brep(shapes.pierced_block(), np.array([7.0, 8.0, 9.0])),
     "bracket": bracket,
 }
 
@@ -87,7 +72,7 @@ def test_solid_and_void_share_the_body_between_them(
     body: str, name: str, layers: tuple[float | None, float | None], cover: Callable[..., Brep]
 ) -> None:
     tool, lattice = BODIES[body](), cover(name, (2, 2, 2), AT_HOME, layers)
-    parts = [trim(lattice, tool, TOL), trim(turned(lattice), tool, TOL)]
+    parts = [trim(lattice, tool, TOL), trim(reverse_faces(lattice), tool, TOL)]
     for part in parts:
         assert part.report.shifted == 0
         assert connectivity.is_closed(part.brep)
@@ -111,7 +96,7 @@ def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., 
     n = 90
     low, high = tool.vertices.min(axis=0) - 5, tool.vertices.max(axis=0) + 5
     x = np.stack(np.meshgrid(*[np.linspace(0.5 / n, 1 - 0.5 / n, n)] * 3), axis=-1).reshape(-1, 3) * (high - low) + low
-    local = (x - tool.faces.translation[0]) @ tool.faces.rotation[0]
+    local = tool.faces.motion[0].apply_inverse(x)
     r, z = np.hypot(local[:, 0], local[:, 1]), local[:, 2]
     inside = {
         "cylinder": lambda: (r < 4.3) & (z > 0) & (z < 9.1),
@@ -175,7 +160,7 @@ def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Call
 def test_what_is_no_body_of_planes_and_quadrics_is_refused(cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, (None, 0.0))
     with pytest.raises(TrimmingError, match="B-spline"):
-        trim(lattice, turned(lattice), TOL)
+        trim(lattice, reverse_faces(lattice), TOL)
     ball = shapes.sphere(2.0, translation=(5.0, 5.0, 5.0))
     faces = ball.faces
     half = replace(
@@ -183,7 +168,7 @@ def test_what_is_no_body_of_planes_and_quadrics_is_refused(cover: Callable[..., 
         uses=type(ball.uses)(*(a[: faces.use_start[1]] for a in (ball.uses.edge, ball.uses.sense, ball.uses.pcurve))),
         faces=replace(
             faces,
-            **{k: getattr(faces, k)[:1] for k in ("carrier", "rotation", "translation", "sense", "tag")},
+            **{k: getattr(faces, k)[:1] for k in ("carrier", "motion", "sense", "tag")},
             loop_start=faces.loop_start[:2],
             use_start=faces.use_start[:2],
         ),

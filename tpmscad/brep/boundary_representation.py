@@ -31,6 +31,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, EdgeCurve
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 
@@ -43,8 +44,7 @@ class Edges:
     """
 
     curve: IntArray
-    rotation: Array
-    translation: Array
+    motion: Motion
     span: Array
     start: IntArray
     end: IntArray
@@ -74,8 +74,7 @@ class Faces:
     """
 
     carrier: IntArray
-    rotation: Array
-    translation: Array
+    motion: Motion
     sense: IntArray
     tag: IntArray
     loop_start: IntArray
@@ -120,9 +119,35 @@ def scale_brep(brep: Brep, factor: float) -> Brep:
         curves=tuple(c.scaled(factor) for c in brep.curves),
         pcurves=pcurves,
         vertices=factor * brep.vertices,
-        edges=replace(edges, translation=factor * edges.translation, deviation=factor * edges.deviation),
+        edges=replace(edges, motion=_scale_motion(edges.motion, factor), deviation=factor * edges.deviation),
         uses=uses,
-        faces=replace(faces, translation=factor * faces.translation),
+        faces=replace(faces, motion=_scale_motion(faces.motion, factor)),
+    )
+
+
+def _scale_motion(motion: Motion, factor: float) -> Motion:
+    return Motion(motion.rotation, factor * motion.translation)
+
+
+def move_brep(brep: Brep, motion: Motion) -> Brep:
+    """The boundary representation moved by a single rigid motion; a mirror turns it inside out."""
+    edges, faces = brep.edges, brep.faces
+    return replace(
+        brep,
+        vertices=motion.apply(brep.vertices),
+        edges=replace(edges, motion=motion @ edges.motion),
+        faces=replace(faces, motion=motion @ faces.motion),
+    )
+
+
+def translate_brep(brep: Brep, by: Array) -> Brep:
+    """The boundary representation translated by a vector (3,); rotations keep their bits."""
+    edges, faces = brep.edges, brep.faces
+    return replace(
+        brep,
+        vertices=brep.vertices + by,
+        edges=replace(edges, motion=Motion(edges.motion.rotation, edges.motion.translation + by)),
+        faces=replace(faces, motion=Motion(faces.motion.rotation, faces.motion.translation + by)),
     )
 
 
@@ -155,12 +180,11 @@ def select_faces(whole: Brep, kept: IntArray) -> Brep:
     return replace(
         whole,
         vertices=whole.vertices[vertices],
-        edges=Edges(e.curve[used], e.rotation[used], e.translation[used], e.span[used], start, end, e.deviation[used]),
+        edges=Edges(e.curve[used], e.motion[used], e.span[used], start, end, e.deviation[used]),
         uses=EdgeUses(edge.ravel(), uses.sense[at], uses.pcurve[at]),
         faces=Faces(
             carrier=faces.carrier[kept],
-            rotation=faces.rotation[kept],
-            translation=faces.translation[kept],
+            motion=faces.motion[kept],
             sense=faces.sense[kept],
             tag=faces.tag[kept],
             loop_start=np.cumsum([0, *map(len, loops)]),

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.brep.conics import Circle, Ellipse, cross
 from tpmscad.brep.quadrics import ConicalSurface, CylindricalSurface, SphericalSurface, ToroidalSurface
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 __all__ = [
@@ -69,9 +70,10 @@ class Plane:
     def scaled(self, factor: float) -> Plane:
         return Plane(factor * self.origin, self.x_axis, self.normal)
 
-    def moved(self, rotation: Array, translation: Array) -> Plane:
+    def moved(self, motion: Motion) -> Plane:
         """The plane moved, with its side; under a mirror the parameter v turns round."""
-        return Plane(rotation @ self.origin + translation, rotation @ self.x_axis, rotation @ self.normal)
+        x_axis, normal = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.normal)
+        return Plane(motion.apply(self.origin), x_axis, normal)
 
 
 Quadric = CylindricalSurface | ConicalSurface | SphericalSurface | ToroidalSurface

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.rigid_motion import Motion
 
 TWO_PI = 2.0 * np.pi
 
@@ -42,10 +43,10 @@ class Ellipse:
     def scaled(self, factor: float) -> Ellipse:
         return replace(self, origin=factor * self.origin, major=factor * self.major, minor=factor * self.minor)
 
-    def moved(self, rotation: Array, translation: Array) -> Ellipse:
+    def moved(self, motion: Motion) -> Ellipse:
         """Moved with its parameter, by mirrors too."""
-        x, y = rotation @ self.x_axis, rotation @ self.y_axis
-        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=cross(x, y))
+        x, y = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.y_axis)
+        return replace(self, origin=motion.apply(self.origin), x_axis=x, normal=cross(x, y))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,10 +75,10 @@ class Circle:
     def scaled(self, factor: float) -> Circle:
         return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
-    def moved(self, rotation: Array, translation: Array) -> Circle:
+    def moved(self, motion: Motion) -> Circle:
         """Moved with its parameter, by mirrors too."""
-        x, y = rotation @ self.x_axis, rotation @ self.y_axis
-        return replace(self, origin=rotation @ self.origin + translation, x_axis=x, normal=cross(x, y))
+        x, y = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.y_axis)
+        return replace(self, origin=motion.apply(self.origin), x_axis=x, normal=cross(x, y))
 
 
 def cosine_derivative(t: Array, order: int) -> Array:

@@ -65,17 +65,15 @@ def _congruence_representatives(brep: Brep, first: IntArray, second: IntArray) -
         return np.zeros(0, np.int64)
     faces, face = brep.faces, brep.face_of_use
     f, g = face[first], face[second]
-    back = np.swapaxes(faces.rotation[f], 1, 2)
-    rotation = back @ faces.rotation[g]
-    translation = np.einsum("nij,nj->ni", back, faces.translation[g] - faces.translation[f])
+    relative = faces.motion[g].relative_to(faces.motion[f])
     spans = brep.vertices[brep.edges.end] - brep.vertices[brep.edges.start]
     scale = np.linalg.norm(spans, axis=1).max()
     key = np.column_stack(
         [
             np.stack([faces.carrier[f], faces.carrier[g], faces.sense[f], faces.sense[g]], axis=1),
             np.stack([brep.uses.pcurve[first], brep.uses.pcurve[second]], axis=1),
-            np.round(rotation.reshape(-1, 9), MOTION_DIGITS),
-            np.round(translation / scale, MOTION_DIGITS),
+            np.round(relative.rotation.reshape(-1, 9), MOTION_DIGITS),
+            np.round(relative.translation / scale, MOTION_DIGITS),
         ]
     )
     _, chosen = np.unique(key + 0.0, axis=0, return_index=True)
@@ -90,9 +88,7 @@ def _evaluate_along_use(brep: Brep, use: int) -> tuple[Array, Array, Array]:
     pcurve: BSplineCurve = brep.pcurves[brep.uses.pcurve[use]]
     assert isinstance(surface, BSplineSurface)
     u, v = pcurve(np.linspace(*pcurve.domain, SAMPLES_PER_EDGE)).T
-    return evaluate_curvature(
-        surface.moved(faces.rotation[face], faces.translation[face]), u, v, int(faces.sense[face])
-    )
+    return evaluate_curvature(surface.moved(faces.motion[face]), u, v, int(faces.sense[face]))
 
 
 def evaluate_curvature(surface: BSplineSurface, u: Array, v: Array, sense: int = 1) -> tuple[Array, Array, Array]:

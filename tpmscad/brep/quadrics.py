@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.brep.conics import TWO_PI, cosine_derivative, cross
+from tpmscad.rigid_motion import Motion
 
 MIN_RADIUS = 1e-150
 """Lengths below it are taken for it where they divide: on a quadric's axis, where directions are undefined but finite."""
@@ -85,11 +86,10 @@ class _SurfaceOfRevolution:
             + (by_r / np.maximum(r, MIN_RADIUS))[..., None, None] * around[..., :, None] * around[..., None, :]
         )
 
-    def moved(self, rotation: Array, translation: Array) -> Self:
+    def moved(self, motion: Motion) -> Self:
         """The points moved, with their sides; under a mirror the parameter u turns round."""
-        return replace(
-            self, origin=rotation @ self.origin + translation, x_axis=rotation @ self.x_axis, axis=rotation @ self.axis
-        )
+        x_axis, axis = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.axis)
+        return replace(self, origin=motion.apply(self.origin), x_axis=x_axis, axis=axis)
 
     def _polar(self, points: ArrayLike) -> tuple[Array, Array, Array]:
         """Distance from the axis, height along it, and the direction away from it (x_axis where there is none)."""

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 WELD_RADIUS_FRACTION = 1e-5
@@ -38,18 +39,17 @@ def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
 def weld_patches(
     primitives: Sequence[BSplineSurface],
     carrier: NDArray[np.integer],
-    rotation: Array,
-    translation: Array,
+    motion: Motion,
     sense: NDArray[np.integer],
     tag: NDArray[np.integer],
     tags: Sequence[str],
 ) -> Brep:
-    """The complex of whole patches: face i is primitives[carrier[i]] moved by rotation[i] (3, 3) and translation[i] (3,).
+    """The complex of whole patches: face i is primitives[carrier[i]] moved by motion[i].
 
     Sides must share their parametrisation where they meet (equal or reversed); how far they differ is each edge's deviation.
     """
     samples = np.stack([_sample_sides(primitive) for primitive in primitives])  # (P, 4, 5, 3), counter-clockwise
-    placed = np.einsum("fij,fskj->fski", rotation, samples[carrier]) + translation[:, None, None, :]
+    placed = motion[:, None, None].apply(samples[carrier])
     radius = WELD_RADIUS_FRACTION * float(min(np.linalg.norm(s[0, 0] - s[2, 0]) for s in samples))
 
     corner, first_corner = cluster_points(placed[:, :, 0].reshape(-1, 3), radius)
@@ -83,8 +83,7 @@ def weld_patches(
         vertices=placed[:, :, 0].reshape(-1, 3)[first_corner],
         edges=Edges(
             curve=curve,
-            rotation=rotation[face],
-            translation=translation[face],
+            motion=motion[face],
             span=domains[curve],
             start=start[first_use],
             end=end[first_use],
@@ -93,8 +92,7 @@ def weld_patches(
         uses=EdgeUses(edge=edge, sense=use_sense, pcurve=2 * (4 * owner + side) + (use_sense < 0)),
         faces=Faces(
             carrier=np.asarray(carrier, np.int64),
-            rotation=rotation,
-            translation=translation,
+            motion=motion,
             sense=np.asarray(sense, np.int64),
             tag=np.asarray(tag, np.int64),
             loop_start=np.arange(len(carrier) + 1),

@@ -10,7 +10,8 @@ into a box (`covering`, open, to be trimmed).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points, weld_patches
 from tpmscad.lattices.cell_block import build_incidence, choose_unpinched_patches
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS, TOUCH_TOL_CELLS, OffsetSurfaces
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import split_surface
 from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry
@@ -45,24 +47,22 @@ def cover_box_by_reflection(
         ),
         axis=-1,
     )
-    shifts = origins.reshape(-1, 1, 3) + (phase - np.floor(phase)) + symmetry.translations
-    rotation = np.tile(symmetry.rotations, (len(shifts), 1, 1))
-    translation = shifts.reshape(-1, 3)
-    placed = np.einsum("fij,pj->fpi", rotation, corners) + translation[:, None]
+    shifts = origins.reshape(-1, 1, 3) + (phase - np.floor(phase)) + symmetry.motions.translation
+    motion = Motion(np.tile(symmetry.motions.rotation, (len(shifts), 1, 1)), shifts.reshape(-1, 3))
+    placed = motion[:, None].apply(corners)
     inside = ((placed.max(axis=1) > TOUCH_TOL_CELLS) & (placed.min(axis=1) < np.array(cells) - TOUCH_TOL_CELLS)).all(
         axis=1
     )
-    rotation, translation = rotation[inside], translation[inside] + moved
+    motion = Motion(motion.rotation[inside], motion.translation[inside] + moved)
     parts = []
     for layer, outward, tag in ((sheet.lower, -1, "offset-"), (sheet.upper, 1, "offset+")):
         if layer is not None:
             index, _ = layer
             # A reflection turns S_u x S_v against the gradient's image, which it keeps.
-            sense = outward * orientation_sign(symmetry, sheet, index) * np.rint(np.linalg.det(rotation)).astype(int)
-            n = len(rotation)
-            parts.append((np.full(n, index), rotation, translation, sense, np.full(n, LATTICE_TAGS.index(tag))))
-    carrier, rotation, translation, sense, tags = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return weld_patches(sheet.primitives, carrier, rotation, translation, sense, tags, LATTICE_TAGS)
+            sense = outward * orientation_sign(symmetry, sheet, index) * motion.handedness
+            n = len(motion)
+            parts.append((np.full(n, index), motion, sense, np.full(n, LATTICE_TAGS.index(tag))))
+    return weld_patches(sheet.primitives, *_concatenate_faces(parts), LATTICE_TAGS)
 
 
 def orientation_sign(symmetry: MirrorSymmetry, sheet: OffsetSurfaces, index: int) -> int:
@@ -79,27 +79,15 @@ SEARCH_MARGIN_CELLS = 2
 UNIT_SQUARE_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Placements:
-    """Motions of the mid patch, one for each patch of a lattice: rotation (F, 3, 3), translation (F, 3)."""
-
-    rotation: Array
-    translation: Array
-
-    def __len__(self) -> int:
-        return len(self.rotation)
-
-
-def place_whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Placements:
+def place_whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Motion:
     """One patch per class of the block of cells, moved by `phase`; edge-connected, the border touching itself nowhere."""
-    motions = surfaces.patch_symmetry(name)
-    rotation, translation = motions.cell_rotations, motions.cell_translations
+    symmetry = surfaces.patch_symmetry(name)
+    motion = symmetry.cell_motions
     corners = surfaces.primitive_patch(name).jet(*UNIT_SQUARE_CORNERS.T).position
-    middles, corners = (
-        np.einsum("fij,sj->fsi", rotation, points) + translation[:, None] for points in (motions.side_middles, corners)
-    )
+    middles, corners = (motion[:, None].apply(points) for points in (symmetry.side_middles, corners))
     chosen = np.array(choose_unpinched_patches(build_incidence(middles, corners), cells))
-    return Placements(rotation[chosen[:, 0]], translation[chosen[:, 0]] + chosen[:, 1:] + phase)
+    patch, cell = chosen[:, 0], chosen[:, 1:]
+    return Motion(motion.rotation[patch], motion.translation[patch] + cell + phase)
 
 
 def cover_box(
@@ -116,24 +104,21 @@ def cover_box(
         np.meshgrid(*[np.arange(-SEARCH_MARGIN_CELLS, n + SEARCH_MARGIN_CELLS) for n in cells], indexing="ij"), axis=-1
     ).reshape(-1, 3)
     placements = translate_cell_patches(symmetry, origin + (phase - np.floor(phase)))
-    carrier, rotation, translation, sense, tag = _layer_faces(symmetry, sheet, placements)
+    carrier, motion, sense, tag = _layer_faces(symmetry, sheet, placements)
     primitives = sheet.primitives
-    if _midlines_in_planes(primitives, carrier, rotation, translation, cells):
+    if _midlines_in_planes(primitives, carrier, motion, cells):
         primitives = tuple(quarter for primitive in primitives for quarter in quarter_patch(primitive))
         carrier = (4 * carrier[:, None] + np.arange(4)).ravel()
-        rotation, translation = np.repeat(rotation, 4, axis=0), np.repeat(translation, 4, axis=0)
-        sense, tag = np.repeat(sense, 4), np.repeat(tag, 4)
+        motion, sense, tag = motion[np.repeat(np.arange(len(motion)), 4)], np.repeat(sense, 4), np.repeat(tag, 4)
     inside = np.zeros(len(carrier), bool)
     for index, primitive in enumerate(primitives):
         own = np.flatnonzero(carrier == index)
         poles = primitive.poles.reshape(-1, 3)
-        placed = np.einsum("fij,pj->fpi", rotation[own], poles) + translation[own, None]
+        placed = motion[own, None].apply(poles)
         inside[own] = (
             (placed.max(axis=1) > TOUCH_TOL_CELLS) & (placed.min(axis=1) < np.array(cells) - TOUCH_TOL_CELLS)
         ).all(axis=1)
-    return weld_patches(
-        primitives, carrier[inside], rotation[inside], translation[inside], sense[inside], tag[inside], LATTICE_TAGS
-    )
+    return weld_patches(primitives, carrier[inside], motion[inside], sense[inside], tag[inside], LATTICE_TAGS)
 
 
 def quarter_patch(surface: BSplineSurface) -> list[BSplineSurface]:
@@ -150,19 +135,18 @@ def _rescale_knots(knots: Array) -> Array:
 def _midlines_in_planes(
     primitives: tuple[BSplineSurface, ...],
     carrier: IntArray,
-    rotation: Array,
-    translation: Array,
+    motion: Motion,
     cells: tuple[int, int, int],
 ) -> bool:
     t = np.linspace(0.0, 1.0, 5)
     half = np.full(5, 0.5)
     lines = np.stack([[s(half, t), s(t, half)] for s in primitives])[carrier]  # (F, 2, 5, 3)
-    placed = np.einsum("fij,flkj->flki", rotation, lines) + translation[:, None, None]
+    placed = motion[:, None, None].apply(lines)
     planes = np.array([np.zeros(3), np.array(cells)])[:, None, None]  # (2, 1, 1, 3)
     return bool((np.abs(placed[None] - planes[:, None]).max(axis=3) < TOUCH_TOL_CELLS).any())
 
 
-def build_natural_lattice(symmetry: PatchSymmetry, sheet: OffsetSurfaces, placements: Placements) -> Brep:
+def build_natural_lattice(symmetry: PatchSymmetry, sheet: OffsetSurfaces, placements: Motion) -> Brep:
     """A closed sheet: both offset surfaces, and a ruled gap face over every open side of the mid patches.
 
     TPMS2STEP, section 3.6: gaps are bridged after the copying, so that none lies inside the solid.
@@ -171,12 +155,11 @@ def build_natural_lattice(symmetry: PatchSymmetry, sheet: OffsetSurfaces, placem
         raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
     gaps = [_gap_surface(symmetry, sheet, side) for side in range(4)]
     patch, side = find_open_sides(symmetry, placements)
-    carrier, rotation, translation, sense, tag = _layer_faces(symmetry, sheet, placements)
+    carrier, motion, sense, tag = _layer_faces(symmetry, sheet, placements)
     return weld_patches(
         (*sheet.primitives, *gaps),
         np.concatenate([carrier, len(sheet.primitives) + side]),
-        np.concatenate([rotation, placements.rotation[patch]]),
-        np.concatenate([translation, placements.translation[patch]]),
+        Motion.concatenate([motion, placements[patch]]),
         np.concatenate([sense, np.full(len(side), symmetry.handedness)]),
         np.concatenate([tag, np.full(len(side), LATTICE_TAGS.index("gap"))]),
         LATTICE_TAGS,
@@ -191,37 +174,25 @@ def ruled_surface(below: BSplineCurve, above: BSplineCurve) -> BSplineSurface:
     return BSplineSurface(poles, above.knots, np.repeat([0.0, 1.0], 2), above.degree, 1)
 
 
-def find_open_sides(symmetry: PatchSymmetry, placements: Placements) -> tuple[IntArray, IntArray]:
+def find_open_sides(symmetry: PatchSymmetry, placements: Motion) -> tuple[IntArray, IntArray]:
     """(patch, side) of the mid patches' sides that no other placed patch shares."""
-    middle = np.einsum("fij,sj->fsi", placements.rotation, symmetry.side_middles) + placements.translation[:, None]
+    middle = placements[:, None].apply(symmetry.side_middles)
     size = float(np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2]))
     label, _ = cluster_points(middle.reshape(-1, 3), WELD_RADIUS_FRACTION * size)
     alone = np.flatnonzero(np.bincount(label)[label] == 1)
     return alone // 4, alone % 4
 
 
-def translate_cell_patches(symmetry: PatchSymmetry, by: Array) -> Placements:
+def translate_cell_patches(symmetry: PatchSymmetry, by: Array) -> Motion:
     """The cell's patches at each of the translations (n, 3)."""
-    n = len(symmetry.cell_rotations)
-    return Placements(
-        np.tile(symmetry.cell_rotations, (len(by), 1, 1)),
-        (by[:, None, :] + symmetry.cell_translations).reshape(-1, 3) if n else np.zeros((0, 3)),
-    )
-
-
-def _layer_motion(symmetry: PatchSymmetry, placements: Placements, turned: bool) -> tuple[Array, Array]:
-    if not turned:
-        return placements.rotation, placements.translation
-    return (
-        placements.rotation @ symmetry.swap_rotation,
-        placements.rotation @ symmetry.swap_translation + placements.translation,
-    )
+    cell = symmetry.cell_motions
+    return Motion(np.tile(cell.rotation, (len(by), 1, 1)), (by[:, None, :] + cell.translation).reshape(-1, 3))
 
 
 def _layer_faces(
-    symmetry: PatchSymmetry, sheet: OffsetSurfaces, placements: Placements
-) -> tuple[IntArray, Array, Array, IntArray, IntArray]:
-    """Carrier, rotation, translation, sense and tag of every offset face.
+    symmetry: PatchSymmetry, sheet: OffsetSurfaces, placements: Motion
+) -> tuple[IntArray, Motion, IntArray, IntArray]:
+    """Carrier, motion, sense and tag of every offset face.
 
     The primitive's S_u x S_v lies along +n times the patch's handedness; turning over swaps both n and the mirror's sign, so
     the placed one does too. Outward is +n on the upper surface, -n on the lower.
@@ -232,10 +203,17 @@ def _layer_faces(
             index, turned = layer
             n = len(placements)
             sense = np.full(n, outward * symmetry.handedness)
-            motion = _layer_motion(symmetry, placements, turned)
-            parts.append((np.full(n, index), *motion, sense, np.full(n, LATTICE_TAGS.index(tag))))
-    carrier, rotation, translation, sense, tags = (np.concatenate(p) for p in zip(*parts, strict=True))
-    return carrier, rotation, translation, sense, tags
+            motion = placements @ symmetry.swap if turned else placements
+            parts.append((np.full(n, index), motion, sense, np.full(n, LATTICE_TAGS.index(tag))))
+    return _concatenate_faces(parts)
+
+
+def _concatenate_faces(
+    parts: Sequence[tuple[IntArray, Motion, IntArray, IntArray]],
+) -> tuple[IntArray, Motion, IntArray, IntArray]:
+    """Carrier, motion, sense and tag of the faces of several layers, one after another."""
+    carrier, motion, sense, tag = zip(*parts, strict=True)
+    return np.concatenate(carrier), Motion.concatenate(motion), np.concatenate(sense), np.concatenate(tag)
 
 
 def _gap_surface(symmetry: PatchSymmetry, sheet: OffsetSurfaces, side: int) -> BSplineSurface:
@@ -251,8 +229,7 @@ def _side_curve(symmetry: PatchSymmetry, primitive: BSplineSurface, turned: bool
     """The placed primitive's border over that side of the mid patch, run counter-clockwise in the mid patch's (u, v)."""
     if not turned:
         return primitive.side(side)
-    rotation, translation = symmetry.swap_rotation, symmetry.swap_translation
-    moved = symmetry.side_middles @ rotation.T + translation
+    moved = symmetry.swap.apply(symmetry.side_middles)
     own = int(np.argmin(np.linalg.norm(moved - symmetry.side_middles[side], axis=1)))
     # Turning over is a quarter-turn in (u, v), so sides keep running counter-clockwise.
-    return primitive.side(own).moved(rotation, translation)
+    return primitive.side(own).moved(symmetry.swap)

@@ -17,9 +17,10 @@ from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import cluster_points, weld_patches
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
-from tpmscad.lattices.copies import Placements, find_open_sides, ruled_surface, translate_cell_patches
+from tpmscad.lattices.copies import find_open_sides, ruled_surface, translate_cell_patches
 from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
@@ -70,7 +71,7 @@ class MappedSurface:
 
     patch: SurfacePatch
     symmetry: PatchSymmetry
-    placements: Placements
+    placements: Motion
     map: Map
     cell: float
 
@@ -92,10 +93,7 @@ class MappedSurface:
     def orientation(self) -> int:
         """Sign of the map's Jacobian determinant, the same everywhere; InvalidRequest where it vanishes or changes sign."""
         u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
-        points = self.cell * (
-            np.einsum("fij,nj->fni", self.placements.rotation, self.patch.jet(u, v).position)
-            + self.placements.translation[:, None]
-        )
+        points = self.cell * (self.placements[:, None].apply(self.patch.jet(u, v).position))
         determinant = np.linalg.det(self.map.jacobian(points, self.cell))
         worst = np.unravel_index(np.argmin(np.abs(determinant)), determinant.shape)
         if not (np.all(determinant > 0) or np.all(determinant < 0)):
@@ -136,21 +134,20 @@ def select_placements_near_box(
     phase: Array,
     cell: float,
     reach: float,
-) -> Placements:
+) -> Motion:
     """The placements whose mapped mid patch comes within `reach` of the box; the map must hold a cell beyond the lattice."""
     origin = np.stack(np.meshgrid(*[np.arange(-2, n + 2) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
     placements = translate_cell_patches(symmetry, origin + (phase - np.floor(phase)))
     t = np.linspace(0.0, 1.0, 7)
     u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = np.einsum("fij,nj->fni", placements.rotation, patch.jet(u, v).position)
-    points += placements.translation[:, None]
+    points = placements[:, None].apply(patch.jet(u, v).position)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
     # Between the samples a patch bulges by less than an eighth of its extent.
     margin = reach + 0.125 * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
     keep = np.flatnonzero(near)[inside]
-    return Placements(placements.rotation[keep], placements.translation[keep])
+    return placements[keep]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +159,7 @@ class MappedLayer:
     translation: Array
 
     def patch(self, index: int) -> BSplineSurface:
-        return self.patches[self.label[index]].moved(np.eye(3), self.translation[index])
+        return self.patches[self.label[index]].moved(Motion(np.eye(3), self.translation[index]))
 
 
 def fit_mapped_layers(
@@ -258,8 +255,7 @@ def assemble_mapped_lattice(
     return weld_patches(
         carriers,
         carrier,
-        np.tile(np.eye(3), (len(carrier), 1, 1)),
-        translation,
+        Motion.translations(translation),
         sense,
         np.array([LATTICE_TAGS.index(tag) for tag in tags]),
         LATTICE_TAGS,

@@ -99,8 +99,8 @@ def fit_primitive_of_degree(name: str, reference: str, offset: float, degree: in
 
 def self_joint_conditions(name: str, axis_u: SplineAxis, axis_v: SplineAxis) -> ContinuityConditions:
     """Curvature continuity with the patch's copies over its four sides."""
-    motions = surfaces.patch_symmetry(name)
-    joints = [Joint(side, motions.edge_rotation[side], motions.edge_translation[side], side) for side in range(4)]
+    edges = surfaces.patch_symmetry(name).edge_motions
+    joints = [Joint(side, edges.rotation[side], edges.translation[side], side) for side in range(4)]
     return joint_conditions(joints, axis_u, axis_v, order=2, valence=CORNER_VALENCE)
 
 

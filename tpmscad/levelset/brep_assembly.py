@@ -14,6 +14,7 @@ from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.levelset.caps import LOOP_PARAMETERS, CapEdges, chain_cap_loops, find_solid_box_edges, make_box_plane
 from tpmscad.levelset.fit.network_fit import NetworkFit
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 
@@ -139,8 +140,7 @@ def assemble_field_brep(
         vertices=points,
         edges=Edges(
             curve=edge[:, 0],
-            rotation=np.tile(np.eye(3), (n_edges, 1, 1)),
-            translation=np.array(edge_shift, float).reshape(-1, 3),
+            motion=Motion.translations(np.array(edge_shift, float).reshape(-1, 3)),
             span=np.array(spans, float).reshape(-1, 2),
             start=edge[:, 1],
             end=edge[:, 2],
@@ -149,8 +149,7 @@ def assemble_field_brep(
         uses=EdgeUses(uses[:, 0], uses[:, 1], uses[:, 2]),
         faces=Faces(
             carrier=np.array(face_carrier, np.int64),
-            rotation=np.tile(np.eye(3), (n_faces, 1, 1)),
-            translation=np.concatenate(face_shift),
+            motion=Motion.translations(np.concatenate(face_shift)),
             sense=np.ones(n_faces, np.int64),
             tag=(np.arange(n_faces) >= n_patches).astype(np.int64),
             loop_start=np.array(loop_start, np.int64),

@@ -16,6 +16,7 @@ from scipy.interpolate import BSpline
 from scipy.special import comb
 
 from tpmscad._typing import Array
+from tpmscad.rigid_motion import Motion
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,8 +47,8 @@ class BSplineCurve:
         low, high = self.domain
         return BSplineCurve(self.poles[::-1].copy(), (low + high) - self.knots[::-1], self.degree)
 
-    def moved(self, rotation: Array, translation: Array) -> BSplineCurve:
-        return BSplineCurve(self.poles @ rotation.T + translation, self.knots, self.degree)
+    def moved(self, motion: Motion) -> BSplineCurve:
+        return BSplineCurve(motion.apply(self.poles), self.knots, self.degree)
 
     def scaled(self, factor: float) -> BSplineCurve:
         return BSplineCurve(factor * self.poles, self.knots, self.degree)
@@ -123,10 +124,8 @@ class BSplineSurface:
         corners = self.corners
         return line_segment(corners[index], corners[(index + 1) % 4], self.side(index).domain)
 
-    def moved(self, rotation: Array, translation: Array) -> BSplineSurface:
-        return BSplineSurface(
-            self.poles @ rotation.T + translation, self.knots_u, self.knots_v, self.degree_u, self.degree_v
-        )
+    def moved(self, motion: Motion) -> BSplineSurface:
+        return BSplineSurface(motion.apply(self.poles), self.knots_u, self.knots_v, self.degree_u, self.degree_v)
 
     def scaled(self, factor: float) -> BSplineSurface:
         return BSplineSurface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)

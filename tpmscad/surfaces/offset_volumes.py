@@ -65,7 +65,7 @@ MIRROR_SEARCH_POINTS = 41
 def measure_mirror_surface(name: str) -> CellMeasures:
     """The measures of a catalogued surface's level set."""
     symmetry = mirror_symmetry(name)
-    copies = len(symmetry.rotations)
+    copies = len(symmetry.motions)
     x, w = np.polynomial.legendre.leggauss(MIRROR_GAUSS_POINTS)
     nodes, weight = (x + 1) / 2, np.outer(w, w) / 4
     points, fraction = symmetry.intersect_segments(nodes[:, None], nodes)

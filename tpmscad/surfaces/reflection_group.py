@@ -16,6 +16,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.plane_waves import NODAL_WAVES, PlaneWaves
 from tpmscad.surfaces.surface_records import find_surface
 
@@ -48,7 +49,7 @@ class MirrorSymmetry:
       tetrahedron; side 0 runs from the corner on the edge from edges[0, 0] to edges[1, 0] to that towards edges[1, 0] from
       edges[0, 1], and on around;
     - `angles` (4,): between the sides, at the corner where side i begins;
-    - `rotations` (n, 3, 3), `translations` (n, 3): one motion for each copy of the tetrahedron, modulo integer translations;
+    - `motions` (n,): one for each copy of the tetrahedron, modulo integer translations;
     - `middle`: the plane (n, c) of a mirror that halves the tetrahedron and exchanges the ends of edges[0], or None;
     - `volume`: of the tetrahedron, 1 / n.
     """
@@ -59,8 +60,7 @@ class MirrorSymmetry:
     wall_normals: Array
     wall_offsets: Array
     angles: Array
-    rotations: Array
-    translations: Array
+    motions: Motion
     middle: tuple[Array, float] | None
     volume: float
 
@@ -111,15 +111,15 @@ def mirror_symmetry(name: str) -> MirrorSymmetry:
         walls.append(_wall_plane(np.delete(corners, opposite, axis=0), corners[opposite]))
     normals, offsets = np.array([n for n, _ in walls]), np.array([c for _, c in walls])
     angles = np.array([np.arccos(-normals[i - 1] @ normals[i]) for i in range(4)])
-    rotations, translations = _generate_copies(normals, offsets, corners)
+    motions = _generate_copies(normals, offsets, corners)
     volume = abs(np.linalg.det(corners[1:] - corners[0])) / 6
-    if abs(volume * len(rotations) - 1) > 1e-12:
-        raise ArithmeticError(f"{len(rotations)} copies of a tetrahedron of volume {volume:g} don't fill the cell")
+    if abs(volume * len(motions) - 1) > 1e-12:
+        raise ArithmeticError(f"{len(motions)} copies of a tetrahedron of volume {volume:g} don't fill the cell")
     edges = np.array([[corners[a], corners[b]], [corners[c], corners[d]]])
     middle = _bisecting_mirror(edges)
-    for shared in (edges, normals, offsets, angles, rotations, translations):
+    for shared in (edges, normals, offsets, angles, motions.rotation, motions.translation):
         shared.setflags(write=False)  # every caller gets the same arrays
-    return MirrorSymmetry(info.name, waves, edges, normals, offsets, angles, rotations, translations, middle, volume)
+    return MirrorSymmetry(info.name, waves, edges, normals, offsets, angles, motions, middle, volume)
 
 
 def _wall_plane(triangle: Array, opposite: Array) -> tuple[Array, float]:
@@ -135,20 +135,20 @@ def _bisecting_mirror(edges: Array) -> tuple[Array, float] | None:
     return (normal, offset) if np.abs(edges[1] @ normal - offset).max() < 1e-12 else None
 
 
-def _generate_copies(normals: Array, offsets: Array, corners: Array) -> tuple[Array, Array]:
+def _generate_copies(normals: Array, offsets: Array, corners: Array) -> Motion:
     """A word in the reflections for each copy of the tetrahedron modulo integer translations; multiples of 1/4, so exact."""
     mirrors = [
-        (np.rint(np.eye(3) - 2 * np.outer(n, n)), np.rint(8 * c * n) / 4) for n, c in zip(normals, offsets, strict=True)
+        Motion(np.rint(np.eye(3) - 2 * np.outer(n, n)), np.rint(8 * c * n) / 4)
+        for n, c in zip(normals, offsets, strict=True)
     ]
-    found: dict[tuple[int, ...], tuple[Array, Array]] = {}
-    fresh = [(np.eye(3), np.zeros(3))]
+    found: dict[tuple[int, ...], Motion] = {}
+    fresh = [Motion(np.eye(3), np.zeros(3))]
     while fresh:
-        turn, shift = fresh.pop(0)
-        shift = np.mod(shift, 1.0)
-        centre = np.rint(4 * corners.sum(axis=0) @ turn.T + 16 * shift).astype(int)  # in sixteenths
-        key = tuple((centre % 16).tolist())
+        word = fresh.pop(0)
+        word = Motion(word.rotation, np.mod(word.translation, 1.0))
+        centre = 4 * word.apply_to_vectors(corners.sum(axis=0)) + 16 * word.translation
+        key = tuple((np.rint(centre).astype(int) % 16).tolist())  # in sixteenths
         if key not in found:
-            found[key] = turn, shift
-            fresh.extend((turn @ r, turn @ t + shift) for r, t in mirrors)
-    rotations, translations = (np.stack(part) for part in zip(*found.values(), strict=True))
-    return rotations, translations
+            found[key] = word
+            fresh.extend(word @ mirror for mirror in mirrors)
+    return Motion.stack(list(found.values()))

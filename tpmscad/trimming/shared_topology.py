@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 
 COINCIDENCE_TOL = 2e-6
 """Model units: vertices and edge middles this near to each other are the same; trimming snaps to a tenth of it."""
@@ -78,7 +79,7 @@ def _points_on_edges(whole: Brep, part: float) -> Array:
     edges = whole.edges
     keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
     local = np.stack([whole.curves[int(i)](low + part * (high - low)) for i, low, high in keys])[key.ravel()]
-    return np.einsum("eij,ej->ei", edges.rotation, local) + edges.translation
+    return edges.motion.apply(local)
 
 
 def _first_equal_face(merged: Brep) -> IntArray:
@@ -132,10 +133,14 @@ def _concatenate_complexes(regions: Sequence[Brep]) -> Brep:
         curves=tuple(c for p in parts for c in p.curves),
         pcurves=tuple(c for p in parts for c in p.pcurves),
         vertices=np.concatenate([p.vertices for p in parts]),
-        edges=Edges(*map(edges, Edges.__slots__)),
+        edges=Edges(
+            motion=Motion.concatenate([p.edges.motion for p in parts]),
+            **{name: edges(name) for name in Edges.__slots__ if name != "motion"},
+        ),
         uses=EdgeUses(*map(sides, EdgeUses.__slots__)),
         faces=Faces(
-            **{name: faces(name) for name in Faces.__slots__ if not name.endswith("_start")},
+            motion=Motion.concatenate([p.faces.motion for p in parts]),
+            **{name: faces(name) for name in ("carrier", "sense", "tag")},
             loop_start=loops,
             use_start=uses,
         ),

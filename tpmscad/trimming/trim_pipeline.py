@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.trimming.classify.intersection_curves import classify_intersection_curves, collect_face_sectors
 from tpmscad.trimming.classify.lattice_edges import classify_lattice_edges, read_edge_segments
@@ -137,16 +137,6 @@ def trim(
             continue
         return TrimResult(brep, replace(report, shifted=abs(by), reason=reason))
     raise TrimmingError(reason)
-
-
-def translate_brep(brep: Brep, by: Array) -> Brep:
-    """The complex, moved."""
-    return replace(
-        brep,
-        vertices=brep.vertices + by,
-        edges=replace(brep.edges, translation=brep.edges.translation + by),
-        faces=replace(brep.faces, translation=brep.faces.translation + by),
-    )
 
 
 def _trim_once(

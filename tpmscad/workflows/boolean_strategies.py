@@ -156,11 +156,11 @@ def _oriented_nodes(patches: Brep, low: Array, high: Array) -> tuple[Array, Arra
             for g in np.meshgrid(*(np.linspace(*d, NODES_PER_DIRECTION) for d in carrier.domain), indexing="ij")
         )
         net = carrier(u, v)
-        middle = np.einsum("fij,j->fi", faces.rotation[own], net.mean(axis=0)) + faces.translation[own]
+        middle = faces.motion[own].apply(net.mean(axis=0))
         own = own[((middle >= low) & (middle <= high)).all(axis=1)]
-        rotation = faces.rotation[own]
-        way = faces.sense[own] * np.sign(np.linalg.det(rotation))
-        at.append((np.einsum("fij,nj->fni", rotation, net) + faces.translation[own, None]).reshape(-1, 3))
-        normal = np.einsum("fij,nj->fni", rotation, carrier.normal(u, v)) * way[:, None, None]
+        motion = faces.motion[own]
+        way = faces.sense[own] * motion.handedness
+        at.append(motion[:, None].apply(net).reshape(-1, 3))
+        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * way[:, None, None]
         outward.append(normal.reshape(-1, 3))
     return np.concatenate(at), np.concatenate(outward)

@@ -9,7 +9,7 @@ The lattice around a body as a closed block, a little larger than the body: what
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, floor
 from typing import Any
@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmscad import kernel, surfaces
 from tpmscad._typing import Array
-from tpmscad.brep.boundary_representation import Brep, scale_brep
+from tpmscad.brep.boundary_representation import Brep, move_brep, scale_brep, translate_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.errors import InvalidRequest
@@ -29,6 +29,7 @@ from tpmscad.lattices import copies as lattices
 from tpmscad.lattices import mapped_lattice as mappings
 from tpmscad.lattices.maps import stretching
 from tpmscad.lattices.primitive import fit_offset_surfaces
+from tpmscad.rigid_motion import Motion
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.implicit_solid import solidify
@@ -75,18 +76,7 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Callab
     else:
         patches, deviation = _fit_stretched_patches(request, cells, phase, progress)
         bounds = {}
-    return LatticeCover(move_rigidly(patches, np.eye(3), first * edge), low, high, deviation, bounds)
-
-
-def move_rigidly(patches: Brep, rotation: Array, shift: Array) -> Brep:
-    """The complex at R x + t."""
-    edges, faces = patches.edges, patches.faces
-    return replace(
-        patches,
-        vertices=patches.vertices @ rotation.T + shift,
-        edges=replace(edges, rotation=rotation @ edges.rotation, translation=edges.translation @ rotation.T + shift),
-        faces=replace(faces, rotation=rotation @ faces.rotation, translation=faces.translation @ rotation.T + shift),
-    )
+    return LatticeCover(translate_brep(patches, first * edge), low, high, deviation, bounds)
 
 
 def _fit_stretched_patches(
@@ -144,7 +134,7 @@ class LatticeBlock:
 
 def build_lattice_block(request: LatticeRequest, turn: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
     """The lattice of a minimal surface around the body; `turn` takes lattice coordinates to the body's."""
-    low, high = enclosing_box(moved_shape(body.shape, turn.T, np.zeros(3)))
+    low, high = enclosing_box(moved_shape(body.shape, Motion(turn.T, np.zeros(3))))
     if (high - low < np.array(request.cell)).all():
         raise InvalidRequest(
             f"{body.name} spans {' x '.join(f'{v:.4g}' for v in high - low)}, less than a cell of "
@@ -153,12 +143,12 @@ def build_lattice_block(request: LatticeRequest, turn: Array, body: CadBody, sta
     with stages("fit") as done:
         around = cover_box(request, low, high, done)
     with stages("assemble"):
-        patches = move_rigidly(around.patches, turn, np.zeros(3))
+        patches = move_brep(around.patches, Motion(turn, np.zeros(3)))
         smooth = measure_edge_continuity(patches, OFFSET_TAGS)
 
     def close() -> Brep:
         closed = trim(around.patches, box(around.low, around.high), CUT_TOL_CELLS * max(request.cell)).brep
-        return move_rigidly(closed, turn, np.zeros(3))
+        return move_brep(closed, Motion(turn, np.zeros(3)))
 
     reference = f"{request.reference} {request.surface} surface"
     return LatticeBlock(patches, close, request.tol, around.deviation, reference, smooth, around.bounds, {}, (), ())

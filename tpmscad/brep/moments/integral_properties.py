@@ -17,6 +17,7 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.moments.legendre_series import integrate_pcurves_single_span, is_single_span
 from tpmscad.brep.moments.loop_integrals import N_MOMENTS, composite_curve_rule, integrate_pcurves
 from tpmscad.brep.moments.tensor_gauss import whole_moments
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 
@@ -56,7 +57,7 @@ def integrate_faces(brep: Brep) -> FaceMoments:
                 table[start:stop] = integrate_pcurves(surface, pieces)
         np.add.at(moments, face[curved], table[key_of_use.ravel()] * uses.sense[curved, None])
     if len(curved) or whole.any():
-        moments = _move_moments(moments, faces.rotation, faces.translation)
+        moments = _move_moments(moments, faces.motion)
     _add_planar_faces(moments, brep, np.flatnonzero(planar), face)
 
     outward = np.where(faces.sense > 0, 1.0, -1.0)[:, None]
@@ -79,18 +80,17 @@ def centroid(moments: FaceMoments) -> Array:
     return np.asarray(moments.second.sum(axis=0) / (4.0 * volume(moments)[0]))
 
 
-def _move_moments(moments: Array, rotation: Array, translation: Array) -> Array:
+def _move_moments(moments: Array, motion: Motion) -> Array:
     """Moments after x -> R x + t, over the moved surface's own S_u x S_v (a mirror turns it round)."""
-    sign = np.where(np.linalg.det(rotation) > 0, 1.0, -1.0)
     normal, first, second = moments[:, 1:4], moments[:, 4:13].reshape(-1, 3, 3), moments[:, 13:]
-    t = translation
-    back = np.einsum("fji,fj->fi", rotation, t)
+    rotation, t = motion.rotation, motion.translation
+    back = motion.apply_inverse_to_vectors(t)
     cone = np.trace(first, axis1=1, axis2=2) + (back * normal).sum(axis=1)  # int (R x + t) . R n
-    second = np.einsum("fij,fj->fi", rotation, second + np.einsum("fij,fj->fi", first, back)) + t * cone[:, None]
+    second = motion.apply_to_vectors(second + np.einsum("fij,fj->fi", first, back)) + t * cone[:, None]
     first = np.einsum("fia,fab,fjb->fij", rotation, first, rotation, optimize=True)
-    normal = np.einsum("fij,fj->fi", rotation, normal)
+    normal = motion.apply_to_vectors(normal)
     first = first + np.einsum("fi,fj->fij", t, normal)
-    signed = sign[:, None] * np.concatenate([normal, first.reshape(-1, 9), second], axis=1)
+    signed = motion.handedness[:, None] * np.concatenate([normal, first.reshape(-1, 9), second], axis=1)
     return np.concatenate([moments[:, :1], signed], axis=1)
 
 
@@ -111,10 +111,12 @@ def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: I
         local, speed = curve(nodes), curve(nodes, 1)
         at = planar_uses[order[bounds[k] : bounds[k + 1]]]
         e, f = uses.edge[at], face[at]
-        points = local @ np.swapaxes(edges.rotation[e], 1, 2) + (edges.translation[e] - frames[f, 0])[:, None]
+        points = (
+            local @ np.swapaxes(edges.motion.rotation[e], 1, 2) + (edges.motion.translation[e] - frames[f, 0])[:, None]
+        )
         axes = np.swapaxes(frames[f, 1:3], 1, 2)
         u, v = np.moveaxis(points @ axes, -1, 0)
-        dv = (speed @ np.swapaxes(edges.rotation[e], 1, 2) @ axes)[:, :, 1] * weights * uses.sense[at][:, None]
+        dv = (speed @ np.swapaxes(edges.motion.rotation[e], 1, 2) @ axes)[:, :, 1] * weights * uses.sense[at][:, None]
         np.add.at(in_plane, f, np.stack([(p * dv).sum(axis=1) for p in (u, u**2 / 2, u * v)], axis=1))
     at = np.unique(face[planar_uses])
     moments[at] = _lift_planar_moments(in_plane[at], frames[at])
@@ -130,9 +132,10 @@ def _plane_frames(brep: Brep) -> Array:
     for index, carrier in enumerate(brep.carriers):
         if isinstance(carrier, Plane):
             at = np.flatnonzero(faces.carrier == index)
-            frames[at, 0] = faces.rotation[at] @ carrier.origin + faces.translation[at]
-            frames[at, 1] = faces.rotation[at] @ carrier.x_axis
-            frames[at, 2] = faces.rotation[at] @ carrier.y_axis
+            rotation = faces.motion.rotation[at]
+            frames[at, 0] = rotation @ carrier.origin + faces.motion.translation[at]
+            frames[at, 1] = rotation @ carrier.x_axis
+            frames[at, 2] = rotation @ carrier.y_axis
             frames[at, 3] = np.cross(frames[at, 1], frames[at, 2])
     return frames
 

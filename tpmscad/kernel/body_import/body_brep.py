@@ -28,6 +28,7 @@ from tpmscad.kernel.recognise.edge_curves import CurveFitFailed, fit_pcurve
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL, recognise_carrier
 from tpmscad.kernel.recognise.unrolled_faces import ImportedBody, UnsupportedFace, unroll_face
 from tpmscad.kernel.step.step_reader import solids_of
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 
 FACE_TAG = "body"
@@ -144,7 +145,7 @@ def _assemble(body: ImportedBody) -> Brep:
         vertices=np.array(body.vertices),
         edges=Edges(
             np.array([index[id(e.curve)] for e in edges]),
-            *_identity_motions(len(edges)),
+            Motion.identity(len(edges)),
             np.array([e.span for e in edges]),
             np.array([e.start for e in edges]),
             np.array([e.end for e in edges]),
@@ -153,7 +154,7 @@ def _assemble(body: ImportedBody) -> Brep:
         uses=EdgeUses(*np.array(rows).T),
         faces=Faces(
             np.arange(n),
-            *_identity_motions(n),
+            Motion.identity(n),
             np.array([face.sense for face in body.faces]),
             np.zeros(n, np.int64),
             np.array(loop_start),
@@ -161,10 +162,6 @@ def _assemble(body: ImportedBody) -> Brep:
         ),
         tags=(FACE_TAG,),
     )
-
-
-def _identity_motions(count: int) -> tuple[Array, Array]:
-    return np.tile(np.eye(3), (count, 1, 1)), np.zeros((count, 3))
 
 
 DEVIATION_SAMPLES = 33

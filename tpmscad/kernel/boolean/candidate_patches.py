@@ -67,7 +67,7 @@ def _patch_nodes(patches: Brep) -> tuple[list[tuple[IntArray, Array]], Array]:
         net = carrier.grid(u, v)
         diagonals = net[1:, 1:] - net[:-1, :-1], net[1:, :-1] - net[:-1, 1:]
         half[own] = 0.5 * max(float(np.linalg.norm(d, axis=-1).max()) for d in diagonals)
-        placed = np.einsum("fij,uvj->fuvi", faces.rotation[own], net) + faces.translation[own, None, None]
+        placed = faces.motion[own, None, None].apply(net)
         result.append((own, placed.reshape(len(own), -1, 3)))
     return result, half
 

@@ -13,6 +13,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, Ellipse
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.kernel.occt import convert
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 CONFUSION_TOLERANCE = 1e-7
@@ -36,7 +37,7 @@ def build_edges(builder: BRep_Builder, brep: Brep, vertices: list[TopoDS_Vertex]
     """Edges with vertices, 3-D curve and range; parameter curves come with the faces."""
     reversed_vertices = [vertex.Reversed() for vertex in vertices]
     edges = brep.edges
-    moves = build_transforms(edges.rotation, edges.translation)
+    moves = build_transforms(edges.motion)
     curves = [convert.curve(c) for c in brep.curves]
     straight = set(straight_edges(brep).tolist())
     tolerance = np.maximum(CONFUSION_TOLERANCE, edges.deviation).tolist()
@@ -85,11 +86,11 @@ def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
     return result
 
 
-def build_transforms(rotation: Array, translation: Array) -> list[gp_Trsf]:
+def build_transforms(motion: Motion) -> list[gp_Trsf]:
     """The motion of each item; equal ones are made once."""
-    rows = np.concatenate([rotation.reshape(-1, 9), translation], axis=1)
+    rows = np.concatenate([motion.rotation.reshape(-1, 9), motion.translation], axis=1)
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
-    made = [convert.transformation(row[:9].reshape(3, 3), row[9:]) for row in distinct]
+    made = [convert.transformation(Motion(row[:9].reshape(3, 3), row[9:])) for row in distinct]
     return [made[i] for i in index.ravel().tolist()]
 
 
@@ -129,7 +130,7 @@ def end_points(brep: Brep) -> Array:
     edges = brep.edges
     keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
     local = np.stack([brep.curves[int(i)]([low, high]) for i, low, high in keys])[key.ravel()]
-    return np.einsum("eij,ekj->eki", edges.rotation, local) + edges.translation[:, None]
+    return edges.motion[:, None].apply(local)
 
 
 def vertex_tolerances(brep: Brep) -> Array:

@@ -73,7 +73,7 @@ def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, 
     keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
     for k, (index, low, high) in enumerate(keys):
         at = np.flatnonzero(key.ravel() == k)
-        middle[at] = edges.rotation[at] @ brep.curves[int(index)](0.5 * (low + high)) + edges.translation[at]
+        middle[at] = edges.motion[at].apply(brep.curves[int(index)](0.5 * (low + high)))
     edge_shell = shell[brep.face_of_use]
     used = brep.uses.edge
     points = np.concatenate([brep.vertices[edges.start[used]], brep.vertices[edges.end[used]], middle[used]])
@@ -97,7 +97,7 @@ def _enlarge_by_quadrics(
             continue
         v = np.concatenate([brep.pcurves[p].poles[:, 1] for p in np.unique(uses.pcurve[face == i]).tolist()])
         centre, radius = _bounding_sphere(carrier, float(v.min()), float(v.max()))
-        centre = faces.rotation[i] @ centre + faces.translation[i]
+        centre = faces.motion[i].apply(centre)
         s = shell[i]
         low[s], high[s], has[s] = np.minimum(low[s], centre - radius), np.maximum(high[s], centre + radius), True
     return low, high, has

@@ -146,14 +146,14 @@ def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
 def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
     """Each face's own placed surface: a surface that two faces share can't hold both parameter curves of their edge."""
     faces = brep.faces
-    moves = build_transforms(faces.rotation, faces.translation)
+    moves = build_transforms(faces.motion)
     bases = [_unplaced_surface(c) for c in brep.carriers]
     result = []
     for i, index in enumerate(faces.carrier.tolist()):
-        carrier, base, rotation = brep.carriers[index], bases[index], faces.rotation[i]
+        carrier, base, motion = brep.carriers[index], bases[index], faces.motion[i]
         if isinstance(carrier, Plane):
-            origin = rotation @ carrier.origin + faces.translation[i]
-            result.append(convert.plane(origin, rotation @ carrier.x_axis, rotation @ carrier.y_axis))
+            x_axis, y_axis = motion.apply_to_vectors(carrier.x_axis), motion.apply_to_vectors(carrier.y_axis)
+            result.append(convert.plane(motion.apply(carrier.origin), x_axis, y_axis))
         else:
             result.append(base.Transformed(moves[i]))
     return result

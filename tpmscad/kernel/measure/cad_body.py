@@ -17,6 +17,7 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.step.step_reader import read_step, solids_of
+from tpmscad.rigid_motion import Motion
 
 MAX_COORDINATE = 1e9
 """Model units: the kernel's own idea of infinity is 2e100, and its tolerance of 1e-7 means nothing beyond this."""
@@ -101,6 +102,6 @@ def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
     return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())
 
 
-def transform_shape(shape: TopoDS_Shape, rotation: Array, translation: Array) -> TopoDS_Shape:
+def transform_shape(shape: TopoDS_Shape, motion: Motion) -> TopoDS_Shape:
     """A copy of the shape at R x + t."""
-    return BRepBuilderAPI_Transform(shape, convert.transformation(rotation, translation), True).Shape()
+    return BRepBuilderAPI_Transform(shape, convert.transformation(motion), True).Shape()

@@ -42,6 +42,7 @@ from tpmscad.brep.carriers import (
     Quadric,
     SphericalSurface,
 )
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 try:
@@ -172,10 +173,10 @@ def direction(value: Array) -> gp_Dir:
     return gp_Dir(*value.tolist())
 
 
-def transformation(rotation: Array, translation: Array) -> gp_Trsf:
+def transformation(motion: Motion) -> gp_Trsf:
     """x -> R x + t, mirrors included."""
     result = gp_Trsf()
-    result.SetValues(*np.column_stack([rotation, translation]).ravel().tolist())
+    result.SetValues(*np.column_stack([motion.rotation, motion.translation]).ravel().tolist())
     return result
 
 

@@ -31,26 +31,27 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
 )
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 MIRROR_X = np.diag([-1.0, 1.0, 1.0])
 
 
-def group_by_handedness(primitive: IntArray, rotation: Array) -> tuple[IntArray, Array, Array]:
+def group_by_handedness(primitive: IntArray, motion: Motion) -> tuple[IntArray, Array, Array]:
     """The base of each placed primitive: its index (n,), and for each base the primitive (b,) and whether it is mirrored (b,)."""
-    mirrored = np.linalg.det(rotation) < 0
+    mirrored = motion.handedness < 0
     rows = np.column_stack([primitive, mirrored])
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
     return index.ravel(), distinct[:, 0], distinct[:, 1].astype(bool)
 
 
-def write_replicas(entities: DataSection, base: IntArray, rotation: Array, translation: Array) -> IntArray:
+def write_replicas(entities: DataSection, base: IntArray, motion: Motion) -> IntArray:
     """SURFACE_REPLICA numbers of bases (entity numbers (n,)) moved by each motion; mirrored bases take what is left of it."""
-    proper = np.where((np.linalg.det(rotation) < 0)[:, None, None], rotation @ MIRROR_X, rotation)
+    proper = np.where((motion.handedness < 0)[:, None, None], motion.rotation @ MIRROR_X, motion.rotation)
     axes = np.swapaxes(proper, 1, 2).reshape(-1, 3)  # the images of x, y, z, one after another
     x, y, z = (format_reals(axes[:, k].tolist()) for k in range(3))
     directions = entities.extend([f"DIRECTION('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
-    x, y, z = (format_reals(translation[:, k].tolist()) for k in range(3))
+    x, y, z = (format_reals(motion.translation[:, k].tolist()) for k in range(3))
     origins = entities.extend([f"CARTESIAN_POINT('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
     operators = entities.extend(
         [
@@ -72,31 +73,30 @@ class PlacedGeometry:
     """Distinct placed primitives: which primitive, its motion, and the index of each face's or edge's."""
 
     primitive: IntArray
-    rotation: Array
-    translation: Array
+    motion: Motion
     index: IntArray
 
     @classmethod
-    def of(cls, primitive: IntArray, rotation: Array, translation: Array) -> PlacedGeometry:
-        rows = np.column_stack([primitive, rotation.reshape(-1, 9), translation])
+    def of(cls, primitive: IntArray, motion: Motion) -> PlacedGeometry:
+        rows = np.column_stack([primitive, motion.rotation.reshape(-1, 9), motion.translation])
         _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # number them as they come
         rank = np.empty_like(order)
         rank[order] = np.arange(len(order))
         at = first[order]
-        return cls(primitive[at], rotation[at], translation[at], rank[index.ravel()])
+        return cls(primitive[at], motion[at], rank[index.ravel()])
 
     def bases(self, spline: NDArray[np.bool_]) -> PlacedGeometry:
         """What replicas need instead: planes as they are, and each primitive once for either handedness, where it was made."""
-        base, primitive, mirrored = group_by_handedness(self.primitive[spline], self.rotation[spline])
+        base, primitive, mirrored = group_by_handedness(self.primitive[spline], self.motion[spline])
         planes = np.flatnonzero(~spline)
         index = np.empty(len(spline), np.int64)
         index[planes] = np.arange(len(planes))
         index[spline] = len(planes) + base
+        handed = Motion(np.where(mirrored[:, None, None], MIRROR_X, np.eye(3)), np.zeros((len(primitive), 3)))
         return PlacedGeometry(
             np.concatenate([self.primitive[planes], primitive]),
-            np.concatenate([self.rotation[planes], np.where(mirrored[:, None, None], MIRROR_X, np.eye(3))]),
-            np.concatenate([self.translation[planes], np.zeros((len(primitive), 3))]),
+            Motion.concatenate([self.motion[planes], handed]),
             index,
         )
 
@@ -105,7 +105,7 @@ class PlacedGeometry:
         placed: list[Array] = [np.zeros((0, 3))] * len(self.primitive)
         for p in np.unique(self.primitive).tolist():
             at = np.flatnonzero(self.primitive == p)
-            moved = np.einsum("mij,pj->mpi", self.rotation[at], local[p]) + self.translation[at, None]
+            moved = self.motion[at, None].apply(local[p])
             for i, points in zip(at.tolist(), moved, strict=True):
                 placed[i] = points
         return placed
@@ -175,17 +175,19 @@ def write_surfaces(entities: DataSection, brep: Brep, placed: PlacedGeometry, nu
         if isinstance(carrier, BSplineSurface):
             bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
         else:
-            bodies.append(_elementary_surface(entities, carrier, placed.rotation[i], placed.translation[i]))
+            bodies.append(_elementary_surface(entities, carrier, placed.motion[i]))
     return np.array(entities.extend(bodies))
 
 
-def _elementary_surface(entities: DataSection, carrier: Plane | Quadric, rotation: Array, translation: Array) -> str:
+def _elementary_surface(entities: DataSection, carrier: Plane | Quadric, motion: Motion) -> str:
     """A plane, its normal the placed x axis times y axis; or a quadric. Frames in STEP are right-handed, so that a quadric's
     S_u x S_v points away from its axis, mirrored or not."""
-    origin, x = rotation @ carrier.origin + translation, rotation @ carrier.x_axis
+    origin, x = motion.apply(carrier.origin), motion.apply_to_vectors(carrier.x_axis)
     if isinstance(carrier, Plane):
-        return f"PLANE('',#{write_placement(entities, origin, np.cross(x, rotation @ carrier.y_axis), x)})"
-    axis = rotation @ carrier.axis
+        return (
+            f"PLANE('',#{write_placement(entities, origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)})"
+        )
+    axis = motion.apply_to_vectors(carrier.axis)
     if isinstance(carrier, ConicalSurface):  # STEP's cones open along their axis
         angle = abs(carrier.angle)
         at = write_placement(entities, origin, axis if carrier.angle > 0 else -axis, x)
@@ -203,7 +205,7 @@ def write_placed_replicas(
 ) -> IntArray:
     """Each placed carrier's entity number, given those of the bases."""
     result = number[base.index]
-    result[spline] = write_replicas(entities, result[spline], placed.rotation[spline], placed.translation[spline])
+    result[spline] = write_replicas(entities, result[spline], placed.motion[spline])
     return result
 
 
@@ -226,7 +228,7 @@ def write_curves(entities: DataSection, brep: Brep, placed: PlacedGeometry, numb
         if isinstance(curve, BSplineCurve):
             bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
         else:
-            bodies.append(_conic(entities, curve.moved(placed.rotation[i], placed.translation[i])))
+            bodies.append(_conic(entities, curve.moved(placed.motion[i])))
     result = np.zeros(len(placed.primitive), np.int64)
     result[bent] = entities.extend(bodies)
     return result

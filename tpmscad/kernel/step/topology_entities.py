@@ -41,8 +41,8 @@ def write_solids(entities: DataSection, brep: Brep, nesting: ShellNesting, repli
 
     `replicas` writes a primitive once and copies it, see `step.replica`.
     """
-    surfaces = PlacedGeometry.of(brep.faces.carrier, brep.faces.rotation, brep.faces.translation)
-    curves = PlacedGeometry.of(brep.edges.curve, brep.edges.rotation, brep.edges.translation)
+    surfaces = PlacedGeometry.of(brep.faces.carrier, brep.faces.motion)
+    curves = PlacedGeometry.of(brep.edges.curve, brep.edges.motion)
     poles, control = [poles_of(c) for c in brep.carriers], [poles_of(c) for c in brep.curves]
     spline = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[surfaces.primitive]
     written = surfaces.bases(spline) if replicas else surfaces
@@ -117,7 +117,7 @@ def _write_faces(entities: DataSection, brep: Brep, surface: IntArray, edge: Int
     names = [format_string(tag) for tag in brep.tags]
     first = faces.loop_start.tolist()
     quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
-    mirrored = quadric & (np.linalg.det(faces.rotation) < 0)  # its S_u x S_v is not that of the STEP surface
+    mirrored = quadric & (faces.motion.handedness < 0)  # its S_u x S_v is not that of the STEP surface
     rows = zip(faces.tag.tolist(), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
     return np.array(
         entities.extend(
@@ -155,10 +155,8 @@ def _loop_area(brep: Brep, face: int, uses: range) -> float:
         low, high = brep.edges.span[e].tolist()
         t = np.linspace(low, high, AREA_SAMPLES_PER_EDGE + 1)
         if isinstance(carrier, Plane):
-            rotation, translation = brep.faces.rotation[face], brep.faces.translation[face]
-            edges = brep.edges
-            space = brep.curves[int(edges.curve[e])](t) @ edges.rotation[e].T + edges.translation[e]
-            uv = carrier.parameters((space - translation) @ rotation)
+            space = brep.edges.motion[e].apply(brep.curves[int(brep.edges.curve[e])](t))
+            uv = carrier.parameters(brep.faces.motion[face].apply_inverse(space))
         else:
             uv = brep.pcurves[int(brep.uses.pcurve[k])](t)
         points.append((uv if brep.uses.sense[k] > 0 else uv[::-1])[:-1])

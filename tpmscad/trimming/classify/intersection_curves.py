@@ -164,7 +164,7 @@ def _evaluate_end_directions(
     strands = tracks.curve_segments
     for i, (p, e) in enumerate(zip(piece.tolist(), end.tolist(), strict=True)):
         strand = pieces.segment[p]
-        way = strands.rotation[strand] @ curves[strands.curve[strand]](pieces.span[p, e], 1)
+        way = strands.motion[strand].apply_to_vectors(curves[strands.curve[strand]](pieces.span[p, e], 1))
         result[i] = way / np.linalg.norm(way) * (1 if e == 0 else -1)
     return result
 

@@ -158,4 +158,4 @@ def _vote_from_coincident_sides(
 def read_edge_segments(lattice: Brep) -> CurveSegments:
     """All edges of the lattice."""
     e = lattice.edges
-    return CurveSegments(e.curve, e.rotation, e.translation, e.span, e.start, e.end)
+    return CurveSegments(e.curve, e.motion, e.span, e.start, e.end)

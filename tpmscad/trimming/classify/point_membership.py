@@ -42,14 +42,14 @@ def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolAr
         ).reshape(-1, 3)
     middle = samples.mean(axis=1)
     radius = np.linalg.norm(samples - middle[:, None], axis=2).max(axis=1)[faces.carrier]
-    centre = np.einsum("fij,fj->fi", faces.rotation, middle[faces.carrier]) + faces.translation
+    centre = faces.motion.apply(middle[faces.carrier])
     open_edge = np.zeros(len(lattice.edges), bool)
     open_edge[connectivity.find_unmatched_edges(lattice)] = True
     result = np.zeros(len(points), bool)
     for i, point in enumerate(points):
         apart = np.linalg.norm(centre - point, axis=1)
         near = np.flatnonzero(apart - radius <= (apart + radius).min())
-        local = np.einsum("fji,fj->fi", faces.rotation[near], point - faces.translation[near])
+        local = faces.motion[near].apply_inverse(point)
         distance = np.linalg.norm(samples[faces.carrier[near]] - local[:, None], axis=2)
         nearest = np.argsort(distance.min(axis=1))[:MAX_CANDIDATE_PATCHES]
         found = [_project_to_patch(lattice, int(near[j]), local[j], int(distance[j].argmin())) for j in nearest]
@@ -66,7 +66,7 @@ def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolAr
             raise TrimmingError(
                 f"the lattice's open border is next to {point.round(6)}: pass `inside` to tell solid from void"
             )
-        outward = faces.sense[f] * (1 if np.linalg.det(faces.rotation[f]) > 0 else -1)
+        outward = faces.sense[f] * faces.motion[f].handedness
         result[i] = side * outward < 0
     return result
 

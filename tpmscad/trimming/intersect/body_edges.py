@@ -219,8 +219,8 @@ def _project_to_two_surfaces(
     lattice: Brep, face: IntArray, uv: Array, own: ImplicitSurfaces, other: ImplicitSurfaces
 ) -> Array:
     """Points on patches and on two levels each, by Newton's method from (u, v) (m, 2): (m, 3)."""
-    rotation, translation = lattice.faces.rotation[face], lattice.faces.translation[face]
-    first, second = own.in_frames(rotation, translation), other.in_frames(rotation, translation)
+    motion = lattice.faces.motion[face]
+    first, second = own.in_frames(motion), other.in_frames(motion)
     local = np.empty((len(face), 3))
     for carrier in np.unique(lattice.faces.carrier[face]):
         at = np.flatnonzero(lattice.faces.carrier[face] == carrier)
@@ -236,7 +236,7 @@ def _project_to_two_surfaces(
             slope = np.stack([patch(p[:, 0], p[:, 1], *d) for d in ((1, 0), (0, 1))], axis=2)
             p = p - np.linalg.solve(gradient @ slope, g[..., None])[..., 0]
         local[at] = patch(p[:, 0], p[:, 1])
-    return np.einsum("mij,mj->mi", rotation, local) + translation
+    return motion.apply(local)
 
 
 def _project_to_arcs(
@@ -261,7 +261,7 @@ def _project_to_arcs(
 
 def _evaluate_tangents(curves: Sequence[BSplineCurve], strands: CurveSegments, index: IntArray, t: Array) -> Array:
     local = np.array([curves[strands.curve[i]](x, 1) for i, x in zip(index, t, strict=True)]).reshape(-1, 3)
-    return np.einsum("nij,nj->ni", strands.rotation[index], local)
+    return strands.motion[index].apply_to_vectors(local)
 
 
 def _match_existing_vertices(

@@ -44,7 +44,7 @@ def find_candidate_pairs(lattice: Brep, body: TrimmingBody, regions: list[FaceRe
         centre[c], radius[c] = _bound_patch_parts(patch)
     whole = centre.mean(axis=1)
     reach = (np.linalg.norm(centre - whole[:, None], axis=2) + radius).max(axis=1)[faces.carrier]
-    middle = np.einsum("fij,fj->fi", faces.rotation, whole[faces.carrier]) + faces.translation
+    middle = faces.motion.apply(whole[faces.carrier])
     surfaces = body.levels.of(np.arange(body.n_surfaces))
     distance = surfaces.distances(middle)
     near = np.zeros(distance.shape, bool)
@@ -59,8 +59,8 @@ def find_candidate_pairs(lattice: Brep, body: TrimmingBody, regions: list[FaceRe
     face, surface = np.nonzero(near)
     own = faces.carrier[face]
     for rows in np.array_split(np.arange(len(face)), max(1, len(face) // 20000)):
-        parts = np.einsum("pij,psj->psi", faces.rotation[face[rows]], centre[own[rows]])
-        value = surfaces.of(surface[rows]).value(parts + faces.translation[face[rows]][:, None])
+        parts = faces.motion[face[rows], None].apply(centre[own[rows]])
+        value = surfaces.of(surface[rows]).value(parts)
         near[face[rows], surface[rows]] = (np.abs(value) <= radius[own[rows]]).any(axis=1)
     return near
 

@@ -22,6 +22,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, design_matrix
 from tpmscad.trimming.operands.face_regions import FaceRegion
 from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
@@ -45,8 +46,7 @@ class CurveSegments:
     """n curve pieces: curve index, motion, parameter span (n, 2), start and end vertex."""
 
     curve: IntArray
-    rotation: Array
-    translation: Array
+    motion: Motion
     span: Array
     start: IntArray
     end: IntArray
@@ -92,7 +92,7 @@ def evaluate_segments(curves: Sequence[EdgeCurve], strands: CurveSegments, index
     for at in np.split(order, cuts):
         if len(at):
             local[at] = curves[owner[at[0]]](t[at])
-    return np.einsum("mij,mj->mi", strands.rotation[index], local) + strands.translation[index]
+    return strands.motion[index].apply(local)
 
 
 def intersect_segments(
@@ -115,13 +115,13 @@ def intersect_segments(
     for c, p in poles.items():
         low[c], high[c] = p.min(axis=0), p.max(axis=0)
     middle, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
-    centre = np.einsum("nij,nj->ni", strands.rotation, middle[strands.curve]) + strands.translation
+    centre = strands.motion.apply(middle[strands.curve])
     distance = levels.distances(centre)
     sign = np.where(distance < 0, -1, 1)
     near = wanted & (np.abs(distance) <= radius[strands.curve][:, None] + snap)
     s, surface = np.nonzero(near)
 
-    seen = levels.of(surface).in_frames(strands.rotation[s], strands.translation[s])
+    seen = levels.of(surface).in_frames(strands.motion[s])
     ends_on = np.column_stack([on[strands.start[s], surface], on[strands.end[s], surface]])
     size = max(float(radius.max(initial=0.0)), snap)
     key = np.column_stack([strands.curve[s], strands.span[s], seen.key(size), ends_on])

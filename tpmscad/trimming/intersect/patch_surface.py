@@ -15,6 +15,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect import arc_fitting, marching
 from tpmscad.trimming.intersect.curve_surface import ZERO_FRACTION_OF_TOL, CurveSegments, CurveSurfaceIntersections
@@ -59,7 +60,7 @@ def intersect_patches(
     """Trace surfaces on the patches `near` them (F, K). `on` (V, K), `crossings`: the lattice's vertices and edges on them."""
     faces = brep.faces
     face, surface = np.nonzero(near)
-    seen = levels.of(surface).in_frames(faces.rotation[face], faces.translation[face])
+    seen = levels.of(surface).in_frames(faces.motion[face])
     corner_on = on[sides.corner[face], surface[:, None]]
     side_flat = crossings.sign[sides.edge[face], surface[:, None]] == 0
     special = corner_on.any(axis=1) | side_flat.any(axis=1)
@@ -91,7 +92,7 @@ def intersect_patches(
         assert isinstance(patch, BSplineSurface)
         if len(trace.points):
             local = patch(trace.points[:, 0], trace.points[:, 1])
-            points.extend(local @ faces.rotation[f].T + faces.translation[f])
+            points.extend(faces.motion[f].apply(local))
         for a, arc in enumerate(trace.arcs):
             ends = [_find_end_vertex(end, sides, crossings, vertex_of_root, f, k, own) for end in (arc.start, arc.end)]
             rows.append((f, k, first_cut[label[p]] + a, int(turn[p]), *ends))
@@ -196,8 +197,7 @@ def collect_intersection_curves(
     return IntersectionCurves(
         curve_segments=CurveSegments(
             curve=np.concatenate([len(lattice.curves) + cuts.cut, e.curve[edge]]),
-            rotation=np.concatenate([faces.rotation[cuts.face], e.rotation[edge]]),
-            translation=np.concatenate([faces.translation[cuts.face], e.translation[edge]]),
+            motion=Motion.concatenate([faces.motion[cuts.face], e.motion[edge]]),
             span=np.concatenate([np.tile([0.0, 1.0], (arcs, 1)), e.span[edge]]),
             start=np.concatenate([cuts.start, e.start[edge]]),
             end=np.concatenate([cuts.end, e.end[edge]]),

@@ -18,6 +18,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, Plane, SphericalSurface, ToroidalSurface
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.local_basis import evaluate_basis_derivatives
 
@@ -51,12 +52,12 @@ class ImplicitSurfaces:
     def of(self, rows: IntArray) -> ImplicitSurfaces:
         return ImplicitSurfaces(self.kind[rows], self.point[rows], self.axis[rows], self.a[rows], self.b[rows])
 
-    def in_frames(self, rotation: Array, translation: Array) -> ImplicitSurfaces:
-        """Row i as seen from the frame whose points x lie at rotation[i] x + translation[i]."""
-        axis = np.einsum("ni,nij->nj", self.axis, rotation)
-        point = np.einsum("ni,nij->nj", self.point - translation, rotation)
+    def in_frames(self, motion: Motion) -> ImplicitSurfaces:
+        """Row i as seen from the frame whose points x lie at motion[i](x)."""
+        axis = motion.apply_inverse_to_vectors(self.axis)
+        point = motion.apply_inverse(self.point)
         flat, centred = self.kind == PLANE, (self.kind == SPHERE) | (self.kind == TORUS)
-        a = np.where(flat, self.a + np.einsum("ni,ni->n", self.axis, translation), self.a)
+        a = np.where(flat, self.a + np.einsum("ni,ni->n", self.axis, motion.translation), self.a)
         along = self.kind == CYLINDER
         point = np.where(along[:, None], point - np.einsum("ni,ni->n", point, axis)[:, None] * axis, point)
         point = np.where(flat[:, None], 0.0, point)

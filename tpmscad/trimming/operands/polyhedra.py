@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import InvalidRequest
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
 
 FLATNESS_FRACTION = 1e-9
@@ -48,8 +49,7 @@ def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
         vertices=points,
         edges=Edges(
             curve=np.arange(m),
-            rotation=np.tile(np.eye(3), (m, 1, 1)),
-            translation=np.zeros((m, 3)),
+            motion=Motion.identity(m),
             span=np.column_stack([np.zeros(m), length]),
             start=ends[:, 0].copy(),
             end=ends[:, 1].copy(),
@@ -62,8 +62,7 @@ def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
         ),
         faces=Faces(
             carrier=np.arange(n),
-            rotation=np.tile(np.eye(3), (n, 1, 1)),
-            translation=np.zeros((n, 3)),
+            motion=Motion.identity(n),
             sense=np.ones(n, np.int64),
             tag=np.zeros(n, np.int64),
             loop_start=np.arange(n + 1),

@@ -15,6 +15,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, Circle, EdgeCurve, Plane, Quadric
 from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.operands.implicit_surfaces import CONE, CYLINDER, PLANE, ImplicitSurfaces, build_implicit_surfaces
 
@@ -59,12 +60,8 @@ class TrimmingBody:
 def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     """The body ready to trim by; InvalidRequest if it is not closed, TrimmingError if its faces or edges are of other kinds."""
     faces, edges = brep.faces, brep.edges
-    carriers = tuple(
-        _place_carrier(brep.carriers[c], faces.rotation[i], faces.translation[i]) for i, c in enumerate(faces.carrier)
-    )
-    curves = tuple(
-        _place_curve(brep.curves[c], edges.rotation[i], edges.translation[i]) for i, c in enumerate(edges.curve)
-    )
+    carriers = tuple(_place_carrier(brep.carriers[c], faces.motion[i]) for i, c in enumerate(faces.carrier))
+    curves = tuple(_place_curve(brep.curves[c], edges.motion[i]) for i, c in enumerate(edges.curve))
     order = np.argsort(brep.uses.edge, kind="stable")
     face = brep.face_of_use
     outward = brep.uses.sense * faces.sense[face]
@@ -74,7 +71,7 @@ def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     uses = order.reshape(-1, 2)
 
     n = len(faces)
-    seen = build_implicit_surfaces(carriers).in_frames(np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3)))
+    seen = build_implicit_surfaces(carriers).in_frames(Motion.identity(n))
     rounded = np.round(seen.axis, 9) + 0.0
     turn = np.where(seen.flat & (rounded[np.arange(n), (rounded != 0).argmax(axis=1)] < 0), -1, 1)
     seen = seen.flip_planes(turn)
@@ -101,20 +98,20 @@ def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     )
 
 
-def _place_carrier(carrier: Carrier, rotation: Array, translation: Array) -> Plane | Quadric:
+def _place_carrier(carrier: Carrier, motion: Motion) -> Plane | Quadric:
     if isinstance(carrier, BSplineSurface):
         raise TrimmingError("a face of the body lies on a B-spline surface, not on a plane or a quadric")
-    if np.array_equal(rotation, np.eye(3)) and not translation.any():
+    if motion.is_identity():
         return carrier
-    if np.linalg.det(rotation) < 0:
+    if motion.handedness < 0:
         raise TrimmingError("a face of the body is a mirrored copy")
-    return carrier.moved(rotation, translation)
+    return carrier.moved(motion)
 
 
-def _place_curve(curve: EdgeCurve, rotation: Array, translation: Array) -> EdgeCurve:
-    if np.array_equal(rotation, np.eye(3)) and not translation.any():
+def _place_curve(curve: EdgeCurve, motion: Motion) -> EdgeCurve:
+    if motion.is_identity():
         return curve
-    return curve.moved(rotation, translation)
+    return curve.moved(motion)
 
 
 def _choose_separating_surfaces(

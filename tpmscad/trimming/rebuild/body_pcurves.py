@@ -11,6 +11,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Edges
 from tpmscad.brep.carriers import ConicalSurface, Plane, Quadric, SphericalSurface
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, design_matrix
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arc_fitting import CURVE_DEGREE, SPAN_COUNTS, build_interpolation
@@ -39,19 +40,18 @@ def fit_edge_pcurves(
     own, (low, high) = [curves[c] for c in edges.curve[edge]], edges.span[edge].T
     part = (high - low) / np.array([c.domain[1] - c.domain[0] for c in own])  # of the curve, which was fitted as finely
     least = (part * np.array([len(c.poles) - c.degree for c in own])).astype(np.int64)
-    places = edges.rotation[edge], edges.translation[edge]
-    return fit_pcurves(own, places, edges.span[edge], region, tol, least)
+    return fit_pcurves(own, edges.motion[edge], edges.span[edge], region, tol, least)
 
 
 def fit_pcurves(
     curves: Sequence[BSplineCurve],
-    places: tuple[Array, Array],
+    motion: Motion,
     span: Array,
     region: FaceRegion,
     tol: float,
     least: IntArray,
 ) -> tuple[list[BSplineCurve], Array]:
-    """`parameter_curve` for n curves, moved by `places`, rotations (n, 3, 3) and translations (n, 3), over spans (n, 2).
+    """`parameter_curve` for n curves, each moved by its `motion` (n,), over spans (n, 2).
 
     All that need no more than `least` (n,) spans are made together.
     """
@@ -65,7 +65,7 @@ def fit_pcurves(
         t = low[:, None] + (high - low)[:, None] * np.concatenate([sites, checks])
         index = np.repeat(np.arange(len(rows)), t.shape[1])
         local = evaluate_curves([curves[i] for i in rows.tolist()], index, t.ravel())[0].reshape(*t.shape, 3)
-        points = local @ np.swapaxes(places[0][rows], 1, 2) + places[1][rows, None]
+        points = local @ np.swapaxes(motion.rotation[rows], 1, 2) + motion.translation[rows, None]
         on_curve, between = points[:, : len(sites)], points[:, len(sites) :]
         uv = _unwrap_parameters(region.carrier, on_curve)
         middle = uv[:, [len(sites) // 2]]
@@ -77,14 +77,14 @@ def fit_pcurves(
     result = []
     for i, curve in enumerate(made):
         if curve is None:
-            placed = partial(_evaluate_placed_curve, curves[i], places[0][i], places[1][i])
+            placed = partial(_evaluate_placed_curve, curves[i], motion[i])
             curve, error[i] = fit_pcurve(placed, span[i], region, tol, int(least[i]))
         result.append(curve)
     return result, error
 
 
-def _evaluate_placed_curve(curve: BSplineCurve, rotation: Array, translation: Array, t: Array) -> Array:
-    return curve(t) @ rotation.T + translation
+def _evaluate_placed_curve(curve: BSplineCurve, motion: Motion, t: Array) -> Array:
+    return motion.apply(curve(t))
 
 
 def fit_pcurve(

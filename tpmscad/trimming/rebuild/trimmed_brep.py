@@ -12,6 +12,7 @@ from tpmscad.brep import loops
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import EdgeCurve, Plane
 from tpmscad.errors import TrimmingError
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.intersect.body_edges import BodyEdgeIntersections
 from tpmscad.trimming.intersect.curve_surface import (
@@ -60,8 +61,7 @@ def build_edge_table(
     )
     edges = Edges(
         curve=np.concatenate([old.curve[strand], track.curve[own]]),
-        rotation=np.concatenate([old.rotation[strand], track.rotation[own]]),
-        translation=np.concatenate([old.translation[strand], track.translation[own]]),
+        motion=Motion.concatenate([old.motion[strand], track.motion[own]]),
         span=np.concatenate([edge_pieces.span, track_pieces.span]),
         start=np.concatenate([edge_pieces.start, track_pieces.start]),
         end=np.concatenate([edge_pieces.end, track_pieces.end]),
@@ -172,7 +172,7 @@ def _chain_body_face(
 
 def _sample_edges(curves: Sequence[EdgeCurve], edges: Edges, edge: IntArray, x: Array) -> Array:
     """Points at the parts x (s,) of the edges' spans: (n, s, 3)."""
-    strands = CurveSegments(edges.curve, edges.rotation, edges.translation, edges.span, edges.start, edges.end)
+    strands = CurveSegments(edges.curve, edges.motion, edges.span, edges.start, edges.end)
     low, high = edges.span[edge].T
     t = low[:, None] + (high - low)[:, None] * x
     return evaluate_segments(curves, strands, np.repeat(edge, len(x)), t.ravel()).reshape(len(edge), len(x), 3)
@@ -190,8 +190,7 @@ def _append_body_edges(
     off = np.linalg.norm(places - points[np.column_stack([start, end])], axis=2).max(axis=1, initial=0.0)
     return Edges(
         curve=np.concatenate([edges.curve, first_curve + pieces.edge]),
-        rotation=np.concatenate([edges.rotation, np.tile(np.eye(3), (n, 1, 1))]),
-        translation=np.concatenate([edges.translation, np.zeros((n, 3))]),
+        motion=Motion.concatenate([edges.motion, Motion.identity(n)]),
         span=np.concatenate([edges.span, pieces.span]),
         start=np.concatenate([edges.start, start]),
         end=np.concatenate([edges.end, end]),
@@ -226,8 +225,7 @@ def _compact_brep(
         vertices=vertices[used_vertices],
         edges=Edges(
             curve=edges.curve[used],
-            rotation=edges.rotation[used],
-            translation=edges.translation[used],
+            motion=edges.motion[used],
             span=edges.span[used],
             start=ends[: len(used)],
             end=ends[len(used) :],
@@ -236,8 +234,7 @@ def _compact_brep(
         uses=EdgeUses(edge.ravel(), uses[:, 1], uses[:, 2]),
         faces=Faces(
             carrier=np.concatenate([old.carrier[kept], len(lattice.carriers) + own]),
-            rotation=np.concatenate([old.rotation[kept], np.tile(np.eye(3), (n, 1, 1))]),
-            translation=np.concatenate([old.translation[kept], np.zeros((n, 3))]),
+            motion=Motion.concatenate([old.motion[kept], Motion.identity(n)]),
             sense=np.concatenate([old.sense[kept], body.brep.faces.sense[own]]),
             tag=np.concatenate([old.tag[kept], np.full(n, tags.index(CAP_TAG))]),
             loop_start=loop_start,
