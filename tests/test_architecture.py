@@ -18,7 +18,7 @@ PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 420
 MIN_LINES = 40
 
-GROUND = {"_typing", "errors", "parallel", "rigid_motion", "stage_timer"}
+GROUND = {"_typing", "catalogue", "errors", "parallel", "rigid_motion", "stage_timer"}
 """Modules that every room may import; they import nothing of the package but each other."""
 
 MATHEMATICS = {"numpy", "scipy"}
@@ -40,7 +40,7 @@ ROOMS["workflows"] = {*ROOMS, *MATHEMATICS}
 
 FACES = {
     "recipe": {"workflows", "fields", "blending", "numpy"},
-    "cli": {"workflows", "recipe", "surfaces", "typer", "rich"},  # the surfaces are listed without the kernel
+    "cli": {"workflows", "recipe", "typer", "rich"},
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},

@@ -9,7 +9,7 @@ import pytest
 from numpy import cos, sin
 from scipy.optimize import minimize
 
-from tpmscad import fields
+from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.trigonometric_polynomials import parse_formula
 
@@ -58,17 +58,17 @@ SHIFTS = np.array(list(product(range(8), repeat=3))) / 8
 
 
 @pytest.fixture(params=fields.TPMS)
-def info(request: pytest.FixtureRequest) -> fields.TpmsInfo:
+def info(request: pytest.FixtureRequest) -> fields.SurfaceRecord:
     return fields.TPMS[request.param]
 
 
-def test_the_formula_that_is_printed_is_the_one_that_is_evaluated(info: fields.TpmsInfo) -> None:
+def test_the_formula_that_is_printed_is_the_one_that_is_evaluated(info: fields.SurfaceRecord) -> None:
     period, phase = np.array((3.0, 4.0, 5.0)), np.array((0.1, 0.2, -0.3))
     expected = written_out(info.name, *(2 * np.pi * (POINTS / period - phase)).T)
     np.testing.assert_allclose(fields.tpms(info.name, period, phase)(POINTS), expected, rtol=0, atol=5e-13)
 
 
-def test_the_space_group_is_the_one_stated(info: fields.TpmsInfo) -> None:
+def test_the_space_group_is_the_one_stated(info: fields.SurfaceRecord) -> None:
     field, points = fields.tpms(info.name, 1.0), RNG.random((12, 3))
     value = field(points)[:, None]
     kept = {
@@ -88,11 +88,11 @@ def test_the_space_group_is_the_one_stated(info: fields.TpmsInfo) -> None:
     assert bool(len(mirrors) and (mirrors[:, 1:] == 0).all(axis=1).any()) == (info.space_group in MIRRORED)
 
 
-def test_the_range_is_attained_and_not_exceeded(info: fields.TpmsInfo) -> None:
+def test_the_range_is_attained_and_not_exceeded(info: fields.SurfaceRecord) -> None:
     field = fields.tpms(info.name, 1.0)
     t = (np.arange(48) + 0.37) / 48
     samples = field.on_grid(t, t, t)
-    for sign, stated in zip((1, -1), info.range, strict=True):
+    for sign, stated in zip((1, -1), info.value_range, strict=True):
         starts = np.argsort(sign * samples, axis=None)[:60:6]
         found = min(
             minimize(
@@ -107,14 +107,20 @@ def test_the_range_is_attained_and_not_exceeded(info: fields.TpmsInfo) -> None:
         assert (sign * samples >= sign * stated - 1e-12).all()
 
 
-def test_every_entry_says_where_it_is_from(info: fields.TpmsInfo) -> None:
+def test_every_entry_cites_the_surface_and_its_formula(info: fields.SurfaceRecord) -> None:
     assert info.source
+    assert info.formula_source
     assert info.title
 
 
-def test_every_name_and_alias_finds_its_entry(info: fields.TpmsInfo) -> None:
+def test_every_name_and_alias_finds_its_entry(info: fields.SurfaceRecord) -> None:
     for name in (info.name, info.title, *info.aliases, info.name.upper().replace("_", " ")):
         assert fields.find_surface(name) is info
+
+
+def test_fields_and_surfaces_read_one_catalogue() -> None:
+    assert fields.TPMS is surfaces.CATALOGUE
+    assert fields.find_surface is surfaces.find_surface
 
 
 def test_no_two_entries_share_a_name() -> None:

@@ -276,7 +276,7 @@ WRONG = {
     "period = 5\nlevel = -0.9": ("period = -3\nlevel = -0.9", "line 12, structures[1].period: -3 must be positive"),
     'surface = "iwp"': (
         'surface = "ipw"',
-        "line 11, structures[1].surface: no triply periodic surface is called 'ipw': did",
+        "line 11, structures[1].surface: unknown surface 'ipw': did",
     ),
     "hi = [6, 9, 9]": ("high = [6, 9, 9]", "line 17, regions[0].high: unknown key; did you mean 'hi'?"),
     "lo = [6, 0, 0]": ("lo = [6, 0]", "line 20, regions[1].lo: must be 3 numbers, not 2"),

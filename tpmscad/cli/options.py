@@ -19,7 +19,7 @@ def parse_numbers(text: str) -> float | tuple[float, ...]:
 
 def complete_surface_name(incomplete: str) -> list[str]:
     """Names of the catalogue, for the shell's completion."""
-    from tpmscad.surfaces import CATALOGUE
+    from tpmscad.catalogue import CATALOGUE
 
     return [name for name in CATALOGUE if name.startswith(incomplete)]
 

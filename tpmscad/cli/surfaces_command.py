@@ -7,7 +7,7 @@ PRIMITIVE_LABELS = {"exact": "exact patches", "mirrored": "mirrored pieces", Non
 
 def surfaces() -> None:
     """List the catalogue: names, what lattices are made of, references, patches per cell, space group, genus, formula."""
-    from tpmscad.surfaces import CATALOGUE
+    from tpmscad.catalogue import CATALOGUE
 
     head = ("name", "also", "lattice", "references", "patches per cell", "space group", "genus", "formula")
     rows = [

@@ -5,6 +5,8 @@ graded = fields.rod(phi, fields.ramp("x", (0, 40), (-0.6, 0.2)))
 part = graded & fields.sphere((20, 20, 20), 18)
 """
 
+from tpmscad.catalogue import CATALOGUE as TPMS
+from tpmscad.catalogue import SurfaceRecord, find_surface
 from tpmscad.fields.booleans import (
     complement,
     difference,
@@ -21,7 +23,6 @@ from tpmscad.fields.function_field import from_function
 from tpmscad.fields.image_regions import image_region
 from tpmscad.fields.implicit_bspline import bspline_unit
 from tpmscad.fields.nodal_field import tpms
-from tpmscad.fields.nodal_forms import TPMS, TpmsInfo, find_surface
 from tpmscad.fields.primitive_regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.ramps import coordinate, linear, ramp
 from tpmscad.fields.thresholds import pore, rod, sheet
@@ -30,7 +31,7 @@ from tpmscad.fields.volume_fraction_thresholds import graded_threshold, threshol
 __all__ = [
     "TPMS",
     "Field",
-    "TpmsInfo",
+    "SurfaceRecord",
     "as_field",
     "box",
     "bspline_unit",

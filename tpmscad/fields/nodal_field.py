@@ -10,13 +10,13 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
 from tpmscad.fields.evaluation import FieldJet, Triple, as_positive, as_triple
 from tpmscad.fields.field import Field
-from tpmscad.fields.nodal_forms import TPMS, TpmsInfo, find_surface
 from tpmscad.fields.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
 
 POLYNOMIALS: Mapping[str, TrigonometricPolynomial] = MappingProxyType(
-    {name: parse_formula(info.formula) for name, info in TPMS.items()}
+    {name: parse_formula(info.formula) for name, info in CATALOGUE.items()}
 )
 """The printed formulas, read: there is no second copy to disagree with them."""
 
@@ -30,8 +30,8 @@ class NodalField(Field):
     phase: Triple
 
     @property
-    def info(self) -> TpmsInfo:
-        return TPMS[self.name]
+    def info(self) -> SurfaceRecord:
+        return CATALOGUE[self.name]
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         return POLYNOMIALS[self.name].value(*self._angles(x, y, z))

@@ -48,7 +48,7 @@ def _check_range(phi: Field, low: float, high: float, what: str) -> None:
     """Refuse thresholds between which a surface of the catalogue has nothing, or everything."""
     if not isinstance(phi, NodalField):
         return
-    least, most = phi.info.range
+    least, most = phi.info.value_range
     if low >= most or high <= least:
         state = "leaves nothing solid"
     elif low <= least and high >= most:

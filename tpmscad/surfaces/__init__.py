@@ -1,10 +1,13 @@
-"""Exact triply periodic minimal surfaces and their nodal namesakes, in the unit cubic cell."""
+"""Exact triply periodic minimal surfaces and their nodal counterparts in the unit cubic cell.
 
+All lengths are in units of the cubic cell's edge unless a function takes a `cell`. The catalogue is `tpmscad.catalogue`.
+"""
+
+from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
+from tpmscad.surfaces.curvature_integrals import area, cell_measures
 from tpmscad.surfaces.differential_geometry import SurfaceJet
 from tpmscad.surfaces.motion_group import PatchSymmetry, patch_symmetry
 from tpmscad.surfaces.offset_volumes import (
-    area,
-    cell_measures,
     check_offset,
     offsets_for,
     skeletal_offset_for,
@@ -13,12 +16,27 @@ from tpmscad.surfaces.offset_volumes import (
     volume_fraction,
 )
 from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirror_symmetry
-from tpmscad.surfaces.surface_patch import PARAMETER_MARGIN, SurfacePatch, primitive_patch
-from tpmscad.surfaces.surface_records import CATALOGUE, SurfaceInfo, check_reference, find_surface
+from tpmscad.surfaces.surface_patch import PARAMETER_MARGIN, SurfacePatch, check_reference, primitive_patch
 
 
 def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
-    """What the lattice of a catalogued surface is copied by: proper motions of its patch, or reflections of its piece."""
+    """Return the symmetry group that generates the whole surface from its primitive.
+
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface of the catalogue.
+
+    Returns
+    -------
+    PatchSymmetry or MirrorSymmetry
+        The proper motions of an exact patch, or the reflections of a mirrored piece.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown or has neither an exact patch nor a mirrored piece.
+    """
     return mirror_symmetry(name) if has_mirrors(name) else patch_symmetry(name)
 
 
@@ -27,9 +45,9 @@ __all__ = [
     "PARAMETER_MARGIN",
     "MirrorSymmetry",
     "PatchSymmetry",
-    "SurfaceInfo",
     "SurfaceJet",
     "SurfacePatch",
+    "SurfaceRecord",
     "area",
     "cell_measures",
     "check_offset",

@@ -1,7 +1,4 @@
-"""The second-order jet of a surface at its parameters: what a fit, a joint or a Newton step needs to know of it.
-
-Curvatures of a patch from the derivatives of its mid surface and normal.
-"""
+"""Differential geometry of parametrised surfaces: second-order jets, area element, curvatures, least radius of curvature."""
 
 from __future__ import annotations
 
@@ -13,10 +10,16 @@ from scipy.optimize import minimize
 
 from tpmscad._typing import Array
 
+SEARCH_POINTS = 41
+"""Grid points per parameter from which the search for the greatest curvature starts; curvature varies over a third of a patch."""
+
+MidAndNormal = Callable[[Array, Array], tuple[Array, Array]]
+"""(u, v) -> mid surface and unit normal with derivatives, each (6, ..., 3): value, u, v, uu, uv, vv."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceJet:
-    """Position, first and second derivatives with respect to (u, v), and the unit normal; all (..., 3).
+    """Position, first and second derivatives by (u, v), and unit normal of a surface; all (..., 3).
 
     The normal is that of the mid surface, which its offset surfaces share.
     """
@@ -30,53 +33,54 @@ class SurfaceJet:
     normal: Array
 
 
-SEARCH_POINTS = 41
-"""Points each way to start the search for the greatest curvature from; curvature varies over about a third of a patch."""
-
-MidAndNormal = Callable[[Array, Array], tuple[Array, Array]]
-"""(u, v) -> mid surface and unit normal with derivatives, each (6, ..., 3)."""
+def dot(a: Array, b: Array) -> Array:
+    """Scalar product over the last axis: (...)."""
+    return np.asarray(np.einsum("...i,...i->...", a, b))
 
 
 def area_element(mid: Array) -> Array:
-    """|X_u x X_v|: (...)."""
+    """|X_u x X_v| of a mid surface with derivatives (6, ..., 3): (...)."""
     return np.linalg.norm(np.cross(mid[1], mid[2]), axis=-1)
 
 
 def mean_and_gauss_curvature(mid: Array, normal: Array) -> tuple[Array, Array]:
-    """Mean and Gauss curvature, (...) each; mean curvature is positive where the surface bends towards the normal."""
-    e, f, g = (_dot(mid[a], mid[b]) for a, b in ((1, 1), (1, 2), (2, 2)))
-    ee, ff, gg = (-_dot(mid[a], normal[b]) for a, b in ((1, 1), (1, 2), (2, 2)))
+    """Mean and Gauss curvature, (...) each; the mean curvature is positive where the surface bends towards the normal."""
+    e, f, g = (dot(mid[a], mid[b]) for a, b in ((1, 1), (1, 2), (2, 2)))
+    ee, ff, gg = (-dot(mid[a], normal[b]) for a, b in ((1, 1), (1, 2), (2, 2)))
     area = e * g - f * f
     return (e * gg - 2 * f * ff + g * ee) / (2 * area), (ee * gg - ff * ff) / area
 
 
 def min_curvature_radius(evaluate: MidAndNormal) -> float:
-    """The least radius of curvature on the unit square: offsets below it, on either side, have no cusps.
+    """Least radius of curvature on the unit square; offsets below it, on either side, are regular."""
 
-    A grid, then a local search without derivatives: the greatest curvature can be at a kink of the maximum of two.
-    """
-
-    def greatest(u: Array, v: Array) -> Array:
+    def greatest_curvature(u: Array, v: Array) -> Array:
         mean, gauss = mean_and_gauss_curvature(*evaluate(u, v))
         return np.abs(mean) + np.sqrt(np.maximum(mean**2 - gauss, 0.0))
 
     u, v = np.meshgrid(*[np.linspace(0.0, 1.0, SEARCH_POINTS)] * 2, indexing="ij")
-    curvature = greatest(u, v)
+    curvature = greatest_curvature(u, v)
     start = np.unravel_index(np.argmax(curvature), curvature.shape)
+    simplex = _clipped_simplex(float(u[start]), float(v[start]))
+    return 1.0 / max(float(curvature.max()), maximise_on_unit_square(greatest_curvature, simplex, fatol=1e-15))
+
+
+def maximise_on_unit_square(function: Callable[[Array, Array], Array], simplex: Array, *, fatol: float) -> float:
+    """Local maximum of function(u, v) on the unit square by the Nelder-Mead method from a simplex (3, 2).
+
+    The method needs no derivatives: the greatest of two principal curvatures has a kink where they are equal.
+    """
     found = minimize(
-        lambda p: -float(greatest(p[0], p[1])),
-        [u[start], v[start]],
+        lambda p: -float(function(p[0], p[1])),
+        simplex[0],
         method="Nelder-Mead",
         bounds=[(0.0, 1.0)] * 2,
-        options={"xatol": 1e-9, "fatol": 1e-15, "initial_simplex": _start_simplex(float(u[start]), float(v[start]))},
+        options={"xatol": 1e-9, "fatol": fatol, "initial_simplex": simplex},
     )
-    return 1.0 / max(float(curvature.max()), -float(found.fun))
+    return -float(found.fun)
 
 
-def _start_simplex(u: float, v: float) -> Array:
+def _clipped_simplex(u: float, v: float) -> Array:
+    """Simplex of half a grid step at (u, v), clipped to the unit square: (3, 2)."""
     step = 0.5 / (SEARCH_POINTS - 1)
     return np.clip([[u, v], [u + step, v], [u, v + step]], 0.0, 1.0)
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...i,...i->...", a, b)

@@ -13,9 +13,9 @@ from functools import cache
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.catalogue import find_surface
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.surface_patch import primitive_patch
-from tpmscad.surfaces.surface_records import find_surface
 
 SIDE_MIDDLES = ((0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5))
 """(u, v) in the middle of sides 0..3: v = 0, u = 1, v = 1, u = 0."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.surfaces import minimal_patch
+from tpmscad.surfaces.differential_geometry import dot
 from tpmscad.surfaces.plane_waves import NODAL_WAVES
 
 NEWTON_STEPS = 5
@@ -29,19 +30,19 @@ def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
     foot = carrier + height[..., None] * along  # with the height held still; its derivatives are added below
     wave = NODAL_WAVES[name].amplitudes * np.exp(1j * (foot[0] @ k.T))
     slope = -wave.imag @ k
-    steepness = _dot(slope, along[0])
+    steepness = dot(slope, along[0])
 
     # f = 0 along the surface, differentiated once and twice, gives the derivatives of the height.
     mid = foot.copy()
     rise = {}
     for a in (1, 2):
-        rise[a] = -(_dot(slope, foot[a]) / steepness)[..., None]
+        rise[a] = -(dot(slope, foot[a]) / steepness)[..., None]
         mid[a] += rise[a] * along[0]
     k_mid = mid @ k.T  # (6, ..., W); rows 1 and 2 are final, the others follow
     for ab, (a, b) in SECOND_DERIVATIVE_INDICES.items():
         mid[ab] += rise[a] * along[b] + rise[b] * along[a]
         bend = -(k_mid[a] * k_mid[b] * wave.real).sum(axis=-1)
-        mid[ab] -= ((_dot(slope, mid[ab]) + bend) / steepness)[..., None] * along[0]
+        mid[ab] -= ((dot(slope, mid[ab]) + bend) / steepness)[..., None] * along[0]
 
     gradient = -((mid @ k.T) * wave.real) @ k  # Hessian times the surface's derivatives
     gradient[0] = slope
@@ -70,13 +71,9 @@ def _normalise_jet(g: Array) -> Array:
     n[0] = g[0] / length
     grows = {}
     for a in (1, 2):
-        grows[a] = _dot(n[0], g[a])[..., None]
+        grows[a] = dot(n[0], g[a])[..., None]
         n[a] = (g[a] - grows[a] * n[0]) / length
     for ab, (a, b) in SECOND_DERIVATIVE_INDICES.items():
-        both = (_dot(n[b], g[a]) + _dot(n[0], g[ab]))[..., None]
+        both = (dot(n[b], g[a]) + dot(n[0], g[ab]))[..., None]
         n[ab] = (g[ab] - both * n[0] - grows[a] * n[b] - grows[b] * n[a]) / length
     return n
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.einsum("...i,...i->...", a, b)

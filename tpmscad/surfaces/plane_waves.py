@@ -1,4 +1,8 @@
-"""Trigonometric level sets as sums of plane waves, f(X) = Re sum amplitude exp(2 pi i wave . X), X in cells; f < 0 is solid."""
+"""Nodal level sets as sums of plane waves, f(X) = Re sum_k a_k exp(2 pi i k . X), X in cells; f < 0 is solid.
+
+The representation gives the gradient and the Hessian at the cost of two matrix products, and with them the shape operator of the
+level set and the orthogonal projection of points onto it.
+"""
 
 from __future__ import annotations
 
@@ -12,32 +16,33 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.errors import NoFoot
+from tpmscad.surfaces.differential_geometry import dot
 
 GRADIENT_STEPS, MAX_FOOT_NEWTON_STEPS = 4, 12
-"""Steps along the gradient, then of Newton's method; from half the reach the latter take six."""
+"""Steps along the gradient, then steps of Newton's method; from half the radius of curvature the latter take six."""
 
 FOOT_STEP_TOL_CELLS = 1e-13
-"""Cells: feet that move less are found."""
+"""Length of the last Newton step, in cells, below which a foot point has converged."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneWaves:
-    """wave (W, 3) integers, amplitude (W,) complex."""
+    """`wave_vectors` k (W, 3), integers; `amplitudes` a (W,), complex."""
 
     wave_vectors: Array
     amplitudes: Array
 
     def value(self, points: Array) -> Array:
-        """f: (...)."""
+        """f at points (..., 3): (...)."""
         return np.asarray((self._waves(points)).real.sum(axis=-1))
 
     def gradient(self, points: Array) -> Array:
-        """(..., 3), per cell."""
+        """Gradient of f per cell: (..., 3)."""
         k = 2 * np.pi * self.wave_vectors
         return np.asarray(-self._waves(points).imag @ k)
 
     def jet(self, points: Array) -> tuple[Array, Array, Array]:
-        """f (...), its gradient (..., 3) and its second derivatives (..., 3, 3)."""
+        """f (...), its gradient (..., 3) and its Hessian (..., 3, 3)."""
         k = 2 * np.pi * self.wave_vectors
         wave = self._waves(points)
         dyads = (k[:, :, None] * k[:, None, :]).reshape(-1, 9)
@@ -45,7 +50,7 @@ class PlaneWaves:
         return wave.real.sum(axis=-1), -wave.imag @ k, hessian
 
     def shape_operator(self, points: Array) -> Array:
-        """The derivative of the unit normal along the level set, (..., 3, 3); minus the curvatures on the tangent plane."""
+        """Derivative of the unit normal along the level set, (..., 3, 3): minus the curvatures on the tangent plane."""
         _, gradient, hessian = self.jet(points)
         length = np.linalg.norm(gradient, axis=-1)[..., None, None]
         n = gradient / length[..., 0]
@@ -53,30 +58,32 @@ class PlaneWaves:
         return np.asarray(tangential @ hessian @ tangential / length)
 
     def project_to_level_set(self, points: Array) -> tuple[Array, Array, Array]:
-        """Signed distance (...), unit normal (..., 3) and foot (..., 3) of points on f = 0, the distance along the gradient.
+        """Orthogonal projection onto f = 0: signed distance (...), unit normal (..., 3) and foot point (..., 3).
 
-        Newton's method on X - foot - d n = 0, f(foot) = 0, from the point itself. NoFoot where it does not settle, which points
-        nearer than the reach don't meet.
+        The distance is positive along the gradient. Newton's method solves X - F - d n(F) = 0, f(F) = 0 for the foot point F and
+        the distance d, after a few steps along the gradient. It converges for points closer to the level set than its radius of
+        curvature; for others it may raise NoFoot.
         """
         foot = np.array(points, float)
         for _ in range(GRADIENT_STEPS):
             wave = self._waves(foot)
             g = -wave.imag @ (2 * np.pi * self.wave_vectors)
-            foot -= (wave.real.sum(axis=-1) / _dot(g, g))[..., None] * g
+            steepness = dot(g, g)
+            if not steepness.all():
+                raise NoFoot(f"{np.count_nonzero(steepness == 0)} points are critical points of the level-set function")
+            foot -= (wave.real.sum(axis=-1) / steepness)[..., None] * g
         system = np.zeros((*foot.shape[:-1], 4, 4))
         for _ in range(MAX_FOOT_NEWTON_STEPS):
             value, g, hessian = self.jet(foot)
             length = np.linalg.norm(g, axis=-1, keepdims=True)
             n = g / length
-            distance = _dot(points - foot, n)
-            turning = (
-                (np.eye(3) - n[..., :, None] * n[..., None, :]) @ hessian / length[..., None]
-            )  # of n, with the foot
-            system[..., :3, :3] = np.eye(3) + distance[..., None, None] * turning
+            distance = dot(points - foot, n)
+            normal_jacobian = (np.eye(3) - n[..., :, None] * n[..., None, :]) @ hessian / length[..., None]
+            system[..., :3, :3] = np.eye(3) + distance[..., None, None] * normal_jacobian
             system[..., :3, 3] = n
             system[..., 3, :3] = g
-            left = np.concatenate([points - foot - distance[..., None] * n, -value[..., None]], axis=-1)
-            step = np.linalg.solve(system, left[..., None])[..., :3, 0]
+            residual = np.concatenate([points - foot - distance[..., None] * n, -value[..., None]], axis=-1)
+            step = np.linalg.solve(system, residual[..., None])[..., :3, 0]
             foot += step
             if np.abs(step).max(initial=0.0) < FOOT_STEP_TOL_CELLS:
                 break
@@ -86,19 +93,21 @@ class PlaneWaves:
             )
         g = self.gradient(foot)
         n = g / np.linalg.norm(g, axis=-1, keepdims=True)
-        return _dot(points - foot, n), n, foot
+        return dot(points - foot, n), n, foot
 
     def _waves(self, points: Array) -> Array:
+        """a_k exp(2 pi i k . X): (..., W)."""
         return np.asarray(self.amplitudes * np.exp(2j * np.pi * (points @ self.wave_vectors.T)))
 
 
 def _sine_waves(waves: ArrayLike, factor: float) -> PlaneWaves:
+    """The sum of factor * sin(2 pi k . X)."""
     wave = np.asarray(waves, float)
     return PlaneWaves(wave, np.full(len(wave), -1j * factor))
 
 
 def _cosine_orbits(orbits: Mapping[tuple[int, int, int], float]) -> PlaneWaves:
-    """The sum of factor * cos ax cos by cos cz over all distinct orders of each (a, b, c)."""
+    """The sum of factor * cos ax cos by cos cz over all distinct permutations of each (a, b, c)."""
     wave, amplitude = [], []
     for orbit, factor in orbits.items():
         for frequencies in sorted(set(permutations(orbit))):
@@ -111,7 +120,7 @@ def _cosine_orbits(orbits: Mapping[tuple[int, int, int], float]) -> PlaneWaves:
 
 
 def _leading_sign(signs: tuple[int, ...], frequencies: tuple[int, ...]) -> int:
-    """The sign of the first frequency that is not zero: of a wave and its opposite, one is enough."""
+    """Sign of the first nonzero frequency: k and -k give the same cosine, and one of the two is enough."""
     return next((s for s, k in zip(signs, frequencies, strict=True) if k), 1)
 
 
@@ -127,7 +136,3 @@ NODAL_WAVES: Mapping[str, PlaneWaves] = MappingProxyType(
         "frd": _cosine_orbits({(1, 1, 1): 4.0, (2, 2, 0): -1.0}),
     }
 )
-
-
-def _dot(a: Array, b: Array) -> Array:
-    return np.asarray(np.einsum("...i,...i->...", a, b))

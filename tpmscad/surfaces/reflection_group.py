@@ -15,10 +15,10 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.plane_waves import NODAL_WAVES, PlaneWaves
-from tpmscad.surfaces.surface_records import find_surface
 
 PRIMITIVE_TETRAHEDRON = ((0, 0, 0), (1 / 2, 0, 0), (1 / 2, 1 / 2, 0), (1 / 2, 1 / 2, 1 / 2))
 """Of the mirrors of Pm-3m, which are those of Im-3m as well: a 48th of the cell."""

@@ -1,4 +1,8 @@
-"""The primitive patch of a surface and its normal offsets, on the closed unit square."""
+"""The primitive patch of a surface and its normal offsets on the closed unit square.
+
+A primitive patch is a quadrilateral X(u, v) whose copies under proper motions make up the whole surface. Offsets follow the unit
+normal, X + d n, and stay regular as long as |d| is below the least radius of curvature.
+"""
 
 from __future__ import annotations
 
@@ -10,22 +14,23 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.catalogue import SurfaceRecord, find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces import minimal_patch, nodal_patch
 from tpmscad.surfaces.differential_geometry import SurfaceJet, min_curvature_radius
-from tpmscad.surfaces.surface_records import check_reference, find_surface
 
 PARAMETER_MARGIN = 0.05
-"""How far outside the unit square the surface is evaluated: Newton steps of a caller may leave the square a little."""
+"""Width of the strip around the unit square in which the patch is evaluated too: a caller's Newton step may leave the square."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfacePatch:
-    """A quadrilateral of which the whole surface is made by proper motions; lengths in cells (cubic cell edge 1).
+    """A primitive patch, lengths in cells (cubic cell edge 1).
 
-    Its corners are flat points where six patches meet. du x dv is along the normal, and the normal along the gradient of the
-    nodal function. `max_offset` is the least radius of curvature, the same on both sides. `mid_and_normal(u, v)` are the mid
-    surface and its unit normal with their derivatives, (6, ..., 3) each: value, u, v, uu, uv, vv.
+    - The corners are flat points, where six patches meet.
+    - du x dv is parallel to the normal, and the normal to the gradient of the nodal function.
+    - `max_offset`: least radius of curvature, the same on both sides.
+    - `mid_and_normal(u, v)`: mid surface and unit normal with their derivatives, (6, ..., 3) each: value, u, v, uu, uv, vv.
     """
 
     name: str
@@ -34,10 +39,24 @@ class SurfacePatch:
     mid_and_normal: Callable[[Array, Array], tuple[Array, Array]]
 
     def jet(self, u: ArrayLike, v: ArrayLike, offset: float = 0.0) -> SurfaceJet:
-        """The surface at normal distance `offset` and its derivatives at the pairs (u, v), broadcast.
+        """Evaluate the offset surface with its first and second derivatives.
 
-        Exact to 1e-13 on [-MARGIN, 1 + MARGIN]^2. InvalidRequest outside, and for |offset| >= `max_offset`, where an offset
-        surface has cusps.
+        Parameters
+        ----------
+        u, v : array_like
+            Parameters, broadcast against each other, in [-PARAMETER_MARGIN, 1 + PARAMETER_MARGIN].
+        offset : float
+            Signed distance along the normal, in cells.
+
+        Returns
+        -------
+        SurfaceJet
+            Position, derivatives and unit normal, (..., 3) each, accurate to 1e-13.
+
+        Raises
+        ------
+        InvalidRequest
+            If a parameter is outside the domain, or |offset| >= `max_offset`, where offset surfaces have cusps.
         """
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         for value in (u, v):
@@ -60,17 +79,68 @@ class SurfacePatch:
 
 @cache
 def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
-    """The primitive patch of a catalogued surface: `reference` is "minimal" (exact) or "nodal" (trigonometric level set).
+    """Return the primitive patch of a surface that has one in closed form.
 
-    InvalidRequest names what there is.
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface of the catalogue.
+    reference : {"minimal", "nodal"}
+        The exact minimal surface, or the trigonometric level set.
+
+    Returns
+    -------
+    SurfacePatch
+        The patch; repeated calls return the same object.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown, lacks the reference, or consists of mirrored pieces. The message names the alternatives.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.primitive_patch("gyroid").jet(0.5, 0.5).position
+    array([0.   , 0.25 , 0.375])
     """
-    info = find_surface(name)
-    check_reference(info, reference)
-    if info.primitives != "exact":
-        raise InvalidRequest(f"the {info.title} has no patch in closed form; its pieces between mirrors are fitted")
+    record = find_surface(name)
+    check_reference(record, reference)
+    if record.primitives != "exact":
+        raise InvalidRequest(f"the {record.title} has no patch in closed form; its pieces between mirrors are fitted")
     if reference == "minimal":
         return SurfacePatch(
-            info.name, reference, minimal_patch.max_offset(info.name), partial(minimal_patch.mid_and_normal, info.name)
+            record.name,
+            reference,
+            minimal_patch.max_offset(record.name),
+            partial(minimal_patch.mid_and_normal, record.name),
         )
-    evaluate = partial(nodal_patch.mid_and_normal, info.name)
-    return SurfacePatch(info.name, reference, min_curvature_radius(evaluate), evaluate)
+    evaluate = partial(nodal_patch.mid_and_normal, record.name)
+    return SurfacePatch(record.name, reference, min_curvature_radius(evaluate), evaluate)
+
+
+def check_reference(record: SurfaceRecord, reference: str) -> None:
+    """Raise InvalidRequest unless lattices of a surface can be fitted to a reference.
+
+    Parameters
+    ----------
+    record : SurfaceRecord
+        The surface.
+    reference : str
+        "minimal" or "nodal".
+
+    Raises
+    ------
+    InvalidRequest
+        If `reference` is not among `record.references`. The message names the alternatives.
+    """
+    if reference in record.references:
+        return
+    if not record.references:
+        raise InvalidRequest(
+            f"the {record.title} has no exact or mirrored primitives: make a solid of its formula, "
+            f"tpmscad.solidify(fields.sheet(fields.tpms({record.name!r}, cell), ...), box, tol=...)"
+        )
+    raise InvalidRequest(
+        f"reference {reference!r} of the {record.name} is unknown; choose one of {', '.join(record.references)}"
+    )

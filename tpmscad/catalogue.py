@@ -1,0 +1,269 @@
+"""The catalogue of triply periodic surfaces: names, formulas, symmetry, genus and sources, each stated once.
+
+A surface has one nodal formula, a trigonometric polynomial in x = 2 pi X / period, y = 2 pi Y / period and z = 2 pi Z / period
+whose zero set approximates the minimal surface of the same name; negative values are solid. The rooms `fields` and `surfaces`
+take the data they need from here: the fields evaluate the formula, and the surfaces construct primitive patches.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from types import MappingProxyType
+
+from tpmscad.errors import InvalidRequest
+
+MAX_SUGGESTIONS = 3
+"""Greatest number of similar names in the message about an unknown surface."""
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceRecord:
+    """The data of one triply periodic surface.
+
+    - `name`: the key; `title`: the printed name; `aliases`: further accepted names.
+    - `formula`: the nodal function f(x, y, z); {f < 0} is solid.
+    - `space_group`: the symmetries that preserve the two sides of the surface. `full_space_group` may exchange the sides; the
+      cubic cell is the same unless the text states another edge.
+    - `genus`: genus of the nodal surface in the quotient by the primitive lattice of `space_group`.
+    - `value_range`: minimum and maximum of f, found by minimisation from the extreme samples of a 128^3 grid, to 1e-12.
+    - `patches_per_cell`: number of primitive patches in the cubic cell; 0 if there are none.
+    - `references`: surfaces a lattice can be fitted to: "minimal" (exact), "nodal" (the level set f = 0).
+    - `primitives`: "exact" for patches of the minimal surface or its nodal counterpart, "mirrored" for pieces of the nodal
+      surface bounded by mirror planes, None if only `tpmscad.solidify` makes solids of the formula.
+    - `source`: origin of the surface; `formula_source`: publication of the formula.
+    """
+
+    name: str
+    title: str
+    aliases: tuple[str, ...]
+    formula: str
+    space_group: str
+    full_space_group: str
+    genus: int
+    value_range: tuple[float, float]
+    patches_per_cell: int
+    references: tuple[str, ...]
+    primitives: str | None
+    source: str
+    formula_source: str
+
+
+_WEIERSTRASS = "Enneper-Weierstrass with R = (tau^8 - 14 tau^4 + 1)^(-1/2), Bonnet angle"
+_SCHWARZ = "H. A. Schwarz (1865)"
+_SCHOEN = "A. H. Schoen, NASA TN D-5541 (1970)"
+_NESPER = "H. G. von Schnering, R. Nesper, Z. Phys. B 83 (1991) 407"
+_MINISURF = "M.-T. Hsieh, L. Valdevit, Software Impacts 6 (2020) 100026"
+_WOHLGEMUTH = "M. Wohlgemuth, N. Yufa, J. Hoffman, E. L. Thomas, Macromolecules 34 (2001) 6083"
+
+_RECORDS = (
+    SurfaceRecord(
+        name="gyroid",
+        title="Gyroid",
+        aliases=("G", "schoen gyroid"),
+        formula="sin x cos y + sin y cos z + sin z cos x",
+        space_group="I4_132 (214)",
+        full_space_group="Ia-3d (230)",
+        genus=3,
+        value_range=(-1.5, 1.5),
+        patches_per_cell=24,
+        references=("minimal", "nodal"),
+        primitives="exact",
+        source=f"{_SCHOEN}; {_WEIERSTRASS} arccot(K'/K) = 38.0147740 degrees",
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="diamond",
+        title="Diamond",
+        aliases=("D", "schwarz d", "schwarz diamond"),
+        formula="sin x sin y sin z + sin x cos y cos z + cos x sin y cos z + cos x cos y sin z",
+        space_group="Fd-3m (227)",
+        full_space_group="Pn-3m (224), cell edge 1/2",
+        genus=3,
+        value_range=(-math.sqrt(2), math.sqrt(2)),
+        patches_per_cell=48,
+        references=("minimal", "nodal"),
+        primitives="exact",
+        source=f"{_SCHWARZ}; {_WEIERSTRASS} 0",
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="schwarz_p",
+        title="Schwarz P",
+        aliases=("P", "primitive", "schwarz primitive"),
+        formula="cos x + cos y + cos z",
+        space_group="Pm-3m (221)",
+        full_space_group="Im-3m (229)",
+        genus=3,
+        value_range=(-3.0, 3.0),
+        patches_per_cell=12,
+        references=("minimal", "nodal"),
+        primitives="exact",
+        source=f"{_SCHWARZ}; {_WEIERSTRASS} 90 degrees",
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="iwp",
+        title="I-WP",
+        aliases=("wrapped package", "schoen iwp"),
+        formula="2 (cos x cos y + cos y cos z + cos z cos x) - (cos 2x + cos 2y + cos 2z)",
+        space_group="Im-3m (229)",
+        full_space_group="Im-3m (229)",
+        genus=4,
+        value_range=(-5.0, 3.0),
+        patches_per_cell=48,
+        references=("nodal",),
+        primitives="mirrored",
+        source=_SCHOEN,
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="neovius",
+        title="Neovius",
+        aliases=("C(P)", "neovius c(p)"),
+        formula="3 (cos x + cos y + cos z) + 4 cos x cos y cos z",
+        space_group="Pm-3m (221)",
+        full_space_group="Im-3m (229)",
+        genus=9,
+        value_range=(-13.0, 13.0),
+        patches_per_cell=48,
+        references=("nodal",),
+        primitives="mirrored",
+        source="E. R. Neovius (1883)",
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="frd",
+        title="F-RD",
+        aliases=("schoen frd",),
+        formula="4 cos x cos y cos z - (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x)",
+        space_group="Fm-3m (225)",
+        full_space_group="Fm-3m (225)",
+        genus=6,
+        value_range=(-7.0, 2.0),
+        patches_per_cell=96,
+        references=("nodal",),
+        primitives="mirrored",
+        source=_SCHOEN,
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="lidinoid",
+        title="Lidinoid",
+        aliases=("L", "lidin"),
+        formula=(
+            "0.5 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
+            " - 0.5 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) + 0.15"
+        ),
+        space_group="Ia-3d (230)",
+        full_space_group="Ia-3d (230)",
+        genus=17,
+        value_range=(-1.35, 1.15),
+        patches_per_cell=0,
+        references=(),
+        primitives=None,
+        source="S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769",
+        formula_source=_MINISURF,
+    ),
+    SurfaceRecord(
+        name="split_p",
+        title="Split P",
+        aliases=("SP",),
+        formula=(
+            "1.1 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
+            " - 0.2 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) - 0.4 (cos 2x + cos 2y + cos 2z)"
+        ),
+        space_group="Ia-3 (206)",
+        full_space_group="Ia-3 (206)",
+        genus=9,
+        value_range=(-1.8, 1.81),
+        patches_per_cell=0,
+        references=(),
+        primitives=None,
+        source=_WOHLGEMUTH,
+        formula_source=_WOHLGEMUTH,
+    ),
+    SurfaceRecord(
+        name="fischer_koch_s",
+        title="Fischer-Koch S",
+        aliases=("S", "FKS", "koch s"),
+        formula="cos 2x sin y cos z + cos x cos 2y sin z + sin x cos y cos 2z",
+        space_group="I-43d (220)",
+        full_space_group="Ia-3d (230)",
+        genus=11,
+        value_range=(-math.sqrt(2), math.sqrt(2)),
+        patches_per_cell=0,
+        references=(),
+        primitives=None,
+        source="W. Fischer, E. Koch, Acta Cryst. A 43 (1987) 559",
+        formula_source=_NESPER,
+    ),
+    SurfaceRecord(
+        name="octo",
+        title="O,C-TO",
+        aliases=("schoen octo", "schoen o,c-to"),
+        formula="0.6 (cos x cos y + cos y cos z + cos z cos x) - 0.4 (cos x + cos y + cos z) + 0.25",
+        space_group="Pm-3m (221)",
+        full_space_group="Pm-3m (221)",
+        genus=10,
+        value_range=(-0.75, 3.25),
+        patches_per_cell=0,
+        references=(),
+        primitives=None,
+        source=_SCHOEN,
+        formula_source=_MINISURF,
+    ),
+)
+
+CATALOGUE: Mapping[str, SurfaceRecord] = MappingProxyType({record.name: record for record in _RECORDS})
+"""All surfaces by name."""
+
+
+def _normalise_name(name: str) -> str:
+    """Lower-case letters and digits of a name."""
+    return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+_RECORD_OF_SPELLING: Mapping[str, SurfaceRecord] = MappingProxyType(
+    {
+        _normalise_name(spelling): record
+        for record in _RECORDS
+        for spelling in (record.name, record.title, *record.aliases)
+    }
+)
+
+
+def find_surface(name: str) -> SurfaceRecord:
+    """Return the record of the surface with a name, title or alias.
+
+    Parameters
+    ----------
+    name : str
+        Name, title or alias; case, spaces and punctuation are ignored.
+
+    Returns
+    -------
+    SurfaceRecord
+        The record, the same object for every spelling.
+
+    Raises
+    ------
+    InvalidRequest
+        If no surface has this name. The message suggests similar names and lists all of them.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.find_surface("Schwarz P").name
+    'schwarz_p'
+    """
+    key = _normalise_name(str(name))
+    if key in _RECORD_OF_SPELLING:
+        return _RECORD_OF_SPELLING[key]
+    matches = get_close_matches(key, _RECORD_OF_SPELLING, n=MAX_SUGGESTIONS)
+    similar = dict.fromkeys(repr(_RECORD_OF_SPELLING[match].name) for match in matches)
+    hint = f"did you mean {' or '.join(similar)}? " if similar else ""
+    raise InvalidRequest(f"unknown surface {name!r}: {hint}choose one of {', '.join(CATALOGUE)}")

@@ -1,0 +1,190 @@
+"""Area, curvature integrals and offset limits of a surface per cubic cell: the data of Steiner's formula.
+
+Per cubic cell, the volume between the mid surface and its offset at distance d is
+
+    V(d) = d A - d^2 int H + d^3 / 3 int K,
+
+with the area A, the mean curvature H and the Gauss curvature K. The formula is exact as long as d is below the radius of
+curvature. The integrals come from one of two sources:
+
+- Surfaces of exact patches. int K over a patch is minus the solid angle of the Gauss map, -2 pi / 3. int H vanishes: for the
+  minimal surface because H does, for its nodal counterpart because the patch's rotoinversion exchanges the sides; for the same
+  reason the mid surface halves the cell. The area is K K' / 4 per patch (raw Weierstrass units, see `minimal_patch`) for the
+  minimal surface and a converged quadrature for the nodal one.
+- Mirror surfaces. Their one piece is parametrised by the segments between two edges of the tetrahedron
+  (`MirrorSymmetry.intersect_segments`), an analytic map of the unit square for which Gauss-Legendre quadrature converges
+  geometrically. The tetrahedron is the join of its two edges, so the volume up to the fraction r of the segments is V times the
+  integral of 3 r^2 - 2 r^3. int K follows from Gauss-Bonnet: the sides are geodesics, the angles those of the mirror planes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.catalogue import find_surface
+from tpmscad.surfaces import minimal_patch
+from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square
+from tpmscad.surfaces.reflection_group import MirrorSymmetry, mirror_symmetry
+from tpmscad.surfaces.surface_patch import check_reference, primitive_patch
+
+AREA_GAUSS_POINTS = 32
+"""Gauss-Legendre points per parameter; the area of the nodal surfaces is converged to round-off with fewer."""
+
+MIRROR_GAUSS_POINTS = 64
+"""Gauss-Legendre points per parameter on a mirrored piece, for which all integrals are converged to round-off."""
+
+
+@dataclass(frozen=True, slots=True)
+class CellMeasures:
+    """Integrals of a surface over one cubic cell, lengths in cells.
+
+    - `area`; `mean_curvature_integral`, positive where the surface bends towards the normal; `gauss_curvature_integral`.
+    - `fraction_below`: volume fraction of {f < 0}.
+    - `min_offset`, `max_offset`: signed distances to the nearest centres of curvature on either side.
+    """
+
+    area: float
+    mean_curvature_integral: float
+    gauss_curvature_integral: float
+    fraction_below: float
+    min_offset: float
+    max_offset: float
+
+    def swept_volume(self, offset: float) -> float:
+        """Volume between the mid surface and its offset per cell; positive for an offset along the normal."""
+        return (
+            self.area * offset
+            - self.mean_curvature_integral * offset**2
+            + self.gauss_curvature_integral * offset**3 / 3
+        )
+
+
+@cache
+def cell_measures(name: str, reference: str) -> CellMeasures:
+    """Return area, curvature integrals and offset limits of a surface per cubic cell.
+
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface of the catalogue.
+    reference : {"minimal", "nodal"}
+        The exact minimal surface, or the trigonometric level set.
+
+    Returns
+    -------
+    CellMeasures
+        The measures, lengths in cells.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown or lacks the reference.
+    """
+    record = find_surface(name)
+    if record.primitives == "mirrored":
+        check_reference(record, reference)
+        return measure_mirror_surface(record.name)
+    surface = primitive_patch(name, reference)
+    limit = surface.max_offset
+    return CellMeasures(area(name, reference), 0.0, -record.patches_per_cell * 2 * np.pi / 3, 0.5, -limit, limit)
+
+
+@cache
+def area(name: str, reference: str = "minimal") -> float:
+    """Return the area of the mid surface in one cubic cell, in cells squared.
+
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface of the catalogue.
+    reference : {"minimal", "nodal"}
+        The exact minimal surface, or the trigonometric level set.
+
+    Returns
+    -------
+    float
+        The area.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown or lacks the reference.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> round(surfaces.area("schwarz_p"), 6)
+    2.345103
+    """
+    record = find_surface(name)
+    if record.primitives == "mirrored":
+        return cell_measures(name, reference).area
+    surface = primitive_patch(name, reference)
+    patches = record.patches_per_cell
+    if surface.reference == "minimal":
+        return patches * minimal_patch.patch_area(surface.name)
+    x, w = np.polynomial.legendre.leggauss(AREA_GAUSS_POINTS)
+    u, v = np.meshgrid((x + 1) / 2, (x + 1) / 2, indexing="ij")
+    mid, _ = surface.mid_and_normal(u, v)
+    return patches * float(w @ area_element(mid) @ w) / 4
+
+
+@cache
+def measure_mirror_surface(name: str) -> CellMeasures:
+    """Measures of a mirror surface's level set by quadrature over its one piece."""
+    symmetry = mirror_symmetry(name)
+    copies = len(symmetry.motions)
+    x, w = np.polynomial.legendre.leggauss(MIRROR_GAUSS_POINTS)
+    nodes, weight = (x + 1) / 2, np.outer(w, w) / 4
+    points, fraction = symmetry.intersect_segments(nodes[:, None], nodes)
+    (a, b), (c, d) = symmetry.edges
+    s, t = nodes[:, None, None], nodes[None, :, None]
+    segment = c + t * (d - c) - a - s * (b - a)
+    gradient = symmetry.waves.gradient(points)
+    # f = 0 on the whole piece: the fraction r follows a change of the segment's ends by the implicit function theorem
+    r = fraction[..., None]
+    tangents = []
+    for moved in ((1 - r) * (b - a), r * (d - c)):
+        rate = -dot(gradient, moved) / dot(gradient, segment)
+        tangents.append(moved + rate[..., None] * segment)
+    element = weight * np.linalg.norm(np.cross(*tangents), axis=-1)
+    mean = -np.trace(symmetry.waves.shape_operator(points), axis1=-2, axis2=-1) / 2
+    positive = (weight * (3 * fraction**2 - 2 * fraction**3)).sum()  # f > 0 on the side of the first edge
+    min_offset, max_offset = _find_offset_limits(symmetry)
+    return CellMeasures(
+        area=float(copies * element.sum()),
+        mean_curvature_integral=float(copies * (element * mean).sum()),
+        gauss_curvature_integral=float(copies * (2 * np.pi - (np.pi - symmetry.angles).sum())),
+        fraction_below=float(1 - positive),
+        min_offset=min_offset,
+        max_offset=max_offset,
+    )
+
+
+def _find_offset_limits(symmetry: MirrorSymmetry) -> tuple[float, float]:
+    """Signed distances to the centres of curvature nearest to the surface on either side; beyond them offsets have cusps."""
+
+    def principal_curvatures(s: Array, t: Array) -> tuple[Array, Array]:
+        points, _ = symmetry.intersect_segments(s, t)
+        values = np.asarray(np.linalg.eigvalsh(symmetry.waves.shape_operator(points)), np.float64)
+        return values[..., 2], -values[..., 0]
+
+    grid = np.linspace(0.0, 1.0, SEARCH_POINTS)
+    limits = []
+    for side in (0, 1):
+        samples = principal_curvatures(grid[:, None], grid)[side]
+        i, j = np.unravel_index(np.argmax(samples), samples.shape)
+        start = np.array([grid[i], grid[j]])
+        step = 0.5 / (SEARCH_POINTS - 1)
+        simplex = start + step * np.array([[0, 0], [1, 0], [0, 1]]) * np.where(start > 0.5, -1, 1)
+        greatest = maximise_on_unit_square(
+            lambda s, t, side=side: principal_curvatures(s, t)[side],  # type: ignore[misc]
+            simplex,
+            fatol=1e-13,
+        )
+        limits.append(1 / max(greatest, float(samples.max())))
+    return -limits[0], limits[1]
