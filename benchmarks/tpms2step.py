@@ -230,11 +230,13 @@ def limit_distance(name: str) -> tuple[float, float]:
     limit = iterate(samples, grid, axis, axis, subspace, tol=1e-14).surface
 
     root_u, root_v = np.sqrt(grid.weights_u)[:, None], np.sqrt(grid.weights_v)[:, None]
-    matrix = np.kron(np.kron(root_u * axis.design(u), root_v * axis.design(v)), np.eye(3))
+    matrix = np.kron(np.kron(root_u * axis.design_matrix(u), root_v * axis.design_matrix(v)), np.eye(3))
     target = (root_u[..., None] * root_v * samples).ravel()
     free = subspace.basis()
     best = np.linalg.lstsq(matrix @ free, target - matrix @ subspace.particular, rcond=None)[0]
-    direct = surface_of((subspace.particular + free @ best).reshape(axis.size, axis.size, 3), axis, axis)
+    direct = surface_of(
+        (subspace.particular + free @ best).reshape(axis.n_coordinates, axis.n_coordinates, 3), axis, axis
+    )
     t = np.linspace(0, 1, 41)
     apart = limit.grid(t, t) - direct.grid(t, t), limit.poles - direct.poles
     points, poles = (float(np.linalg.norm(d, axis=-1).max()) for d in apart)

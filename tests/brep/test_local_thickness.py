@@ -10,7 +10,7 @@ from tests.shapes.ball_level_sets import CENTRE, RADIUS, ball_layer
 from tpmscad import fields
 from tpmscad.levelset.fit.fit_quality import sample_patches
 from tpmscad.levelset.level_set_fit import MIN_NORMAL_COSINE, LevelSetFit
-from tpmscad.splines.basis import bernstein_basis, evaluate_patches
+from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 
 def ball(radius: float, counts: tuple[int, int, int]) -> LevelSetFit:
@@ -40,7 +40,9 @@ def clearly_beyond(outer: LevelSetFit, inner: LevelSetFit, margin: float) -> dic
     t = np.linspace(0.0, 1.0, 25)
 
     def points(p):
-        return evaluate_patches(bernstein_basis(p.shape[0] - 1, t), p[None], bernstein_basis(p.shape[1] - 1, t))[0]
+        return evaluate_bezier_patches(bernstein_basis(p.shape[0] - 1, t), p[None], bernstein_basis(p.shape[1] - 1, t))[
+            0
+        ]
 
     rays = [[points(p) - CENTRE for p in layer.fit.patches] for layer in (outer, inner)]
     each = len(t) ** 2

@@ -158,11 +158,11 @@ def test_the_limit_of_cpia_is_the_direct_constrained_solution_to_1e_10(name: str
     subspace = solve_conditions(self_joint_conditions(name, axis, axis))
     limit = fit_cpia(samples, grid, axis, axis, subspace, tol=1e-14).surface
     roots = np.sqrt(grid.weights_u)[:, None], np.sqrt(grid.weights_v)[:, None]
-    matrix = np.kron(np.kron(roots[0] * axis.design(u), roots[1] * axis.design(v)), np.eye(3))
+    matrix = np.kron(np.kron(roots[0] * axis.design_matrix(u), roots[1] * axis.design_matrix(v)), np.eye(3))
     target = (roots[0][..., None] * roots[1] * samples).ravel() - matrix @ subspace.particular
     free = subspace.basis()
     best = subspace.particular + free @ np.linalg.lstsq(matrix @ free, target, rcond=None)[0]
-    direct = surface_of(best.reshape(axis.size, axis.size, 3), axis, axis)
+    direct = surface_of(best.reshape(axis.n_coordinates, axis.n_coordinates, 3), axis, axis)
     np.testing.assert_allclose(limit.poles, direct.poles, rtol=0, atol=1e-10)
 
 

@@ -215,7 +215,7 @@ def _nodes(degree: int) -> Array:
 
 
 def _through(points: Array, degree: int) -> BSplineCurve:
-    from tpmscad.splines.bspline import design_matrix
+    from tpmscad.splines.basis import design_matrix
 
     knots = np.repeat([0.0, 1.0], degree + 1)
     poles = np.linalg.solve(design_matrix(knots, degree, _nodes(degree)), points)

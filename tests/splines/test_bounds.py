@@ -16,7 +16,8 @@ from tpmscad.splines.error_bounds import (
     second_derivative_bounds,
     zheng_sederberg_bound,
 )
-from tpmscad.splines.spline_axis import bezier_knots, sampled_axis, uniform_knots
+from tpmscad.splines.knots import bezier_knots, uniform_knots
+from tpmscad.splines.spline_axis import sampled_axis
 from tpmscad.splines.surface_fit import fit_surface
 
 DENSE = np.linspace(0, 1, 73)

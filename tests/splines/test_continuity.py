@@ -11,7 +11,8 @@ from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions, side_derivative_rows
-from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis, pole_axis, uniform_knots
+from tpmscad.splines.knots import bezier_knots, uniform_knots
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis
 from tpmscad.splines.surface_fit import coordinates_from_surface, fit_surface
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
@@ -120,7 +121,9 @@ def random_member(
     """Some surface that satisfies the conditions: a random one, projected."""
     subspace = solve_conditions(joint_conditions(joints, axis_u, axis_v, order, valence))
     rng = np.random.default_rng(1)
-    coordinates = subspace.project(rng.normal(size=3 * axis_u.size * axis_v.size)).reshape(axis_u.size, axis_v.size, 3)
+    coordinates = subspace.project(rng.normal(size=3 * axis_u.n_coordinates * axis_v.n_coordinates)).reshape(
+        axis_u.n_coordinates, axis_v.n_coordinates, 3
+    )
     poles = np.einsum("pu,uvd,qv->pqd", axis_u.to_poles, coordinates, axis_v.to_poles)
     return BSplineSurface(poles, axis_u.knots, axis_v.knots, axis_u.degree, axis_v.degree)
 

@@ -10,7 +10,8 @@ from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions
-from tpmscad.splines.spline_axis import bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
+from tpmscad.splines.knots import bezier_knots, uniform_knots
+from tpmscad.splines.spline_axis import gauss_axis, pole_axis, sampled_axis
 from tpmscad.splines.surface_fit import coordinates_from_surface, fit_surface
 
 TRANSLATES = [Joint(1, np.eye(3), np.array([1.0, 0.2, 0.0]), 3), Joint(2, np.eye(3), np.array([0.0, 1.0, -0.3]), 0)]
@@ -48,7 +49,7 @@ def test_the_constrained_fit_is_the_solution_of_the_normal_equations_in_the_null
     basis = null_space(rows.matrix, rcond=1e-10)
     particular = np.linalg.lstsq(rows.matrix, rows.target, rcond=1e-10)[0]
     root = np.sqrt(axes[1].weights)
-    collocation = np.kron(np.kron(poles[0].design(U), root[:, None] * poles[1].design(V)), np.eye(3))
+    collocation = np.kron(np.kron(poles[0].design_matrix(U), root[:, None] * poles[1].design_matrix(V)), np.eye(3))
     target = (root[:, None] * wavy(U, V)).ravel()
     free_part = np.linalg.lstsq(collocation @ basis, target - collocation @ particular, rcond=None)[0]
     np.testing.assert_allclose(got.poles.ravel(), particular + basis @ free_part, atol=1e-10)
@@ -57,8 +58,8 @@ def test_the_constrained_fit_is_the_solution_of_the_normal_equations_in_the_null
 def test_a_subspace_of_no_conditions_changes_nothing() -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
     samples = wavy(axes[0].points, axes[1].points)
-    whole = unconstrained_subspace(3 * axes[0].size * axes[1].size)
-    assert whole.dimension == whole.basis().shape[1] == 3 * axes[0].size * axes[1].size
+    whole = unconstrained_subspace(3 * axes[0].n_coordinates * axes[1].n_coordinates)
+    assert whole.dimension == whole.basis().shape[1] == 3 * axes[0].n_coordinates * axes[1].n_coordinates
     np.testing.assert_array_equal(fit_surface(samples, *axes, whole).poles, fit_surface(samples, *axes).poles)
 
 

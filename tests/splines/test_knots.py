@@ -8,8 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.knots import elevate_degree, insert_knot, restrict_surface, split_surface
-from tpmscad.splines.spline_axis import bezier_knots, uniform_knots
+from tpmscad.splines.knots import (
+    bezier_knots,
+    elevate_degree,
+    insert_knot,
+    restrict_surface,
+    split_surface,
+    uniform_knots,
+)
 
 
 def some_surface(seed: int = 0, degree_u: int = 3, degree_v: int = 5, smoothness: int | None = None) -> BSplineSurface:

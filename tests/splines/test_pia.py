@@ -9,8 +9,9 @@ import pytest
 
 from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
-from tpmscad.splines.bspline import design_matrix
+from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions
+from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
 from tpmscad.splines.progressive_iteration import (
     DataGrid,
     cpia_convergence_rate,
@@ -22,15 +23,7 @@ from tpmscad.splines.progressive_iteration import (
     pia_convergence_rate,
     trapezoidal_grid,
 )
-from tpmscad.splines.spline_axis import (
-    SplineAxis,
-    bezier_knots,
-    gauss_axis,
-    greville_abscissae,
-    pole_axis,
-    sampled_axis,
-    uniform_knots,
-)
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
 from tpmscad.splines.surface_fit import fit_surface
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
@@ -111,7 +104,7 @@ def test_cpia_keeps_the_conditions_and_its_proven_bounds_at_every_step(
     conditions = joint_conditions(TRANSLATES, *axes, order=1)
     subspace = solve_conditions(conditions)
     bases = [
-        np.sqrt(w)[:, None] * a.design(t)
+        np.sqrt(w)[:, None] * a.design_matrix(t)
         for w, a, t in zip((grid.weights_u, grid.weights_v), axes, (u, v), strict=True)
     ]
     collocation = np.kron(np.kron(*bases), np.eye(3))
@@ -134,7 +127,7 @@ def test_the_rate_of_plain_cpia_is_that_of_the_extreme_eigenvalues_on_the_subspa
     grid, axes = trapezoidal_grid(u, v), AXES["poles"]
     subspace = solve_conditions(joint_conditions(TRANSLATES, *axes, order=1))
     bases = [
-        np.sqrt(w)[:, None] * a.design(t)
+        np.sqrt(w)[:, None] * a.design_matrix(t)
         for w, a, t in zip((grid.weights_u, grid.weights_v), axes, (u, v), strict=True)
     ]
     gram = np.kron(np.kron(bases[0].T @ bases[0], bases[1].T @ bases[1]), np.eye(3))
@@ -149,7 +142,7 @@ def test_the_rate_of_plain_cpia_is_that_of_the_extreme_eigenvalues_on_the_subspa
 
 def test_too_few_iterations_are_reported_and_a_good_start_saves_them() -> None:
     grid, axes = DataGrid(U, V, np.ones(len(U)), np.ones(len(V))), AXES["orthonormal"]
-    everything = unconstrained_subspace(3 * axes[0].size * axes[1].size)
+    everything = unconstrained_subspace(3 * axes[0].n_coordinates * axes[1].n_coordinates)
     short = fit_cpia(wavy(U, V), grid, *axes, everything, tol=1e-12, max_iterations=3)
     assert (short.converged, short.iterations, len(short.bounds)) == (False, 3, 4)
     full = fit_cpia(wavy(U, V), grid, *axes, everything, tol=1e-12)
@@ -160,6 +153,8 @@ def test_too_few_iterations_are_reported_and_a_good_start_saves_them() -> None:
 
 def test_cpia_refuses_a_subspace_with_a_metric_of_its_own() -> None:
     axes = AXES["orthonormal"]
-    subspace = solve_conditions(joint_conditions(TRANSLATES, *axes), np.full(3 * axes[0].size * axes[1].size, 2.0))
+    subspace = solve_conditions(
+        joint_conditions(TRANSLATES, *axes), np.full(3 * axes[0].n_coordinates * axes[1].n_coordinates, 2.0)
+    )
     with pytest.raises(ValueError, match="metric"):
         fit_cpia(wavy(U, V), trapezoidal_grid(U, V), *axes, subspace, tol=1e-9)

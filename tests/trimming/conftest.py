@@ -11,7 +11,8 @@ import pytest
 from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.lattices import copies as lattices
-from tpmscad.splines.bspline import BSplineSurface, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineSurface
 
 CELL = 10.0
 Cover = Callable[..., Brep]

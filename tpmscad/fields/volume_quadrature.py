@@ -8,10 +8,10 @@ lines that graze the surface, where the midpoint rule would fail, have no part i
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 
 from tpmscad._typing import Array
 from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.splines.quadrature import gauss_legendre_unit
 
 ROOT_STEPS = 12
 """Steps of the root finder: round-off from a bracket of any grid."""
@@ -98,14 +98,14 @@ def _integrate_columns(walls: tuple[Field, ...], lo: Array, hi: Array, spacing: 
     at = np.nonzero(end > start)
     first, length = start[at], (end - start)[at]
     total = 0.0
-    for x, w in zip(*leggauss(GAUSS_POINTS), strict=True):
+    for node, weight in zip(*gauss_legendre_unit(GAUSS_POINTS), strict=True):
         points = np.stack([line[i] for line, i in zip(lines, at, strict=True)], axis=1)
-        points[:, axis] = first + 0.5 * (1 + x) * length
+        points[:, axis] = first + node * length
         square = walls[0].gradient(points) ** 2
         square += SLOPE_FLOOR_FRACTION * np.mean(
             square
         )  # where the field is level all directions share alike, and smoothly
-        total += 0.5 * w * float((length * square[:, axis] ** 2 / (square**2).sum(axis=1)).sum())
+        total += weight * float((length * square[:, axis] ** 2 / (square**2).sum(axis=1)).sum())
     return across * total
 
 

@@ -22,7 +22,9 @@ from tpmscad._typing import Array
 from tpmscad.lattices.mirror_continuity import mirror_conditions
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis
+from tpmscad.splines.knots import bezier_knots
+from tpmscad.splines.quadrature import gauss_legendre_unit
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
 from tpmscad.splines.surface_fit import least_squares_coordinates, surface_from_coordinates
 from tpmscad.surfaces import MirrorSymmetry, mirror_symmetry
 from tpmscad.surfaces.klein_quadrilateral import KleinQuadrilateral, solve_klein_quadrilateral
@@ -77,9 +79,8 @@ def compute_harmonic_chart(name: str) -> HarmonicChart:
     )
     best = solve_klein_quadrilateral(symmetry.angles, 1 + np.exp(found.x))
     patch, least = _minimise_energy(symmetry, best, CHART_DEGREE)
-    nodes, weights = np.polynomial.legendre.leggauss(2 * CHART_DEGREE)
-    t = (nodes + 1) / 2
-    area = weights @ np.linalg.norm(patch.normal(t[:, None], t), axis=-1) @ weights / 4
+    t, weights = gauss_legendre_unit(2 * CHART_DEGREE)
+    area = weights @ np.linalg.norm(patch.normal(t[:, None], t), axis=-1) @ weights
     return HarmonicChart(symmetry, best, patch, least / float(area))
 
 
@@ -94,7 +95,7 @@ def _minimise_energy(symmetry: MirrorSymmetry, shape: KleinQuadrilateral, degree
     stiffness = _stiffness_matrix(axis, shape.dirichlet_tensor(u, v) * weight[..., None, None])
     pulled = np.einsum("ab,bjd->ajd", stiffness, basis.reshape(len(stiffness), 3, -1)).reshape(basis.shape)
     free_stiffness = basis.T @ pulled
-    values = np.kron(axis.design(axis.points), axis.design(axis.points))
+    values = np.kron(axis.design_matrix(axis.points), axis.design_matrix(axis.points))
 
     start, _ = symmetry.intersect_segments(u, v)
     x = subspace.project(least_squares_coordinates(start, axis, axis).ravel())
@@ -108,7 +109,7 @@ def _minimise_energy(symmetry: MirrorSymmetry, shape: KleinQuadrilateral, degree
         rows = ((root[:, None] * values)[:, :, None] * normal[:, None, :]).reshape(len(root), -1) @ basis
         residual = rows.T @ (root * distance) + pulled.T @ x
         x = x - basis @ np.linalg.solve(rows.T @ rows + free_stiffness, residual)
-    cube = x.reshape(axis.size, axis.size, 3)
+    cube = x.reshape(axis.n_coordinates, axis.n_coordinates, 3)
     return surface_from_coordinates(cube, axis, axis), float(
         np.einsum("ai,ab,bi->", x.reshape(-1, 3), stiffness, x.reshape(-1, 3))
     )
@@ -116,7 +117,7 @@ def _minimise_energy(symmetry: MirrorSymmetry, shape: KleinQuadrilateral, degree
 
 def _stiffness_matrix(axis: SplineAxis, metric: Array) -> Array:
     """The matrix of Dirichlet's energy, half the integral of the metric on the derivatives, on coordinates (U V, U V)."""
-    value, slope = axis.design(axis.points), axis.design(axis.points, 1)
+    value, slope = axis.design_matrix(axis.points), axis.design_matrix(axis.points, 1)
     rows = np.kron(slope, value), np.kron(value, slope)
     return np.asarray(
         sum(rows[i].T @ (metric[..., i, j].reshape(-1, 1) * rows[j]) for i in range(2) for j in range(2)) / 2

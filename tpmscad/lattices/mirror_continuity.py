@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.splines.continuity_conditions import ContinuityConditions
+from tpmscad.splines.quadrature import gauss_legendre_unit
 from tpmscad.splines.spline_axis import SplineAxis
 
 CONTACT_ORDERS = 3
@@ -33,8 +34,8 @@ def mirror_conditions(
     blocks, targets, orders = [], [], []
     for side, (centre, normal, offset) in enumerate(zip(centres, normals, offsets, strict=True)):
         count = (axis_u if side in (0, 2) else axis_v).degree + 1
-        nodes, weights = np.polynomial.legendre.leggauss(count)
-        along, root = (nodes + 1) / 2, np.sqrt(weights / 2)
+        along, weights = gauss_legendre_unit(count)
+        root = np.sqrt(weights)
         end = np.full(count, float(side in (1, 2)))
         u, v = (along, end) if side in (0, 2) else (end, along)
         rows = _homology_derivatives(axis_u, axis_v, u, v, centre)
@@ -57,7 +58,7 @@ def _homology_derivatives(
     """D_0, D_1, D_2 at the points (n,) of a side: each (n, U V)."""
 
     def rows(m: int, n: int) -> Array:
-        return np.einsum("na,nb->nab", axis_u.design(u, m), axis_v.design(v, n)).reshape(len(u), -1)
+        return np.einsum("na,nb->nab", axis_u.design_matrix(u, m), axis_v.design_matrix(v, n)).reshape(len(u), -1)
 
     p, q = centre[1] - u * centre[0], centre[2] - v * centre[0]
     size = max(np.abs(p).max(), np.abs(q).max())

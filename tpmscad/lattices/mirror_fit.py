@@ -27,7 +27,8 @@ from tpmscad.lattices.mirror_continuity import mirror_conditions
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis
+from tpmscad.splines.knots import bezier_knots
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
 from tpmscad.splines.surface_fit import least_squares_coordinates, surface_from_coordinates
 from tpmscad.surfaces import MirrorSymmetry
 
@@ -146,7 +147,7 @@ class _Candidate:
     coordinates: Array
 
     def patch(self) -> BSplineSurface:
-        size = self.axis.size
+        size = self.axis.n_coordinates
         return surface_from_coordinates(self.coordinates.reshape(size, size, 3), self.axis, self.axis)
 
 
@@ -192,7 +193,7 @@ def _slide_along_surface(form: HarmonicChart, start: _Candidate, space: AffineSu
     """The patch after damped Gauss-Newton steps on the distances at the axis' points."""
     axis, basis = start.axis, space.basis()
     root = np.sqrt(np.outer(axis.weights, axis.weights).ravel())
-    values = np.kron(axis.design(axis.points), axis.design(axis.points))
+    values = np.kron(axis.design_matrix(axis.points), axis.design_matrix(axis.points))
 
     def residual(coordinates: Array) -> tuple[Array, Array]:
         distance, normal, _ = form.symmetry.waves.project_to_level_set(values @ coordinates.reshape(-1, 3))

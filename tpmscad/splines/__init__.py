@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions, unconstrained_subspace
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, design_matrix, line_segment
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
@@ -13,7 +14,14 @@ from tpmscad.splines.error_bounds import (
     second_derivative_bounds,
     zheng_sederberg_bound,
 )
-from tpmscad.splines.knots import elevate_degree, insert_knot, restrict_surface, split_surface
+from tpmscad.splines.knots import (
+    bezier_knots,
+    elevate_degree,
+    insert_knot,
+    restrict_surface,
+    split_surface,
+    uniform_knots,
+)
 from tpmscad.splines.progressive_iteration import (
     CpiaResult,
     DataGrid,
@@ -24,7 +32,7 @@ from tpmscad.splines.progressive_iteration import (
     pia_convergence_rate,
     trapezoidal_grid,
 )
-from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis, pole_axis, sampled_axis, uniform_knots
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
 from tpmscad.splines.surface_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, SplineSpace, fit_surface, fit_to_tolerance
 
 __all__ = [

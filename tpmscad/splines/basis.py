@@ -1,45 +1,237 @@
-"""Bezier curves and patches on [0, 1] from their poles."""
+"""Spline bases: Bernstein polynomials, B-splines and Legendre polynomials, their derivatives and the maps between them.
+
+Every basis function of the program is evaluated here. A knot vector holds its knots with repetition and has
+len(knots) - degree - 1 basis functions. Three evaluators stand side by side because each is the fastest for its caller, and
+because their results differ in the last digits:
+
+- `design_matrix` and `design_matrices`: all basis functions at each parameter, dense. A patch has tens of basis functions, for
+  which a dense matrix times the poles is faster than a sparse one. One span is evaluated as Bernstein polynomials
+  from one table of powers; several spans are evaluated by SciPy's B-splines.
+- `nonzero_basis`: only the degree + 1 basis functions that do not vanish, by the Cox-de Boor recursion. Trivariate tensor
+  products with long knot vectors need these alone.
+- `evaluate_by_de_boor`: points instead of basis functions, each parameter with poles and knots of its own, by
+  de Boor's algorithm. Thousands of curves with different knot vectors share one call.
+
+Sources: C. de Boor, A Practical Guide to Splines (2001), chapters IX and X; R. T. Farouki, Legendre-Bernstein basis
+transformations, J. Comput. Appl. Math. 119 (2000), 145-160.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from math import comb
 
 import numpy as np
+from numpy.polynomial import legendre
+from scipy.interpolate import BSpline
 
-from tpmscad._typing import Array
-from tpmscad.splines.bspline import design_matrix
+from tpmscad._typing import Array, IntArray
+
+
+def knot_domain(knots: Array, degree: int) -> tuple[float, float]:
+    """Ends of the interval on which the basis functions sum to one."""
+    return float(knots[degree]), float(knots[-degree - 1])
+
+
+def scipy_spline(knots: Array, coefficients: Array, degree: int) -> BSpline:
+    """SciPy's B-spline without the validation, which takes longer than the evaluation of a few points."""
+    return BSpline.construct_fast(np.asarray(knots, float), np.asarray(coefficients, float), degree)
+
+
+def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
+    """Design (collocation) matrix: every basis function, or its derivative of the given order, at every parameter.
+
+    Parameters
+    ----------
+    knots : ndarray, shape (n + degree + 1,)
+        Knot vector with repetition.
+    degree : int
+        Polynomial degree.
+    t : ndarray, shape (m,)
+        Parameters. At the end of the domain the last span is evaluated, so that the matrix is one-sided there.
+    order : int, optional
+        Order of the derivative.
+
+    Returns
+    -------
+    ndarray, shape (m, n)
+        Basis functions in columns, parameters in rows.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import bezier_knots, design_matrix
+    >>> design_matrix(bezier_knots(2), 2, np.array([0.5]))
+    array([[0.25, 0.5 , 0.25]])
+    """
+    return design_matrices(knots, degree, t, (order,))[0]
+
+
+def design_matrices(knots: Array, degree: int, t: Array, orders: Sequence[int]) -> list[Array]:
+    """The design matrices of several orders of derivative at t (m,): each (m, len(knots) - degree - 1)."""
+    t = np.asarray(t, float)
+    n = len(knots) - degree - 1
+    if n == degree + 1 and knots[0] == knots[degree] and knots[-1] == knots[n]:
+        return _bernstein_matrices(float(knots[0]), float(knots[-1]), degree, t, orders)
+    spline = scipy_spline(knots, np.eye(n), degree)
+    return [np.asarray(spline(t, order)) for order in orders]
 
 
 def bernstein_basis(degree: int, t: Array, order: int = 0) -> Array:
-    """Bernstein polynomials of the degree on [0, 1], or derivatives, at t: (n, degree + 1)."""
-    return design_matrix(np.repeat([0.0, 1.0], degree + 1), degree, t, order)
+    """Bernstein polynomials on [0, 1], or their derivatives of the given order, at t (m,): (m, degree + 1)."""
+    return _bernstein_matrices(0.0, 1.0, degree, np.asarray(t, float), (order,))[0]
 
 
-def evaluate_patches(rows: Array, poles: Array, columns: Array) -> Array:
-    """Points on the grid of two designs, flattened u first: (n, len(rows) * len(columns), 3)."""
+def _bernstein_matrices(low: float, high: float, degree: int, t: Array, orders: Sequence[int]) -> list[Array]:
+    """Bernstein polynomials on [low, high], differentiated: (m, degree + 1) for each order, from one table of powers."""
+    width = high - low
+    s = (t - low) / width
+    highest = max(degree - min(orders), 0)
+    rising, falling = _powers(s, highest), _powers(1 - s, highest)
+    result = []
+    for order in orders:
+        rest = degree - order
+        if rest < 0:
+            result.append(np.zeros((len(t), degree + 1)))
+            continue
+        values = _binomials(rest) * rising[: rest + 1] * falling[rest::-1]
+        for k in range(rest + 1, degree + 1):  # B'_{i,k} = k (B_{i-1,k-1} - B_{i,k-1}) / width
+            lower, values = values, np.empty((k + 1, len(t)))
+            np.subtract(0.0, lower[0], out=values[0])
+            np.subtract(lower[:-1], lower[1:], out=values[1:-1])
+            values[-1] = lower[-1]
+            values *= k / width
+        result.append(np.ascontiguousarray(values.T))
+    return result
+
+
+def _powers(s: Array, degree: int) -> Array:
+    """s^0 .. s^degree: (degree + 1, n)."""
+    powers = np.empty((degree + 1, len(s)))
+    powers[0] = 1.0
+    for lower, higher in zip(powers[:-1], powers[1:], strict=True):
+        np.multiply(lower, s, out=higher)
+    return powers
+
+
+@lru_cache(maxsize=64)
+def _binomials(degree: int) -> Array:
+    """Binomial coefficients as a column: (degree + 1, 1)."""
+    return np.array([[float(comb(degree, i))] for i in range(degree + 1)])
+
+
+def nonzero_basis(knots: Array, degree: int, t: Array) -> tuple[IntArray, Array, Array]:
+    """The basis functions that do not vanish at t (n,): index of the first (n,), values and slopes (n, degree + 1) each.
+
+    By the Cox-de Boor recursion. At a knot the span above it is evaluated, at the end of the domain the last.
+    """
+    last = len(knots) - degree - 2
+    span = np.clip(np.searchsorted(knots, t, side="right") - 1, degree, last)
+    upper = [knots[span + j] - t for j in range(1, degree + 1)]
+    lower = [t - knots[span + 1 - j] for j in range(1, degree + 1)]
+    values = [np.ones(len(t))]
+    ratios: list[Array] = []
+    for j in range(1, degree + 1):
+        ratios = [values[r] / (upper[r] + lower[j - 1 - r]) for r in range(j)]
+        rising = [np.zeros(len(t))] + [lower[j - 1 - r] * ratios[r] for r in range(j)]
+        falling = [upper[r] * ratios[r] for r in range(j)] + [np.zeros(len(t))]
+        values = [a + b for a, b in zip(rising, falling, strict=True)]
+    zero = np.zeros(len(t))
+    slopes = [degree * (a - b) for a, b in zip([zero, *ratios], [*ratios, zero], strict=True)]
+    return span - degree, np.stack(values, axis=-1), np.stack(slopes, axis=-1)
+
+
+def evaluate_by_de_boor(poles: Array, knots: Array, t: Array) -> Array:
+    """Points (D, n) at t (n,) from the poles (D, p + 1, n) and the knots (2 p, n) about each parameter's interval."""
+    p = poles.shape[1] - 1
+    for r in range(1, p + 1):
+        left = knots[r - 1 : p]
+        ratio = (t - left) / (knots[p : 2 * p - r + 1] - left)
+        poles = poles[:, :-1] + ratio * (poles[:, 1:] - poles[:, :-1])
+    return poles[:, 0]
+
+
+def differentiate_local_poles(poles: Array, knots: Array, order: int) -> tuple[Array, Array]:
+    """Poles (D, p + 1, n) and knots (2 p, n) about each parameter's interval, of the derivative of the given order."""
+    for _ in range(order):
+        p = poles.shape[1] - 1
+        if p == 0:
+            return np.zeros_like(poles), knots
+        poles, knots = p * np.diff(poles, axis=1) / (knots[p:] - knots[:p]), knots[1:-1]
+    return poles, knots
+
+
+def differentiate_poles(poles: Array, knots: Array, degree: int) -> tuple[Array, Array, int]:
+    """Poles, knots and degree of the derivative along the first axis of the whole control net (N, M, D)."""
+    gaps = knots[degree + 1 : -1] - knots[1 : -degree - 1]
+    # A gap of zero belongs to a basis function that is zero: the spline is discontinuous there, its spans are not.
+    factors = np.divide(degree, gaps, out=np.zeros_like(gaps), where=gaps > 0)
+    return factors[:, None, None] * np.diff(poles, axis=0), knots[1:-1], degree - 1
+
+
+def evaluate_bezier_patches(rows: Array, poles: Array, columns: Array) -> Array:
+    """Points (n, k l, 3) of many Bezier patches (n, U, V, 3) on the grid of two design matrices (k, U), (l, V), u first."""
     n, nu, nv, _ = poles.shape
     half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)
     return (columns @ half).reshape(n, -1, 3)
 
 
+def legendre_basis(degree: int, domain: tuple[float, float], t: Array, order: int = 0) -> Array:
+    """Legendre polynomials orthonormal on [0, 1], carried to the domain, or derivatives, at t (m,): (m, degree + 1).
+
+    The polynomial of degree i is at most sqrt(2 i + 1) in absolute value, which it attains at the ends.
+    """
+    low, high = domain
+    scale = 2 / (high - low)
+    series = np.diag(np.sqrt(2 * np.arange(degree + 1) + 1))
+    for _ in range(order):
+        series = legendre.legder(series, scl=scale)
+    return np.asarray(legendre.legval(scale * (t - low) - 1, series)).T
+
+
+def legendre_to_bernstein(degree: int) -> Array:
+    """Bernstein coefficients of the Legendre polynomials orthonormal on [0, 1], one polynomial per column.
+
+    Farouki (2000), eq. 20. The sums are of integers, hence exact.
+    """
+    n = degree
+    matrix = np.empty((n + 1, n + 1))
+    for i in range(n + 1):
+        for j in range(n + 1):
+            terms = range(max(0, i + j - n), min(i, j) + 1)
+            total = sum((-1) ** (j + k) * comb(j, k) ** 2 * comb(n - j, i - k) for k in terms)
+            matrix[i, j] = total / comb(n, i)
+    return matrix * np.sqrt(2 * np.arange(n + 1) + 1)
+
+
 @lru_cache(maxsize=256)
-def side_pole_matrix(low: int, high: int, piece: int, sense: int) -> Array | None:
-    """From a curve's poles to those of a piece of it, of a higher degree, run forwards or backwards; None: the same."""
-    if low == high and piece == 0 and sense > 0:
-        return None
-    matrix = np.eye(low + 1)
-    if piece:
-        halves = [[comb(i, j) * 0.5**i if j <= i else 0.0 for j in range(low + 1)] for i in range(low + 1)]
-        matrix = np.array(halves)
-        if piece == 2:
-            matrix = matrix[::-1, ::-1]
-    raised = np.array(
+def bernstein_elevation_matrix(low: int, high: int) -> Array:
+    """Bernstein coefficients of degree `high` from those of degree `low`: (high + 1, low + 1)."""
+    return np.array(
         [
-            [comb(low, j) * comb(high - low, i - j) / comb(high, i) if 0 <= i - j <= high - low else 0.0
-             for j in range(low + 1)]
+            [
+                comb(low, j) * comb(high - low, i - j) / comb(high, i) if 0 <= i - j <= high - low else 0.0
+                for j in range(low + 1)
+            ]
             for i in range(high + 1)
         ]
-    )  # fmt: skip
-    matrix = raised @ matrix
-    return matrix if sense > 0 else matrix[::-1]
+    )
+
+
+@lru_cache(maxsize=256)
+def side_pole_matrix(low: int, high: int, half: int, direction: int) -> Array | None:
+    """Matrix from the poles of a Bezier curve to those of a part of it, elevated in degree and possibly reversed.
+
+    `half` is 0 for the whole curve, 1 or 2 for its first or second half; `direction` is +1 or -1. None stands for the identity.
+    """
+    if low == high and half == 0 and direction > 0:
+        return None
+    matrix = np.eye(low + 1)
+    if half:
+        first = [[comb(i, j) * 0.5**i if j <= i else 0.0 for j in range(low + 1)] for i in range(low + 1)]
+        matrix = np.array(first)
+        if half == 2:
+            matrix = matrix[::-1, ::-1]
+    matrix = bernstein_elevation_matrix(low, high) @ matrix
+    return matrix if direction > 0 else matrix[::-1]

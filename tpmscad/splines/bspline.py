@@ -1,7 +1,7 @@
-"""Tensor-product B-splines as frozen values: poles, knots with repetition, degree. Nothing else is stored.
+"""Tensor-product B-splines as frozen values: poles, knots with repetition and degree. Nothing else is stored.
 
-Evaluation is SciPy's (`scipy.interpolate.BSpline`), applied one parameter at a time. A surface's four sides are numbered
-counter-clockwise in (u, v), and each runs counter-clockwise too, with the patch on its left:
+The basis is evaluated one parameter at a time (`basis.design_matrix`). The four sides of a surface are numbered
+counter-clockwise in (u, v). Each side runs counter-clockwise too, with the patch on its left:
 
     side 0: v = v0, u rising      side 1: u = u1, v rising      side 2: v = v1, u falling      side 3: u = u0, v falling
 """
@@ -12,16 +12,38 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
-from scipy.special import comb
 
 from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import design_matrix, knot_domain, scipy_spline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BSplineCurve:
-    """A B-spline curve in D dimensions: poles (N, D), knots (N + degree + 1,) with repetition."""
+    """B-spline curve in D dimensions.
+
+    Parameters
+    ----------
+    poles : ndarray, shape (N, D)
+        Control points.
+    knots : ndarray, shape (N + degree + 1,)
+        Knot vector with repetition.
+    degree : int
+        Polynomial degree.
+
+    Raises
+    ------
+    ValueError
+        If the number of knots does not fit the poles and the degree.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineCurve, bezier_knots
+    >>> parabola = BSplineCurve(np.array([[0.0, 0.0], [0.5, 0.0], [1.0, 1.0]]), bezier_knots(2), 2)
+    >>> parabola(0.5)
+    array([0.5 , 0.25])
+    """
 
     poles: Array
     knots: Array
@@ -36,32 +58,78 @@ class BSplineCurve:
 
     @property
     def domain(self) -> tuple[float, float]:
-        return float(self.knots[self.degree]), float(self.knots[-self.degree - 1])
+        """Ends of the parameter interval."""
+        return knot_domain(self.knots, self.degree)
 
     def __call__(self, t: ArrayLike, order: int = 0) -> Array:
         """Points, or derivatives of the given order, at t: (..., D)."""
-        return np.asarray(_spline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
+        return np.asarray(scipy_spline(self.knots, self.poles, self.degree)(np.asarray(t, float), order))
 
     def reversed(self) -> BSplineCurve:
-        """The same points on the same domain, run the other way."""
+        """Curve of the same points on the same domain, run in the opposite direction."""
         low, high = self.domain
         return BSplineCurve(self.poles[::-1].copy(), (low + high) - self.knots[::-1], self.degree)
 
     def moved(self, motion: Motion) -> BSplineCurve:
+        """Image under a rigid motion."""
         return BSplineCurve(motion.apply(self.poles), self.knots, self.degree)
 
     def scaled(self, factor: float) -> BSplineCurve:
+        """Curve x -> factor x."""
         return BSplineCurve(factor * self.poles, self.knots, self.degree)
 
 
 def line_segment(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> BSplineCurve:
-    """The straight segment as a curve of degree one on the given domain."""
+    """Straight segment as a curve of degree one.
+
+    Parameters
+    ----------
+    start, end : array_like, shape (D,)
+        End points.
+    domain : tuple of float, optional
+        Parameters of the end points.
+
+    Returns
+    -------
+    BSplineCurve
+        The segment, parametrised linearly.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import line_segment
+    >>> line_segment([0, 0], [2, 4])(0.25)
+    array([0.5, 1. ])
+    """
     return BSplineCurve(np.array([start, end], float), np.repeat(np.array(domain, float), 2), 1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BSplineSurface:
-    """A tensor-product B-spline surface: poles (U, V, D), a knot vector with repetition and a degree for u and for v."""
+    """Tensor-product B-spline surface in D dimensions.
+
+    Parameters
+    ----------
+    poles : ndarray, shape (U, V, D)
+        Control net.
+    knots_u, knots_v : ndarray, shape (U + degree_u + 1,), (V + degree_v + 1,)
+        Knot vectors with repetition.
+    degree_u, degree_v : int
+        Polynomial degrees.
+
+    Raises
+    ------
+    ValueError
+        If the number of knots does not fit the poles and the degree.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots
+    >>> knots = bezier_knots(1)
+    >>> saddle = BSplineSurface(np.array([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]]), knots, knots, 1, 1)
+    >>> saddle(0.5, 0.5)
+    array([0.5 , 0.5 , 0.25])
+    """
 
     poles: Array
     knots_u: Array
@@ -79,20 +147,17 @@ class BSplineSurface:
 
     @property
     def domain(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        (pu, pv) = self.degree_u, self.degree_v
-        return (
-            (float(self.knots_u[pu]), float(self.knots_u[-pu - 1])),
-            (float(self.knots_v[pv]), float(self.knots_v[-pv - 1])),
-        )
+        """Parameter rectangle ((u0, u1), (v0, v1))."""
+        return knot_domain(self.knots_u, self.degree_u), knot_domain(self.knots_v, self.degree_v)
 
     @property
     def corners(self) -> Array:
-        """Parameters of the four corners in the order of the sides' starting points: (4, 2)."""
+        """Parameters (4, 2) of the corners; corner i is the start of side i."""
         (u0, u1), (v0, v1) = self.domain
         return np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]])
 
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
-        """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., D)."""
+        """Points, or the mixed derivative of orders (du, dv), at the broadcast pairs (u, v): (..., D)."""
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         rows = design_matrix(self.knots_u, self.degree_u, u.ravel(), du)
         columns = design_matrix(self.knots_v, self.degree_v, v.ravel(), dv)
@@ -100,18 +165,18 @@ class BSplineSurface:
         return (columns[:, None] @ half).reshape(*u.shape, self.poles.shape[2])
 
     def grid(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
-        """The same on the grid of all u with all v: (len(u), len(v), D)."""
+        """Points, or the mixed derivative of orders (du, dv), on the grid of all u with all v: (len(u), len(v), D)."""
         rows = design_matrix(self.knots_u, self.degree_u, np.asarray(u, float), du)
         columns = design_matrix(self.knots_v, self.degree_v, np.asarray(v, float), dv)
         half = (rows @ self.poles.reshape(len(self.poles), -1)).reshape(len(rows), *self.poles.shape[1:])
         return columns @ half
 
     def normal(self, u: ArrayLike, v: ArrayLike) -> Array:
-        """S_u x S_v at the pairs (u, v), not normalised: (..., 3)."""
+        """Normal vectors S_u x S_v at the pairs (u, v), not of unit length: (..., 3)."""
         return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))
 
     def side(self, index: int) -> BSplineCurve:
-        """The border curve of side 0..3, run counter-clockwise."""
+        """Boundary curve of side 0..3, run counter-clockwise."""
         along_u = index in (0, 2)
         poles = {0: self.poles[:, 0], 1: self.poles[-1], 2: self.poles[:, -1], 3: self.poles[0]}[index]
         curve = BSplineCurve(
@@ -120,50 +185,14 @@ class BSplineSurface:
         return curve if index in (0, 1) else curve.reversed()
 
     def side_pcurve(self, index: int) -> BSplineCurve:
-        """The parameter curve of that side, on the domain of `side(index)` and run the same way."""
+        """Parameter curve of side 0..3, with the domain and direction of `side(index)`."""
         corners = self.corners
         return line_segment(corners[index], corners[(index + 1) % 4], self.side(index).domain)
 
     def moved(self, motion: Motion) -> BSplineSurface:
+        """Image under a rigid motion."""
         return BSplineSurface(motion.apply(self.poles), self.knots_u, self.knots_v, self.degree_u, self.degree_v)
 
     def scaled(self, factor: float) -> BSplineSurface:
+        """Surface x -> factor x."""
         return BSplineSurface(factor * self.poles, self.knots_u, self.knots_v, self.degree_u, self.degree_v)
-
-
-def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
-    """Values (or derivatives) of every basis function at t (n,): (n, len(knots) - degree - 1), dense.
-
-    One-sided at the ends of the domain: the last point takes the last span. Patches have tens of basis functions, for
-    which a dense matrix times the poles is faster than anything sparse. One span is evaluated as Bernstein polynomials, three
-    times faster than by recurrence.
-    """
-    t = np.asarray(t, float)
-    count = len(knots) - degree - 1
-    if count == degree + 1 and knots[0] == knots[degree] and knots[-1] == knots[count]:
-        return _bernstein(float(knots[0]), float(knots[-1]), degree, t, order)
-    return np.asarray(_spline(knots, np.eye(count), degree)(t, order))
-
-
-def _spline(knots: Array, coefficients: Array, degree: int) -> BSpline:
-    """SciPy's spline without its checks, which take longer than a few points do."""
-    return BSpline.construct_fast(np.asarray(knots, float), np.asarray(coefficients, float), degree)
-
-
-def _bernstein(low: float, high: float, degree: int, t: Array, order: int) -> Array:
-    """All Bernstein polynomials of the degree on [low, high], or their derivatives."""
-    if order > degree:
-        return np.zeros((len(t), degree + 1))
-    rest = degree - order
-    s = (t - low) / (high - low)
-    values = comb(rest, np.arange(rest + 1)) * _powers(s, rest) * _powers(1 - s, rest)[:, ::-1]
-    for k in range(rest + 1, degree + 1):  # the derivative of a polynomial's coefficients are its differences
-        values = (k / (high - low)) * (np.pad(values, ((0, 0), (1, 0))) - np.pad(values, ((0, 0), (0, 1))))
-    return values
-
-
-def _powers(s: Array, degree: int) -> Array:
-    """s^0 .. s^degree: (n, degree + 1)."""
-    factors = np.repeat(s[:, None], degree + 1, axis=1)
-    factors[:, 0] = 1.0
-    return np.multiply.accumulate(factors, axis=1)

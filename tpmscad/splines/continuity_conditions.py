@@ -46,7 +46,8 @@ from math import cos, pi
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.splines.spline_axis import SplineAxis, composite_gauss_legendre
+from tpmscad.splines.quadrature import composite_gauss_legendre
+from tpmscad.splines.spline_axis import SplineAxis
 
 ROUND_OFF_TOL = 1e-12
 """Knots, and entries of a rotation, closer than this are the same."""
@@ -135,8 +136,8 @@ def side_derivative_rows(
 
     def rows(m: int, n: int) -> Array:
         """d^(m + n) / ds^m dy^n."""
-        at_end = across.design(end, m)[0] * (outward * (a1 - a0) / 2) ** m
-        on_side = along.design(t, n) * (forward * (b1 - b0) / 2) ** n
+        at_end = across.design_matrix(end, m)[0] * (outward * (a1 - a0) / 2) ** m
+        on_side = along.design_matrix(t, n) * (forward * (b1 - b0) / 2) ** n
         product = np.einsum("a,nb->nba" if side in (0, 2) else "a,nb->nab", at_end, on_side)
         return product.reshape(len(y), -1)
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.splines.basis import differentiate_poles
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import insert_knot
 
@@ -67,7 +68,7 @@ def derivative_bounds(surface: BSplineSurface, du: int, dv: int, pieces: int = 1
     for knots, degree, order in ((surface.knots_u, surface.degree_u, du), (surface.knots_v, surface.degree_v, dv)):
         poles, fine = _refine_spans(poles, knots, degree, pieces)
         for _ in range(order):
-            poles, fine, degree = _differentiate_poles(poles, fine, degree)
+            poles, fine, degree = differentiate_poles(poles, fine, degree)
         starts = np.flatnonzero(np.diff(fine) > 0)
         active.append(starts[:, None] - degree + np.arange(degree + 1))
         poles = poles.swapaxes(0, 1)
@@ -93,14 +94,6 @@ def fit_error_bound(
         + filip_bound(*second, step_u, step_v)
         + filip_bound(*second_derivative_bounds(fitted, 2), step_u, step_v)
     )
-
-
-def _differentiate_poles(poles: Array, knots: Array, degree: int) -> tuple[Array, Array, int]:
-    """Poles, knots and degree of the derivative along the first axis."""
-    gaps = knots[degree + 1 : -1] - knots[1 : -degree - 1]
-    # A gap of zero belongs to a basis function that is zero: the spline is discontinuous there, its pieces are not.
-    factors = np.divide(degree, gaps, out=np.zeros_like(gaps), where=gaps > 0)
-    return factors[:, None, None] * np.diff(poles, axis=0), knots[1:-1], degree - 1
 
 
 def _refine_spans(poles: Array, knots: Array, degree: int, pieces: int) -> tuple[Array, Array]:

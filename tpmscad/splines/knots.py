@@ -1,49 +1,211 @@
-"""Knot insertion, and what follows from it: splitting, restricting, degree elevation. The surface stays the same to round-off.
+"""Knot vectors, knot insertion, and what follows from it: splitting, restriction and degree elevation.
 
-Pieces of one surface share the poles of their common border bit for bit, and so do pieces of two surfaces that share a border.
+None of these changes the surface, up to round-off. The control nets of parts of one surface share the poles of their
+common border bit for bit, and so do parts of two surfaces with a common border.
+
+Sources: W. Boehm, Inserting new knots into B-spline curves, Computer-Aided Design 12 (1980), 199-201; L. Piegl, W. Tiller,
+The NURBS Book (1997), chapter 5.
 """
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.splines.basis import bernstein_elevation_matrix, knot_domain
 from tpmscad.splines.bspline import BSplineSurface
 
 
+def bezier_knots(degree: int, domain: tuple[float, float] = (0.0, 1.0)) -> Array:
+    """Knot vector of one polynomial span.
+
+    Parameters
+    ----------
+    degree : int
+        Polynomial degree.
+    domain : tuple of float, optional
+        Ends of the span.
+
+    Returns
+    -------
+    ndarray, shape (2 degree + 2,)
+        Both ends with multiplicity degree + 1.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import bezier_knots
+    >>> bezier_knots(2)
+    array([0., 0., 0., 1., 1., 1.])
+    """
+    return np.repeat(np.array(domain, float), degree + 1)
+
+
+def uniform_knots(
+    spans: int, degree: int, smoothness: int | None = None, domain: tuple[float, float] = (0.0, 1.0)
+) -> Array:
+    """Clamped knot vector of equal spans.
+
+    Parameters
+    ----------
+    spans : int
+        Number of spans.
+    degree : int
+        Polynomial degree.
+    smoothness : int, optional
+        The spline is C^smoothness at inner knots; degree - 1 by default.
+    domain : tuple of float, optional
+        Ends of the domain.
+
+    Returns
+    -------
+    ndarray
+        Knots with repetition.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import uniform_knots
+    >>> uniform_knots(2, 2)
+    array([0. , 0. , 0. , 0.5, 1. , 1. , 1. ])
+    """
+    repeats = 1 if smoothness is None else degree - smoothness
+    inner = np.linspace(*domain, spans + 1)[1:-1]
+    return np.concatenate(
+        [np.repeat(domain[0], degree + 1), np.repeat(inner, repeats), np.repeat(domain[1], degree + 1)]
+    )
+
+
+def greville_abscissae(knots: Array, degree: int) -> Array:
+    """Averages of `degree` consecutive knots, one per pole: (n,)."""
+    return np.array([knots[i + 1 : i + degree + 1].mean() for i in range(len(knots) - degree - 1)])
+
+
 def insert_knot(poles: Array, knots: Array, degree: int, t: float, times: int = 1) -> tuple[Array, Array]:
-    """Poles (N + times, ...) and knots after inserting the knot t, which must be inside the domain, so many times (Boehm)."""
+    """Insert a knot into a B-spline without changing it (Boehm's algorithm).
+
+    Parameters
+    ----------
+    poles : ndarray, shape (N, ...)
+        Control points along the first axis.
+    knots : ndarray, shape (N + degree + 1,)
+        Knot vector with repetition.
+    degree : int
+        Polynomial degree.
+    t : float
+        The new knot, strictly inside the domain.
+    times : int, optional
+        How often it is inserted.
+
+    Returns
+    -------
+    poles : ndarray, shape (N + times, ...)
+        Control points of the refined knot vector.
+    knots : ndarray, shape (N + times + degree + 1,)
+        The refined knot vector.
+
+    Raises
+    ------
+    ValueError
+        If t lies outside the domain or its multiplicity would exceed the degree.
+
+    Notes
+    -----
+    W. Boehm, Inserting new knots into B-spline curves, Computer-Aided Design 12 (1980). `scipy.interpolate.insert` does the same
+    with other round-off; here two surfaces with equal border poles keep equal border poles, bit for bit.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import bezier_knots, insert_knot
+    >>> insert_knot(np.array([[0.0], [1.0]]), bezier_knots(1), 1, 0.25)[0].ravel()
+    array([0.  , 0.25, 1.  ])
+    """
     for _ in range(times):
         k = int(np.searchsorted(knots, t, side="right")) - 1
-        repeats = int(np.count_nonzero(knots == t))
-        if not knots[degree] < t < knots[-degree - 1] or repeats >= degree:
+        multiplicity = int(np.count_nonzero(knots == t))
+        low, high = knot_domain(knots, degree)
+        if not low < t < high or multiplicity >= degree:
             raise ValueError(
-                f"a knot at {t} can't be inserted: outside ({knots[degree]}, {knots[-degree - 1]}) or full"
+                f"a knot at {t} can't be inserted: it must lie inside ({low}, {high}) with a multiplicity below the degree "
+                f"{degree}, and has multiplicity {multiplicity}"
             )
-        i = np.arange(k - degree + 1, k - repeats + 1)
+        i = np.arange(k - degree + 1, k - multiplicity + 1)
         ratio = ((t - knots[i]) / (knots[i + degree] - knots[i])).reshape(-1, *(1,) * (poles.ndim - 1))
         mixed = (1 - ratio) * poles[i - 1] + ratio * poles[i]
-        poles = np.concatenate([poles[: k - degree + 1], mixed, poles[k - repeats :]])
+        poles = np.concatenate([poles[: k - degree + 1], mixed, poles[k - multiplicity :]])
         knots = np.insert(knots, k + 1, t)
     return poles, knots
 
 
 def split_surface(surface: BSplineSurface, direction: int, t: float) -> tuple[BSplineSurface, BSplineSurface]:
-    """The surface in two at u = t (direction 0) or v = t (1), each on its part of the domain."""
+    """Split a surface along a parameter line.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        The surface.
+    direction : int
+        0 splits at u = t, 1 splits at v = t.
+    t : float
+        Parameter strictly inside the domain.
+
+    Returns
+    -------
+    low, high : BSplineSurface
+        The parts below and above t, each on its part of the domain.
+
+    Raises
+    ------
+    ValueError
+        If t lies outside the domain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, split_surface
+    >>> knots = bezier_knots(1)
+    >>> square = BSplineSurface(np.array([[[0.0, 0], [0, 1]], [[1, 0], [1, 1]]]), knots, knots, 1, 1)
+    >>> split_surface(square, 0, 0.25)[0].domain
+    ((0.0, 0.25), (0.0, 1.0))
+    """
     poles, knots, degree = _direction_arrays(surface, direction)
-    repeats = int(np.count_nonzero(knots == t))
-    poles, knots = insert_knot(poles, knots, degree, t, degree - repeats)
+    multiplicity = int(np.count_nonzero(knots == t))
+    poles, knots = insert_knot(poles, knots, degree, t, degree - multiplicity)
     first = int(np.searchsorted(knots, t))
     border = first - 1  # the pole that the surface at t interpolates
-    low = _replace_direction(surface, direction, poles[: border + 1], np.append(knots[: first + degree], t))
-    high = _replace_direction(surface, direction, poles[border:], np.insert(knots[first:], 0, t))
+    low = _replace_direction(surface, direction, poles[: border + 1], np.append(knots[: first + degree], t), degree)
+    high = _replace_direction(surface, direction, poles[border:], np.insert(knots[first:], 0, t), degree)
     return low, high
 
 
 def restrict_surface(surface: BSplineSurface, u: tuple[float, float], v: tuple[float, float]) -> BSplineSurface:
-    """The piece of the surface on [u0, u1] x [v0, v1], a rectangle in its domain."""
+    """Restrict a surface to a rectangle of its domain.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        The surface.
+    u, v : tuple of float
+        Intervals in its domain.
+
+    Returns
+    -------
+    BSplineSurface
+        The surface on u x v.
+
+    Raises
+    ------
+    ValueError
+        If an interval is empty or leaves the domain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, restrict_surface
+    >>> knots = bezier_knots(1)
+    >>> square = BSplineSurface(np.array([[[0.0, 0], [0, 1]], [[1, 0], [1, 1]]]), knots, knots, 1, 1)
+    >>> restrict_surface(square, (0.25, 0.5), (0.0, 1.0)).poles[:, 0, 0]
+    array([0.25, 0.5 ])
+    """
     for direction, (low, high) in enumerate((u, v)):
         start, end = surface.domain[direction]
         if not start <= low < high <= end:
@@ -56,44 +218,58 @@ def restrict_surface(surface: BSplineSurface, u: tuple[float, float], v: tuple[f
 
 
 def elevate_degree(surface: BSplineSurface, degree_u: int, degree_v: int) -> BSplineSurface:
-    """The same one-span (Bezier) surface with poles for higher degrees."""
+    """Elevate the degrees of a surface of one span (a Bezier surface).
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        A surface of one span in u and in v.
+    degree_u, degree_v : int
+        The new degrees, not below the old ones.
+
+    Returns
+    -------
+    BSplineSurface
+        The same surface with (degree_u + 1) x (degree_v + 1) poles.
+
+    Raises
+    ------
+    ValueError
+        If the surface has several spans or a degree would fall.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, elevate_degree
+    >>> knots = bezier_knots(1)
+    >>> square = BSplineSurface(np.array([[[0.0, 0], [0, 1]], [[1, 0], [1, 1]]]), knots, knots, 1, 1)
+    >>> elevate_degree(square, 2, 1).poles[:, 0, 0]
+    array([0. , 0.5, 1. ])
+    """
     for direction, degree in ((0, degree_u), (1, degree_v)):
         poles, knots, old = _direction_arrays(surface, direction)
         if len(poles) != old + 1 or degree < old:
             raise ValueError(
                 f"degree {old} with {len(poles)} poles can't be elevated to {degree}: one span, upwards only"
             )
-        matrix = _elevation_matrix(old, degree)
-        raised = np.einsum("ij,j...->i...", matrix, poles)
-        domain = float(knots[old]), float(knots[-old - 1])
-        raised_knots = np.repeat(np.array(domain), degree + 1)
-        raised = raised if direction == 0 else raised.swapaxes(0, 1)
-        knots_u, knots_v = (raised_knots, surface.knots_v) if direction == 0 else (surface.knots_u, raised_knots)
-        pu, pv = (degree, surface.degree_v) if direction == 0 else (surface.degree_u, degree)
-        surface = BSplineSurface(raised, knots_u, knots_v, pu, pv)
+        elevated = np.einsum("ij,j...->i...", bernstein_elevation_matrix(old, degree), poles)
+        surface = _replace_direction(
+            surface, direction, elevated, bezier_knots(degree, knot_domain(knots, old)), degree
+        )
     return surface
 
 
-def _elevation_matrix(low: int, high: int) -> Array:
-    """Bernstein coefficients of degree `high` from those of degree `low`: (high + 1, low + 1)."""
-    return np.array(
-        [
-            [
-                comb(low, j) * comb(high - low, i - j) / comb(high, i) if 0 <= i - j <= high - low else 0.0
-                for j in range(low + 1)
-            ]
-            for i in range(high + 1)
-        ]
-    )
-
-
 def _direction_arrays(surface: BSplineSurface, direction: int) -> tuple[Array, Array, int]:
+    """Poles with the chosen direction first, its knots and its degree."""
     if direction == 0:
         return surface.poles, surface.knots_u, surface.degree_u
     return surface.poles.swapaxes(0, 1), surface.knots_v, surface.degree_v
 
 
-def _replace_direction(surface: BSplineSurface, direction: int, poles: Array, knots: Array) -> BSplineSurface:
+def _replace_direction(
+    surface: BSplineSurface, direction: int, poles: Array, knots: Array, degree: int
+) -> BSplineSurface:
+    """The surface with new poles (chosen direction first), and new knots and degree along that direction."""
     if direction == 0:
-        return BSplineSurface(poles.copy(), knots, surface.knots_v, surface.degree_u, surface.degree_v)
-    return BSplineSurface(poles.swapaxes(0, 1).copy(), surface.knots_u, knots, surface.degree_u, surface.degree_v)
+        return BSplineSurface(poles.copy(), knots, surface.knots_v, degree, surface.degree_v)
+    return BSplineSurface(poles.swapaxes(0, 1).copy(), surface.knots_u, knots, surface.degree_u, degree)

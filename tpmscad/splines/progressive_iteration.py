@@ -46,6 +46,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import AffineSubspace
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.quadrature import trapezoidal_weights
 from tpmscad.splines.spline_axis import SplineAxis
 from tpmscad.splines.surface_fit import coordinates_from_surface, surface_from_coordinates
 
@@ -104,7 +105,7 @@ class DataGrid:
 
 def trapezoidal_grid(u: Array, v: Array) -> DataGrid:
     """A grid whose weights are the trapezoidal rule's, so that sums over it approach integrals."""
-    return DataGrid(u, v, _trapezoidal_weights(u), _trapezoidal_weights(v))
+    return DataGrid(u, v, trapezoidal_weights(u), trapezoidal_weights(v))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -179,7 +180,7 @@ def iterate_cpia(
     basis_u, basis_v = _weighted_bases(grid, axis_u, axis_v)
     root = np.sqrt(np.multiply.outer(grid.weights_u, grid.weights_v))[..., None]
     data = root * samples
-    shape = (axis_u.size, axis_v.size, samples.shape[2])
+    shape = (axis_u.n_coordinates, axis_v.n_coordinates, samples.shape[2])
     low, high = gram_eigenvalue_bounds(basis_u, basis_v)
     middle, spread = (high + low) / 2, (high - low) / 2
     first = np.zeros(shape) if start is None else coordinates_from_surface(start, axis_u, axis_v)
@@ -205,11 +206,6 @@ EIGENVALUE_RTOL = 1e-14
 
 def _weighted_bases(grid: DataGrid, axis_u: SplineAxis, axis_v: SplineAxis) -> tuple[Array, Array]:
     return (
-        np.sqrt(grid.weights_u)[:, None] * axis_u.design(grid.u),
-        np.sqrt(grid.weights_v)[:, None] * axis_v.design(grid.v),
+        np.sqrt(grid.weights_u)[:, None] * axis_u.design_matrix(grid.u),
+        np.sqrt(grid.weights_v)[:, None] * axis_v.design_matrix(grid.v),
     )
-
-
-def _trapezoidal_weights(t: Array) -> Array:
-    gaps = np.diff(t)
-    return (np.append(gaps, 0.0) + np.append(0.0, gaps)) / 2

@@ -21,7 +21,8 @@ from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import ContinuityConditions
-from tpmscad.splines.spline_axis import SplineAxis, bezier_knots, gauss_axis, uniform_knots
+from tpmscad.splines.knots import bezier_knots, uniform_knots
+from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
 
 
 def fit_surface(
@@ -42,8 +43,8 @@ def least_squares_coordinates(samples: Array, axis_u: SplineAxis, axis_v: Spline
     expected = (len(axis_u.points), len(axis_v.points))
     if samples.shape[:2] != expected or samples.ndim != 3:
         raise ValueError(f"samples {samples.shape} don't lie on the axes' grid {expected}")
-    left = np.sqrt(axis_u.weights)[:, None] * axis_u.sampled()
-    right = np.sqrt(axis_v.weights)[:, None] * axis_v.sampled()
+    left = np.sqrt(axis_u.weights)[:, None] * axis_u.weighted_design_matrix()
+    right = np.sqrt(axis_v.weights)[:, None] * axis_v.weighted_design_matrix()
     return np.einsum("mu,mnd,nv->uvd", left, samples, right, optimize=True)
 
 
@@ -55,10 +56,10 @@ def surface_from_coordinates(coordinates: Array, axis_u: SplineAxis, axis_v: Spl
 
 def coordinates_from_surface(fitted: BSplineSurface, axis_u: SplineAxis, axis_v: SplineAxis) -> Array:
     """Coordinates (U, V, D) of a surface with the axes' knots."""
-    half = np.linalg.solve(axis_u.to_poles, fitted.poles.reshape(axis_u.size, -1)).reshape(fitted.poles.shape)
+    half = np.linalg.solve(axis_u.to_poles, fitted.poles.reshape(axis_u.n_coordinates, -1)).reshape(fitted.poles.shape)
     return (
-        np.linalg.solve(axis_v.to_poles, half.swapaxes(0, 1).reshape(axis_v.size, -1))
-        .reshape(axis_v.size, axis_u.size, -1)
+        np.linalg.solve(axis_v.to_poles, half.swapaxes(0, 1).reshape(axis_v.n_coordinates, -1))
+        .reshape(axis_v.n_coordinates, axis_u.n_coordinates, -1)
         .swapaxes(0, 1)
     )
 

@@ -26,6 +26,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.catalogue import find_surface
+from tpmscad.splines.quadrature import gauss_legendre_unit, tensor_gauss_legendre
 from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square
 from tpmscad.surfaces.reflection_group import MirrorSymmetry, mirror_symmetry
@@ -127,10 +128,10 @@ def area(name: str, reference: str = "minimal") -> float:
     patches = record.patches_per_cell
     if surface.reference == "minimal":
         return patches * minimal_patch.patch_area(surface.name)
-    x, w = np.polynomial.legendre.leggauss(AREA_GAUSS_POINTS)
-    u, v = np.meshgrid((x + 1) / 2, (x + 1) / 2, indexing="ij")
+    nodes, weights = gauss_legendre_unit(AREA_GAUSS_POINTS)
+    u, v = np.meshgrid(nodes, nodes, indexing="ij")
     mid, _ = surface.mid_and_normal(u, v)
-    return patches * float(w @ area_element(mid) @ w) / 4
+    return patches * float(weights @ area_element(mid) @ weights)
 
 
 @cache
@@ -138,8 +139,7 @@ def measure_mirror_surface(name: str) -> CellMeasures:
     """Measures of a mirror surface's level set by quadrature over its one piece."""
     symmetry = mirror_symmetry(name)
     copies = len(symmetry.motions)
-    x, w = np.polynomial.legendre.leggauss(MIRROR_GAUSS_POINTS)
-    nodes, weight = (x + 1) / 2, np.outer(w, w) / 4
+    nodes, _, weight = tensor_gauss_legendre(MIRROR_GAUSS_POINTS, MIRROR_GAUSS_POINTS)
     points, fraction = symmetry.intersect_segments(nodes[:, None], nodes)
     (a, b), (c, d) = symmetry.edges
     s, t = nodes[:, None, None], nodes[None, :, None]

@@ -11,8 +11,9 @@ from itertools import pairwise
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.brep.moments.loop_integrals import N_MOMENTS, PcurveSpans, gauss_legendre, pcurve_gauss_nodes, sum_moments
+from tpmscad.brep.moments.loop_integrals import N_MOMENTS, PcurveSpans, pcurve_gauss_nodes, sum_moments
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.quadrature import gauss_legendre
 
 EXTRA_TERMS = 1
 """Terms beyond the 4 p of x (x . n), which are exact. The area's square root is as good: on I-WP, whose |n| varies most, 25 more

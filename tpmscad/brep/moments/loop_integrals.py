@@ -12,15 +12,16 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Quadric, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
+from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre_unit
 
 N_MOMENTS = 16
 """Area, N (3), M (9), Q (3), as in `measure`."""
@@ -130,23 +131,15 @@ def composite_curve_rule(curve: EdgeCurve, span: tuple[float, float], also: Arra
 
 
 def composite_gauss(breaks: Array, points: int | None = None) -> tuple[Array, Array]:
-    """Gauss nodes and weights between each two of the breaks."""
-    x, w = gauss_legendre(points or (GAUSS_POINTS_SINGLE_SPAN if len(breaks) == 2 else GAUSS_POINTS_FEW_SPANS))
-    half = 0.5 * np.diff(breaks)[:, None]
-    return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
+    """Gauss nodes and weights between consecutive breaks, with as many points per interval as the moments need."""
+    points = points or (GAUSS_POINTS_SINGLE_SPAN if len(breaks) == 2 else GAUSS_POINTS_FEW_SPANS)
+    return composite_gauss_legendre(breaks, points)
 
 
 def _clip_to_span(inside: Array, span: tuple[float, float]) -> Array:
     """The ends of the span, and the parameters between them."""
     low, high = span
     return np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
-
-
-@lru_cache(maxsize=64)
-def gauss_legendre(points: int) -> tuple[Array, Array]:
-    """Nodes in [-1, 1] and weights."""
-    x, w = leggauss(points)
-    return x, w
 
 
 def _antiderivative_on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
@@ -183,8 +176,7 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array) -> Ar
         axis=2,
     )  # the poles of S and of S_v along u, at every v: (n, U, 6)
     degree = surface.degree_u
-    x, w = gauss_legendre(2 * degree + 1)
-    x, w = 0.5 + 0.5 * x, 0.5 * w
+    x, w = gauss_legendre_unit(2 * degree + 1)
     unit = np.repeat([0.0, 1.0], degree + 1)
     values, slopes = (design_matrix(unit, degree, x, order) for order in (0, 1))
     breaks = np.unique(surface.knots_u)

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.moments.loop_integrals import GAUSS_POINTS_SINGLE_SPAN, N_MOMENTS, gauss_legendre, sum_moments
-from tpmscad.splines.bspline import BSplineSurface, design_matrix
+from tpmscad.brep.moments.loop_integrals import GAUSS_POINTS_SINGLE_SPAN, N_MOMENTS, sum_moments
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.quadrature import tensor_gauss_legendre
 
 PATCHES_PER_BATCH = 256
 """Patches evaluated at once: 10 MB, in the processor's cache for the most part."""
@@ -66,7 +68,7 @@ def _use_end_parameters(brep: Brep) -> tuple[Array, NDArray[np.bool_]]:
 def _bezier_patch_moments(poles: Array) -> Array:
     """Moments of patches of one degree, poles (n, p + 1, q + 1, 3): (n, COLUMNS)."""
     n, nu, nv, _ = poles.shape
-    (u, wu), (v, wv) = (_unit_interval_rule(m) for m in (nu, nv))
+    u, v, weights = tensor_gauss_legendre(_gauss_point_count(nu), _gauss_point_count(nv))
     (bu, du), (bv, dv) = (
         [design_matrix(np.repeat([0.0, 1.0], m), m - 1, t, order) for order in (0, 1)] for m, t in ((nu, u), (nv, v))
     )
@@ -75,10 +77,9 @@ def _bezier_patch_moments(poles: Array) -> Array:
         half = (rows @ poles.reshape(n, nu, nv * 3)).reshape(n, len(rows), nv, 3)
         return (other @ half).reshape(n, -1, 3)
 
-    return sum_moments(at(bu, bv), np.cross(at(du, bv), at(bu, dv)), np.outer(wu, wv).ravel())
+    return sum_moments(at(bu, bv), np.cross(at(du, bv), at(bu, dv)), weights.ravel())
 
 
-def _unit_interval_rule(poles: int) -> tuple[Array, Array]:
-    """Gauss nodes and weights on [0, 1]: exact for the polynomials, of degree 4 p - 1, and enough for the area."""
-    x, w = gauss_legendre(max(GAUSS_POINTS_SINGLE_SPAN, 2 * (poles - 1)))
-    return 0.5 * (1 + x), 0.5 * w
+def _gauss_point_count(poles: int) -> int:
+    """Gauss points along one direction: exact for the polynomials, of degree 4 p - 1, and enough for the area."""
+    return max(GAUSS_POINTS_SINGLE_SPAN, 2 * (poles - 1))

@@ -20,8 +20,10 @@ from OCP.GeomAbs import GeomAbs_Line
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.occt.edge_quadrature import EdgeNodeCache, composite_gauss, gauss_legendre
-from tpmscad.splines.bspline import BSplineSurface, design_matrix
+from tpmscad.kernel.occt.edge_quadrature import EdgeNodeCache
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre
 
 MAX_NEWTON_STEPS = 12
 """The kernel's own parameters are good to 1e-7 mostly, where two steps reach round-off; a bad guess may take more."""
@@ -50,7 +52,7 @@ def gauss_grid(surface: BSplineSurface, points: tuple[int, int]) -> PatchGaussGr
 def _axis_basis(knots: tuple[float, ...], degree: int, points: int) -> tuple[Array, Array, Array]:
     """Basis values, slopes and weights; the same for all patches of a lattice."""
     vector = np.array(knots)
-    nodes, weights = composite_gauss(np.unique(vector), points)
+    nodes, weights = composite_gauss_legendre(np.unique(vector), points)
     return design_matrix(vector, degree, nodes), design_matrix(vector, degree, nodes, 1), weights
 
 

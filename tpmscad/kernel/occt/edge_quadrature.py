@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.polynomial import legendre
 from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.GeomAbs import GeomAbs_BSplineCurve
 from OCP.gp import gp_Pnt, gp_Vec
@@ -17,6 +15,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.kernel.occt import convert
+from tpmscad.splines.quadrature import composite_gauss_legendre
 
 GAUSS_POINTS_SINGLE_SPAN, GAUSS_POINTS_PER_SPAN = 16, 6
 """Gauss points of a curve's only span (a patch's whole side, say), and of each of several (cut curves, fitted in many). Against
@@ -80,19 +79,6 @@ def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
     return points[::-1] if edge.Orientation() == TopAbs_REVERSED else points
 
 
-@lru_cache
-def gauss_legendre(points: int) -> tuple[Array, Array]:
-    """Nodes in [-1, 1] and weights; finding them costs more than using them."""
-    return legendre.leggauss(points)
-
-
-def composite_gauss(breaks: Array, points: int) -> tuple[Array, Array]:
-    """Gauss nodes and weights on every interval between the breaks."""
-    x, w = gauss_legendre(points)
-    half = 0.5 * np.diff(breaks)[:, None]
-    return (breaks[:-1, None] + half + half * x).ravel(), (half * w).ravel()
-
-
 def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
     """Where an edge's curve begins, has knots, and ends."""
     low, high = curve.FirstParameter(), curve.LastParameter()
@@ -106,7 +92,7 @@ def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
 
 def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
     """That many nodes on every interval."""
-    t, weights = composite_gauss(breaks, points)
+    t, weights = composite_gauss_legendre(breaks, points)
     point, tangent = gp_Pnt(), gp_Vec()
     rows = []
     for s in t.tolist():

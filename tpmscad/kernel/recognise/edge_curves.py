@@ -17,7 +17,9 @@ from scipy.interpolate import make_interp_spline
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Ellipse, Plane, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
-from tpmscad.splines.bspline import BSplineCurve, design_matrix, line_segment
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, line_segment
+from tpmscad.splines.quadrature import gauss_legendre
 
 FIT_DEGREE = 7
 MAX_FIT_SPANS = 400
@@ -174,6 +176,7 @@ def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> A
     return points
 
 
+ARC_LENGTH_GAUSS_POINTS = 6
 MAX_NEWTON_STEPS = 8
 MIN_TRANSVERSE_ANGLE = 1e-5
 """Surfaces that meet at a smaller angle (radians) are taken for tangent: one equation, not two."""
@@ -200,15 +203,9 @@ def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path
     return _fit_adaptively(values, np.array([0.0, t[-1]]), error, tol)
 
 
-@lru_cache(maxsize=1)
-def _arc_length_rule() -> tuple[Array, Array]:
-    x, w = np.polynomial.legendre.leggauss(6)
-    return x, w
-
-
 def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
     """Length of arc at t, from the first."""
-    x, w = _arc_length_rule()
+    x, w = gauss_legendre(ARC_LENGTH_GAUSS_POINTS)
     half = 0.5 * np.diff(t)
     nodes = (t[:-1] + half)[:, None] + half[:, None] * x
     speed = np.linalg.norm(dense(nodes.ravel(), 1), axis=1).reshape(nodes.shape)

@@ -16,7 +16,7 @@ from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.fit.network_fit import NetworkFit
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.parallel import ITEMS_PER_TASK, TaskRunner, run_serial
-from tpmscad.splines.basis import bernstein_basis, evaluate_patches
+from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 PATCH_SAMPLES = 13
 """Samples along each parameter of a patch, borders included."""
@@ -123,8 +123,8 @@ def sample_patches(field: Field, poles: Array) -> PatchSamples:
     t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     bu, bv, du, dv = bernstein_basis(p, t), bernstein_basis(q, t), bernstein_basis(p, t, 1), bernstein_basis(q, t, 1)
-    points = evaluate_patches(bu, poles, bv)
-    normal = np.cross(evaluate_patches(du, poles, bv), evaluate_patches(bu, poles, dv))
+    points = evaluate_bezier_patches(bu, poles, bv)
+    normal = np.cross(evaluate_bezier_patches(du, poles, bv), evaluate_bezier_patches(bu, poles, dv))
     value, slope = field.value_and_gradient(points)
     steep = np.linalg.norm(slope, axis=-1)
     d = np.abs(value) / np.maximum(steep, 1e-300)
@@ -158,7 +158,7 @@ def _evaluate_side(poles: Array, side: int) -> tuple[Array, Array]:
     u, v = (t, end) if side in (0, 2) else (end, t)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     d = {
-        (i, j): evaluate_patches(bernstein_basis(p, u, i), poles, bernstein_basis(q, v, j))
+        (i, j): evaluate_bezier_patches(bernstein_basis(p, u, i), poles, bernstein_basis(q, v, j))
         for i, j in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     }  # fmt: skip
     normal = np.cross(d[1, 0], d[0, 1])
@@ -256,7 +256,7 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
     samples, owner = [], []
     for (p, q), at in group_by_degree(fit):
         samples.append(
-            evaluate_patches(
+            evaluate_bezier_patches(
                 bernstein_basis(p, t), np.stack([fit.patches[i] for i in at]), bernstein_basis(q, t)
             ).reshape(-1, 3)
         )

@@ -25,7 +25,7 @@ from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
 from tpmscad.parallel import ITEMS_PER_TASK, TaskRunner, run_serial
-from tpmscad.splines.basis import bernstein_basis, evaluate_patches, side_pole_matrix
+from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches, side_pole_matrix
 
 CROSS_TANGENT_WEIGHT = 1.0
 
@@ -116,7 +116,7 @@ def fit_patches(field: Field, border: list[Array], joined: BoolArray) -> Array:
     free = np.zeros((len(poles), 3), bool)
     for _ in range(FIT_PASSES):
         # corrections are solved for, not poles: small next to the coordinates, they keep all their digits
-        points = evaluate_patches(bu, poles, bv)
+        points = evaluate_bezier_patches(bu, poles, bv)
         target = project_curves_to_level_set(field, points, free, 0.3 * size)
         system = NormalEquations((p - 1) * (q - 1), len(poles))
         system.near(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
@@ -137,10 +137,10 @@ def _build_cross_rows(field: Field, poles: Array, side: int) -> tuple[Array, Arr
     ends = bernstein_basis(across, np.array([1.0 if side in (1, 2) else 0.0]))
     if side in (0, 2):
         basis = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
-        across_it, points = evaluate_patches(values, poles, slope), evaluate_patches(values, poles, ends)
+        across_it, points = evaluate_bezier_patches(values, poles, slope), evaluate_bezier_patches(values, poles, ends)
     else:
         basis = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
-        across_it, points = evaluate_patches(slope, poles, values), evaluate_patches(ends, poles, values)
+        across_it, points = evaluate_bezier_patches(slope, poles, values), evaluate_bezier_patches(ends, poles, values)
     return basis.reshape(len(t), -1), across_it, unit_normals(field, points)
 
 

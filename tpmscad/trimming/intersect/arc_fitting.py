@@ -14,7 +14,8 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import TrimmingError
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.intersect.curve_parametrisation import PatchSurfacePairs, map_foci_to_space
 from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
 

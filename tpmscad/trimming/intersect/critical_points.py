@@ -17,8 +17,8 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import TrimmingError
+from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.local_basis import evaluate_basis_derivatives
 from tpmscad.trimming.operands.implicit_surfaces import ComposedDistance, ImplicitSurfaces, evaluate_second_jet
 
 SADDLE_BLOCK_SPACINGS = np.array([-0.4, -0.15, 0.15, 0.4])
@@ -173,8 +173,8 @@ def _evaluate_critical_values(surface: BSplineSurface, levels: ImplicitSurfaces,
 
 def _evaluate_second_jets(surface: BSplineSurface, levels: ImplicitSurfaces, at: Array) -> tuple[Array, Array, Array]:
     """Values (n,), gradients (n, 2) and second derivatives (n, 2, 2) by u and v of n distances, at a point each."""
-    bu = np.stack(evaluate_basis_derivatives(surface.knots_u, surface.degree_u, at[:, 0], 2))
-    bv = np.stack(evaluate_basis_derivatives(surface.knots_v, surface.degree_v, at[:, 1], 2))
+    bu = np.stack(design_matrices(surface.knots_u, surface.degree_u, at[:, 0], (0, 1, 2)))
+    bv = np.stack(design_matrices(surface.knots_v, surface.degree_v, at[:, 1], (0, 1, 2)))
     half = (bu @ surface.poles.reshape(len(surface.poles), -1)).reshape(3, len(at), -1, 3)
     s = np.einsum("knv,invd->iknd", bv, half)  # derivative (i, k)
     value, gradient, hessian = (j[:, 0] for j in levels.jet(s[0, 0][:, None], 2))

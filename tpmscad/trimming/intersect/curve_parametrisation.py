@@ -14,8 +14,8 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import TrimmingError
+from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.local_basis import evaluate_basis_derivatives
 from tpmscad.trimming.operands.implicit_surfaces import CONE, MIN_DIVISOR_LENGTH, ImplicitSurfaces
 
 TURN_PER_LENGTH_RAD = 4.0
@@ -61,8 +61,8 @@ class PatchSurfacePairs:
         """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) up to `order`: each (n, m, 3)."""
         knots_u, knots_v, degree_u, degree_v = self.space
         n, m = uv.shape[:2]
-        bu = [b.reshape(n, m, -1) for b in evaluate_basis_derivatives(knots_u, degree_u, uv[..., 0].ravel(), order)]
-        bv = [b.reshape(n, m, -1) for b in evaluate_basis_derivatives(knots_v, degree_v, uv[..., 1].ravel(), order)]
+        bu = [b.reshape(n, m, -1) for b in design_matrices(knots_u, degree_u, uv[..., 0].ravel(), range(order + 1))]
+        bv = [b.reshape(n, m, -1) for b in design_matrices(knots_v, degree_v, uv[..., 1].ravel(), range(order + 1))]
         rows = self.poles.reshape(n, self.poles.shape[1], -1)
         half = [(b @ rows).reshape(n, m, -1, 3) for b in bu]
         pairs = [(total - k, k) for total in range(order + 1) for k in range(total + 1)]

@@ -23,7 +23,8 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.operands.face_regions import FaceRegion
 from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
 from tpmscad.trimming.operands.trimming_body import TrimmingBody

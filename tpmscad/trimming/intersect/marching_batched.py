@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.splines.bspline import BSplineSurface, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.critical_points import detect_critical_points
 from tpmscad.trimming.intersect.marching import EMPTY_TRACE, Arc, Trace, march_patch
 from tpmscad.trimming.intersect.patch_borders import CELLS_U, CELLS_V, BorderSide, side_fractions

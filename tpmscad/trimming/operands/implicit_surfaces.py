@@ -19,8 +19,8 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, Plane, SphericalSurface, ToroidalSurface
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.local_basis import evaluate_basis_derivatives
 
 PLANE, CYLINDER, CONE, SPHERE, TORUS = range(5)
 
@@ -195,8 +195,8 @@ def compose_with_patch(surface: BSplineSurface, level: ImplicitSurfaces) -> BSpl
 def evaluate_second_jet(level: BSplineSurface | ComposedDistance, at: Array) -> tuple[float, Array, Array]:
     """Value, gradient (2,) and second derivatives (2, 2) by u and v at one point."""
     surface = level if isinstance(level, BSplineSurface) else level.surface
-    bu = [b[0] for b in evaluate_basis_derivatives(surface.knots_u, surface.degree_u, at[:1], 2)]
-    bv = [b[0] for b in evaluate_basis_derivatives(surface.knots_v, surface.degree_v, at[1:], 2)]
+    bu = [b[0] for b in design_matrices(surface.knots_u, surface.degree_u, at[:1], (0, 1, 2))]
+    bv = [b[0] for b in design_matrices(surface.knots_v, surface.degree_v, at[1:], (0, 1, 2))]
     half = np.tensordot(np.stack(bu), surface.poles, 1)  # (3, V, D)
     s = np.einsum("kv,ivd->ikd", np.stack(bv), half)  # derivative (i, k)
     if isinstance(level, BSplineSurface):

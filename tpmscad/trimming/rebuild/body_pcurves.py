@@ -12,7 +12,8 @@ from tpmscad.brep.boundary_representation import Edges
 from tpmscad.brep.carriers import ConicalSurface, Plane, Quadric, SphericalSurface
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve, design_matrix
+from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arc_fitting import CURVE_DEGREE, SPAN_COUNTS, build_interpolation
 from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
