@@ -1,7 +1,11 @@
 """Trivariate tensor-product splines with their gradients, evaluated in one pass over the points.
 
-SciPy's NdBSpline evaluates one order of derivative at a time and is constructed anew for each; here value and gradient share
-the basis functions and the gathered coefficients.
+With the degree + 1 non-zero basis functions X_i, Y_j, Z_k of each direction at a point,
+
+    f = sum_ijk c_ijk X_i Y_j Z_k,      f_x = sum_ijk c_ijk X'_i Y_j Z_k,   ...
+
+The sums are contracted along z first, then y, then x, and value and gradient share the partial sums. SciPy's NdBSpline evaluates
+one order of derivative at a time and is constructed anew for each.
 """
 
 from __future__ import annotations
