@@ -1,4 +1,9 @@
-"""Directed edges chained into loops by their vertices, and loops sorted into faces with holes."""
+"""Loops of a trimmed face in its parameter plane: chaining of directed edges, nesting of holes, area and containment.
+
+A face lies on the left of its directed edges, so an outer loop runs counter-clockwise and a hole clockwise. Loops are found by
+topology alone (each edge is followed by one that starts at the vertex where it ends); geometry decides only at vertices where
+several edges leave, and in the nesting, where polygons stand for the loops.
+"""
 
 from __future__ import annotations
 
@@ -6,22 +11,32 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
-from tpmscad.errors import TrimmingError
+from tpmscad._typing import Array, BoolArray, IntArray
 
 EndDirection = Callable[[int, bool], Array]
-"""The direction (2,) in which edge i runs at its start, or (True) at its end."""
+"""The direction (2,) of edge i at its start or, with True, at its end."""
+
+MIN_TURN_RADIANS = 1e-12
+"""Turns clockwise by less than this are whole turns: the edge runs back along the one that arrived."""
+
+
+class LoopError(ValueError):
+    """Directed edges that bound no face; `index` is that of the edge or, in nesting, of the loop where it shows."""
+
+    def __init__(self, message: str, index: int) -> None:
+        super().__init__(message)
+        self.index = index
 
 
 def chain_loops(start: IntArray, end: IntArray, direction: EndDirection) -> list[list[int]]:
-    """Loops of n directed edges with the face on their left, from the vertices where they start and end.
+    """Loops of n directed edges with the face on their left, as edge indices, from their start and end vertices (n,).
 
-    Where several edges leave a vertex, the loop takes the first one clockwise from where it came: sectors of a face that
-    touch in a vertex become separate loops. TrimmingError where an edge has no successor.
+    Where several edges leave a vertex, the loop continues with the first one clockwise from the edge it arrived by: sectors of
+    the face that meet in a vertex become separate loops. Raises LoopError if an edge has no unused successor.
     """
-    out: dict[int, list[int]] = {}
+    leaving: dict[int, list[int]] = {}
     for i, v in enumerate(start.tolist()):
-        out.setdefault(v, []).append(i)
+        leaving.setdefault(v, []).append(i)
     ends = end.tolist()
     loops = []
     unused = dict.fromkeys(range(len(ends)))
@@ -29,53 +44,66 @@ def chain_loops(start: IntArray, end: IntArray, direction: EndDirection) -> list
         loop = [next(iter(unused))]
         del unused[loop[0]]
         while True:
-            candidates = out.get(ends[loop[-1]], [])
+            arrived = loop[-1]
+            candidates = leaving.get(ends[arrived], [])
             if not candidates:
-                raise TrimmingError("the border of a trimmed face is open")
-            i = candidates[0] if len(candidates) == 1 else _select_clockwise_successor(candidates, loop[-1], direction)
+                raise LoopError("the border of a face is open", arrived)
+            i = candidates[0] if len(candidates) == 1 else _first_clockwise(candidates, arrived, direction)
             if i == loop[0]:
                 break
             if i not in unused:
-                raise TrimmingError("the border of a trimmed face runs into itself")
+                raise LoopError("the border of a face runs into itself", arrived)
             del unused[i]
             loop.append(i)
         loops.append(loop)
     return loops
 
 
-def _select_clockwise_successor(candidates: list[int], arrived: int, direction: EndDirection) -> int:
-    """The candidate that comes first, turning clockwise from where the edge `arrived` came."""
+def _first_clockwise(candidates: list[int], arrived: int, direction: EndDirection) -> int:
+    """The candidate with the smallest clockwise turn from the reversed direction in which edge `arrived` ends."""
     back = -direction(arrived, True)
     d = np.stack([direction(i, False) for i in candidates])
     angle = np.arctan2(back[0] * d[:, 1] - back[1] * d[:, 0], d @ back)
-    return candidates[int(np.argmin(np.where(angle > -1e-12, 2 * np.pi - angle, -angle)))]
-
-
-def signed_area(polygon: Array) -> float:
-    """Signed area of a closed polygon (n, 2), positive counter-clockwise."""
-    x, y = (polygon - polygon[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-
-
-def point_in_polygon(polygon: Array, point: Array) -> bool:
-    """Whether a point lies in a closed polygon, by parity."""
-    (x0, y0), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
-    straddles = (y0 > point[1]) != (y1 > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = x0 + (point[1] - y0) * (x1 - x0) / (y1 - y0)
-    return bool(np.count_nonzero(straddles & (x > point[0])) % 2)
+    return candidates[int(np.argmin(np.where(angle > -MIN_TURN_RADIANS, 2 * np.pi - angle, -angle)))]
 
 
 def nest_loops(polygons: Sequence[Array]) -> list[list[int]]:
-    """Faces as lists of loops: each counter-clockwise loop with the clockwise ones directly in it."""
+    """Faces as lists of loop indices: each counter-clockwise polygon (n, 2), then the clockwise ones directly inside it.
+
+    Raises LoopError for a polygon without area and for a hole outside every outer loop. Containment is tested at the second
+    point of a hole: its first one may be a vertex that the hole shares with the outer loop.
+    """
     areas = np.array([signed_area(p) for p in polygons])
     if (areas == 0).any():
-        raise TrimmingError("a loop of a trimmed face encloses nothing")
+        raise LoopError("a loop of a face encloses no area", int(np.flatnonzero(areas == 0)[0]))
     outer = [int(i) for i in np.flatnonzero(areas > 0)]
     faces = {i: [i] for i in outer}
     for hole in np.flatnonzero(areas < 0).tolist():
         around = [i for i in outer if areas[i] > -areas[hole] and point_in_polygon(polygons[i], polygons[hole][1])]
         if not around:
-            raise TrimmingError("a hole of a trimmed face lies in no outer loop")
+            raise LoopError("a hole of a face lies in no outer loop", hole)
         faces[min(around, key=lambda i: areas[i])].append(hole)
     return list(faces.values())
+
+
+def signed_area(polygon: Array) -> float:
+    """Signed area of a closed polygon (n, 2), positive if it runs counter-clockwise."""
+    x, y = (polygon - polygon[0]).T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def point_in_polygon(polygon: Array, point: Array) -> bool:
+    """Whether a point (2,) lies in a closed polygon (n, 2)."""
+    return bool(points_in_polygons(polygon, np.roll(polygon, -1, axis=0), point[None])[0])
+
+
+def points_in_polygons(start: Array, end: Array, points: Array) -> BoolArray:
+    """Whether points (n, 2) lie in the region bounded by segments from start to end (m, 2), by the even-odd rule: (n,).
+
+    A ray from each point towards larger x is intersected with all segments; holes are segments like others.
+    """
+    (x0, y0), (x1, y1), (x, y) = start.T, end.T, points.T
+    straddles = (y0 > y[:, None]) != (y1 > y[:, None])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        crossing = x0 + (y[:, None] - y0) * (x1 - x0) / (y1 - y0)
+    return np.asarray(np.count_nonzero(straddles & (crossing > x[:, None]), axis=1) % 2 == 1)

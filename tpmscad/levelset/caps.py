@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep import loops
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import LevelSetError
 from tpmscad.levelset.quadmesh.dual_mesh import FACE_AXES
@@ -110,47 +111,25 @@ def chain_cap_loops(
     plane: Plane, open_edges: CapEdges, at: IntArray, polylines: Array
 ) -> list[list[list[tuple[int, int]]]]:
     """Faces of one plane, each a list of loops of (edge, sense), an outer loop first. polylines (len(at), m, 3), in use order."""
-    following = {int(open_edges.start[i]): k for k, i in enumerate(at)}
-    loops: list[list[int]] = []
-    unused = set(range(len(at)))
-    while unused:
-        first = min(unused)
-        loop = [first]
-        unused.discard(first)
-        while True:
-            k = following.get(int(open_edges.end[at[loop[-1]]]))
-            if k == first:
-                break
-            if k is None or k not in unused:
-                where = ", ".join(f"{x:.6g}" for x in polylines[loop[-1]][-1])
-                raise LevelSetError(f"the cap's border does not close at ({where}): a finer layout is needed there")
-            loop.append(k)
-            unused.discard(k)
-        loops.append(loop)
-    flat = [plane.parameters(polylines[loop][:, :-1].reshape(-1, 3)) for loop in loops]
-    areas = np.array([_signed_area(p) for p in flat])
-    outer = [i for i in np.argsort(areas) if areas[i] > 0]
-    members: dict[int, list[int]] = {int(i): [int(i)] for i in outer}
-    for hole in np.flatnonzero(areas <= 0):
-        around = [i for i in outer if areas[i] > -areas[hole] and _polygon_contains(flat[i], flat[hole][0])]
-        if not around:
-            where = ", ".join(f"{x:.6g}" for x in polylines[loops[hole][0]][0])
-            raise LevelSetError(f"a hole of a cap lies in no outer loop near ({where}): a finer layout is needed there")
-        members[int(around[0])].append(int(hole))
+    flat = plane.parameters(polylines)
+
+    def direction(i: int, at_end: bool) -> Array:
+        return np.asarray(flat[i, -1] - flat[i, -2] if at_end else flat[i, 1] - flat[i, 0])
+
+    def where(point: Array) -> str:
+        return ", ".join(f"{x:.6g}" for x in point)
+
+    try:
+        chained = loops.chain_loops(open_edges.start[at], open_edges.end[at], direction)
+    except loops.LoopError as error:
+        end = where(polylines[error.index][-1])
+        raise LevelSetError(f"the cap's border does not close at ({end}): a finer layout is needed there") from error
+    try:
+        faces = loops.nest_loops([flat[loop][:, :-1].reshape(-1, 2) for loop in chained])
+    except loops.LoopError as error:
+        start = where(polylines[chained[error.index][0]][0])
+        raise LevelSetError(f"{error} near ({start}): a finer layout is needed there") from error
     return [
-        [[(int(open_edges.edge[at[k]]), int(open_edges.sense[at[k]])) for k in loops[i]] for i in face]
-        for _, face in sorted(members.items())
+        [[(int(open_edges.edge[at[k]]), int(open_edges.sense[at[k]])) for k in chained[i]] for i in face]
+        for face in faces
     ]
-
-
-def _signed_area(polygon: Array) -> float:
-    x, y = (polygon - polygon[0]).T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
-
-
-def _polygon_contains(polygon: Array, point: Array) -> bool:
-    (x0, y0), (x1, y1) = polygon.T, np.roll(polygon, -1, axis=0).T
-    straddles = (y0 > point[1]) != (y1 > point[1])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        x = x0 + (point[1] - y0) * (x1 - x0) / (y1 - y0)
-    return bool(np.count_nonzero(straddles & (x > point[0])) % 2)

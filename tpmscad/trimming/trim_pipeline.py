@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, translate_brep
+from tpmscad.brep.loops import LoopError
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.trimming.classify.intersection_curves import classify_intersection_curves, collect_face_sectors
 from tpmscad.trimming.classify.lattice_edges import classify_lattice_edges, read_edge_segments
@@ -132,7 +133,7 @@ def trim(
                 inside,
                 apart,
             )
-        except TrimmingError as error:
+        except (TrimmingError, LoopError) as error:
             reason = reason or str(error)
             continue
         return TrimResult(brep, replace(report, shifted=abs(by), reason=reason))

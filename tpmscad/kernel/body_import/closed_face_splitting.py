@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, ConicalSurface, CylindricalSurface, EdgeCurve, Plane, Quadric
+from tpmscad.brep.loops import point_in_polygon, signed_area
 from tpmscad.kernel.recognise.unrolled_faces import (
     ANGLE_TOL,
     ImportedBody,
@@ -25,7 +26,6 @@ from tpmscad.kernel.recognise.unrolled_faces import (
     UnsupportedFace,
     loop_polygon,
     pole_direction,
-    polygon_area,
     sample_use,
 )
 from tpmscad.splines.bspline import line_segment
@@ -35,11 +35,11 @@ def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[Imported
     """The faces that uses laid out in (u, v) bound, each region on its uses' left."""
     loops = _chain_loops(body, face, uses)
     polygons = [loop_polygon(body, face, loop) for loop in loops]
-    areas = np.array([polygon_area(p) for p in polygons])
+    areas = np.array([signed_area(p) for p in polygons])
     outer = [i for i in np.argsort(areas).tolist() if areas[i] > 0]
     held: dict[int, list[int]] = {i: [i] for i in outer}
     for hole in np.flatnonzero(areas <= 0).tolist():
-        around = [i for i in outer if _point_in_polygon(polygons[hole][0], polygons[i])]
+        around = [i for i in outer if point_in_polygon(polygons[i], polygons[hole][0])]
         if not around:
             raise UnsupportedFace("falls apart when it is cut")
         held[around[0]].append(hole)
@@ -82,14 +82,6 @@ def _use_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Arra
         return float(np.abs(begin - end).max())
     step = (begin[0] - end[0]) * way
     return float(step) if step > ANGLE_TOL else np.inf
-
-
-def _point_in_polygon(point: Array, around: Array) -> bool:
-    """Whether a polygon holds a point, by the parity of crossings."""
-    (x0, y0), (x1, y1) = around.T, np.roll(around, -1, axis=0).T
-    over = (y0 > point[1]) != (y1 > point[1])
-    x = x0[over] + (point[1] - y0[over]) / (y1[over] - y0[over]) * (x1[over] - x0[over])
-    return bool(np.count_nonzero(x > point[0]) % 2)
 
 
 MIN_CUT_CLEARANCE = 0.05

@@ -14,8 +14,8 @@ from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
 
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.loops import nest_loops
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.brep.loops import LoopError, nest_loops
+from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.inward_offset import sample_edges
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
 from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
@@ -131,7 +131,7 @@ def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) ->
         polygons.append(plane.parameters(np.concatenate(points)))
     try:
         nested = nest_loops(polygons)
-    except TrimmingError as error:
+    except LoopError as error:
         raise KernelError(OPERATION, str(error), face) from error
     builder, surface = BRep_Builder(), convert.plane(plane.origin, plane.x_axis, plane.y_axis)
     for loops in nested:

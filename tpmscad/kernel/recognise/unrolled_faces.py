@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Plane, Quadric
+from tpmscad.brep.loops import signed_area
 from tpmscad.kernel.recognise.edge_curves import EDGE_SAMPLES, follow_parameters, is_at_pole
 
 ANGLE_TOL = 1e-6
@@ -69,7 +70,7 @@ def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
         return face
     loops = [_chain_uses(body, face, loop) for loop in face.loops]
     polygons = [loop_polygon(body, face, loop) for loop in loops]
-    areas = [polygon_area(p) for p in polygons]
+    areas = [signed_area(p) for p in polygons]
     outer = int(np.argmax(areas))
     if areas[outer] <= 0:
         raise UnsupportedFace("has no loop around it")
@@ -152,9 +153,3 @@ def pole_angle_step(start: float, end: float, way: int) -> float:
 def loop_polygon(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse, ...]) -> Array:
     """(u, v) along the loop, steps along poles included: (n, 2)."""
     return np.concatenate([sample_use(body, face, use) for use in loop])
-
-
-def polygon_area(points: Array) -> float:
-    """Within a polygon, counter-clockwise positive."""
-    x, y = points.T
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))

@@ -14,6 +14,7 @@ import numpy as np
 from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
+from tpmscad.brep.loops import signed_area
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.geometry_entities import (
     PlacedGeometry,
@@ -160,5 +161,4 @@ def _loop_area(brep: Brep, face: int, uses: range) -> float:
         else:
             uv = brep.pcurves[int(brep.uses.pcurve[k])](t)
         points.append((uv if brep.uses.sense[k] > 0 else uv[::-1])[:-1])
-    x, y = np.concatenate(points).T
-    return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+    return signed_area(np.concatenate(points))

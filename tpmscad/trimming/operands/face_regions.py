@@ -8,6 +8,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.carriers import Plane, Quadric
+from tpmscad.brep.loops import points_in_polygons
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.operands.implicit_surfaces import CONE, CYLINDER, PLANE, SPHERE
@@ -39,12 +40,7 @@ class FaceRegion:
 
     def contains(self, points: Array) -> BoolArray:
         """Whether points (n, 3) on the carrier lie in the face, by parity."""
-        u, v = self.parameters(points).T
-        (u0, v0), (u1, v1) = self.segments[:, 0].T, self.segments[:, 1].T
-        straddles = (v0 > v[:, None]) != (v1 > v[:, None])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = u0 + (v[:, None] - v0) * (u1 - u0) / (v1 - v0)
-        return np.asarray(np.count_nonzero(straddles & (at > u[:, None]), axis=1) % 2 == 1)
+        return points_in_polygons(self.segments[:, 0], self.segments[:, 1], self.parameters(points))
 
     def distance_to_border(self, points: Array) -> Array:
         """Distances of points (n, 3) from the border: (n,); round-off leaves 1e-7 of the face's size of them."""
