@@ -117,7 +117,7 @@ def gudhi_persistence() -> Iterator[None]:
     def gudhi_pairs_at_level(
         values: np.ndarray, dimension: int, convention: str, level: float
     ) -> topology.PersistencePairs:
-        return gudhi_complex.gudhi_pairs(values, dimension, convention).straddling(level)
+        return gudhi_complex.gudhi_pairs(values, dimension, convention).alive_at(level)
 
     ours = topology.compute_pairs_at_level
     topology.compute_pairs_at_level = gudhi_pairs_at_level

@@ -24,7 +24,7 @@ GROUND = {"_typing", "catalogue", "errors", "parallel", "rigid_motion", "stage_t
 MATHEMATICS = {"numpy", "scipy"}
 ROOMS: dict[str, set[str]] = {
     "splines": {*MATHEMATICS},
-    "topology": {*MATHEMATICS, "numba", "gudhi"},
+    "topology": {*MATHEMATICS, "numba", "gudhi", "matplotlib"},
     "fields": {"topology", "splines", "numba", *MATHEMATICS},
     "surfaces": {"splines", *MATHEMATICS},
     "brep": {"splines", *MATHEMATICS},
@@ -68,7 +68,7 @@ FLOORS = {
 }
 """Subfolders of a room from the lowest floor up: one imports its own modules and those of the floors below."""
 
-ONLY_IN = {"gudhi": {"tpmscad/topology/gudhi_complex.py"}}
+ONLY_IN = {"gudhi": {"tpmscad/topology/gudhi_complex.py"}, "matplotlib": {"tpmscad/topology/diagrams.py"}}
 """Packages that a single file may import, finer than its room's row above."""
 
 SHORT = {

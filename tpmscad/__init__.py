@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tpmscad import fields, surfaces
+    from tpmscad import fields, surfaces, topology
     from tpmscad.blending import blend
     from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
     from tpmscad.lattices import maps
@@ -41,6 +41,7 @@ __all__ = [
     "render_step",
     "solidify",
     "surfaces",
+    "topology",
 ]
 
 _MODULE_OF_NAME = {
@@ -66,6 +67,7 @@ _PUBLIC_MODULES = {
     "fields": "tpmscad.fields",
     "maps": "tpmscad.lattices.maps",
     "surfaces": "tpmscad.surfaces",
+    "topology": "tpmscad.topology",
 }
 
 

@@ -71,7 +71,7 @@ def test_the_objective_falls_along_its_gradient_by_samples_in_both_regions_of_th
 def test_the_objective_counts_the_pairs_that_persistence_has_inside_the_blending_region():
     sampled = SCENES[0].sampled([LINE], 0)
     values, everywhere = sampled.values(LINE), np.ones(SCENES[0].grid.shape, bool)
-    pairs = [topology.compute_persistence(values, dimension).straddling() for dimension in (0, 2)]
+    pairs = [topology.compute_persistence(values, dimension).alive_at() for dimension in (0, 2)]
     mortal = [np.isfinite(p.death) for p in pairs]
     expected = sum(np.minimum(p.death[m], -p.birth[m]).sum() for p, m in zip(pairs, mortal, strict=True))
     seen = evaluate_objective(values, everywhere)

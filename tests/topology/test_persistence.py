@@ -73,12 +73,12 @@ def test_with_ties_values_are_gudhis(convention: str, dimension: int, field: np.
 @pytest.mark.parametrize("dimension", DIMENSIONS)
 @given(field=st.one_of(distinct(), tied()), level=st.sampled_from((0.0, -0.3, 0.5, 9.0, -9.0)))
 @settings(max_examples=40)
-def test_the_straddling_pairs_are_those_alive_at_the_level(
+def test_the_pairs_at_a_level_are_those_alive_at_it(
     convention: str, dimension: int, field: np.ndarray, level: float
 ) -> None:
     assert_same(
         compute_pairs_at_level(field, dimension, convention, level),
-        compute_persistence(field, dimension, convention).straddling(level),
+        compute_persistence(field, dimension, convention).alive_at(level),
         located=True,
     )
 

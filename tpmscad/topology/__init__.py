@@ -1,6 +1,8 @@
-"""Topology of sampled fields: persistence in dimensions 0 and 2 by union-find, components, cavities, Betti numbers.
+"""Topology of sampled fields: components, cavities, Betti numbers and persistent homology.
 
-Loops are compiled by numba on first use (some seconds, once per machine: they are cached on disk).
+The solid of samples f at a level c is {f <= c}. The union-find sweeps count and pair components (dimension 0) and cavities
+(dimension 2) fast enough for an optimisation loop; their loops are compiled by numba on first use and cached on disk.
+`persistence_diagram` computes all three dimensions with gudhi, for inspection.
 """
 
 from tpmscad.topology.components import (
@@ -10,6 +12,7 @@ from tpmscad.topology.components import (
     label_components,
 )
 from tpmscad.topology.cubical_betti import Betti, betti, bound_component_counts, euler_characteristic
+from tpmscad.topology.diagrams import PersistenceDiagram, persistence_diagram
 from tpmscad.topology.persistence import PersistencePairs, compute_pairs_at_level, compute_persistence
 from tpmscad.topology.voxels import CONNECTIVITY
 
@@ -17,6 +20,7 @@ __all__ = [
     "CONNECTIVITY",
     "Betti",
     "LabelledComponents",
+    "PersistenceDiagram",
     "PersistencePairs",
     "betti",
     "bound_component_counts",
@@ -26,4 +30,5 @@ __all__ = [
     "euler_characteristic",
     "label_cavities",
     "label_components",
+    "persistence_diagram",
 ]

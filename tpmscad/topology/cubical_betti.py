@@ -1,4 +1,7 @@
-"""Betti numbers of a sampled solid: components and cavities by labelling, tunnels from the Euler characteristic."""
+"""Betti numbers of a sampled solid: components and cavities by labelling, tunnels from the Euler characteristic.
+
+The Euler characteristic of a cubical complex is vertices - edges + faces - cubes, and b0 - b1 + b2 by the Euler-Poincare formula.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.errors import InvalidRequest
 from tpmscad.topology.components import count_components_and_cavities
-from tpmscad.topology.voxels import Convention, as_sample_array
+from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 
 
 @dataclass(frozen=True, slots=True)
 class Betti:
-    """Components, tunnels, cavities of the cubical complex."""
+    """Betti numbers of a cubical complex: `b0` components, `b1` tunnels, `b2` cavities."""
 
     b0: int
     b1: int
@@ -24,11 +26,40 @@ class Betti:
 
     @property
     def euler(self) -> int:
+        """Euler characteristic b0 - b1 + b2."""
         return self.b0 - self.b1 + self.b2
 
 
 def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> Betti:
-    """Betti numbers of {f <= level} as the complex of "vertices" or of "top_cells"."""
+    """Compute the Betti numbers of the solid {f <= level}.
+
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz)
+        Samples of the field.
+    level : float
+        Value of the field; 0 is the surface of the solid.
+    convention : {"vertices", "top_cells"}
+        Cubical complex of the samples: as vertices, or as cubes.
+
+    Returns
+    -------
+    Betti
+        Numbers of components, tunnels and cavities.
+
+    Raises
+    ------
+    InvalidRequest
+        If the samples are not a finite three-dimensional array, or the convention defines no complex.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> x, y, z = np.meshgrid(*[np.linspace(-1, 1, 33)] * 3, indexing="ij")
+    >>> topology.betti(np.hypot(np.hypot(x, y) - 0.6, z) - 0.2)
+    Betti(b0=1, b1=1, b2=0)
+    """
     field = as_sample_array(values)
     euler = euler_characteristic(field, level, convention)
     b0, b2 = count_components_and_cavities(field, level, convention)
@@ -36,33 +67,72 @@ def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "verti
 
 
 def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> int:
-    """Vertices - edges + faces - cubes of that complex.
+    """Compute the Euler characteristic of the solid {f <= level}.
 
-    It can't stand for the Betti numbers: a component too many and a tunnel too many cancel.
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz)
+        Samples of the field.
+    level : float
+        Value of the field; 0 is the surface of the solid.
+    convention : {"vertices", "top_cells"}
+        Cubical complex of the samples: as vertices, or as cubes.
+
+    Returns
+    -------
+    int
+        Vertices - edges + faces - cubes of the complex.
+
+    Raises
+    ------
+    InvalidRequest
+        If the samples are not a finite three-dimensional array, or the convention defines no complex.
+
+    Notes
+    -----
+    It does not replace the Betti numbers: a superfluous component and a superfluous tunnel cancel.
     """
     field = as_sample_array(values)
+    check_complex(convention)
     if convention == "vertices":
         return _alternating_cell_sum(field <= level)
-    if convention == "top_cells":
-        # the solid closed cubes are what the complex of the void's vertices leaves of a box
-        return _alternating_cell_sum(np.pad(field > level, 1, constant_values=True)) - 1
-    raise InvalidRequest(f"convention {convention!r} is no cubical complex: choose vertices or top_cells")
+    # Alexander duality: the closed solid cubes are the complement of the complex of the void's vertices in a box
+    return _alternating_cell_sum(np.pad(field > level, 1, constant_values=True)) - 1
 
 
 def bound_component_counts(values: ArrayLike, level: float = 0.0) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Least and greatest number of components, and of cavities, that the samples allow their trilinear interpolant.
+    """Bound the numbers of components and cavities of the trilinear interpolant of the samples.
 
-    Neighbours through faces only give the greatest numbers, through faces, edges and corners the least (see `grid.py`).
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz)
+        Samples of the field.
+    level : float
+        Value of the field; 0 is the surface of the solid.
+
+    Returns
+    -------
+    components, cavities : tuple of int
+        Least and greatest number of each.
+
+    Raises
+    ------
+    InvalidRequest
+        If the samples are not a finite three-dimensional array.
+
+    Notes
+    -----
+    Connectivity across faces gives the upper bounds, connectivity across faces, edges and corners the lower ones.
     """
     field: Array = as_sample_array(values)
-    most_parts, most_holes = count_components_and_cavities(field, level, "strict")
-    fewest_parts, _ = count_components_and_cavities(field, level, "top_cells")
-    _, fewest_holes = count_components_and_cavities(field, level, "vertices")
-    return (fewest_parts, most_parts), (fewest_holes, most_holes)
+    max_components, max_cavities = count_components_and_cavities(field, level, "strict")
+    min_components, _ = count_components_and_cavities(field, level, "top_cells")
+    _, min_cavities = count_components_and_cavities(field, level, "vertices")
+    return (min_components, max_components), (min_cavities, max_cavities)
 
 
 def _alternating_cell_sum(inside: BoolArray) -> int:
-    """The alternating sum of the cells all of whose vertices are inside."""
+    """Alternating sum, by dimension, of the numbers of cells all of whose vertices are inside."""
     total = 0
     for steps in product((0, 1), repeat=3):
         cells = inside

@@ -1,12 +1,16 @@
-"""Gudhi's persistence of the same samples, by matrix reduction: the reference, which also has dimension 1.
+"""Persistent homology of sampled fields by gudhi's cubical complexes, the only module that imports gudhi.
 
-Gudhi's flat indices are in Fortran order; used in C order they name other voxels, without any error. Births and deaths of
-complexes built from vertices are voxels by `vertices_of_persistence_pairs`, of those built from cubes by
-`cofaces_of_persistence_pairs`; the one on the other's complex is undefined behaviour.
+Gudhi reduces the boundary matrix and gives all dimensions at once. It computes the diagrams of `diagrams` and is the reference
+for the union-find sweeps of `persistence`.
+
+Gudhi's flat indices are in Fortran order; read in C order they name other voxels without an error. Births and deaths of complexes
+built from vertices are located by `vertices_of_persistence_pairs`, those of complexes built from cubes by
+`cofaces_of_persistence_pairs`; calling either on the other complex is undefined behaviour.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import gudhi
@@ -14,44 +18,49 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.errors import InvalidRequest
 from tpmscad.topology.persistence import NO_VOXEL, PersistencePairs
-from tpmscad.topology.voxels import Convention, as_sample_array
+from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
+
+
+def gudhi_diagram(
+    values: ArrayLike, dimensions: Sequence[int], convention: Convention = "vertices"
+) -> list[tuple[Array, Array]]:
+    """Births and deaths (n,) in each of the dimensions, by ascending birth."""
+    field = as_sample_array(values)
+    cubical_complex = build_cubical_complex(field, convention)
+    pairs = [pairs_in_dimension(cubical_complex, field, dimension, convention) for dimension in dimensions]
+    return [(found.birth, found.death) for found in pairs]
 
 
 def gudhi_pairs(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> PersistencePairs:
-    """Pairs of dimension 0, 1 or 2 by gudhi, as those of `persistence.persistence`."""
+    """Pairs of dimension 0, 1 or 2 in the form of `compute_persistence`."""
     field = as_sample_array(values)
     return pairs_in_dimension(build_cubical_complex(field, convention), field, dimension, convention)
 
 
 def build_cubical_complex(field: Array, convention: Convention) -> Any:
-    """Gudhi's complex of the samples, with its persistence computed: all dimensions at once."""
+    """Gudhi's complex of the samples, with the persistence of all dimensions computed."""
+    check_complex(convention)
     if convention == "vertices":
-        brep = gudhi.CubicalComplex(vertices=field)
-    elif convention == "top_cells":
-        brep = gudhi.CubicalComplex(top_dimensional_cells=field)
+        cubical_complex = gudhi.CubicalComplex(vertices=field)
     else:
-        raise InvalidRequest(f"convention {convention!r} is no cubical complex: choose vertices or top_cells")
-    brep.compute_persistence()
-    return brep
+        cubical_complex = gudhi.CubicalComplex(top_dimensional_cells=field)
+    cubical_complex.compute_persistence()
+    return cubical_complex
 
 
-def pairs_in_dimension(brep: Any, field: Array, dimension: int, convention: Convention) -> PersistencePairs:
-    """The pairs of one dimension read off a complex of `complex_of`."""
+def pairs_in_dimension(cubical_complex: Any, field: Array, dimension: int, convention: Convention) -> PersistencePairs:
+    """Pairs of one dimension of a complex made by `build_cubical_complex`."""
     vertices = convention == "vertices"
-    finite, endless = brep.vertices_of_persistence_pairs() if vertices else brep.cofaces_of_persistence_pairs()
-    pairs, alone = (
-        _indices_in_dimension(finite, dimension).reshape(-1, 2),
-        _indices_in_dimension(endless, dimension).reshape(-1),
+    finite, endless = (
+        cubical_complex.vertices_of_persistence_pairs() if vertices else cubical_complex.cofaces_of_persistence_pairs()
     )
-    births = _to_c_order(np.concatenate([pairs[:, 0], alone]), field.shape)
-    deaths = _to_c_order(np.concatenate([pairs[:, 1], np.full(alone.size, NO_VOXEL)]), field.shape)
-    flat = field.reshape(-1)
-    birth, death = flat[births], np.where(deaths == NO_VOXEL, np.inf, flat[deaths])
-    order = np.lexsort((deaths, births, death, birth))
-    order = order[birth[order] < death[order]]
-    return PersistencePairs(dimension, birth[order], death[order], births[order], deaths[order], field.shape)
+    pairs = _indices_in_dimension(finite, dimension).reshape(-1, 2)
+    unpaired = _indices_in_dimension(endless, dimension).reshape(-1)
+    births = _to_c_order(np.concatenate([pairs[:, 0], unpaired]), field.shape)
+    deaths = _to_c_order(np.concatenate([pairs[:, 1], np.full(unpaired.size, NO_VOXEL)]), field.shape)
+    found = PersistencePairs.from_voxels(field, dimension, births, deaths)
+    return found.select(found.birth < found.death)
 
 
 def _indices_in_dimension(found: list[IntArray], dimension: int) -> IntArray:
@@ -59,5 +68,6 @@ def _indices_in_dimension(found: list[IntArray], dimension: int) -> IntArray:
 
 
 def _to_c_order(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
+    """Flat indices in Fortran order as indices in C order; NO_VOXEL stays."""
     parts = np.unravel_index(np.where(flat == NO_VOXEL, 0, flat), shape, order="F")
     return np.where(flat == NO_VOXEL, NO_VOXEL, np.ravel_multi_index(parts, shape)).astype(np.int64)

@@ -1,11 +1,11 @@
-"""The merge tree of a sampled function: which minima there are, and at which saddle each joins an older one.
+"""The merge tree of a sampled function: its minima, and the saddle at which each basin merges with an older one.
 
-Every voxel runs down to the lowest of its neighbours, and so to a minimum: the voxels of a minimum are its basin. Only voxels
-where two basins meet can be saddles, and only those without a lower neighbour where the same two meet; they alone are sorted and
-swept with a union-find structure in which the lower minimum survives (the elder rule). Of a smooth field that is one voxel in
-twenty. Voxels of equal value are ordered by their index. Basins may be given beforehand for all voxels up to some value.
+Steepest descent assigns every voxel to a minimum; the voxels of one minimum are its basin. A saddle is a voxel where two basins
+meet and that has no lower neighbour where the same two basins meet. Only these candidates, one voxel in twenty of a smooth field,
+are sorted and swept with a union-find forest in which the lower minimum survives (elder rule). Voxels of equal value are ordered
+by their index. Basins may be given beforehand for all voxels up to some value.
 
-Keys are padded by one voxel all around, with +inf for nothing or -inf for an exterior, which is the voxel of index 0.
+Keys are padded by one voxel on every side: with +inf for no neighbour, or with -inf for an exterior, whose minimum is voxel 0.
 """
 
 from __future__ import annotations
@@ -13,47 +13,50 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.topology.voxels import Labels, neighbour_offsets, njit_cached
+from tpmscad.topology.voxels import Labels, find_root, neighbour_offsets, njit_cached
 
 UNASSIGNED = np.int32(-1)
-"""A voxel whose basin is not known yet."""
+"""Basin of a voxel that has not been assigned yet."""
 
 NO_BASIN, SEVERAL_BASINS = np.int32(-1), np.int32(-2)
-"""In place of the second basin that a voxel's lower neighbours are in."""
+"""Markers for a voxel whose lower neighbours lie in no second basin, or in several."""
 
 
 def pad_keys(values: Array, sign: int, around: float) -> Array:
-    """sign * values with one voxel of `around` on every side."""
+    """sign * values, padded by one voxel of value `around` on every side."""
     keys = np.full(tuple(n + 2 for n in values.shape), around)
     np.multiply(values, float(sign), out=keys[1:-1, 1:-1, 1:-1])
     return keys
 
 
-def compute_merges(keys: Array, basins: Labels, count: int, floor: float, roots: int) -> tuple[IntArray, IntArray]:
-    """Minima and the saddles where they end, as flat indices into the padded arrays; equal keys are left out.
+def compute_merges(
+    keys: Array, basins: Labels, neighbours: int, recorded_below: float, n_known_minima: int
+) -> tuple[IntArray, IntArray]:
+    """Minima and the saddles at which they merge, as flat indices of the padded arrays; pairs of equal keys are omitted.
 
-    basins: OPEN, or the minimum of the voxel's basin (0: the exterior); overwritten. Of minima born above `floor` nothing is
-    recorded. roots: how many minima up to `floor` there are, or 0 if they are still to be counted.
+    `basins`: UNASSIGNED, or the minimum of the voxel's basin (0: the exterior); overwritten. Minima above `recorded_below` are
+    not recorded. `n_known_minima`: number of minima up to that value, or 0 if it is unknown. `neighbours`: 6 or 26.
     """
-    near = neighbour_offsets(keys.shape, count)
+    offsets = neighbour_offsets(keys.shape, neighbours)
     nx, ny, nz = keys.shape
     flat, basin = keys.reshape(-1), basins.reshape(-1)
-    minima = _descend(flat, basin, near, nx, ny, nz)
+    minima = _descend(flat, basin, offsets, nx, ny, nz)
     _resolve(basin, nx, ny, nz)
     other = np.full(flat.size, NO_BASIN)
-    _find_second_basins(flat, basin, near, nx, ny, nz, floor if roots else -np.inf, other)
+    _find_second_basins(flat, basin, offsets, nx, ny, nz, recorded_below if n_known_minima else -np.inf, other)
     candidates = np.empty(flat.size, np.int32)
-    candidates = candidates[: _select_saddles(flat, basin, other, near, candidates)].copy()
+    candidates = candidates[: _select_saddles(flat, basin, other, offsets, candidates)].copy()
     order = candidates[np.argsort(flat[candidates], kind="stable")]
-    most = roots if roots else minima + 1
-    births, deaths = np.empty(most, np.int64), np.empty(most, np.int64)
-    found = _sweep(flat, basin, near, order, floor, most - 1 if roots else minima, births, deaths)
-    return births[:found], deaths[:found]
+    capacity = n_known_minima if n_known_minima else minima + 1
+    births, deaths = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+    remaining = capacity - 1 if n_known_minima else minima
+    n_pairs = _sweep(flat, basin, offsets, order, recorded_below, remaining, births, deaths)
+    return births[:n_pairs], deaths[:n_pairs]
 
 
 @njit_cached
-def _descend(key: Array, basin: Labels, near: IntArray, nx: int, ny: int, nz: int) -> int:
-    """Point every open voxel at its lowest neighbour, minima at themselves; the number of minima."""
+def _descend(key: Array, basin: Labels, offsets: IntArray, nx: int, ny: int, nz: int) -> int:
+    """Assign every unassigned voxel to its lowest neighbour, minima to themselves; the number of minima."""
     minima = 0
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
@@ -62,7 +65,7 @@ def _descend(key: Array, basin: Labels, near: IntArray, nx: int, ny: int, nz: in
                 if basin[v] >= 0:
                     continue
                 best, low = v, key[v]
-                for step in near:
+                for step in offsets:
                     u = v + step
                     k = key[u]
                     if k < low or (k == low and u < best):
@@ -75,7 +78,7 @@ def _descend(key: Array, basin: Labels, near: IntArray, nx: int, ny: int, nz: in
 
 @njit_cached
 def _resolve(basin: Labels, nx: int, ny: int, nz: int) -> None:
-    """Point every voxel at the minimum it runs down to."""
+    """Assign every voxel to the minimum at the end of its descent, with path compression."""
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
             row = (i * ny + j) * nz
@@ -92,9 +95,9 @@ def _resolve(basin: Labels, nx: int, ny: int, nz: int) -> None:
 
 @njit_cached
 def _find_second_basins(
-    key: Array, basin: Labels, near: IntArray, nx: int, ny: int, nz: int, known: float, other: Labels
+    key: Array, basin: Labels, offsets: IntArray, nx: int, ny: int, nz: int, known: float, other: Labels
 ) -> None:
-    """The other basin below each voxel above what is known: NONE, or SEVERAL."""
+    """Second basin among the lower neighbours of each voxel above `known`; NO_BASIN or SEVERAL_BASINS otherwise."""
     for i in range(1, nx - 1):
         for j in range(1, ny - 1):
             row = (i * ny + j) * nz
@@ -103,7 +106,7 @@ def _find_second_basins(
                 if k <= known:
                     continue
                 own, second = basin[v], NO_BASIN
-                for step in near:
+                for step in offsets:
                     u = v + step
                     b = basin[u]
                     if b != own and b != second and (key[u] < k or (key[u] == k and u < v)):
@@ -116,8 +119,8 @@ def _find_second_basins(
 
 
 @njit_cached
-def _select_saddles(key: Array, basin: Labels, other: Labels, near: IntArray, out: Labels) -> int:
-    """Voxels where basins meet, without those that have the same two basins as a lower neighbour; ascending; how many."""
+def _select_saddles(key: Array, basin: Labels, other: Labels, offsets: IntArray, out: Labels) -> int:
+    """Write ascending indices of voxels where basins meet and no lower neighbour has the same two basins; their number."""
     found = 0
     for v in range(len(key)):
         second = other[v]
@@ -126,7 +129,7 @@ def _select_saddles(key: Array, basin: Labels, other: Labels, near: IntArray, ou
         new = True
         if second != SEVERAL_BASINS:
             k, own = key[v], basin[v]
-            for step in near:
+            for step in offsets:
                 u = v + step
                 a, b = basin[u], other[u]
                 if ((a == own and b == second) or (a == second and b == own)) and (
@@ -141,43 +144,35 @@ def _select_saddles(key: Array, basin: Labels, other: Labels, near: IntArray, ou
 
 
 @njit_cached
-def _find(basin: Labels, v: int) -> int:
-    while basin[v] != v:
-        basin[v] = basin[basin[v]]
-        v = basin[v]
-    return v
-
-
-@njit_cached
 def _sweep(
     key: Array,
     basin: Labels,
-    near: IntArray,
+    offsets: IntArray,
     order: Labels,
-    floor: float,
-    left: int,
+    recorded_below: float,
+    remaining: int,
     births: IntArray,
     deaths: IntArray,
 ) -> int:
-    """Join the basins below each saddle in turn, the older surviving, until `left` joins of minima up to the floor are made."""
-    found = 0
+    """Unite the basins below each saddle in turn, until `remaining` minima up to the recorded value have merged; the pairs."""
+    n_pairs = 0
     for v in order:
         k = key[v]
-        elder = _find(basin, v)
-        for step in near:
+        elder = find_root(basin, v)
+        for step in offsets:
             u = v + step
             if key[u] < k or (key[u] == k and u < v):
-                younger = _find(basin, u)
+                younger = find_root(basin, u)
                 if younger == elder:
                     continue
                 if key[younger] < key[elder] or (key[younger] == key[elder] and younger < elder):
                     younger, elder = elder, younger
                 basin[younger] = elder
-                if key[younger] <= floor:
+                if key[younger] <= recorded_below:
                     if key[younger] < k:
-                        births[found], deaths[found] = younger, v
-                        found += 1
-                    left -= 1
-                    if left == 0:
-                        return found
-    return found
+                        births[n_pairs], deaths[n_pairs] = younger, v
+                        n_pairs += 1
+                    remaining -= 1
+                    if remaining == 0:
+                        return n_pairs
+    return n_pairs

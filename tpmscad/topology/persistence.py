@@ -1,13 +1,12 @@
 """Persistent homology of a sampled field in dimensions 0 and 2: components and cavities of {f <= c} as c rises.
 
-Components are the merge tree of f; cavities, by Alexander duality, that of -f with the exterior as one more, oldest, component.
-The pairs equal those of gudhi's cubical complexes, built either way (see `grid.py` for the conventions); locations equal gudhi's
-where no two samples have the same value. Pairs of equal birth and death are left out, as gudhi does.
+The components form the merge tree of f. By Alexander duality the cavities form the merge tree of -f with the exterior as an
+additional, oldest component. The pairs equal those of gudhi's cubical complexes under either convention (see `voxels`), and so do
+their locations if no two samples have the same value. Pairs of equal birth and death are omitted, as in gudhi.
 
-The classes alive at one level only, birth <= level < death: what a blending loop needs of persistence, for less.
-
-The components of the solid (of the void) at the level are labelled first. If there is one (none beside the exterior), that is
-all; otherwise only the other side of the level is searched for the saddles where the components meet.
+`compute_pairs_at_level` computes only the classes alive at one level, birth <= level < death, which is all that the objective of
+porous blending needs. It labels the components of the solid (or of the void) at the level first. If there is one (or none besides
+the exterior) no saddle is needed; otherwise only the other side of the level is swept for the saddles that join the components.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
@@ -29,10 +28,11 @@ NO_VOXEL = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PersistencePairs:
-    """Classes of one dimension: values of f at birth and death (n,), and the voxels that cause them, by ascending birth.
+    """Persistence pairs of one dimension by ascending birth.
 
-    birth_at, death_at: flat indices in C order, `np.unravel_index(birth_at, shape)`; -1 where death is inf, the class of all
-    that is solid, in dimension 0.
+    - `birth`, `death` (n,): values of f.
+    - `birth_at`, `death_at` (n,): voxels of these values as flat indices in C order, `np.unravel_index(birth_at, shape)`;
+      -1 where death is inf, which is the component of the whole array.
     """
 
     dimension: int
@@ -42,55 +42,97 @@ class PersistencePairs:
     death_at: IntArray
     shape: tuple[int, int, int]
 
+    @classmethod
+    def from_voxels(cls, field: Array, dimension: int, births: IntArray, deaths: IntArray) -> PersistencePairs:
+        """Pairs from the voxels (n,) of their births and deaths; a death NO_VOXEL is at infinity."""
+        flat = field.reshape(-1)
+        birth, death = flat[births], np.where(deaths == NO_VOXEL, np.inf, flat[deaths])
+        order = np.lexsort((deaths, births, death, birth))
+        return cls(dimension, birth[order], death[order], births[order], deaths[order], field.shape)
+
     def __len__(self) -> int:
         return len(self.birth)
 
-    def straddling(self, level: float = 0.0) -> PersistencePairs:
-        """The classes alive at a level, birth <= level < death: what {f <= level} has."""
-        keep = (self.birth <= level) & (level < self.death)
+    def select(self, mask: BoolArray) -> PersistencePairs:
+        """The pairs where the mask (n,) is True."""
         return PersistencePairs(
-            self.dimension, self.birth[keep], self.death[keep], self.birth_at[keep], self.death_at[keep], self.shape
+            self.dimension, self.birth[mask], self.death[mask], self.birth_at[mask], self.death_at[mask], self.shape
         )
+
+    def alive_at(self, level: float = 0.0) -> PersistencePairs:
+        """Return the classes that exist at one level.
+
+        Parameters
+        ----------
+        level : float
+            Value of the field.
+
+        Returns
+        -------
+        PersistencePairs
+            The pairs with birth <= level < death: the components or cavities of {f <= level}.
+        """
+        return self.select((self.birth <= level) & (level < self.death))
 
 
 def compute_persistence(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> PersistencePairs:
-    """Pairs of a field's samples (nx, ny, nz) in dimension 0 or 2."""
+    """Compute the persistence pairs of samples in dimension 0 or 2 by a union-find sweep.
+
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz)
+        Samples of the field.
+    dimension : {0, 2}
+        0 for components, 2 for cavities.
+    convention : {"vertices", "top_cells", "strict"}
+        Connectivity of the samples, see `CONNECTIVITY`.
+
+    Returns
+    -------
+    PersistencePairs
+        The pairs by ascending birth.
+
+    Raises
+    ------
+    InvalidRequest
+        If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
+    """
     field = as_sample_array(values)
     solid, void = connectivity(convention)
     check_dimension(dimension)
     keys, basins = initialise_sweep(field, dimension)
     basins[1:-1, 1:-1, 1:-1] = UNASSIGNED
-    lows, saddles = compute_merges(keys, basins, solid if dimension == 0 else void, np.inf, 0)
-    return assemble_pairs(field, dimension, lows, saddles)
+    minima, saddles = compute_merges(keys, basins, solid if dimension == 0 else void, np.inf, 0)
+    return assemble_pairs(field, dimension, minima, saddles)
 
 
 def check_dimension(dimension: int) -> None:
+    """Raise InvalidRequest unless the sweeps compute the dimension."""
     if dimension not in (0, 2):
-        raise InvalidRequest(f"dimension {dimension}: components have dimension 0, cavities 2; loops are not computed")
+        raise InvalidRequest(
+            f"dimension {dimension}: the sweeps compute components (0) and cavities (2); persistence_diagram computes tunnels (1)"
+        )
 
 
 def initialise_sweep(field: Array, dimension: int) -> tuple[Array, Labels]:
-    """Keys that rise with the sweep, and basins all of the exterior, padded."""
+    """Padded keys in the order of the sweep, and padded basins that all belong to the exterior."""
     keys = pad_keys(field, 1, np.inf) if dimension == 0 else pad_keys(field, -1, -np.inf)
     return keys, np.zeros(keys.shape, np.int32)
 
 
-def assemble_pairs(field: Array, dimension: int, lows: IntArray, saddles: IntArray) -> PersistencePairs:
-    """Pairs from the minima and saddles of the padded keys; with the class of all that is solid, in dimension 0."""
+def assemble_pairs(field: Array, dimension: int, minima: IntArray, saddles: IntArray) -> PersistencePairs:
+    """Pairs from the minima and saddles of the padded keys, with the component that never dies in dimension 0."""
     shape = field.shape
-    lows, saddles = _unpad_indices(lows, shape), _unpad_indices(saddles, shape)
+    minima, saddles = _unpad_indices(minima, shape), _unpad_indices(saddles, shape)
     if dimension == 0:
-        births, deaths = np.append(lows, np.argmin(field)), np.append(saddles, NO_VOXEL)
+        births, deaths = np.append(minima, np.argmin(field)), np.append(saddles, NO_VOXEL)
     else:
-        births, deaths = saddles, lows
-    flat = field.reshape(-1)
-    birth, death = flat[births], np.where(deaths == NO_VOXEL, np.inf, flat[deaths])
-    order = np.lexsort((deaths, births, death, birth))
-    return PersistencePairs(dimension, birth[order], death[order], births[order], deaths[order], shape)
+        births, deaths = saddles, minima
+    return PersistencePairs.from_voxels(field, dimension, births, deaths)
 
 
 def _unpad_indices(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
-    """Indices of the padded array as those of the array itself."""
+    """Indices of the padded array as indices of the array itself."""
     parts = np.unravel_index(flat, tuple(n + 2 for n in shape))
     return np.ravel_multi_index(tuple(part - 1 for part in parts), shape).astype(np.int64)
 
@@ -98,40 +140,65 @@ def _unpad_indices(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
 def compute_pairs_at_level(
     values: ArrayLike, dimension: int, convention: Convention = "vertices", level: float = 0.0
 ) -> PersistencePairs:
-    """The pairs of `persistence` with birth <= level < death: one for each component (dimension 0) or cavity (2) at the level."""
+    """Compute the persistence pairs that are alive at one level: one for each component or cavity.
+
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz)
+        Samples of the field.
+    dimension : {0, 2}
+        0 for components, 2 for cavities.
+    convention : {"vertices", "top_cells", "strict"}
+        Connectivity of the samples, see `CONNECTIVITY`.
+    level : float
+        Value of the field; 0 is the surface of the solid.
+
+    Returns
+    -------
+    PersistencePairs
+        The same as `compute_persistence(...).alive_at(level)`, for less work.
+
+    Raises
+    ------
+    InvalidRequest
+        If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
+    """
     field, level = as_sample_array(values), float(level)
     check_dimension(dimension)
     solid = dimension == 0
-    count = connectivity(convention)[0 if solid else 1]
-    found = label_runs(field, level, solid, count, exterior=not solid)
-    if found.count <= (1 if solid else 0):
-        lows = saddles = np.empty(0, np.int64)
+    neighbours = connectivity(convention)[0 if solid else 1]
+    runs = label_runs(field, level, solid, neighbours, exterior=not solid)
+    if runs.count <= (1 if solid else 0):
+        minima = saddles = np.empty(0, np.int64)
     else:
-        lows, saddles = _merges_above(field, found, level, dimension, count)
-    pairs = assemble_pairs(field, dimension, lows, saddles)
-    return pairs if found.count else pairs.straddling(level)
+        minima, saddles = _merges_beyond_level(field, runs, level, dimension, neighbours)
+    pairs = assemble_pairs(field, dimension, minima, saddles)
+    return pairs if runs.count else pairs.alive_at(level)
 
 
-def _merges_above(field: Array, found: Runs, level: float, dimension: int, count: int) -> tuple[IntArray, IntArray]:
+def _merges_beyond_level(
+    field: Array, runs: Runs, level: float, dimension: int, neighbours: int
+) -> tuple[IntArray, IntArray]:
+    """Minima of the labelled components and the saddles beyond the level at which they end, padded indices."""
     solid = dimension == 0
     keys, basins = initialise_sweep(field, dimension)
-    # -f < -level is the void: a voxel at the level is solid
-    floor = level if solid else np.nextafter(-level, -np.inf)
-    lowest = find_extreme_voxels(field, found, 1 if solid else -1)
+    # the void is -f < -level: a voxel at the level is solid
+    recorded_below = level if solid else np.nextafter(-level, -np.inf)
+    deepest = find_extreme_voxels(field, runs, 1 if solid else -1)
     shape = keys.shape
-    parts = np.unravel_index(np.maximum(lowest, 0), field.shape)
+    parts = np.unravel_index(np.maximum(deepest, 0), field.shape)
     roots = np.ravel_multi_index(tuple(part + 1 for part in parts), shape).astype(np.int32)
     if not solid:
         roots[0] = 0
-    _seed_basins(found.start, found.stop, found.row, found.label, roots, basins.reshape(-1), *shape)
-    return compute_merges(keys, basins, count, floor, found.count + (0 if solid else 1))
+    _seed_basins(runs.start, runs.stop, runs.row, runs.label, roots, basins.reshape(-1), *shape)
+    return compute_merges(keys, basins, neighbours, recorded_below, runs.count + (0 if solid else 1))
 
 
 @njit_cached
 def _seed_basins(
     start: Labels, stop: Labels, row: Labels, label: Labels, roots: Labels, basin: Labels, nx: int, ny: int, nz: int
 ) -> None:
-    """Give the voxels of each run the lowest voxel of their component, all other inner voxels -1; padded by one voxel."""
+    """Assign the voxels of each run to the deepest voxel of their component, all other inner voxels to -1; padded indices."""
     for i in range(nx - 2):
         for j in range(ny - 2):
             r = i * (ny - 2) + j

@@ -1,15 +1,15 @@
-"""Sampled fields and how their voxels hang together.
+"""Sampled fields and the connectivity of their voxels.
 
-A sample is a voxel; solid is {f <= level}. Voxels of one phase are neighbours through their 6 faces, or through all 26 of faces,
-edges and corners; the void reaches the exterior from every voxel on the array's border. By convention:
+A sample is a voxel; the solid is {f <= level}. Voxels of one phase are neighbours across their 6 faces, or across all 26 faces,
+edges and corners. Void voxels on the border of the array are connected to the exterior. Three conventions are in use:
 
 * "vertices": samples are the vertices of a cubical complex and a cell enters with its last vertex, as in porous blending,
   section 2.3, and gudhi.CubicalComplex(vertices=...): solid 6, void 26.
 * "top_cells": samples are the cubes and a face enters with its first cube, as in gudhi's top_dimensional_cells=...:
   solid 26, void 6.
-* "strict": solid 6, void 6: no complex but a bound. Every component of {f <= 0} and of {f > 0} of the trilinear interpolant
-  holds a sample, and 6-neighbours of one sign are joined along their edge, so the interpolant has no more components and no
-  more cavities than are counted so. One component without cavities here is a certificate for it.
+* "strict": solid 6, void 6: not a complex but a bound. Every component of {f <= 0} and of {f > 0} of the trilinear interpolant
+  contains a sample, and 6-neighbours of one sign are joined along their edge, so the interpolant has at most as many components
+  and cavities as are counted. A count of one component without cavities is therefore a certificate for the interpolant.
 """
 
 from __future__ import annotations
@@ -31,35 +31,48 @@ Convention = Literal["vertices", "top_cells", "strict"]
 CONNECTIVITY: Mapping[str, tuple[int, int]] = MappingProxyType(
     {"vertices": (6, 26), "top_cells": (26, 6), "strict": (6, 6)}
 )
-"""Neighbours of a solid and of a void voxel, by convention."""
+"""Numbers of neighbours of a solid and of a void voxel, by convention."""
 
 njit_cached = numba.njit(cache=True)
-"""Every loop is compiled on first use and kept on disk."""
+"""Decorator of compiled loops: compiled on first use and cached on disk."""
 
 
 def as_sample_array(values: ArrayLike) -> Array:
-    """A field's samples (nx, ny, nz) as contiguous floats, or InvalidRequest."""
-    # writeable, since numba compiles its loops again, for seconds, for arrays that are not
+    """Samples (nx, ny, nz) as a contiguous writeable float array; InvalidRequest if they are not finite or not 3-D."""
+    # writeable: for a read-only array numba would compile every loop once more, which takes seconds
     array = np.require(values, float, ("C", "W"))
     if array.ndim != 3 or array.size == 0:
-        raise InvalidRequest(
-            f"samples of shape {np.shape(values)}: a three-dimensional array that is not empty is needed"
-        )
+        raise InvalidRequest(f"samples of shape {np.shape(values)}: give a non-empty three-dimensional array")
     if not np.isfinite(array).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidRequest(f"the samples hold {array[first]} at voxel {first}: a field must be finite everywhere")
+        raise InvalidRequest(f"the samples contain {array[first]} at voxel {first}: a field must be finite everywhere")
     return array
 
 
 def connectivity(convention: str) -> tuple[int, int]:
-    """Neighbours of a solid and of a void voxel, or InvalidRequest."""
+    """Numbers of neighbours of a solid and of a void voxel; InvalidRequest if the convention is unknown."""
     if convention not in CONNECTIVITY:
         raise InvalidRequest(f"convention {convention!r}: choose one of {', '.join(CONNECTIVITY)}")
     return CONNECTIVITY[convention]
 
 
+def check_complex(convention: str) -> None:
+    """Raise InvalidRequest unless the convention defines a cubical complex."""
+    if convention not in ("vertices", "top_cells"):
+        raise InvalidRequest(f"convention {convention!r} defines no cubical complex: choose vertices or top_cells")
+
+
+@njit_cached
+def find_root(parent: Labels, element: int) -> int:
+    """Root of an element of a union-find forest, by path halving."""
+    while parent[element] != element:
+        parent[element] = parent[parent[element]]
+        element = parent[element]
+    return element
+
+
 def neighbour_offsets(shape: tuple[int, ...], count: int) -> IntArray:
-    """Offsets of the flat (C order) index to the 6 or 26 neighbours, ascending."""
+    """Ascending offsets of the flat (C order) index to the 6 or 26 neighbours."""
     steps: Any = np.indices((3, 3, 3)).reshape(3, -1).T - 1
     near = np.abs(steps).sum(axis=1)
     steps = steps[(near > 0) & (near <= (1 if count == 6 else 3))]
