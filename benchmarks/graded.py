@@ -96,7 +96,7 @@ def shares(model: Any, x: tuple[float, float], y: tuple[float, float], of: Any, 
     Lines stand on a grid of SPACING; on each, upper ends of pieces of the solid less lower ends are its length.
     """
     found = tessellate(model.built.shape, 0.02)
-    corner = found.points[found.corners]
+    corner = found.points[found.triangles]
     height = float(np.ptp(found.points[:, 2]))
     start = np.array([x[0], y[0]]) + 0.5 * SPACING
     counts = np.rint((np.array([x[1], y[1]]) - np.array([x[0], y[0]])) / SPACING).astype(int)

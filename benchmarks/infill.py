@@ -27,7 +27,8 @@ from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from scipy.spatial import cKDTree
 
 from tpmscad import kernel, surfaces
-from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import intersect_body_with_lattice
 from tpmscad.workflows.lattice_block import build_lattice_block

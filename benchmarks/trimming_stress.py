@@ -31,7 +31,8 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TpmscadError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
-from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes, split_near_body_faces
 

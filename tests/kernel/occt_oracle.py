@@ -8,13 +8,13 @@ from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Sewing
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
 from OCP.TopAbs import TopAbs_SHELL
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Shape
 
 from tpmscad._typing import Array
 from tpmscad.errors import KernelError
-from tpmscad.kernel.build.solids import make_solid
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.construction import make_solid
+from tpmscad.kernel.occt.exploration import list_subshapes
 
 
 def intersect_with_box(shape: TopoDS_Shape, low: Array, high: Array) -> TopoDS_Shape:
@@ -31,8 +31,4 @@ def sew_solids(faces: Iterable[TopoDS_Shape], tolerance: float) -> tuple[TopoDS_
     for face in faces:
         sewing.Add(face)
     sewing.Perform()
-    explorer, solids = TopExp_Explorer(sewing.SewedShape(), TopAbs_SHELL), []
-    while explorer.More():
-        solids.append(make_solid([convert.as_shell(explorer.Current())]))
-        explorer.Next()
-    return tuple(solids)
+    return tuple(make_solid([convert.as_shell(s)]) for s in list_subshapes(sewing.SewedShape(), TopAbs_SHELL))

@@ -17,7 +17,7 @@ from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import edges_of
+from tpmscad.kernel.occt.exploration import count_subshape_uses, edges_of
 
 
 @pytest.fixture(params=CASES)
@@ -34,13 +34,13 @@ def test_a_solid_is_valid_closed_and_outward_with_the_patches_volume_area_and_ce
     assert report.area == pytest.approx(moments.area.sum(), rel=1e-6)  # a square root: converges with the rule
     np.testing.assert_allclose(report.centroid, integral_properties.centroid(moments), atol=1e-9)
     assert report.faces == len(brep.faces) == len(built.faces)
-    assert report.solids == len(built.nesting.pieces)
+    assert report.solids == len(built.nesting.shells_of_solid)
 
 
 def test_each_vertex_and_edge_is_one_kernel_object_at_the_least_tolerance(brep) -> None:
     shape = kernel.build_solids(brep).shape
     for kind, count in ((TopAbs_VERTEX, len(brep.vertices)), (TopAbs_EDGE, len(brep.edges))):
-        assert len(convert.count_subshape_uses(shape, kind, TopAbs_FACE)) == count
+        assert len(count_subshape_uses(shape, kind, TopAbs_FACE)) == count
     assert kernel.check_shape(shape).max_tolerance == 1e-7
 
 
@@ -57,23 +57,23 @@ def test_edges_and_parameter_curves_take_the_same_parameter(brep) -> None:
 
 def test_straight_edges_between_planes_are_lines() -> None:
     shape = kernel.build_solids(plane_box()).shape
-    edges = [convert.as_edge(edge) for edge, _ in convert.count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
+    edges = [convert.as_edge(edge) for edge, _ in count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
     assert {BRepAdaptor_Curve(edge).GetType() for edge in edges} == {GeomAbs_Line}
 
 
 def test_a_void_belongs_to_the_solid_around_it_even_where_boxes_mislead() -> None:
     built = kernel.build_solids(CASES["hollow bar in a notch"]())
-    volumes = [[built.nesting.volume[s] for s in piece] for piece in built.nesting.pieces]
-    assert [len(piece) for piece in built.nesting.pieces] == [2, 1]
+    volumes = [[built.nesting.volume[s] for s in piece] for piece in built.nesting.shells_of_solid]
+    assert [len(piece) for piece in built.nesting.shells_of_solid] == [2, 1]
     np.testing.assert_allclose(volumes[0], [14.4, -0.008], rtol=1e-12)
-    assert [len(convert.count_subshape_uses(s, TopAbs_SHELL, TopAbs_SHELL)) for s in built.solids] == [2, 1]
+    assert [len(count_subshape_uses(s, TopAbs_SHELL, TopAbs_SHELL)) for s in built.solids] == [2, 1]
 
 
 def test_pieces_come_largest_first() -> None:
     boxes = joined(
         plane_box((1, 1, 1)), plane_box((2, 2, 2), translation=(5, 0, 0)), plane_box((1, 1, 1), translation=(9, 0, 0))
     )
-    assert kernel.build_solids(boxes).nesting.pieces == ((1,), (0,), (2,))
+    assert kernel.build_solids(boxes).nesting.shells_of_solid == ((1,), (0,), (2,))
 
 
 def test_a_missing_face_is_refused() -> None:

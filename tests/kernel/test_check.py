@@ -23,7 +23,7 @@ from OCP.TopLoc import TopLoc_Location
 
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
 from tpmscad import kernel
-from tpmscad.kernel.build.solids import make_compound, make_shell, make_solid
+from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid
 
 PI = np.pi
 ROUND = {

@@ -28,7 +28,7 @@ import tpmscad
 from tpmscad import kernel, surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import edges_of
+from tpmscad.kernel.occt.exploration import edges_of
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
 

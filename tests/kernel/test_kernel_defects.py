@@ -23,6 +23,7 @@ from OCP.TopLoc import TopLoc_Location
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
 from tpmscad import kernel
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import count_subshape_uses
 from tpmscad.kernel.step.step_reader import silence_occt
 
 VERSION = ".".join(map(str, convert.OCCT_VERSION))
@@ -47,7 +48,7 @@ def test_the_default_volume_of_splines_with_inner_knots_is_exact_to_1e_10() -> N
 )
 def test_volumes_of_a_solids_faces_add_up_to_the_solids() -> None:
     cone = BRepPrimAPI_MakeCone(3.0, 0.0, 4.0).Shape()
-    faces = [face for face, _ in convert.count_subshape_uses(cone, TopAbs_FACE, TopAbs_SHELL)]
+    faces = [face for face, _ in count_subshape_uses(cone, TopAbs_FACE, TopAbs_SHELL)]
     assert sum(volume(face) for face in faces) == pytest.approx(volume(cone), rel=1e-9)
 
 

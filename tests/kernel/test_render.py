@@ -39,9 +39,9 @@ def test_triangles_off_the_picture_are_clipped() -> None:
 @pytest.mark.parametrize("case", ["mirrored box", "bent frame", "drilled dome"])
 def test_normals_point_out_of_the_solid_and_corners_turn_with_them(case: str) -> None:
     found = tessellate(kernel.build_solids(CASES[case]()).shape, 0.01)
-    a, b, c = (found.points[found.corners[:, k]] for k in range(3))
+    a, b, c = (found.points[found.triangles[:, k]] for k in range(3))
     facet = np.cross(b - a, c - a)
-    assert (np.einsum("fd,fkd->fk", facet, found.normals[found.corners]) > 0).all()
+    assert (np.einsum("fd,fkd->fk", facet, found.normals[found.triangles]) > 0).all()
     volume = np.einsum("fd,fd->", facet, a) / 6
     assert volume == pytest.approx(kernel.check_shape(kernel.build_solids(CASES[case]()).shape).volume, rel=0.02)
 

@@ -21,7 +21,7 @@ from tpmscad import kernel
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import KernelError
-from tpmscad.kernel.occt.edge_quadrature import edges_of
+from tpmscad.kernel.occt.exploration import edges_of
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 PLACES = {
@@ -115,7 +115,7 @@ def test_a_step_file_holds_the_quadric_itself(shape: str, tmp_path) -> None:
 
 def test_a_ball_in_a_ball_is_its_void_and_two_apart_are_two_solids() -> None:
     def split(*parts) -> list[int]:
-        return [len(piece) for piece in kernel.build_solids(joined(*parts)).nesting.pieces]
+        return [len(piece) for piece in kernel.build_solids(joined(*parts)).nesting.shells_of_solid]
 
     thin = turned_inside_out(sphere(1.999))
     assert split(sphere(2), thin) == [2]

@@ -23,7 +23,7 @@ from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_
 from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import count_subshape_uses
 from tpmscad.kernel.step.part21 import format_real, format_string
 from tpmscad.kernel.step.step_reader import silence_occt
 
@@ -218,7 +218,7 @@ def test_colours_are_read_back_by_tag(tmp_path: Path) -> None:
     shapes.GetFreeShapes(labels)
     shape = shapes.GetShape_s(labels.Value(1))
     found = []
-    for face, _ in convert.count_subshape_uses(shape, TopAbs_FACE, TopAbs_SHELL):
+    for face, _ in count_subshape_uses(shape, TopAbs_FACE, TopAbs_SHELL):
         colour = Quantity_Color()
         known = tool.GetColor(face, XCAFDoc_ColorSurf, colour)
         found.append((colour.Red(), colour.Green(), colour.Blue()) if known else None)
@@ -252,7 +252,7 @@ class TestInstances:
     def test_512_copies_of_one_cell_take_little_room(self, tmp_path: Path) -> None:
         cell, path = CASES["bent frame"](), tmp_path / "lattice.step"
         shifts = 3.0 * np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        text = written(cell, path, instances=kernel.Instances.shifted(shifts))
+        text = written(cell, path, instances=kernel.Instances.translated(shifts))
         assert path.stat().st_size < 2e6
         assert check.faults(parser.parse(text)[1], "ap242") == []
         found = kernel.check_step(path)

@@ -12,7 +12,7 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.workflows import FluidDomains
 from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes
 from tpmscad.workflows.lattice_infill import write_checked_shape

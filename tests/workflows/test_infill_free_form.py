@@ -14,8 +14,10 @@ from tpmscad import fields
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.candidate_patches import classify_patches
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
-from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
-from tpmscad.kernel.measure.shape_sampling import faces_of, sample_solid
+from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.measure.shape_sampling import sample_solid
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.exploration import faces_of
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 

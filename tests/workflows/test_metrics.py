@@ -14,6 +14,7 @@ import tpmscad
 from tpmscad import cli
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure import shape_sampling
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.workflows.metrics import Metrics, measure
 
 pytestmark = pytest.mark.kernel
@@ -151,7 +152,7 @@ def test_what_can_not_be_measured_is_refused() -> None:
 
 def test_samples_lie_on_trimmed_faces_and_nowhere_else() -> None:
     plate = bd.Box(10, 10, 2) - bd.Cylinder(3, 2)
-    found = shape_sampling.sample_faces(shape_sampling.faces_of(plate), 0.1)
+    found = shape_sampling.sample_faces(faces_of(plate), 0.1)
     x, y, z = found.points.T
     top = np.isclose(z, 1.0) & np.isclose(found.normals[:, 2], 1.0)
     assert np.hypot(x[top], y[top]).min() >= 3.0 - 0.01

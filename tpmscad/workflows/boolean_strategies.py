@@ -22,9 +22,9 @@ from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids
 from tpmscad.kernel.boolean.local_intersection import intersect_locally
-from tpmscad.kernel.build.solids import make_compound
 from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import sample_solid
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import trim
 from tpmscad.workflows.lattice_block import LatticeBlock
@@ -118,7 +118,7 @@ def split_near_body_faces(patches: Brep, body: CadBody, refusal: Exception) -> B
         KernelSolids(found.solids),
         None,
         KERNEL_BOOLEAN,
-        (f"the {found.patches} patches near the body's faces were split by the kernel: {refusal}",),
+        (f"the {found.candidate_count} patches near the body's faces were split by the kernel: {refusal}",),
     )
 
 

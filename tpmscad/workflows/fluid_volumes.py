@@ -16,10 +16,11 @@ from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingE
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids
-from tpmscad.kernel.build.solids import build_regions, make_compound
+from tpmscad.kernel.build.solids import build_regions
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
 from tpmscad.kernel.measure.shape_report import is_valid
-from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import trim
 from tpmscad.trimming.shared_topology import share_topology

@@ -23,7 +23,8 @@ from tpmscad.fields import volume_quadrature
 from tpmscad.fields.betti_numbers import compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import LinearExtension, extend_level_sets_linearly, extend_linearly
-from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
+from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
 from tpmscad.parallel import task_runner
 from tpmscad.stage_timer import StageTimer

@@ -23,8 +23,9 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.kernel.measure.cad_body import CadBody, enclosing_box
-from tpmscad.kernel.measure.cad_body import transform_shape as moved_shape
+from tpmscad.kernel.measure.cad_body import CadBody
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.convert import transform_shape as moved_shape
 from tpmscad.lattices import copies as lattices
 from tpmscad.lattices import mapped_lattice as mappings
 from tpmscad.lattices.maps import stretching

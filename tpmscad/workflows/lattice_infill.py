@@ -22,9 +22,9 @@ from tpmscad.fields.field import Field
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids, betti_numbers
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_inward
-from tpmscad.kernel.build.solids import make_compound
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
-from tpmscad.kernel.measure.shape_report import bounding_box
+from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
 from tpmscad.workflows.certificate import Certificate, build_certificate

@@ -134,7 +134,7 @@ def write_checked_model(
     if instanced and model.cells is not None:
         brep = model.cells.make()
         nesting = kernel.build_solids(brep).nesting
-        instances, copies = kernel.Instances.shifted(model.cells.translations), len(model.cells.translations)
+        instances, copies = kernel.Instances.translated(model.cells.translations), len(model.cells.translations)
     expected = copies * float(integral_properties.volume(nesting.moments)[0])
 
     verify = make_volume_check(expected, stored_volume)

@@ -16,6 +16,7 @@ from tpmscad.kernel.measure import shape_sampling
 from tpmscad.kernel.measure.cad_body import read_body
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_sampling import Creases, FaceSamples
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.workflows.model import Model
 
 SAMPLE_SPACING_FRACTION = 0.4
@@ -101,7 +102,7 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
     report = kernel.check_shape(shape)
     if not report.ok:
         raise InvalidRequest(f"only valid closed solids can be measured, this is {str(report).splitlines()[0]}")
-    faces = shape_sampling.faces_of(shape)
+    faces = faces_of(shape)
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
     coarse = shape_sampling.sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
     envelope_volume, on_envelope = _locate_envelope(
@@ -160,8 +161,8 @@ def _measure_smallest_width(
     found = find_smallest_width(
         np.concatenate([samples.points, creases.points, creases.points]),
         sign * np.concatenate([samples.normals, creases.normals[:, 0], creases.normals[:, 1]]),
-        creases.group[np.concatenate([samples.face, creases.faces[:, 0], creases.faces[:, 1]])],
-        SharpEdgePoints(creases.points, np.sort(creases.group[creases.faces], axis=1)),
+        creases.smooth_group[np.concatenate([samples.face, creases.faces[:, 0], creases.faces[:, 1]])],
+        SharpEdgePoints(creases.points, np.sort(creases.smooth_group[creases.faces], axis=1)),
         reach,
         size,
         spacing,

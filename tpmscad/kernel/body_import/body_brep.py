@@ -8,11 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from OCP.Bnd import Bnd_Box
-from OCP.BRepBndLib import BRepBndLib
-from OCP.TopAbs import TopAbs_FACE
-from OCP.TopExp import TopExp_Explorer
-from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
@@ -22,12 +18,12 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
+from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, unroll_face
 from tpmscad.kernel.measure.mass_properties import face_moments
-from tpmscad.kernel.occt import convert
-from tpmscad.kernel.recognise.edge_curves import CurveFitFailed, fit_pcurve
+from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
+from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL, recognise_carrier
-from tpmscad.kernel.recognise.unrolled_faces import ImportedBody, UnsupportedFace, unroll_face
-from tpmscad.kernel.step.step_reader import solids_of
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 
@@ -53,11 +49,10 @@ def brep_from_shape(shape: Any) -> Brep:
 
 def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
     """The complex, and for each of its faces the index of the shape's face that it is (a part of)."""
-    topods: TopoDS_Shape = getattr(shape, "wrapped", shape)
-    faces = [face for solid in solids_of(topods) for face in _solid_faces(solid)]
+    faces = [face for solid in solids_of(shape) for face in faces_of(solid)]
     if not faces:
         raise InvalidRequest("the shape has no solid: make one of its faces first")
-    size = _box_diagonal(topods)
+    size = box_diagonal(unwrap(shape))
     _refuse_free_form(faces, size)
     at = -1
     try:
@@ -68,26 +63,12 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
         at = -1
         body = split_closed_faces(ImportedBody(body.vertices, body.edges, tuple(unrolled_faces), size))
         brep = _assemble(body)
-    except (UnsupportedFace, CurveFitFailed) as error:
+    except UnsupportedFace as error:
         raise NotQuadric(
             f"{_describe_face(faces, at)} {error}: use the kernel for it", (at,) if at >= 0 else ()
         ) from None
     _check_closed_and_volume(brep, faces, size)
-    return brep, np.array([face.origin for face in body.faces])
-
-
-def _solid_faces(solid: TopoDS_Shape) -> list[TopoDS_Face]:
-    explorer, found = TopExp_Explorer(solid, TopAbs_FACE), []
-    while explorer.More():
-        found.append(convert.as_face(explorer.Current()))
-        explorer.Next()
-    return found
-
-
-def _box_diagonal(shape: TopoDS_Shape) -> float:
-    box = Bnd_Box()
-    BRepBndLib.Add_s(shape, box, False)
-    return float(np.linalg.norm(np.subtract(box.CornerMax().Coord(), box.CornerMin().Coord())))
+    return brep, np.array([face.source_face for face in body.faces])
 
 
 def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
@@ -105,9 +86,7 @@ def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
 def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
     if index < 0:
         return "a face"
-    box = Bnd_Box()
-    BRepBndLib.Add_s(faces[index], box)
-    x, y, z = (0.5 * np.add(box.CornerMin().Coord(), box.CornerMax().Coord())).tolist()
+    x, y, z = box_center(faces[index]).tolist()
     return f"face {index} (about {x:.4g}, {y:.4g}, {z:.4g})"
 
 
@@ -127,10 +106,17 @@ def _assemble(body: ImportedBody) -> Brep:
             for use in loop:
                 edge, number = body.edges[use.edge], -1
                 if not isinstance(face.carrier, Plane):
-                    assert use.near is not None
+                    assert use.mid_parameters is not None
                     number = len(pcurves)
                     pcurves.append(
-                        fit_pcurve(face.carrier, edge.curve, edge.span, use.near, body.size, EXACT_REL_TOL * body.size)
+                        fit_pcurve(
+                            face.carrier,
+                            edge.curve,
+                            edge.span,
+                            use.mid_parameters,
+                            body.size,
+                            EXACT_REL_TOL * body.size,
+                        )
                     )
                 rows.append((use.edge, use.sense, number))
                 off = _edge_deviation(body, face.carrier, use.edge, pcurves[number] if number >= 0 else None)

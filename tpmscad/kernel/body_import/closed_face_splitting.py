@@ -17,17 +17,17 @@ from scipy.optimize import brentq
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, ConicalSurface, CylindricalSurface, EdgeCurve, Plane, Quadric
 from tpmscad.brep.loops import point_in_polygon, signed_area
-from tpmscad.kernel.recognise.unrolled_faces import (
+from tpmscad.kernel.body_import.unrolled_faces import (
     ANGLE_TOL,
     ImportedBody,
     ImportedEdge,
     ImportedFace,
     ImportedUse,
-    UnsupportedFace,
     loop_polygon,
     pole_direction,
     sample_use,
 )
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.splines.bspline import line_segment
 
 
@@ -94,9 +94,9 @@ MAX_CUT_SHIFT = 0.8
 class _CutCrossing:
     """Where the cut meets the border: along the cut, and the edge with its parameter, or the vertex at a pole."""
 
-    along: float
+    cut_parameter: float
     edge: int
-    t: float
+    edge_parameter: float
     vertex: int
 
 
@@ -119,7 +119,7 @@ def _seam_axis(face: ImportedFace) -> int | None:
     uses = [use for loop in face.loops for use in loop]
     for edge, count in Counter(use.edge for use in uses).items():
         if count == 2:
-            first, second = (use.near for use in uses if use.edge == edge)
+            first, second = (use.mid_parameters for use in uses if use.edge == edge)
             assert first is not None
             assert second is not None
             apart = np.abs(first - second)
@@ -137,7 +137,7 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
     crossings = _find_crossings(body, face, axis, at)
     body, vertex_of = _split_edges(body, crossings)
     face = body.faces[index]
-    ends = sorted((c.along, c.vertex if c.edge < 0 else vertex_of[c.edge, c.t]) for c in crossings)
+    ends = sorted((c.cut_parameter, c.vertex if c.edge < 0 else vertex_of[c.edge, c.edge_parameter]) for c in crossings)
     if len(ends) % 2 or not ends:
         raise UnsupportedFace("is cut by a line an odd number of times")
     carrier = face.carrier
@@ -152,7 +152,12 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
         # The line has its left at lower u (upwards along v), but at higher v (upwards along u).
         along = 1 if below == (axis == 0) else -1
         uses = [ImportedUse(e, along, near) for e, near in new]
-        uses += [u for loop in face.loops for u in loop if u.near is not None and (u.near[axis] < at) == below]
+        uses += [
+            u
+            for loop in face.loops
+            for u in loop
+            if u.mid_parameters is not None and (u.mid_parameters[axis] < at) == below
+        ]
         parts += split_into_faces(body, face, uses)
     return replace(body, faces=(*body.faces[:index], *parts, *body.faces[index + 1 :]))
 
@@ -241,7 +246,7 @@ def _split_edges(
         low, high = edge.span
         cuts: list[float] = []
         at: list[int] = []
-        for t in sorted(c.t for c in crossings if c.edge == e):
+        for t in sorted(c.edge_parameter for c in crossings if c.edge == e):
             if not cuts or t - cuts[-1] > ANGLE_TOL * (high - low):  # both sides of a seam find it
                 cuts.append(t)
                 at.append(len(vertices))
@@ -260,7 +265,7 @@ def _split_edges(
         parts = []
         for piece in pieces[use.edge]:
             near = None
-            if use.near is not None:
+            if use.mid_parameters is not None:
                 near = sample_use(body, face, use, np.array([0.5 * sum(edges[piece].span)]))[0]
             parts.append(ImportedUse(piece, use.sense, near))
         return parts if use.sense > 0 else parts[::-1]

@@ -14,35 +14,24 @@ from OCP.GeomAbs import (
     GeomAbs_Ellipse,
     GeomAbs_Line,
 )
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_REVERSED, TopAbs_WIRE
-from OCP.TopExp import TopExp_Explorer
-from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FORWARD, TopAbs_WIRE
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane, Quadric
+from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import EdgeKey
+from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.occt.exploration import ShapeKey, first_vertex, last_vertex, list_subshapes, orientation_sign
 from tpmscad.kernel.recognise.edge_curves import (
     REFIT_SAMPLES,
+    UnsupportedFace,
     fit_intersection_curve,
     nearest_parameter,
     project_to_carriers,
     recognise_line_or_circle,
 )
-from tpmscad.kernel.recognise.face_carriers import (
-    CHECK_SAMPLES,
-    EXACT_REL_TOL,
-    axis_frame,
-    evaluate_mid_face,
-    recognise_carrier,
-)
-from tpmscad.kernel.recognise.unrolled_faces import (
-    ImportedBody,
-    ImportedEdge,
-    ImportedFace,
-    ImportedUse,
-    UnsupportedFace,
-)
+from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL, evaluate_mid_face, recognise_carrier
 from tpmscad.splines.bspline import line_segment
 
 VERTEX_REL_TOL = 1e-5
@@ -55,8 +44,8 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
     Refused where a face, or an edge, is not what a patch complex can hold exactly.
     """
     carriers = [recognise_carrier(face, size) for face in faces]
-    edge_of: dict[EdgeKey, int] = {}
-    vertex_of: dict[EdgeKey, int] = {}
+    edge_of: dict[ShapeKey, int] = {}
+    vertex_of: dict[ShapeKey, int] = {}
     shapes: list[TopoDS_Edge] = []
     ends: list[tuple[int, int]] = []
     beside: list[list[int]] = []
@@ -66,26 +55,26 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
         for wire in _wire_edges(face):
             loop = []
             for edge in wire:
-                key = EdgeKey(edge)
+                key = ShapeKey(edge)
                 if key not in edge_of:
                     edge_of[key] = len(shapes)
                     forward = convert.as_edge(edge.Oriented(TopAbs_FORWARD))
                     shapes.append(forward)
-                    vertices = [convert.first_vertex(forward), convert.last_vertex(forward)]
-                    start, end = (vertex_of.setdefault(EdgeKey(v), len(vertex_of)) for v in vertices)
+                    vertices = [first_vertex(forward), last_vertex(forward)]
+                    start, end = (vertex_of.setdefault(ShapeKey(v), len(vertex_of)) for v in vertices)
                     ends.append((start, end))
                     beside.append([])
                 e = edge_of[key]
                 if i not in beside[e]:
                     beside[e].append(i)
-                loop.append(ImportedUse(e, -1 if edge.Orientation() == TopAbs_REVERSED else 1))
+                loop.append(ImportedUse(e, orientation_sign(edge)))
             loops.append(tuple(loop))
         loops_of.append(loops)
     around: list[set[int]] = [set() for _ in vertex_of]
     for e, (start, end) in enumerate(ends):
         around[start].update(beside[e])
         around[end].update(beside[e])
-    points = [np.array(BRep_Tool.Pnt_s(key.edge).Coord()) for key in vertex_of]
+    points = [np.array(BRep_Tool.Pnt_s(key.shape).Coord()) for key in vertex_of]
     vertices = [_exact_vertex(p, [carriers[i] for i in sorted(of)], size) for p, of in zip(points, around, strict=True)]
     edges = [
         ImportedEdge(*_exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size), a, b)
@@ -97,7 +86,7 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
         agree = 1 if normal @ carrier.gradient(point) > 0 else -1
         if agree < 0:
             loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
-        outward = -agree if face.Orientation() == TopAbs_REVERSED else agree
+        outward = agree * orientation_sign(face)
         result.append(ImportedFace(carrier, outward, tuple(loops), i))
     return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size)
 
@@ -106,28 +95,18 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
     """The face's edges, loop by loop in order, counter-clockwise about the kernel's S_u x S_v; none at poles."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
     loops = []
-    wires = TopExp_Explorer(forward, TopAbs_WIRE)
-    while wires.More():
-        wire = convert.as_wire(wires.Current())
-        wires.Next()
+    for shape in list_subshapes(forward, TopAbs_WIRE):
+        wire = convert.as_wire(shape)
         walk, loop = BRepTools_WireExplorer(wire, forward), []
         while walk.More():
             loop.append(walk.Current())
             walk.Next()
-        if len(loop) != _count_edges(wire):
+        if len(loop) != len(list_subshapes(wire, TopAbs_EDGE)):
             raise UnsupportedFace("has a border that can't be followed")
         loop = [edge for edge in loop if not BRep_Tool.Degenerated_s(edge)]
         if loop:
             loops.append(loop)
     return loops
-
-
-def _count_edges(shape: TopoDS_Shape) -> int:
-    explorer, count = TopExp_Explorer(shape, TopAbs_EDGE), 0
-    while explorer.More():
-        count += 1
-        explorer.Next()
-    return count
 
 
 def _exact_vertex(point: Array, carriers: Sequence[Plane | Quadric], size: float) -> Array:

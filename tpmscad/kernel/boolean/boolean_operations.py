@@ -12,12 +12,12 @@ from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
-from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
-from tpmscad.kernel.build.solids import make_compound, to_build123d
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.step.step_reader import solids_of
+from tpmscad.kernel.occt.construction import make_compound, to_build123d
+from tpmscad.kernel.occt.exploration import count_subshape_uses, list_subshapes, solids_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,12 +84,21 @@ def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
     """Pieces, tunnels and voids of solids, from their shells' Euler characteristics."""
     pieces = voids = euler = 0
     for solid in solids:
-        shells = len(convert.list_subshapes(solid, TopAbs_SHELL))
+        shells = len(list_subshapes(solid, TopAbs_SHELL))
         pieces, voids = pieces + 1, voids + shells - 1
-        edges = [e for e, _ in convert.count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)]
+        edges = [e for e, _ in count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)]
         proper = sum(not BRep_Tool.Degenerated_s(convert.as_edge(e)) for e in edges)
-        vertices = len(convert.count_subshape_uses(solid, TopAbs_VERTEX, TopAbs_EDGE))
-        faces = len(convert.list_subshapes(solid, TopAbs_FACE))
-        wires = len(convert.list_subshapes(solid, TopAbs_WIRE))
+        vertices = len(count_subshape_uses(solid, TopAbs_VERTEX, TopAbs_EDGE))
+        faces = len(list_subshapes(solid, TopAbs_FACE))
+        wires = len(list_subshapes(solid, TopAbs_WIRE))
         euler += vertices - proper + 2 * faces - wires  # a face with h holes counts as 1 - h
     return pieces, pieces + voids - euler // 2, voids
+
+
+def modified_faces(operation: Any, face: TopoDS_Face) -> list[TopoDS_Face]:
+    """Result faces that a Boolean operation made from a face of an argument.
+
+    An unchanged face is its own image; a deleted face has none.
+    """
+    images = list(operation.Modified(face)) or ([] if operation.IsDeleted(face) else [face])
+    return [convert.as_face(image) for image in images]

@@ -13,10 +13,10 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
-from tpmscad.kernel.measure.shape_sampling import faces_of, sample_faces
+from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import sample_edge
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 
 NODES_PER_DIRECTION = 9
 """Nodes along u and v of every patch."""
@@ -75,7 +75,7 @@ def _patch_nodes(patches: Brep) -> tuple[list[tuple[IntArray, Array]], Array]:
 def _sample_solid_edges(solid: TopoDS_Solid, spacing: float) -> Array:
     """Points along the solid's edges, about `spacing` apart: (n, 3)."""
     points = []
-    for shape, _ in convert.count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE):
+    for shape, _ in count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE):
         edge = convert.as_edge(shape)
         if BRep_Tool.Degenerated_s(edge):
             continue

@@ -10,7 +10,7 @@ from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_Plane
-from OCP.TopAbs import TopAbs_IN, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_WIRE
+from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
 
 from tpmscad.brep.carriers import Plane
@@ -18,12 +18,12 @@ from tpmscad.brep.loops import LoopError, nest_loops
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.inward_offset import sample_edges
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
-from tpmscad.kernel.build.solids import make_solid
 from tpmscad.kernel.measure.cad_body import CadBody
-from tpmscad.kernel.measure.shape_sampling import faces_of, find_creases
+from tpmscad.kernel.measure.shape_sampling import find_creases, sample_edge
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of, sample_edge
+from tpmscad.kernel.occt.construction import make_solid
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, list_subshapes, orientation_sign, unwrap
 from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face
 
 OPERATION = "opening of the skin"
@@ -70,7 +70,7 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
     """
     own, found = faces_of(body.shape), []
     for wanted in faces:
-        shape = getattr(wanted, "wrapped", wanted)
+        shape = unwrap(wanted)
         if isinstance(shape, int | np.integer):
             face = own[shape] if 0 <= shape < len(own) else None
         else:
@@ -85,7 +85,7 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
                 f"open_faces: {wanted!r} is not plane: leave the skin on it, and bore through it afterwards"
             )
         found.append(face)
-    smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).group
+    smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).smooth_group
     for face in found:
         if np.count_nonzero(smooth == smooth[next(i for i, f in enumerate(own) if f.IsSame(face))]) > 1:
             x, y, z = sample_edges(face).mean(axis=0)
@@ -93,19 +93,19 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
                 f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) goes on smoothly into another, so that the skin has no "
                 "place to end: open a face with sharp edges, or leave the fillets for afterwards"
             )
-    edges = [EdgeKey(edge) for face in found for edge in edges_of(face)]
+    edges = [ShapeKey(edge) for face in found for edge in edges_of(face)]
     if len(set(edges)) < len(edges):
         raise InvalidRequest("open_faces: two of the faces meet in an edge, or are one: leave one of them out")
     return tuple(found)
 
 
 def _shells(solid: TopoDS_Solid) -> list[Any]:
-    return [convert.as_shell(shell) for shell in convert.list_subshapes(solid, TopAbs_SHELL)]
+    return [convert.as_shell(shell) for shell in list_subshapes(solid, TopAbs_SHELL)]
 
 
 def _outward_plane(face: TopoDS_Face) -> Plane:
     _, point, normal, beside = evaluate_mid_face(face)
-    x, out = beside - point, normal if face.Orientation() != TopAbs_REVERSED else -normal
+    x, out = beside - point, orientation_sign(face) * normal
     return Plane(point, x / np.linalg.norm(x), out / np.linalg.norm(out))
 
 
@@ -144,4 +144,4 @@ def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) ->
 
 def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
     """The face's loops as seen from outside, counter-clockwise around it."""
-    return [convert.as_wire(wire) for wire in convert.list_subshapes(face, TopAbs_WIRE)]
+    return [convert.as_wire(wire) for wire in list_subshapes(face, TopAbs_WIRE)]

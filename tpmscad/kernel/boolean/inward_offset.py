@@ -14,11 +14,12 @@ from scipy.stats import qmc
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.boolean.boolean_operations import translate_occt_errors
-from tpmscad.kernel.measure.cad_body import CadBody, enclosing_box, read_body
-from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.measure.cad_body import CadBody, read_body
+from tpmscad.kernel.measure.shape_sampling import sample_edge
 from tpmscad.kernel.measure.signed_distance import BodyDistance
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import sample_edge
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 
 OPERATION = "offset by the skin"
 
@@ -90,7 +91,7 @@ def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] 
 
 def sample_edges(shape: TopoDS_Solid) -> Array:
     """Points along every edge of a shape: (n, 3)."""
-    edges = [convert.as_edge(edge) for edge, _ in convert.count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
+    edges = [convert.as_edge(edge) for edge, _ in count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
     return np.concatenate([sample_edge(edge, PIECES_PER_EDGE) for edge in edges])
 
 

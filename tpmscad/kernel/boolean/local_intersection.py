@@ -24,13 +24,14 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, select_faces
 from tpmscad.errors import KernelError
-from tpmscad.kernel.boolean.boolean_operations import translate_occt_errors
+from tpmscad.kernel.boolean.boolean_operations import modified_faces, translate_occt_errors
 from tpmscad.kernel.boolean.candidate_patches import classify_patches
 from tpmscad.kernel.boolean.shell_assembly import FaceEdgeUses, assemble_solids, edge_uses, face_components
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
-from tpmscad.kernel.build.solids import build_faces, make_compound
-from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import faces_of
 
 OPERATION = "patches split by the body"
 
@@ -49,7 +50,7 @@ class LocalIntersection:
 
     solids: tuple[TopoDS_Solid, ...]
     volume: float
-    patches: int
+    candidate_count: int
 
 
 def intersect_locally(patches: Brep, body: TopoDS_Solid, in_lattice: Callable[[Array], Array]) -> LocalIntersection:
@@ -98,14 +99,14 @@ def _fuse_candidates(
     if not fuse.IsDone() or fuse.Shape().IsNull():
         raise KernelError(OPERATION, "the kernel's general fuse failed")
 
-    def pieces(faces: Sequence[TopoDS_Face]) -> list[TopoDS_Face]:
-        found = []
-        for face in faces:
-            images = list(fuse.Modified(face)) or ([] if fuse.IsDeleted(face) else [face])
-            found += [convert.as_face(image.Oriented(face.Orientation())) for image in images]
-        return found
+    def images(faces: Sequence[TopoDS_Face]) -> list[TopoDS_Face]:
+        return [
+            convert.as_face(image.Oriented(face.Orientation()))
+            for face in faces
+            for image in modified_faces(fuse, face)
+        ]
 
-    return pieces(patches), pieces(body)
+    return images(patches), images(body)
 
 
 def _classify_lattice_faces(faces: Sequence[TopoDS_Face], known: int, label: IntArray, body: TopoDS_Solid) -> Array:

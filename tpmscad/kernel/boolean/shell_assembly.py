@@ -6,17 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.TopAbs import TopAbs_REVERSED
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import IntArray
 from tpmscad.errors import KernelError
-from tpmscad.kernel.build.solids import make_shell, make_solid, shell_contains
+from tpmscad.kernel.build.solids import shell_contains
 from tpmscad.kernel.measure.mass_properties import face_moments
-from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of
+from tpmscad.kernel.occt.construction import make_shell, make_solid
+from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, orientation_sign
 
 FaceEdgeUses = list[list[tuple[int, int]]]
 """For each face the numbers of its edges, and +1 or -1 as it runs along them, seen from outside."""
@@ -26,10 +25,10 @@ OPERATION = "assembly of trimmed faces"
 
 def edge_uses(faces: Sequence[TopoDS_Face]) -> FaceEdgeUses:
     """Which edges the faces have in common; degenerated ones are left out."""
-    number: dict[EdgeKey, int] = {}
+    number: dict[ShapeKey, int] = {}
     return [
         [
-            (number.setdefault(EdgeKey(edge), len(number)), -1 if edge.Orientation() == TopAbs_REVERSED else 1)
+            (number.setdefault(ShapeKey(edge), len(number)), orientation_sign(edge))
             for edge in edges_of(face)
             if not BRep_Tool.Degenerated_s(edge)
         ]
@@ -65,7 +64,7 @@ def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, .
     outer = [s for s in order if volume[s] > 0]
     pieces = {s: [s] for s in outer}
     for void in order[len(outer) :]:
-        point = np.array(BRep_Tool.Pnt_s(convert.first_vertex(edges_of(members[void][0])[0])).Coord())
+        point = np.array(BRep_Tool.Pnt_s(first_vertex(edges_of(members[void][0])[0])).Coord())
         around = next((s for s in reversed(outer) if shell_contains(shells[s], point)), None)
         if around is None:
             raise KernelError(OPERATION, f"a shell of volume {volume[void]:.6g} is in no solid: inside out")

@@ -13,11 +13,9 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, Ellipse
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-
-CONFUSION_TOLERANCE = 1e-7
-"""OCC's smallest useful tolerance (Precision::Confusion): what every vertex, edge and face gets unless measured worse."""
 
 UNIT_SPEED_TOL = 1e-12
 """How far from 1 the speed of a straight parameter curve may be that becomes a line of the kernel, which runs at unit speed."""

@@ -27,9 +27,9 @@ class ShellNesting:
     shell_of_face: IntArray
     volume: Array
     moments: integral_properties.FaceMoments
-    pieces: tuple[tuple[int, ...], ...]
+    shells_of_solid: tuple[tuple[int, ...], ...]
 
-    def faces_of(self, shell: int) -> IntArray:
+    def faces_of_shell(self, shell: int) -> IntArray:
         return np.flatnonzero(self.shell_of_face == shell)
 
 
@@ -47,7 +47,7 @@ def nest_shells(
     volume = integral_properties.volume(moments, shell)
     outer = np.flatnonzero(volume > 0)
     outer = outer[np.argsort(-volume[outer], kind="stable")]
-    pieces = {int(s): [int(s)] for s in outer}
+    shells_of_solid = {int(s): [int(s)] for s in outer}
     voids = np.flatnonzero(volume <= 0)
     if len(voids):
         low, high, point = _edge_boxes(brep, shell, count)
@@ -62,8 +62,8 @@ def nest_shells(
                     "build",
                     f"a shell of volume {volume[void]:.6g} near {point[void].round(6)} is in no solid: inside out",
                 )
-            pieces[around[-1]].append(int(void))
-    return ShellNesting(shell, volume, moments, tuple(tuple(piece) for piece in pieces.values()))
+            shells_of_solid[around[-1]].append(int(void))
+    return ShellNesting(shell, volume, moments, tuple(tuple(piece) for piece in shells_of_solid.values()))
 
 
 def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, Array]:

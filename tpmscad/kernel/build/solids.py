@@ -11,7 +11,7 @@ Neighbouring regions of one complex as kernel solids: where two touch they share
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,6 @@ from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.Geom import Geom_Surface
 from OCP.TopAbs import TopAbs_FORWARD, TopAbs_IN, TopAbs_REVERSED
 from OCP.TopoDS import (
-    TopoDS_Compound,
     TopoDS_Face,
     TopoDS_Shape,
     TopoDS_Shell,
@@ -36,9 +35,11 @@ from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
 from tpmscad.kernel.build.degenerate_edges import find_pole_steps, make_degenerate_edge
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE, build_edges, build_pcurves, build_transforms, build_vertices
+from tpmscad.kernel.build.edges import build_edges, build_pcurves, build_transforms, build_vertices
 from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid, to_build123d
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.splines.bspline import BSplineSurface
 
 
@@ -76,7 +77,7 @@ def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = N
     shells = [make_shell(faces[i] for i in of) for of in members]
 
     nested = nest_shells(brep, lambda shell, point: shell_contains(shells[shell], point), moments)
-    solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.pieces)
+    solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.shells_of_solid)
     return BuiltSolids(solids[0] if len(solids) == 1 else make_compound(solids), solids, faces, nested)
 
 
@@ -85,22 +86,6 @@ def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
     classifier = BRepClass3d_SolidClassifier(make_solid([shell]))
     classifier.Perform(convert.point(point), CONFUSION_TOLERANCE)
     return bool(classifier.State() == TopAbs_IN)
-
-
-def to_build123d(shape: TopoDS_Shape, solids: int) -> Any:
-    """The build123d Solid, or Compound where the shape holds several."""
-    from build123d import Compound, Solid  # takes seconds to import, and files are written without it
-
-    return Solid(shape) if solids == 1 else Compound(shape)
-
-
-def make_compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:
-    """The shapes side by side as one."""
-    builder, result = BRep_Builder(), TopoDS_Compound()
-    builder.MakeCompound(result)
-    for shape in shapes:
-        builder.Add(result, shape)
-    return result
 
 
 def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
@@ -166,23 +151,6 @@ def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
     return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
 
 
-def make_shell(faces: Iterable[TopoDS_Face]) -> TopoDS_Shell:
-    builder, shell = BRep_Builder(), TopoDS_Shell()
-    builder.MakeShell(shell)
-    for face in faces:
-        builder.Add(shell, face)
-    shell.Closed(True)
-    return shell
-
-
-def make_solid(shells: Iterable[TopoDS_Shell]) -> TopoDS_Solid:
-    builder, solid = BRep_Builder(), TopoDS_Solid()
-    builder.MakeSolid(solid)
-    for shell in shells:
-        builder.Add(solid, shell)
-    return solid
-
-
 def build_regions(
     brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]
 ) -> tuple[tuple[TopoDS_Solid, ...], ...]:
@@ -212,5 +180,5 @@ def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
         shells[number].append(face)
     return tuple(
         make_solid([shell(s) for s in piece])
-        for piece in nest_shells(region, lambda s, point: shell_contains(shell(s), point)).pieces
+        for piece in nest_shells(region, lambda s, point: shell_contains(shell(s), point)).shells_of_solid
     )

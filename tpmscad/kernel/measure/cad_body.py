@@ -7,17 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from OCP.Bnd import Bnd_Box
-from OCP.BRepBndLib import BRepBndLib
-from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
-from tpmscad.kernel.occt import convert
-from tpmscad.kernel.step.step_reader import read_step, solids_of
-from tpmscad.rigid_motion import Motion
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.exploration import solids_of, unwrap
+from tpmscad.kernel.step.step_reader import read_step
 
 MAX_COORDINATE = 1e9
 """Model units: the kernel's own idea of infinity is 2e100, and its tolerance of 1e-7 means nothing beyond this."""
@@ -42,7 +38,7 @@ def read_body(source: Any) -> CadBody:
     InvalidRequest says what else was found: no solid or several, an open, invalid or reversed one, no STEP file.
     """
     shape, name = _resolve_shape(source)
-    solids = tuple(solids_of(shape))
+    solids = solids_of(shape)
     if len(solids) != 1:
         found = (
             f"{len(solids)} solids"
@@ -82,7 +78,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
     elif hasattr(source, "part") and not hasattr(source, "wrapped"):  # a build123d builder
         source = source.part
     try:
-        shape = getattr(source, "wrapped", source)
+        shape = unwrap(source)
     except AssertionError:  # how build123d says that a shape is empty
         shape = None
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
@@ -90,18 +86,3 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
             f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape or a STEP file's path"
         )
     return shape, str(getattr(source, "label", "") or "the body")
-
-
-def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
-    """Opposite corners (3,), (3,) of a box around the shape: exact for plane and quadric faces, generous for others."""
-    box = Bnd_Box()
-    BRepBndLib.Add_s(shape, box, False)
-    if box.IsVoid() or box.IsOpen():
-        return np.full(3, -np.inf), np.full(3, np.inf)
-    box.SetGap(0.0)
-    return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())
-
-
-def transform_shape(shape: TopoDS_Shape, motion: Motion) -> TopoDS_Shape:
-    """A copy of the shape at R x + t."""
-    return BRepBuilderAPI_Transform(shape, convert.transformation(motion), True).Shape()

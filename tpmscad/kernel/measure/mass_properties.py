@@ -19,10 +19,11 @@ from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp
 from OCP.Geom import Geom_BSplineSurface, Geom_Plane
 from OCP.gp import gp_Pnt
 from OCP.GProp import GProp_GProps
-from OCP.TopAbs import TopAbs_FORWARD, TopAbs_REVERSED
+from OCP.TopAbs import TopAbs_FORWARD
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
+from tpmscad.kernel.measure.edge_quadrature import EdgeNodeCache
 from tpmscad.kernel.measure.quadric_face_moments import quadric_face_moments, recognise_quadric
 from tpmscad.kernel.measure.spline_face_moments import (
     TrimmedSplineFace,
@@ -31,7 +32,7 @@ from tpmscad.kernel.measure.spline_face_moments import (
     trimmed_face_moments,
 )
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import EdgeNodeCache, edges_of
+from tpmscad.kernel.occt.exploration import edges_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
 T = TypeVar("T")
@@ -79,7 +80,7 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
             else:
                 trimmed.setdefault(space, []).append((i, TrimmedSplineFace(surface, edges, face)))
         elif (quadric := recognise_quadric(face)) is not None:
-            result[i] = _orientation_sign(face) * quadric_face_moments(face, quadric, nodes_of)
+            result[i] = orientation_sign(face) * quadric_face_moments(face, quadric, nodes_of)
         else:
             result[i] = _occt_face_moments(face)
     for patches in whole.values():
@@ -88,16 +89,12 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     for (_, _, degree_u, degree_v), parts in trimmed.items():
         points = max(3 * degree_u, MIN_AREA_POINTS), max(3 * degree_v, MIN_AREA_POINTS)
         for chunk in _batches(parts):
-            directions = np.array([_orientation_sign(part.face) for _, part in chunk])[:, None]
+            directions = np.array([orientation_sign(part.face) for _, part in chunk])[:, None]
             moments = trimmed_face_moments([part for _, part in chunk], nodes_of, points)
             result[[i for i, _ in chunk]] = directions * moments
-    outward = np.array([_orientation_sign(face) for face in faces])
+    outward = np.array([orientation_sign(face) for face in faces])
     result[:, 1:] *= outward[:, None]
     return result
-
-
-def _orientation_sign(face: TopoDS_Face) -> float:
-    return -1.0 if face.Orientation() == TopAbs_REVERSED else 1.0
 
 
 def _is_rational_or_periodic(geometry: Geom_BSplineSurface) -> bool:
@@ -144,7 +141,7 @@ def _planar_face_moments(face: TopoDS_Face, plane: Geom_Plane, nodes_of: EdgeNod
     x_axis, y_axis = (np.array(d.Coord()) for d in (frame.XDirection(), frame.YDirection()))
     origin = np.array(frame.Location().Coord())
     m = np.zeros(3)  # int of 1, u, v
-    backwards = _orientation_sign(face)  # a reversed face's edges come reversed
+    backwards = orientation_sign(face)  # a reversed face's edges come reversed
     for edge in edges_of(face):
         nodes, sign = nodes_of(edge)
         u, v = (nodes.points - origin) @ x_axis, (nodes.points - origin) @ y_axis

@@ -17,9 +17,10 @@ from tpmscad._typing import Array
 from tpmscad.brep.carriers import ConicalSurface, Plane, Quadric, SphericalSurface
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.brep.moments.loop_integrals import TRIGONOMETRIC_ORDER, antiderivative_matrix
-from tpmscad.kernel.occt.edge_quadrature import CurveNodes, EdgeNodeCache, curve_breaks, edges_of, nodes_on_intervals
+from tpmscad.kernel.measure.edge_quadrature import CurveNodes, EdgeNodeCache, curve_breaks, nodes_on_intervals
+from tpmscad.kernel.occt.exploration import edges_of
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face, recognise_carrier
-from tpmscad.kernel.recognise.unrolled_faces import UnsupportedFace
 
 QUADRIC_TYPES = (GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
@@ -47,14 +48,14 @@ def recognise_quadric(face: TopoDS_Face) -> Quadric | None:
 
 def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNodeCache) -> Array:
     """Area, x . n dA / 3 and x (x . n) dA / 4 over the face's forward side, for loops as the face uses them: (5,)."""
-    turns = _AngleUnwrapper(face, quadric)
+    unwrapper = _AngleUnwrapper(face, quadric)
     parts = []
     for edge in edges_of(face):
         if not BRep_Tool.Degenerated_s(edge):
             nodes, sign = nodes_of(edge)
             if isinstance(quadric, SphericalSurface | ConicalSurface):
                 nodes = _refine_near_poles(edge, nodes, quadric)
-            uv = turns.of(edge, nodes)
+            uv = unwrapper.parameters_on(edge, nodes)
             along_v = quadric(uv[:, 0], uv[:, 1], 0, 1)
             rise = (nodes.tangents * along_v).sum(1) / (along_v * along_v).sum(1)
             parts.append(np.column_stack([uv, sign * nodes.weights * rise]))
@@ -62,7 +63,7 @@ def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNode
     total = np.zeros(5)
     for start in range(0, len(table), NODES_PER_BATCH):
         total += _integrate_loop(quadric, *table[start : start + NODES_PER_BATCH].T)
-    total[0] *= turns.side
+    total[0] *= unwrapper.side
     return total
 
 
@@ -116,15 +117,15 @@ class _AngleUnwrapper:
         self.side = 1.0 if normal @ quadric.gradient(point) > 0 else -1.0
         own = quadric.parameters(point)
         step = quadric.parameters(beside)[0] - own[0]
-        self.way = 1.0 if np.sin(step) > 0 else -1.0
-        self.offset = own - np.array([self.way * u, v])
+        self.u_sense = 1.0 if np.sin(step) > 0 else -1.0
+        self.offset = own - np.array([self.u_sense * u, v])
 
-    def of(self, edge: TopoDS_Edge, nodes: CurveNodes) -> Array:
+    def parameters_on(self, edge: TopoDS_Edge, nodes: CurveNodes) -> Array:
         """(u, v) at the edge's nodes: (n, 2)."""
         uv = self.quadric.parameters(nodes.points)
-        at = len(nodes.t) // 2
-        u, v = BRepAdaptor_Curve2d(edge, self.face).Value(float(nodes.t[at])).Coord()
-        near = self.offset + np.array([self.way * u, v])
+        at = len(nodes.parameters) // 2
+        u, v = BRepAdaptor_Curve2d(edge, self.face).Value(float(nodes.parameters[at])).Coord()
+        near = self.offset + np.array([self.u_sense * u, v])
         for axis, period in enumerate(self.quadric.period):
             if period:
                 angle = np.unwrap(uv[:, axis], period=period)

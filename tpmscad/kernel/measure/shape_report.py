@@ -8,19 +8,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
-from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepCheck import BRepCheck_Analyzer
-from OCP.Geom import Geom_BSplineSurface, Geom_Plane
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SHELL, TopAbs_VERTEX
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 from OCP.TopLoc import TopLoc_Location
-from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
+from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.step.step_reader import read_step, solids_of
+from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.exploration import (
+    ShapeKey,
+    count_subshape_uses,
+    faces_of,
+    list_subshapes,
+    orientation_sign,
+    solids_of,
+    unwrap,
+)
+from tpmscad.kernel.step.step_reader import read_step
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,26 +121,21 @@ class _SolidFigures:
 
 def is_valid(shape: Any) -> bool:
     """Whether BRepCheck finds nothing wrong with a TopoDS shape, or anything that wraps one; on all cores."""
-    return bool(BRepCheck_Analyzer(getattr(shape, "wrapped", shape), True, True).IsValid())
+    return bool(BRepCheck_Analyzer(unwrap(shape), True, True).IsValid())
 
 
 def check_shape(shape: Any) -> ShapeReport:
     """Measure a TopoDS shape, or anything that wraps one (build123d, CadQuery). A solid placed many times is measured once."""
-    topods: TopoDS_Shape = getattr(shape, "wrapped", shape)
-    known: list[tuple[TopoDS_Shape, _SolidFigures]] = []
-    by_hash: dict[int, list[int]] = {}
+    measured: dict[ShapeKey, _SolidFigures] = {}
     total, volumes, figures, boxes = np.zeros(5), [], [], []
-    for solid in solids_of(topods):
-        bare = solid.Located(TopLoc_Location())
-        key = hash(bare)
-        at = next((i for i in by_hash.get(key, ()) if known[i][0].IsSame(bare)), None)
-        if at is None:
-            at = len(known)
-            known.append((bare, _measure_solid(convert.as_solid(bare))))
-            by_hash.setdefault(key, []).append(at)
-        found = known[at][1]
+    for solid in solids_of(shape):
+        unplaced = solid.Located(TopLoc_Location())
+        key = ShapeKey(unplaced)
+        if key not in measured:
+            measured[key] = _measure_solid(convert.as_solid(unplaced))
+        found = measured[key]
         moments = _transform_moments(found.moments, solid)
-        if solid.Orientation() == TopAbs_REVERSED and bare.Orientation() != TopAbs_REVERSED:
+        if orientation_sign(solid) < orientation_sign(unplaced):
             moments[1:] *= -1.0
         total += moments
         volumes.append(float(moments[1]))
@@ -160,36 +162,16 @@ def check_shape(shape: Any) -> ShapeReport:
     )
 
 
-def bounding_box(shape: Any) -> tuple[Array, Array]:
-    """Opposite corners of the box around the edges, and around faces on other surfaces than B-splines. Zeros for no shape.
-
-    OCC's box of a B-spline face is that of its poles, half a cell too wide on lattices, and its optimal one takes minutes;
-    a B-spline face that bulges beyond all edges is not seen to do so.
-    """
-    box = Bnd_Box()
-    topods: TopoDS_Shape = getattr(shape, "wrapped", shape)
-    for edge, _ in convert.count_subshape_uses(topods, TopAbs_EDGE, TopAbs_FACE):
-        if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
-            BRepBndLib.AddOptimal_s(edge, box, False, False)
-    for face in convert.list_subshapes(topods, TopAbs_FACE):
-        if not isinstance(BRep_Tool.Surface_s(convert.as_face(face)), (Geom_BSplineSurface, Geom_Plane)):
-            BRepBndLib.Add_s(face, box)
-    if box.IsVoid():
-        return np.zeros(3), np.zeros(3)
-    box.SetGap(0.0)
-    return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())
-
-
 def _triple(values: Array) -> tuple[float, float, float]:
     x, y, z = values.tolist()
     return x, y, z
 
 
 def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
-    faces = [convert.as_face(f) for f in convert.list_subshapes(solid, TopAbs_FACE)]
-    edges = convert.count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)
+    faces = faces_of(solid)
+    edges = count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)
     return _SolidFigures(
-        shells=len(convert.list_subshapes(solid, TopAbs_SHELL)),
+        shells=len(list_subshapes(solid, TopAbs_SHELL)),
         faces=len(faces),
         edges=len(edges),
         valid=is_valid(solid),
@@ -205,8 +187,7 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
 def _transform_box(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:
     """The box around a box where the solid's location puts it."""
     corners = np.array(np.meshgrid(*np.transpose(bounds))).reshape(3, -1)
-    motion = solid.Location().Transformation()
-    matrix = np.array([[motion.Value(i, j) for j in range(1, 5)] for i in range(1, 4)])
+    matrix = convert.matrix_from_occt(solid.Location().Transformation())
     placed = matrix[:, :3] @ corners + matrix[:, 3:]
     return placed.min(axis=1), placed.max(axis=1)
 
@@ -217,7 +198,7 @@ def _transform_moments(moments: Array, solid: TopoDS_Solid) -> Array:
     if location.IsIdentity():
         return moments.copy()
     motion = location.Transformation()
-    matrix = np.array([[motion.Value(i, j) for j in range(1, 5)] for i in range(1, 4)])
+    matrix = convert.matrix_from_occt(motion)
     scale = abs(motion.ScaleFactor())
     area, volume = moments[0] * scale**2, moments[1] * scale**3
     return np.concatenate([[area, volume], scale**3 * (matrix[:, :3] @ moments[2:] + moments[1] * matrix[:, 3])])

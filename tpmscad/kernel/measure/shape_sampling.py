@@ -15,13 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
-from OCP.BRepAdaptor import BRepAdaptor_Curve2d
+from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.Geom import Geom_BSplineSurface, Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Vec
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
-from OCP.TopAbs import TopAbs_FACE, TopAbs_ON, TopAbs_REVERSED
+from OCP.TopAbs import TopAbs_ON
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
@@ -29,11 +29,10 @@ from scipy.spatial import cKDTree
 from scipy.stats import qmc
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
-from tpmscad.kernel.measure.cad_body import enclosing_box
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.edge_quadrature import EdgeKey, edges_of
-from tpmscad.kernel.step.step_reader import solids_of
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, orientation_sign, solids_of
 from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
@@ -69,15 +68,18 @@ class FaceSamples:
 class Creases:
     """Faces in smooth groups, `group` (F,); points on sharp edges (n, 3), the two faces that meet there and their normals."""
 
-    group: IntArray
+    smooth_group: IntArray
     points: Array
     faces: IntArray
     normals: Array
 
 
-def faces_of(shape: Any) -> list[TopoDS_Face]:
-    """The faces of a shape as its solids use them, in the explorer's order."""
-    return [convert.as_face(face) for face in convert.list_subshapes(getattr(shape, "wrapped", shape), TopAbs_FACE)]
+def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
+    """The ends of that many pieces of an edge, alike in its parameter, in the edge's own direction: (pieces + 1, 3)."""
+    curve = BRepAdaptor_Curve(edge)
+    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
+    points = np.array([curve.Value(s).Coord() for s in t.tolist()])
+    return points if orientation_sign(edge) > 0 else points[::-1]
 
 
 def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
@@ -92,11 +94,11 @@ def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
 
 def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
     """Which faces go on smoothly into each other, and points along the sharp edges at most `spacing` apart."""
-    uses: dict[EdgeKey, list[tuple[TopoDS_Edge, int]]] = {}
+    uses: dict[ShapeKey, list[tuple[TopoDS_Edge, int]]] = {}
     for i, face in enumerate(faces):
         for edge in edges_of(face):
             if not BRep_Tool.Degenerated_s(edge):
-                uses.setdefault(EdgeKey(edge), []).append((edge, i))
+                uses.setdefault(ShapeKey(edge), []).append((edge, i))
     surfaces = [_FaceSurface(face) for face in faces]
     smooth, sharp = [(0, 0)], [(np.zeros((0, 3)), np.zeros((0, 2, 3)), 0, 0)]
     for users in uses.values():
@@ -137,7 +139,7 @@ def lie_on_surface(solid: TopoDS_Solid, samples: FaceSamples, near: float) -> ND
 
 def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing: float) -> bool:
     """Whether faces of different solids lie on each other, back to back."""
-    solids = [faces_of(solid) for solid in solids_of(getattr(shape, "wrapped", shape))]
+    solids = [faces_of(solid) for solid in solids_of(shape)]
     if len(solids) < 2:
         return False
     owner = np.repeat(np.arange(len(solids)), [len(faces) for faces in solids])[samples.face]
@@ -158,7 +160,7 @@ class _FaceSurface:
 
     def __init__(self, face: TopoDS_Face) -> None:
         self.geometry: Geom_Surface = BRep_Tool.Surface_s(face)
-        self.sign = -1.0 if face.Orientation() == TopAbs_REVERSED else 1.0
+        self.sign = orientation_sign(face)
 
     def spline(self) -> BSplineSurface | None:
         """The surface as arrays, if it is a plain B-spline."""

@@ -17,10 +17,11 @@ from tpmscad._typing import Array
 from tpmscad.errors import KernelError
 from tpmscad.fields.evaluation import FieldJet, stack_points
 from tpmscad.fields.field import Field
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
-from tpmscad.kernel.build.solids import make_compound
-from tpmscad.kernel.measure.cad_body import enclosing_box, read_body
-from tpmscad.kernel.measure.shape_sampling import faces_of
+from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import faces_of
 
 DIFFERENCE_STEP = 1e-4
 """Model units: nearer to the surface than this the direction to the foot point is taken from points that far off."""

@@ -20,7 +20,7 @@ from OCP.GeomAbs import GeomAbs_Line
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.occt.edge_quadrature import EdgeNodeCache
+from tpmscad.kernel.measure.edge_quadrature import EdgeNodeCache
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre
@@ -114,11 +114,11 @@ def _parameter_nodes(
             if _is_along_u(curve):
                 continue
             nodes, sign = nodes_of(edge)
-            guess.append(_pcurve_points(curve, nodes.t))
+            guess.append(_pcurve_points(curve, nodes.parameters))
             target.append(nodes.points)
             tangent.append(nodes.tangents)
             weights.append(sign * nodes.weights)
-            count += len(nodes.t)
+            count += len(nodes.parameters)
         bounds.append(bounds[-1] + count)
     space = members[0].surface
     low, high = np.array(space.domain).T

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import OCP
+from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 from OCP.Geom import (
     Geom_BSplineCurve,
     Geom_BSplineSurface,
@@ -29,8 +30,7 @@ from OCP.Geom import (
 from OCP.Geom2d import Geom2d_BSplineCurve, Geom2d_Curve, Geom2d_Line
 from OCP.gp import gp_Ax2, gp_Ax3, gp_Dir, gp_Dir2d, gp_Pnt, gp_Pnt2d, gp_Trsf
 from OCP.TCollection import TCollection_AsciiString
-from OCP.TopExp import TopExp, TopExp_Explorer
-from OCP.TopoDS import TopoDS
+from OCP.TopoDS import TopoDS, TopoDS_Shape
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import (
@@ -66,12 +66,14 @@ except ImportError:
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
     from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
-    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
     as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
     as_shell, as_solid, as_wire = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s
 
+
+CONFUSION_TOLERANCE = 1e-7
+"""OCCT's smallest useful tolerance (Precision::Confusion), given to every vertex, edge and face unless measured worse."""
 
 OCCT_VERSION: tuple[int, ...] = tuple(int(part) for part in OCP.__version__.split(".")[:3])
 """The version of the kernel underneath, e.g. (7, 9, 3)."""
@@ -201,16 +203,14 @@ def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
     )
 
 
-def curve_from(geometry: Geom_BSplineCurve | Geom2d_BSplineCurve) -> BSplineCurve:
-    """The value of a non-rational, non-periodic B-spline curve of the kernel, in space or in parameters."""
-    points = geometry.Poles()
-    poles = np.array([points.Value(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
-    return BSplineCurve(poles, _expand_knots(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
-
-
 def string_sequence() -> Any:
     """An empty sequence of OCC strings."""
     return StringSequence()
+
+
+def shape_map() -> Any:
+    """An empty map from shapes to lists of their ancestors."""
+    return ShapeMap()
 
 
 def string_map(entries: Mapping[str, str]) -> Any:
@@ -221,27 +221,18 @@ def string_map(entries: Mapping[str, str]) -> Any:
     return made
 
 
-def first_vertex(edge: Any) -> Any:
-    """Where the edge's curve begins."""
-    return TopExp.FirstVertex_s(edge)
+def axis_frame(value: Any) -> tuple[Array, Array, Array]:
+    """Origin, x axis and main axis of an OCCT conic or elementary surface: (3,) each."""
+    frame = value.Position()
+    origin, x_axis, axis = (np.array(c.Coord()) for c in (frame.Location(), frame.XDirection(), frame.Direction()))
+    return origin, x_axis, axis
 
 
-def last_vertex(edge: Any) -> Any:
-    """Where the edge's curve ends."""
-    return TopExp.LastVertex_s(edge)
+def matrix_from_occt(motion: gp_Trsf) -> Array:
+    """The transformation as [R | t], (3, 4)."""
+    return np.array([[motion.Value(i, j) for j in range(1, 5)] for i in range(1, 4)])
 
 
-def list_subshapes(shape: Any, kind: Any) -> list[Any]:
-    """The sub-shapes of a kind (TopAbs_FACE, ...) as the shape uses them, one for each use."""
-    explorer, found = TopExp_Explorer(shape, kind), []
-    while explorer.More():
-        found.append(explorer.Current())
-        explorer.Next()
-    return found
-
-
-def count_subshape_uses(shape: Any, kind: Any, owner: Any) -> list[tuple[Any, int]]:
-    """Every distinct sub-shape of a kind, and how often it occurs in sub-shapes of the owning kind."""
-    found = ShapeMap()
-    TopExp.MapShapesAndAncestors_s(shape, kind, owner, found)
-    return [(found.FindKey(i), found.FindFromIndex(i).Size()) for i in range(1, found.Extent() + 1)]
+def transform_shape(shape: TopoDS_Shape, motion: Motion) -> TopoDS_Shape:
+    """Copy of the shape moved by x -> R x + t, with the motion applied to its geometry."""
+    return BRepBuilderAPI_Transform(shape, transformation(motion), True).Shape()

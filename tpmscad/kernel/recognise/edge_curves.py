@@ -47,8 +47,8 @@ POLE_REL_TOL = 1e-7
 """Of the body's size: nearer to the axis than this, a point is a pole of a sphere or the apex of a cone."""
 
 
-class CurveFitFailed(Exception):
-    """A curve that can't be fitted: it passes a pole, or turns too sharply."""
+class UnsupportedFace(Exception):
+    """The reason, in words, why a face or one of its edges cannot be represented exactly on a plane or quadric."""
 
 
 def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
@@ -149,7 +149,7 @@ def _fit_adaptively(
             ~(worst <= max(tol, WORST_ERROR_FRACTION * worst.max()))
         )  # what is worst spoils its neighbourhood
         breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
-    raise CurveFitFailed("turns too sharply for a curve of its own")
+    raise UnsupportedFace("turns too sharply for a curve of its own")
 
 
 def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:

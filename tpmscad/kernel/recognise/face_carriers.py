@@ -20,8 +20,8 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
-from tpmscad.kernel.recognise.edge_curves import recognise_line_or_circle
-from tpmscad.kernel.recognise.unrolled_faces import UnsupportedFace
+from tpmscad.kernel.occt.convert import axis_frame
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, recognise_line_or_circle
 
 EXACT_REL_TOL = 1e-10
 """Of the body's size: what an edge may be off its surfaces, and a surface off the plane or quadric it is taken for."""
@@ -86,12 +86,6 @@ def _fit_torus(points: Array, tol: float) -> ToroidalSurface | None:
     if around is None or not isinstance(around[0], Circle) or around[0].radius <= circles[0].radius:
         return None
     return ToroidalSurface(around[0].origin, around[0].x_axis, around[0].normal, around[0].radius, circles[0].radius)
-
-
-def axis_frame(value: object) -> tuple[Array, Array, Array]:
-    """Origin, x axis and axis of a kernel conic or surface."""
-    frame = value.Position()  # type: ignore[attr-defined]
-    return tuple(np.array(c.Coord()) for c in (frame.Location(), frame.XDirection(), frame.Direction()))  # type: ignore[return-value]
 
 
 def _plane(value: gp_Pln) -> Plane:

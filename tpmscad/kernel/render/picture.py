@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.measure.shape_report import bounding_box
+from tpmscad.kernel.occt.bounding_boxes import bounding_box
 from tpmscad.kernel.render.tessellation import tessellate
 from tpmscad.kernel.render.z_buffer import rasterise
 from tpmscad.kernel.step.atomic_file import atomic_write
@@ -60,9 +60,9 @@ def render_pixels(shape: Any, width: int, height: int) -> Array:
     centre = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
     scale = (1 - 2 * MARGIN_FRACTION) * min(w / np.ptp(seen[:, 0]), h / np.ptp(seen[:, 1]))
     screen = np.array([0.5 * w, 0.5 * h]) + (seen - centre)[:, :2] * np.array([scale, -scale])
-    buffer = rasterise(screen, -seen[:, 2] * scale, found.corners, w, h)
+    buffer = rasterise(screen, -seen[:, 2] * scale, found.triangles, w, h)
     shown = buffer.triangle >= 0
-    corners = found.corners[buffer.triangle[shown]]
+    corners = found.triangles[buffer.triangle[shown]]
     normal = np.einsum("pk,pkd->pd", buffer.weights[shown], (found.normals @ eye.T)[corners])
     image = np.tile(np.linspace(BACKGROUND_COLOURS[0], BACKGROUND_COLOURS[1], h)[:, None, :], (1, w, 1))
     image[shown] = _shade(normal) * _depth_shading(buffer.depth, shown)[shown][:, None]

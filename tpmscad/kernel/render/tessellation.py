@@ -10,13 +10,12 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepGProp import BRepGProp_Face
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.gp import gp_Pnt, gp_Vec
-from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import faces_of, orientation_sign, unwrap
 
 MAX_FACET_ANGLE = 0.35
 """Radians between neighbouring facets; normals are exact, so only outlines show it."""
@@ -28,28 +27,24 @@ class Tessellation:
 
     points: Array
     normals: Array
-    corners: IntArray
+    triangles: IntArray
 
 
 def tessellate(shape: Any, deflection: float) -> Tessellation:
     """Triangles within `deflection` of the shape's faces. KernelError if nothing can be drawn."""
-    topods = getattr(shape, "wrapped", shape)
+    topods = unwrap(shape)
     BRepMesh_IncrementalMesh(topods, deflection, False, MAX_FACET_ANGLE, True)
     points, normals, corners, count = [], [], [], 0
-    explorer = TopExp_Explorer(topods, TopAbs_FACE)
-    while explorer.More():
-        face = convert.as_face(explorer.Current())
-        explorer.Next()
+    for face in faces_of(topods):
         mesh = BRep_Tool.Triangulation_s(face, TopLoc_Location())
         if mesh is None:
             continue
         local, uv = _mesh_nodes(mesh)
-        motion = face.Location().Transformation()
-        matrix = np.array([[motion.Value(i, j) for j in range(1, 5)] for i in range(1, 4)])
+        matrix = convert.matrix_from_occt(face.Location().Transformation())
         triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]) - 1
         points.append(local @ matrix[:, :3].T + matrix[:, 3])
         normals.append(_face_normals(face, uv))
-        corners.append((triples[:, ::-1] if face.Orientation() == TopAbs_REVERSED else triples) + count)
+        corners.append((triples[:, ::-1] if orientation_sign(face) < 0 else triples) + count)
         count += len(local)
     if not points:
         raise KernelError("triangulate", "the shape has no face that can be drawn", topods)

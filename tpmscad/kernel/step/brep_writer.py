@@ -14,8 +14,8 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.build.edges import CONFUSION_TOLERANCE
 from tpmscad.kernel.build.shell_nesting import ShellNesting
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.atomic_file import atomic_write, validate_step_path
 from tpmscad.kernel.step.part21 import SCHEMAS, DataSection, format_exchange_structure
 from tpmscad.kernel.step.product_entities import (
@@ -48,7 +48,7 @@ class Instances:
             raise InvalidRequest("instances of a cell are placed by proper rotations: mirror the complex instead")
 
     @classmethod
-    def shifted(cls, translation: Array) -> Instances:
+    def translated(cls, translation: Array) -> Instances:
         return cls(np.tile(np.eye(3), (len(translation), 1, 1)), translation)
 
 
@@ -79,21 +79,21 @@ def write_step(
         raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(SCHEMAS)}")
     stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
     title = name or target.stem
-    entities = DataSection()
-    setting = write_file_context(entities, schema, CONFUSION_TOLERANCE)
-    written = write_solids(entities, _reverse_void_faces(brep, nesting), nesting, replicas)
+    section = DataSection()
+    setting = write_file_context(section, schema, CONFUSION_TOLERANCE)
+    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, replicas)
     part_name = title if instances is None else f"{title} cell"
-    part = write_product(entities, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
+    part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
     if colours:
         tags = [brep.tags[t] for t in brep.faces.tag.tolist()]
-        write_colours(entities, part.context, written.faces, tags, colours)
+        write_colours(section, part.context, written.faces, tags, colours)
     mass = compute_mass_properties(nesting)
-    write_validation_properties(entities, setting, part, mass)
+    write_validation_properties(section, setting, part, mass)
     if instances is not None:
-        assembly = write_instances(entities, setting, title, part, instances.rotation, instances.translation)
-        write_validation_properties(entities, setting, assembly, _instanced_mass_properties(mass, instances))
+        assembly = write_instances(section, setting, title, part, instances.rotation, instances.translation)
+        write_validation_properties(section, setting, assembly, _instanced_mass_properties(mass, instances))
     text = format_exchange_structure(
-        entities, schema=schema, name=target.name, time_stamp=stamp, author="", software=SOFTWARE
+        section, schema=schema, name=target.name, time_stamp=stamp, author="", software=SOFTWARE
     )
     with atomic_write(target) as aside:
         aside.write_text(text, encoding="ascii", newline="\n")
@@ -103,7 +103,7 @@ def write_step(
 
 def _reverse_void_faces(brep: Brep, nesting: ShellNesting) -> Brep:
     """The complex with the faces of voids looking out of them, into the material: STEP turns whole shells over."""
-    voids = [v for _, *of_piece in nesting.pieces for v in of_piece]
+    voids = [v for _, *of_piece in nesting.shells_of_solid for v in of_piece]
     faces = brep.faces
     sense = np.where(np.isin(nesting.shell_of_face, voids), -faces.sense, faces.sense)
     return replace(brep, faces=replace(faces, sense=sense))

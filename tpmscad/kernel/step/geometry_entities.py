@@ -45,22 +45,22 @@ def group_by_handedness(primitive: IntArray, motion: Motion) -> tuple[IntArray, 
     return index.ravel(), distinct[:, 0], distinct[:, 1].astype(bool)
 
 
-def write_replicas(entities: DataSection, base: IntArray, motion: Motion) -> IntArray:
+def write_replicas(section: DataSection, base: IntArray, motion: Motion) -> IntArray:
     """SURFACE_REPLICA numbers of bases (entity numbers (n,)) moved by each motion; mirrored bases take what is left of it."""
     proper = np.where((motion.handedness < 0)[:, None, None], motion.rotation @ MIRROR_X, motion.rotation)
     axes = np.swapaxes(proper, 1, 2).reshape(-1, 3)  # the images of x, y, z, one after another
     x, y, z = (format_reals(axes[:, k].tolist()) for k in range(3))
-    directions = entities.extend([f"DIRECTION('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
+    directions = section.extend([f"DIRECTION('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
     x, y, z = (format_reals(motion.translation[:, k].tolist()) for k in range(3))
-    origins = entities.extend([f"CARTESIAN_POINT('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
-    operators = entities.extend(
+    origins = section.extend([f"CARTESIAN_POINT('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
+    operators = section.extend(
         [
             f"CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',$,#{a},#{b},#{o},1.,#{c})"
             for a, b, c, o in zip(directions[0::3], directions[1::3], directions[2::3], origins, strict=True)
         ]
     )
     return np.array(
-        entities.extend([f"SURFACE_REPLICA('',#{b},#{o})" for b, o in zip(base.tolist(), operators, strict=True)])
+        section.extend([f"SURFACE_REPLICA('',#{b},#{o})" for b, o in zip(base.tolist(), operators, strict=True)])
     )
 
 
@@ -77,7 +77,7 @@ class PlacedGeometry:
     index: IntArray
 
     @classmethod
-    def of(cls, primitive: IntArray, motion: Motion) -> PlacedGeometry:
+    def distinct(cls, primitive: IntArray, motion: Motion) -> PlacedGeometry:
         rows = np.column_stack([primitive, motion.rotation.reshape(-1, 9), motion.translation])
         _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # number them as they come
@@ -86,7 +86,7 @@ class PlacedGeometry:
         at = first[order]
         return cls(primitive[at], motion[at], rank[index.ravel()])
 
-    def bases(self, spline: NDArray[np.bool_]) -> PlacedGeometry:
+    def replica_bases(self, spline: NDArray[np.bool_]) -> PlacedGeometry:
         """What replicas need instead: planes as they are, and each primitive once for either handedness, where it was made."""
         base, primitive, mirrored = group_by_handedness(self.primitive[spline], self.motion[spline])
         planes = np.flatnonzero(~spline)
@@ -122,13 +122,13 @@ def is_straight(curve: EdgeCurve) -> bool:
     return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
 
 
-def write_points(entities: DataSection, points: Array) -> IntArray:
+def write_points(section: DataSection, points: Array) -> IntArray:
     """Write the distinct points; each point's entity number."""
     decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(points).max())))
     grid = np.rint(points * 10.0**decimals).astype(np.int64)
     first, index = _unique_rows(grid)
     values = format_reals((grid[first] / 10.0**decimals).ravel().tolist())
-    numbers = entities.extend(
+    numbers = section.extend(
         [f"CARTESIAN_POINT('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
     )
     return numbers.start + index
@@ -155,7 +155,7 @@ def _format_knots(*vectors: Array) -> str:
     return ",".join([*counts, *values])
 
 
-def write_surfaces(entities: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
+def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
     """Each placed carrier's entity number; `numbers` are those of its placed poles."""
     heads, tails = [], []
     for carrier in brep.carriers:
@@ -175,24 +175,22 @@ def write_surfaces(entities: DataSection, brep: Brep, placed: PlacedGeometry, nu
         if isinstance(carrier, BSplineSurface):
             bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
         else:
-            bodies.append(_elementary_surface(entities, carrier, placed.motion[i]))
-    return np.array(entities.extend(bodies))
+            bodies.append(_elementary_surface(section, carrier, placed.motion[i]))
+    return np.array(section.extend(bodies))
 
 
-def _elementary_surface(entities: DataSection, carrier: Plane | Quadric, motion: Motion) -> str:
+def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: Motion) -> str:
     """A plane, its normal the placed x axis times y axis; or a quadric. Frames in STEP are right-handed, so that a quadric's
     S_u x S_v points away from its axis, mirrored or not."""
     origin, x = motion.apply(carrier.origin), motion.apply_to_vectors(carrier.x_axis)
     if isinstance(carrier, Plane):
-        return (
-            f"PLANE('',#{write_placement(entities, origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)})"
-        )
+        return f"PLANE('',#{write_placement(section, origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)})"
     axis = motion.apply_to_vectors(carrier.axis)
     if isinstance(carrier, ConicalSurface):  # STEP's cones open along their axis
         angle = abs(carrier.angle)
-        at = write_placement(entities, origin, axis if carrier.angle > 0 else -axis, x)
+        at = write_placement(section, origin, axis if carrier.angle > 0 else -axis, x)
         return f"CONICAL_SURFACE('',#{at},{format_real(carrier.radius)},{format_real(angle)})"
-    at = write_placement(entities, origin, axis, x)
+    at = write_placement(section, origin, axis, x)
     if isinstance(carrier, CylindricalSurface):
         return f"CYLINDRICAL_SURFACE('',#{at},{format_real(carrier.radius)})"
     if isinstance(carrier, SphericalSurface):
@@ -201,15 +199,15 @@ def _elementary_surface(entities: DataSection, carrier: Plane | Quadric, motion:
 
 
 def write_placed_replicas(
-    entities: DataSection, placed: PlacedGeometry, spline: NDArray[np.bool_], base: PlacedGeometry, number: IntArray
+    section: DataSection, placed: PlacedGeometry, spline: NDArray[np.bool_], base: PlacedGeometry, number: IntArray
 ) -> IntArray:
     """Each placed carrier's entity number, given those of the bases."""
     result = number[base.index]
-    result[spline] = write_replicas(entities, result[spline], placed.motion[spline])
+    result[spline] = write_replicas(section, result[spline], placed.motion[spline])
     return result
 
 
-def write_curves(entities: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
+def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
     """Each placed curve's entity number; 0 for straight ones, which every edge writes from its own vertices."""
     heads, tails = [], []
     for curve in brep.curves:
@@ -228,29 +226,29 @@ def write_curves(entities: DataSection, brep: Brep, placed: PlacedGeometry, numb
         if isinstance(curve, BSplineCurve):
             bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
         else:
-            bodies.append(_conic(entities, curve.moved(placed.motion[i])))
+            bodies.append(_conic(section, curve.moved(placed.motion[i])))
     result = np.zeros(len(placed.primitive), np.int64)
-    result[bent] = entities.extend(bodies)
+    result[bent] = section.extend(bodies)
     return result
 
 
-def _conic(entities: DataSection, curve: Circle | Ellipse) -> str:
-    at = write_placement(entities, curve.origin, curve.normal, curve.x_axis)
+def _conic(section: DataSection, curve: Circle | Ellipse) -> str:
+    at = write_placement(section, curve.origin, curve.normal, curve.x_axis)
     if isinstance(curve, Circle):
         return f"CIRCLE('',#{at},{format_real(curve.radius)})"
     return f"ELLIPSE('',#{at},{format_real(curve.major)},{format_real(curve.minor)})"
 
 
-def write_directions(entities: DataSection, vectors: Array) -> range:
+def write_directions(section: DataSection, vectors: Array) -> range:
     values = format_reals(vectors.ravel().tolist())
-    return entities.extend(
+    return section.extend(
         [f"DIRECTION('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
     )
 
 
-def write_placement(entities: DataSection, origin: Array, axis: Array, reference: Array) -> int:
+def write_placement(section: DataSection, origin: Array, axis: Array, reference: Array) -> int:
     """AXIS2_PLACEMENT_3D: z along `axis`, x along `reference`."""
     x, y, z = format_reals(origin.tolist())
-    at = entities.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
-    normal, along = write_directions(entities, np.stack([axis, reference]))
-    return entities.add(f"AXIS2_PLACEMENT_3D('',#{at},#{normal},#{along})")
+    at = section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
+    normal, along = write_directions(section, np.stack([axis, reference]))
+    return section.add(f"AXIS2_PLACEMENT_3D('',#{at},#{normal},#{along})")

@@ -67,7 +67,7 @@ SCHEMAS = {
 
 
 def format_exchange_structure(
-    entities: DataSection, *, schema: str, name: str, time_stamp: str, author: str, software: str
+    section: DataSection, *, schema: str, name: str, time_stamp: str, author: str, software: str
 ) -> str:
     """The whole file. `time_stamp` (ISO 8601) stands on a line of its own, the only one that differs between equal requests."""
     if schema not in SCHEMAS:
@@ -77,5 +77,5 @@ def format_exchange_structure(
         "FILE_DESCRIPTION((''),'2;1');\n"
         f"FILE_NAME({format_string(name)},\n{format_string(time_stamp)},\n({format_string(author)}),(''),{format_string(software)},{format_string(software)},'');\n"
         f"FILE_SCHEMA(({format_string(SCHEMAS[schema])}));\n"
-        "ENDSEC;\nDATA;\n" + entities.text() + "ENDSEC;\nEND-ISO-10303-21;\n"
+        "ENDSEC;\nDATA;\n" + section.text() + "ENDSEC;\nEND-ISO-10303-21;\n"
     )

@@ -40,7 +40,7 @@ class FileContext:
     millimetre: int
     units: tuple[int, ...]
     uncertainty: int
-    owner: tuple[int, int] | None
+    organization: tuple[int, int] | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,66 +48,66 @@ class ProductEntities:
     """Numbers of a product's definition, definition shape, shape representation, and the latter's context and origin."""
 
     definition: int
-    shape: int
+    definition_shape: int
     representation: int
     context: int
     origin: int
 
 
-def write_file_context(entities: DataSection, schema: str, accuracy: float) -> FileContext:
+def write_file_context(section: DataSection, schema: str, accuracy: float) -> FileContext:
     """Application, units (mm, radian, steradian), and the accuracy: points closer than this are one point."""
     purpose, standard, year = APPLICATION_PROTOCOLS[schema]
-    application = entities.add(f"APPLICATION_CONTEXT({format_string(purpose)})")
-    entities.add(
+    application = section.add(f"APPLICATION_CONTEXT({format_string(purpose)})")
+    section.add(
         f"APPLICATION_PROTOCOL_DEFINITION('international standard',{format_string(standard)},{year},#{application})"
     )
-    millimetre = entities.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
-    radian = entities.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
-    steradian = entities.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())")
-    uncertainty = entities.add(
+    millimetre = section.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
+    radian = section.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
+    steradian = section.add("(NAMED_UNIT(*)SI_UNIT($,.STERADIAN.)SOLID_ANGLE_UNIT())")
+    uncertainty = section.add(
         f"UNCERTAINTY_MEASURE_WITH_UNIT(LENGTH_MEASURE({format_real(accuracy)}),#{millimetre},"
         "'distance_accuracy_value','confusion accuracy')"
     )
-    owner = None
+    organization = None
     if schema == "ap214":  # its rule product_requires_id_owner; who owns the names is not known here
-        owner = entities.add("ORGANIZATION($,'',$)"), entities.add("ORGANIZATION_ROLE('id owner')")
-    return FileContext(application, millimetre, (millimetre, radian, steradian), uncertainty, owner)
+        organization = section.add("ORGANIZATION($,'',$)"), section.add("ORGANIZATION_ROLE('id owner')")
+    return FileContext(application, millimetre, (millimetre, radian, steradian), uncertainty, organization)
 
 
 def write_product(
-    entities: DataSection, setting: FileContext, name: str, kind: str, items: Sequence[int]
+    section: DataSection, setting: FileContext, name: str, kind: str, items: Sequence[int]
 ) -> ProductEntities:
     """A part or an assembly; `kind` is the entity of its shape representation, `items` what it holds beside its origin.
 
     Each has a context of its own: parts are moved from theirs to the assembly's, which must not be the same.
     """
     label = format_string(name)
-    scene = entities.add(f"PRODUCT_CONTEXT('',#{setting.application},'mechanical')")
-    product = entities.add(f"PRODUCT({label},{label},'',(#{scene}))")
-    entities.add(f"PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,(#{product}))")
-    if setting.owner is not None:
-        organization, role = setting.owner
-        entities.add(f"APPLIED_ORGANIZATION_ASSIGNMENT(#{organization},#{role},(#{product}))")
-    formation = entities.add(f"PRODUCT_DEFINITION_FORMATION('','',#{product})")
-    view = entities.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',#{setting.application},'design')")
-    definition = entities.add(f"PRODUCT_DEFINITION('design','',#{formation},#{view})")
-    shape = entities.add(f"PRODUCT_DEFINITION_SHAPE('','',#{definition})")
-    context = entities.add(
+    scene = section.add(f"PRODUCT_CONTEXT('',#{setting.application},'mechanical')")
+    product = section.add(f"PRODUCT({label},{label},'',(#{scene}))")
+    section.add(f"PRODUCT_RELATED_PRODUCT_CATEGORY('part',$,(#{product}))")
+    if setting.organization is not None:
+        holder, role = setting.organization
+        section.add(f"APPLIED_ORGANIZATION_ASSIGNMENT(#{holder},#{role},(#{product}))")
+    formation = section.add(f"PRODUCT_DEFINITION_FORMATION('','',#{product})")
+    view = section.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',#{setting.application},'design')")
+    definition = section.add(f"PRODUCT_DEFINITION('design','',#{formation},#{view})")
+    shape = section.add(f"PRODUCT_DEFINITION_SHAPE('','',#{definition})")
+    context = section.add(
         f"(GEOMETRIC_REPRESENTATION_CONTEXT(3)GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT((#{setting.uncertainty}))"
         f"GLOBAL_UNIT_ASSIGNED_CONTEXT({format_references(setting.units)})REPRESENTATION_CONTEXT('',''))"
     )
-    origin = write_placement(entities, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
-    representation = entities.add(f"{kind}({label},{format_references([origin, *items])},#{context})")
-    entities.add(f"SHAPE_DEFINITION_REPRESENTATION(#{shape},#{representation})")
+    origin = write_placement(section, np.zeros(3), np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    representation = section.add(f"{kind}({label},{format_references([origin, *items])},#{context})")
+    section.add(f"SHAPE_DEFINITION_REPRESENTATION(#{shape},#{representation})")
     return ProductEntities(definition, shape, representation, context, origin)
 
 
 def write_validation_properties(
-    entities: DataSection, setting: FileContext, product: ProductEntities, mass: MassProperties
+    section: DataSection, setting: FileContext, product: ProductEntities, mass: MassProperties
 ) -> None:
     """Volume, surface area and centroid, for the reader to compare its own with."""
-    square = entities.add(f"DERIVED_UNIT((#{entities.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},2.)')}))")
-    cubic = entities.add(f"DERIVED_UNIT((#{entities.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},3.)')}))")
+    square = section.add(f"DERIVED_UNIT((#{section.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},2.)')}))")
+    cubic = section.add(f"DERIVED_UNIT((#{section.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},3.)')}))")
     x, y, z = format_reals(mass.centroid)
     for name, item in (
         (
@@ -120,29 +120,31 @@ def write_validation_properties(
         ),
         ("centroid", f"CARTESIAN_POINT('centre point',({x},{y},{z}))"),
     ):
-        held = entities.add(item)
-        representation = entities.add(f"REPRESENTATION('{name}',(#{held}),#{product.context})")
-        property_ = entities.add(f"PROPERTY_DEFINITION('geometric validation property','{name}',#{product.shape})")
-        entities.add(f"PROPERTY_DEFINITION_REPRESENTATION(#{property_},#{representation})")
+        held = section.add(item)
+        representation = section.add(f"REPRESENTATION('{name}',(#{held}),#{product.context})")
+        property_ = section.add(
+            f"PROPERTY_DEFINITION('geometric validation property','{name}',#{product.definition_shape})"
+        )
+        section.add(f"PROPERTY_DEFINITION_REPRESENTATION(#{property_},#{representation})")
 
 
 def write_instances(
-    entities: DataSection, setting: FileContext, name: str, part: ProductEntities, rotation: Array, translation: Array
+    section: DataSection, setting: FileContext, name: str, part: ProductEntities, rotation: Array, translation: Array
 ) -> ProductEntities:
     """An assembly of copies of a part, moved by proper rotations (N, 3, 3) and translations (N, 3)."""
-    frames = [write_placement(entities, t, r[:, 2], r[:, 0]) for r, t in zip(rotation, translation, strict=True)]
-    assembly = write_product(entities, setting, name, "SHAPE_REPRESENTATION", frames)
+    frames = [write_placement(section, t, r[:, 2], r[:, 0]) for r, t in zip(rotation, translation, strict=True)]
+    assembly = write_product(section, setting, name, "SHAPE_REPRESENTATION", frames)
     for i, frame in enumerate(frames, 1):
-        usage = entities.add(
+        usage = section.add(
             f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{i}','cell {i}','',#{assembly.definition},#{part.definition},$)"
         )
-        shape = entities.add(f"PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',#{usage})")
-        motion = entities.add(f"ITEM_DEFINED_TRANSFORMATION('','',#{part.origin},#{frame})")
-        relation = entities.add(
+        shape = section.add(f"PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',#{usage})")
+        motion = section.add(f"ITEM_DEFINED_TRANSFORMATION('','',#{part.origin},#{frame})")
+        relation = section.add(
             f"(REPRESENTATION_RELATIONSHIP('','',#{part.representation},#{assembly.representation})"
             f"REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(#{motion})SHAPE_REPRESENTATION_RELATIONSHIP())"
         )
-        entities.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#{relation},#{shape})")
+        section.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#{relation},#{shape})")
     return assembly
 
 
@@ -159,26 +161,26 @@ TAG_COLOURS: Mapping[str, Colour] = {
 
 
 def write_colours(
-    entities: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]
+    section: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]
 ) -> None:
     """Style every face (entity number) whose tag has a colour, red, green and blue from 0 to 1."""
-    styles = {tag: _style(entities, colours[tag]) for tag in dict.fromkeys(tags) if tag in colours}
+    styles = {tag: _style(section, colours[tag]) for tag in dict.fromkeys(tags) if tag in colours}
     styled = [(face, styles[tag]) for face, tag in zip(faces, tags, strict=True) if tag in styles]
     if styled:
-        items = entities.extend([f"STYLED_ITEM('color',(#{style}),#{face})" for face, style in styled])
-        entities.add(
+        items = section.extend([f"STYLED_ITEM('color',(#{style}),#{face})" for face, style in styled])
+        section.add(
             f"MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',{format_references(items)},#{context})"
         )
 
 
-def _style(entities: DataSection, colour: Colour) -> int:
+def _style(section: DataSection, colour: Colour) -> int:
     if not all(0.0 <= c <= 1.0 for c in colour):
         raise InvalidRequest(f"colour {colour} is not red, green and blue from 0 to 1")
     red, green, blue = format_reals([float(c) for c in colour])
-    rgb = entities.add(f"COLOUR_RGB('',{red},{green},{blue})")
-    fill = entities.add(f"FILL_AREA_STYLE_COLOUR('',#{rgb})")
-    style = entities.add(f"FILL_AREA_STYLE('',(#{fill}))")
-    area = entities.add(f"SURFACE_STYLE_FILL_AREA(#{style})")
-    side = entities.add(f"SURFACE_SIDE_STYLE('',(#{area}))")
-    usage = entities.add(f"SURFACE_STYLE_USAGE(.BOTH.,#{side})")
-    return entities.add(f"PRESENTATION_STYLE_ASSIGNMENT((#{usage}))")
+    rgb = section.add(f"COLOUR_RGB('',{red},{green},{blue})")
+    fill = section.add(f"FILL_AREA_STYLE_COLOUR('',#{rgb})")
+    style = section.add(f"FILL_AREA_STYLE('',(#{fill}))")
+    area = section.add(f"SURFACE_STYLE_FILL_AREA(#{style})")
+    side = section.add(f"SURFACE_SIDE_STYLE('',(#{area}))")
+    usage = section.add(f"SURFACE_STYLE_USAGE(.BOTH.,#{side})")
+    return section.add(f"PRESENTATION_STYLE_ASSIGNMENT((#{usage}))")

@@ -15,6 +15,7 @@ from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 from OCP.TCollection import TCollection_HAsciiString
 
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.occt.exploration import unwrap
 from tpmscad.kernel.step.atomic_file import atomic_write, validate_step_path
 from tpmscad.kernel.step.step_reader import silence_occt
 
@@ -40,7 +41,7 @@ def write_shape(
     target = validate_step_path(path)
     if schema not in OCCT_SCHEMAS:
         raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(OCCT_SCHEMAS)}")
-    topods = getattr(shape, "wrapped", shape)
+    topods = unwrap(shape)
     title = name or target.stem
     writer = STEPControl_Writer()  # reads the settings below into being
     with silence_occt(), _temporary_settings({"write.step.schema": OCCT_SCHEMAS[schema], "write.step.unit": "MM"}):

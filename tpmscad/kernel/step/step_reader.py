@@ -11,12 +11,11 @@ from pathlib import Path
 from OCP.IFSelect import IFSelect_RetDone
 from OCP.Message import Message
 from OCP.STEPControl import STEPControl_Reader
-from OCP.TopAbs import TopAbs_SOLID
-from OCP.TopExp import TopExp_Explorer
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import solids_of
 
 PART21_MAGIC = b"ISO-10303-21;"
 
@@ -79,14 +78,6 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
     if not solids:
         raise KernelError("read STEP", f"{path} holds no solid", shape)
     return StepContent(shape, solids, _length_units(reader), _product_names(reader))
-
-
-def solids_of(shape: TopoDS_Shape) -> Iterator[TopoDS_Solid]:
-    """The solids in a shape, with their places."""
-    explorer = TopExp_Explorer(shape, TopAbs_SOLID)
-    while explorer.More():
-        yield convert.as_solid(explorer.Current())
-        explorer.Next()
 
 
 @contextmanager

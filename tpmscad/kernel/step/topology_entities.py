@@ -37,41 +37,41 @@ class SolidEntities:
     faces: tuple[int, ...]
 
 
-def write_solids(entities: DataSection, brep: Brep, nesting: ShellNesting, replicas: bool = False) -> SolidEntities:
+def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replicas: bool = False) -> SolidEntities:
     """Add the solids of a closed complex: a MANIFOLD_SOLID_BREP, or BREP_WITH_VOIDS, for each piece.
 
     `replicas` writes a primitive once and copies it, see `step.replica`.
     """
-    surfaces = PlacedGeometry.of(brep.faces.carrier, brep.faces.motion)
-    curves = PlacedGeometry.of(brep.edges.curve, brep.edges.motion)
+    surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
+    curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
     poles, control = [poles_of(c) for c in brep.carriers], [poles_of(c) for c in brep.curves]
     spline = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[surfaces.primitive]
-    written = surfaces.bases(spline) if replicas else surfaces
+    written = surfaces.replica_bases(spline) if replicas else surfaces
     surface_points, curve_points = written.points(poles), curves.points(control)
-    numbers = write_points(entities, np.concatenate([brep.vertices, *surface_points, *curve_points]))
+    numbers = write_points(section, np.concatenate([brep.vertices, *surface_points, *curve_points]))
     of_vertex, *of_rest = _split_numbers(
         numbers, [len(brep.vertices), *map(len, surface_points), *map(len, curve_points)]
     )
     of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
 
-    surface_number = write_surfaces(entities, brep, written, of_surface)
+    surface_number = write_surfaces(section, brep, written, of_surface)
     if replicas:
-        surface_number = write_placed_replicas(entities, surfaces, spline, written, surface_number)
-    curve_number = write_curves(entities, brep, curves, of_curve)
-    edge_number = _write_edges(entities, brep, of_vertex, curve_number[curves.index])
-    faces = _write_faces(entities, brep, surface_number[surfaces.index], edge_number)
-    shells = entities.extend(
+        surface_number = write_placed_replicas(section, surfaces, spline, written, surface_number)
+    curve_number = write_curves(section, brep, curves, of_curve)
+    edge_number = _write_edges(section, brep, of_vertex, curve_number[curves.index])
+    faces = _write_faces(section, brep, surface_number[surfaces.index], edge_number)
+    shells = section.extend(
         [
-            f"CLOSED_SHELL('',{format_references((faces[nesting.faces_of(s)]).tolist())})"
+            f"CLOSED_SHELL('',{format_references((faces[nesting.faces_of_shell(s)]).tolist())})"
             for s in range(len(nesting.volume))
         ]
     )
     solids = []
-    for outer, *voids in nesting.pieces:
+    for outer, *voids in nesting.shells_of_solid:
         # A void's shell bounds the void as it would a solid, and is turned over here (advanced_brep_shape_representation, WR5).
-        inner = entities.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
+        inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
         kind = f"BREP_WITH_VOIDS('',#{shells[outer]},{format_references(inner)})"
-        solids.append(entities.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
+        solids.append(section.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
     return SolidEntities(tuple(solids), tuple(faces.tolist()))
 
 
@@ -79,29 +79,29 @@ def _split_numbers(numbers: IntArray, sizes: Sequence[int]) -> list[IntArray]:
     return np.split(numbers, np.cumsum(sizes)[:-1])
 
 
-def _write_edges(entities: DataSection, brep: Brep, points: IntArray, curve: IntArray) -> IntArray:
+def _write_edges(section: DataSection, brep: Brep, points: IntArray, curve: IntArray) -> IntArray:
     edges = brep.edges
-    vertices = np.array(entities.extend([f"VERTEX_POINT('',#{p})" for p in points.tolist()]))
+    vertices = np.array(section.extend([f"VERTEX_POINT('',#{p})" for p in points.tolist()]))
     curve = curve.copy()
     straight = np.flatnonzero(curve == 0)
     along = brep.vertices[edges.end[straight]] - brep.vertices[edges.start[straight]]
     length = np.linalg.norm(along, axis=1)
-    along_each = write_directions(entities, along / length[:, None])
-    vectors = entities.extend(
+    along_each = write_directions(section, along / length[:, None])
+    vectors = section.extend(
         [f"VECTOR('',#{d},{r})" for d, r in zip(along_each, format_reals(length.tolist()), strict=True)]
     )
     origins = points[edges.start[straight]].tolist()
-    curve[straight] = entities.extend([f"LINE('',#{p},#{v})" for p, v in zip(origins, vectors, strict=True)])
+    curve[straight] = section.extend([f"LINE('',#{p},#{v})" for p, v in zip(origins, vectors, strict=True)])
     rows = np.column_stack([vertices[edges.start], vertices[edges.end], curve]).tolist()
-    return np.array(entities.extend([f"EDGE_CURVE('',#{a},#{b},#{c},.T.)" for a, b, c in rows]))
+    return np.array(section.extend([f"EDGE_CURVE('',#{a},#{b},#{c},.T.)" for a, b, c in rows]))
 
 
-def _write_faces(entities: DataSection, brep: Brep, surface: IntArray, edge: IntArray) -> IntArray:
+def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntArray) -> IntArray:
     """ADVANCED_FACE each, its name the face's tag; loops counter-clockwise about the outward normal."""
     faces, uses = brep.faces, brep.uses
     outward = faces.sense[brep.face_of_use] > 0
     along = np.where((uses.sense > 0) == outward, "T", "F").tolist()
-    oriented = entities.extend(
+    oriented = section.extend(
         [f"ORIENTED_EDGE('',*,*,#{e},.{s}.)" for e, s in zip(edge[uses.edge].tolist(), along, strict=True)]
     )
     face_of_loop = np.repeat(np.arange(len(faces)), np.diff(faces.loop_start))
@@ -111,17 +111,17 @@ def _write_faces(entities: DataSection, brep: Brep, surface: IntArray, edge: Int
     for i, backwards in enumerate(turned):
         members = oriented[starts[i] : starts[i + 1]]
         loops.append(f"EDGE_LOOP('',{format_references(reversed(members) if backwards else members)})")
-    loop = entities.extend(loops)
+    loop = section.extend(loops)
     outer = find_outer_loops(brep)
     kind = ["FACE_OUTER_BOUND" if o else "FACE_BOUND" for o in outer.tolist()]
-    bounds = entities.extend([f"{k}('',#{n},.T.)" for k, n in zip(kind, loop, strict=True)])
+    bounds = section.extend([f"{k}('',#{n},.T.)" for k, n in zip(kind, loop, strict=True)])
     names = [format_string(tag) for tag in brep.tags]
     first = faces.loop_start.tolist()
     quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
     mirrored = quadric & (faces.motion.handedness < 0)  # its S_u x S_v is not that of the STEP surface
     rows = zip(faces.tag.tolist(), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
     return np.array(
-        entities.extend(
+        section.extend(
             [
                 f"ADVANCED_FACE({names[t]},{format_references(bounds[first[i] : first[i + 1]])},"
                 f"#{s},.{'T' if sense > 0 else 'F'}.)"

@@ -9,14 +9,10 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import ConicalSurface, EdgeCurve, Plane, Quadric
 from tpmscad.brep.loops import signed_area
-from tpmscad.kernel.recognise.edge_curves import EDGE_SAMPLES, follow_parameters, is_at_pole
+from tpmscad.kernel.recognise.edge_curves import EDGE_SAMPLES, UnsupportedFace, follow_parameters, is_at_pole
 
 ANGLE_TOL = 1e-6
 """Radians within which two uses that meet have the same u; at a pole, from which they are a step apart."""
-
-
-class UnsupportedFace(Exception):
-    """What keeps a face from being taken as it is, in words."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,7 +29,7 @@ class ImportedUse:
 
     edge: int
     sense: int
-    near: Array | None = None
+    mid_parameters: Array | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +39,7 @@ class ImportedFace:
     carrier: Plane | Quadric
     sense: int
     loops: tuple[tuple[ImportedUse, ...], ...]
-    origin: int
+    source_face: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,7 +56,7 @@ def sample_use(body: ImportedBody, face: ImportedFace, use: ImportedUse, t: Arra
     """(u, v) along the use, in its own direction: at SAMPLES even parameters, or in the edge's direction at t (n,)."""
     assert not isinstance(face.carrier, Plane)
     edge = body.edges[use.edge]
-    uv = follow_parameters(face.carrier, edge.curve, edge.span, use.near, t, body.size)
+    uv = follow_parameters(face.carrier, edge.curve, edge.span, use.mid_parameters, t, body.size)
     return uv if use.sense > 0 or t is not None else uv[::-1]
 
 
@@ -90,11 +86,13 @@ def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
             if (middle + shift > high).any():
                 raise UnsupportedFace("has a hole that is not inside its outer loop")
             loops[i] = _shift_loop(loops[i], np.array(shift))
-    return ImportedFace(face.carrier, face.sense, tuple(loops), face.origin)
+    return ImportedFace(face.carrier, face.sense, tuple(loops), face.source_face)
 
 
 def _shift_loop(loop: tuple[ImportedUse, ...], by: Array) -> tuple[ImportedUse, ...]:
-    return tuple(ImportedUse(use.edge, use.sense, use.near + by) for use in loop if use.near is not None)
+    return tuple(
+        ImportedUse(use.edge, use.sense, use.mid_parameters + by) for use in loop if use.mid_parameters is not None
+    )
 
 
 def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse, ...]) -> tuple[ImportedUse, ...]:

@@ -9,12 +9,10 @@ import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.GeomAbs import GeomAbs_BSplineCurve
 from OCP.gp import gp_Pnt, gp_Vec
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_REVERSED
-from OCP.TopExp import TopExp_Explorer
-from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
+from OCP.TopoDS import TopoDS_Edge
 
 from tpmscad._typing import Array
-from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import ShapeKey, orientation_sign
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
 GAUSS_POINTS_SINGLE_SPAN, GAUSS_POINTS_PER_SPAN = 16, 6
@@ -26,7 +24,7 @@ more than twice as many, volumes of trimmed gyroids move by 2e-15; with 12 and 4
 class CurveNodes:
     """Parameters (n,), weights (n,), points (n, 3) and tangents (n, 3), along the edge's curve."""
 
-    t: Array
+    parameters: Array
     weights: Array
     points: Array
     tangents: Array
@@ -38,45 +36,13 @@ class EdgeNodeCache:
     def __init__(self) -> None:
         self._known: dict[Any, CurveNodes] = {}
 
-    def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, float]:
+    def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, int]:
         """The nodes, and -1 where the edge is used against its curve, else 1."""
-        key = EdgeKey(edge)
+        key = ShapeKey(edge)
         nodes = self._known.get(key)
         if nodes is None:
             nodes = self._known[key] = _edge_nodes(edge)
-        return nodes, -1.0 if edge.Orientation() == TopAbs_REVERSED else 1.0
-
-
-class EdgeKey:
-    """An edge as a key, whichever way it is used."""
-
-    __slots__ = ("edge",)
-
-    def __init__(self, edge: TopoDS_Edge) -> None:
-        self.edge = edge
-
-    def __hash__(self) -> int:
-        return hash(self.edge)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, EdgeKey) and bool(self.edge.IsSame(other.edge))
-
-
-def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
-    """The face's edges as its loops use them."""
-    explorer, edges = TopExp_Explorer(face, TopAbs_EDGE), []
-    while explorer.More():
-        edges.append(convert.as_edge(explorer.Current()))
-        explorer.Next()
-    return edges
-
-
-def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
-    """The ends of that many pieces of an edge, alike in its parameter, in the edge's own direction: (pieces + 1, 3)."""
-    curve = BRepAdaptor_Curve(edge)
-    t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
-    points = np.array([curve.Value(s).Coord() for s in t.tolist()])
-    return points[::-1] if edge.Orientation() == TopAbs_REVERSED else points
+        return nodes, orientation_sign(edge)
 
 
 def curve_breaks(curve: BRepAdaptor_Curve) -> Array:

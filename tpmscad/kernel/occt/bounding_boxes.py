@@ -1,0 +1,69 @@
+"""Axis-aligned bounding boxes of OCCT shapes; each function states what its box guarantees.
+
+OCCT bounds a B-spline face by its poles, which on lattices is half a cell too wide. Its optimal box of such a face takes minutes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from OCP.Bnd import Bnd_Box
+from OCP.BRep import BRep_Tool
+from OCP.BRepBndLib import BRepBndLib
+from OCP.Geom import Geom_BSplineSurface, Geom_Plane
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
+
+from tpmscad._typing import Array
+from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of, unwrap
+
+
+def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
+    """Opposite corners (3,), (3,) of a box that contains the shape.
+
+    The box is exact for plane and quadric faces and too large for others. It is infinite for an unbounded shape.
+    """
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box, False)
+    if box.IsVoid() or box.IsOpen():
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    return _corners(box)
+
+
+def bounding_box(shape: Any) -> tuple[Array, Array]:
+    """Opposite corners (3,), (3,) of the box of the edges and of all faces that are neither planes nor B-splines.
+
+    The box is tight, but a B-spline face that bulges beyond every edge is not accounted for. Zeros for an empty shape.
+    """
+    box = Bnd_Box()
+    topods = unwrap(shape)
+    for edge, _ in count_subshape_uses(topods, TopAbs_EDGE, TopAbs_FACE):
+        if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
+            BRepBndLib.AddOptimal_s(edge, box, False, False)
+    for face in faces_of(topods):
+        if not isinstance(BRep_Tool.Surface_s(face), (Geom_BSplineSurface, Geom_Plane)):
+            BRepBndLib.Add_s(face, box)
+    if box.IsVoid():
+        return np.zeros(3), np.zeros(3)
+    return _corners(box)
+
+
+def box_diagonal(shape: TopoDS_Shape) -> float:
+    """Diagonal of the enclosing box, its tolerance gap included: the size of a shape for relative tolerances."""
+    box = Bnd_Box()
+    BRepBndLib.Add_s(shape, box, False)
+    return float(np.linalg.norm(np.subtract(box.CornerMax().Coord(), box.CornerMin().Coord())))
+
+
+def box_center(face: TopoDS_Face) -> Array:
+    """Center (3,) of the face's box, for error messages."""
+    box = Bnd_Box()
+    BRepBndLib.Add_s(face, box)
+    return np.asarray(0.5 * np.add(box.CornerMin().Coord(), box.CornerMax().Coord()))
+
+
+def _corners(box: Bnd_Box) -> tuple[Array, Array]:
+    box.SetGap(0.0)
+    return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())

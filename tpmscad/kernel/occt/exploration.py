@@ -1,0 +1,81 @@
+"""Exploration of OCCT shapes: sub-shapes, their orientation, and shapes as dictionary keys.
+
+OCCT compares shapes in three ways. `IsSame` ignores the orientation, and with it `ShapeKey` identifies an edge in both faces
+that share it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID
+from OCP.TopExp import TopExp, TopExp_Explorer
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
+
+from tpmscad.kernel.occt import convert
+
+
+class ShapeKey:
+    """A shape as a dictionary key; shapes that differ in orientation only are equal."""
+
+    __slots__ = ("shape",)
+
+    def __init__(self, shape: TopoDS_Shape) -> None:
+        self.shape = shape
+
+    def __hash__(self) -> int:
+        return hash(self.shape)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ShapeKey) and bool(self.shape.IsSame(other.shape))
+
+
+def unwrap(shape: Any) -> Any:
+    """The TopoDS shape behind a build123d or CadQuery object; a TopoDS shape is returned as it is."""
+    return getattr(shape, "wrapped", shape)
+
+
+def list_subshapes(shape: TopoDS_Shape, kind: Any) -> list[Any]:
+    """Sub-shapes of a kind (TopAbs_FACE, ...), oriented as the shape uses them, one entry per use."""
+    explorer, found = TopExp_Explorer(shape, kind), []
+    while explorer.More():
+        found.append(explorer.Current())
+        explorer.Next()
+    return found
+
+
+def count_subshape_uses(shape: TopoDS_Shape, kind: Any, owner: Any) -> list[tuple[Any, int]]:
+    """Distinct sub-shapes of a kind, each with the number of its uses in sub-shapes of the kind `owner`."""
+    ancestors = convert.shape_map()
+    TopExp.MapShapesAndAncestors_s(shape, kind, owner, ancestors)
+    return [(ancestors.FindKey(i), ancestors.FindFromIndex(i).Size()) for i in range(1, ancestors.Extent() + 1)]
+
+
+def solids_of(shape: Any) -> list[TopoDS_Solid]:
+    """Solids of a shape, placed copies included."""
+    return [convert.as_solid(solid) for solid in list_subshapes(unwrap(shape), TopAbs_SOLID)]
+
+
+def faces_of(shape: Any) -> list[TopoDS_Face]:
+    """Faces of a shape in the explorer's order, oriented as its solids use them."""
+    return [convert.as_face(face) for face in list_subshapes(unwrap(shape), TopAbs_FACE)]
+
+
+def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
+    """Edges of a face, oriented as its loops use them."""
+    return [convert.as_edge(edge) for edge in list_subshapes(face, TopAbs_EDGE)]
+
+
+def first_vertex(edge: TopoDS_Edge) -> TopoDS_Vertex:
+    """Vertex at the start of the edge's curve, whatever the orientation of the edge."""
+    return TopExp.FirstVertex_s(edge)
+
+
+def last_vertex(edge: TopoDS_Edge) -> TopoDS_Vertex:
+    """Vertex at the end of the edge's curve, whatever the orientation of the edge."""
+    return TopExp.LastVertex_s(edge)
+
+
+def orientation_sign(shape: TopoDS_Shape) -> int:
+    """-1 for a reversed shape, else 1."""
+    return -1 if shape.Orientation() == TopAbs_REVERSED else 1
