@@ -32,7 +32,7 @@ def natural_lattice(surface: str, cells: int) -> Brep:
     """A closed sheet of whole cells with its gaps bridged, mm."""
     request = resolve_lattice_request(
         surface, cell=CELL, cells=cells, thickness=THICKNESS, offset=None, volume_fraction=None, kind="sheet", side="-",
-        reference="minimal", boundary="natural", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
+        reference="minimal", boundary="natural", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
     sheet = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, CELL, TOL).sheet
     placements = copies.place_whole_cells(request.surface, request.cells, np.zeros(3))

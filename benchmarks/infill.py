@@ -96,7 +96,6 @@ def wanted(surface: str, cell: float) -> LatticeRequest:
         boundary="box",
         phase=(0.05, 0.1, 0.15),
         tol=None,
-        mapped=False,
     )
     return replace(request, reference=reference)
 
@@ -201,7 +200,7 @@ def main(arguments: list[str] | None = None) -> None:
                 - 1
             )
             print(
-                f"{body_name:>9} {surface:>10} {cut.by:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
+                f"{body_name:>9} {surface:>10} {cut.method:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
                 f"{(plain + check) / own:6.1f} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
                 f"{time.process_time() - first:6.0f}",
                 flush=True,

@@ -17,7 +17,7 @@ import numpy as np
 
 from tests.workflows.test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
 from tpmscad import kernel
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 
 def field() -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.facets import facets
 from tpmscad import fields
 from tpmscad.errors import TpmscadError
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 CELL = ((0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
 NAMES = (

@@ -21,7 +21,7 @@ from benchmarks.solidify_figures import cpu, sampled_betti
 from tpmscad import kernel
 from tpmscad.blending import blend
 from tpmscad.errors import TpmscadError
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 PERIODS = "2x1x1,2x1x1,3x1x1,2x2x1,4x2x2"
 TOL = 5e-3

@@ -31,7 +31,7 @@ from tpmscad import fields, kernel, topology
 from tpmscad.blending import BlendResult, blend
 from tpmscad.errors import TpmscadError
 from tpmscad.fields import volume_quadrature
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 FLAT: Corners = (0, 0, 0), (1, 1, 0.25)

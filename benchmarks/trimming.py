@@ -65,7 +65,7 @@ def covering(surface: str, low: np.ndarray, high: np.ndarray) -> LatticeCover:
     """Whole patches around a box."""
     request = resolve_lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
-        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
+        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
     return cover_box(request, low, high, lambda _: None)
 
@@ -110,7 +110,7 @@ def large(n: int) -> None:
     shape = bd.Pos(half, half, half) * bd.Cylinder(half, 2 * half)
     request = resolve_lattice_request(
         "gyroid", cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
-        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL, mapped=False,
+        reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
     patches = cover_box(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
     stages = [("cover", time.process_time() - cpu)]

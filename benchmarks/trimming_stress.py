@@ -134,9 +134,7 @@ def by_kernel(block: Callable[[], Any], patches: Brep, shape: bd.Part, note: str
     """What the kernel makes of the patches near the body's faces; where that fails, of the whole lattice and the body."""
     body = read_body(shape)
     ways: dict[str, Callable[[], list[tuple[Any, ...]]]] = {
-        "split": lambda: [
-            split_near_body_faces(p, body, TrimmingError(note)).solids for p in (patches, turned(patches))
-        ],
+        "split": lambda: [split_near_body_faces(p, body).solids for p in (patches, turned(patches))],
         "kernel": lambda: [
             boolean_operations.intersect_solids(block(), body.shape),
             boolean_operations.subtract_solid(body.shape, block()),

@@ -8,8 +8,8 @@ from typing import Any, Literal
 import cadquery as cq
 
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.workflows import infill
-from tpmscad.workflows.lattice_solid import lattice, lattice_size
+from tpmscad.workflows import infill, lattice
+from tpmscad.workflows.lattice_request import lattice_size
 
 
 def tpms(

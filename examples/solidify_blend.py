@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmscad import blend, fields
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 
 def main(path: str | Path = "blend.step", half: float = 10.0) -> dict[str, object]:

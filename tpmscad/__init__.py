@@ -1,33 +1,56 @@
 """Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids.
 
-The public names are imported when they are first asked for: those that make solids bring the kernel, which takes seconds.
+Lengths are in model units (mm in files), angles in degrees. A point array has shape (..., 3), xyz last. A field is solid where it
+is negative. Each public name is imported at its first use, because those that make solids load the CAD kernel, which takes
+seconds.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from tpmscad._lazy_import import lazy_attributes
 
 if TYPE_CHECKING:
     from tpmscad import fields, surfaces, topology
     from tpmscad.blending import blend
-    from tpmscad.errors import InvalidRequest, KernelError, NotMet, TpmscadError
+    from tpmscad.errors import (
+        InvalidRequest,
+        KernelError,
+        LevelSetError,
+        NotMet,
+        RecipeError,
+        TpmscadError,
+        TrimmingError,
+    )
     from tpmscad.lattices import maps
-    from tpmscad.workflows import body_field, fluid_domains, infill
-    from tpmscad.workflows.certificate import Certificate
-    from tpmscad.workflows.implicit_solid import solidify
-    from tpmscad.workflows.lattice_solid import check_step, export_step, lattice, render_step
-    from tpmscad.workflows.metrics import Metrics, measure
-    from tpmscad.workflows.model import Model
+    from tpmscad.workflows import (
+        Certificate,
+        Metrics,
+        Model,
+        body_field,
+        check_step,
+        export_step,
+        fluid_domains,
+        infill,
+        lattice,
+        measure,
+        render_step,
+        solidify,
+    )
 
 __all__ = [
     "Certificate",
     "InvalidRequest",
     "KernelError",
+    "LevelSetError",
     "Metrics",
     "Model",
     "NotMet",
+    "RecipeError",
     "TpmscadError",
+    "TrimmingError",
+    "__version__",
     "blend",
     "body_field",
     "check_step",
@@ -44,43 +67,33 @@ __all__ = [
     "topology",
 ]
 
+__version__ = "0.1.0"
+
 _MODULE_OF_NAME = {
-    "Certificate": "tpmscad.workflows.certificate",
+    "Certificate": "tpmscad.workflows",
     "InvalidRequest": "tpmscad.errors",
     "KernelError": "tpmscad.errors",
-    "Metrics": "tpmscad.workflows.metrics",
-    "Model": "tpmscad.workflows.model",
+    "LevelSetError": "tpmscad.errors",
+    "Metrics": "tpmscad.workflows",
+    "Model": "tpmscad.workflows",
     "NotMet": "tpmscad.errors",
+    "RecipeError": "tpmscad.errors",
     "TpmscadError": "tpmscad.errors",
+    "TrimmingError": "tpmscad.errors",
     "blend": "tpmscad.blending",
     "body_field": "tpmscad.workflows",
-    "check_step": "tpmscad.workflows.lattice_solid",
-    "export_step": "tpmscad.workflows.lattice_solid",
-    "measure": "tpmscad.workflows.metrics",
+    "check_step": "tpmscad.workflows",
+    "export_step": "tpmscad.workflows",
+    "fields": "tpmscad.fields",
     "fluid_domains": "tpmscad.workflows",
     "infill": "tpmscad.workflows",
-    "lattice": "tpmscad.workflows.lattice_solid",
-    "render_step": "tpmscad.workflows.lattice_solid",
-    "solidify": "tpmscad.workflows.implicit_solid",
-}
-_PUBLIC_MODULES = {
-    "fields": "tpmscad.fields",
+    "lattice": "tpmscad.workflows",
     "maps": "tpmscad.lattices.maps",
+    "measure": "tpmscad.workflows",
+    "render_step": "tpmscad.workflows",
+    "solidify": "tpmscad.workflows",
     "surfaces": "tpmscad.surfaces",
     "topology": "tpmscad.topology",
 }
 
-
-def __getattr__(name: str) -> Any:
-    if name in _MODULE_OF_NAME:
-        value = getattr(import_module(_MODULE_OF_NAME[name]), name)
-    elif name in _PUBLIC_MODULES:
-        value = import_module(_PUBLIC_MODULES[name])
-    else:
-        raise AttributeError(f"module 'tpmscad' has no attribute {name!r}")
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
+
+BoxCorners = Sequence[Sequence[float]]
+"""Opposite corners of a box, ((x0, y0, z0), (x1, y1, z1)), in model units."""
 
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done, from 0 to 1."""

@@ -10,8 +10,8 @@ from build123d.build_common import Builder
 from build123d.geometry import to_align_offset
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.workflows import infill
-from tpmscad.workflows.lattice_solid import lattice, lattice_size
+from tpmscad.workflows import infill, lattice
+from tpmscad.workflows.lattice_request import lattice_size
 
 __all__ = ["Tpms", "TpmsInfill"]
 

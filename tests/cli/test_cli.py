@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 import typer
 
-import tpmscad
+import tpmscad.workflows
 from tpmscad import cli
 from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
@@ -40,7 +40,7 @@ class Certificate:
 
 
 class Recorder:
-    """Stands for tpmscad.workflows.lattice_solid: notes how it was called and does what `outcome` says."""
+    """Stands for the functions of tpmscad.workflows: notes how it was called and does what `outcome` says."""
 
     def __init__(self) -> None:
         self.called: dict[str, Any] = {}
@@ -72,8 +72,8 @@ class Recorder:
 @pytest.fixture
 def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
     recorder = Recorder()
-    monkeypatch.setitem(sys.modules, "tpmscad.workflows.lattice_solid", recorder)  # type: ignore[arg-type]
-    monkeypatch.setitem(vars(tpmscad), "workflows", recorder)
+    for name in ("lattice", "check_step", "render_step"):
+        monkeypatch.setitem(vars(tpmscad.workflows), name, getattr(recorder, name))
     monkeypatch.chdir(tmp_path)
     return recorder
 
@@ -269,7 +269,7 @@ class Terminal(io.StringIO):
 def test_the_bar_shows_on_a_terminal_only_after_its_delay(
     monkeypatch: pytest.MonkeyPatch, delay: float, shown: bool
 ) -> None:
-    monkeypatch.setattr(output, "BAR_DELAY", delay)
+    monkeypatch.setattr(output, "BAR_DELAY_SECONDS", delay)
     monkeypatch.setenv("TERM", "xterm")
     terminal = Terminal()
     with monkeypatch.context() as patch:

@@ -15,7 +15,7 @@ from tpmscad import fields
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.workflows import FluidDomains
 from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes
-from tpmscad.workflows.lattice_infill import write_checked_shape
+from tpmscad.workflows.checked_write import write_checked_shape
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 

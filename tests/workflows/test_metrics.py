@@ -15,7 +15,7 @@ from tpmscad import cli
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure import shape_sampling
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.workflows.metrics import Metrics, measure
+from tpmscad.workflows import Metrics, measure
 
 pytestmark = pytest.mark.kernel
 

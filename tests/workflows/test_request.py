@@ -11,7 +11,10 @@ from hypothesis import strategies as st
 
 from tpmscad import surfaces
 from tpmscad.errors import InvalidRequest
+from tpmscad.lattices import maps
 from tpmscad.workflows.lattice_request import resolve_lattice_request
+
+IDENTITY = maps.as_map(lambda points: points)
 
 PLAIN: dict[str, Any] = {
     "cell": 10.0,
@@ -25,7 +28,7 @@ PLAIN: dict[str, Any] = {
     "boundary": "box",
     "phase": (0, 0, 0),
     "tol": None,
-    "mapped": False,
+    "map": None,
 }
 
 
@@ -40,7 +43,7 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"cell": 0, "thickness": 1}, ("cell 0", "positive")),
         ({"cell": (10, 10), "thickness": 1}, ("cell", "three")),
         ({"cell": math.inf, "thickness": 1}, ("cell inf", "finite")),
-        ({"cell": "ten", "thickness": 1}, ("cell 'ten'", "no number")),
+        ({"cell": "ten", "thickness": 1}, ("cell 'ten'", "not a number")),
         ({"cells": (2, 0, 1), "thickness": 1}, ("cells 0", "positive")),
         ({"cells": 1.5, "thickness": 1}, ("cells 1.5", "whole")),
         ({"thickness": -1}, ("thickness -1", "positive")),
@@ -59,8 +62,14 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"thickness": 1, "phase": (0.5,)}, ("phase", "three")),
         ({"surface": "iwp", "thickness": 1, "reference": "minimal"}, ("reference 'minimal' of the iwp", "nodal")),
         ({"surface": "F-RD", "thickness": 1.1}, ("offset", "frd", "between -0.71", "0.536", "thin")),
-        ({"surface": "neovius", "thickness": 0.5, "mapped": True}, ("map", "Neovius's mirrors", "tpmscad.solidify")),
-        ({"surface": "I-WP", "thickness": 0.5, "cell": (10, 10, 12)}, ("[10.0, 10.0, 12.0]", "I-WP's mirrors")),
+        (
+            {"surface": "neovius", "thickness": 0.5, "map": IDENTITY},
+            ("map", "mirror planes of the Neovius", "tpmscad.solidify"),
+        ),
+        (
+            {"surface": "I-WP", "thickness": 0.5, "cell": (10, 10, 12)},
+            ("[10.0, 10.0, 12.0]", "mirror planes of the I-WP"),
+        ),
         ({"surface": "lidinoid", "thickness": 0.5}, ("Lidinoid", "tpmscad.solidify", "'lidinoid'")),
         ({"surface": "S", "kind": "skeletal", "reference": "nodal"}, ("Fischer-Koch S", "tpmscad.solidify")),
     ],

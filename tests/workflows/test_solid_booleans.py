@@ -14,7 +14,7 @@ from OCP.Geom import Geom_CylindricalSurface, Geom_Plane
 from tpmscad import fields, kernel
 from tpmscad.fields import Field
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 

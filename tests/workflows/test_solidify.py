@@ -9,7 +9,7 @@ import pytest
 from tpmscad import fields, kernel
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.betti_numbers import compute_betti_numbers
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 pytestmark = pytest.mark.kernel
 

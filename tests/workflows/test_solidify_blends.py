@@ -15,7 +15,7 @@ from tpmscad import fields, kernel
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import LevelSetError
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows import solidify
 
 pytestmark = pytest.mark.kernel
 

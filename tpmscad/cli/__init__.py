@@ -1,25 +1,25 @@
-"""The command line: options in, one workflow called, a file and a report out. No mathematics, no kernel calls.
+"""The command line: options in, one workflow called, a file and a report out.
 
-Exit status 0: made and met. 1: could not be made, or does not meet the request. 2: the request itself can't be carried out
-as written (an unknown option, surface or folder; a value out of bounds; options that exclude each other).
+Exit status 0: made, and as requested. 1: could not be made, or misses the request. 2: the request cannot be carried out as
+written (an unknown option, surface or folder; a value out of range; options that exclude each other).
 
-The workflows are imported inside the commands: they bring the kernel, which takes seconds to load, and help should not wait.
+The packages `tpmscad.workflows` and `tpmscad.recipe` load their modules at their first use, so help does not wait for the kernel.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import Annotated
 
 import typer
 
+from tpmscad import __version__
 from tpmscad.cli import infill_command, lattice_command, recipe_commands, step_file_commands, surfaces_command
 from tpmscad.errors import InvalidRequest, TpmscadError
 
-EXIT_STATUS_HELP = """Exit status: 0 if made and as requested; 1 if it could not be made or misses the request (nothing
-is written); 2 if the request cannot be carried out as written."""
+EXIT_STATUS_HELP = """Exit status: 0 if the result was made as requested; 1 if it could not be made or misses the request
+(nothing is written); 2 if the request cannot be carried out as written."""
 
 app = typer.Typer(
     name="tpmscad",
@@ -33,7 +33,7 @@ app = typer.Typer(
 
 
 def format_examples(*lines: str) -> str:
-    """The end of a command's help; what follows \b keeps its line breaks."""
+    """The examples at the end of a command's help; \b keeps their line breaks."""
     return "\b\n" + "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
 
 
@@ -55,17 +55,17 @@ for command, short, lines in (
     ),
     (
         recipe_commands.blend,
-        "Join porous structures as a TOML file says.",
+        "Join porous structures as a TOML file describes.",
         ["blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"],
     ),
     (
         recipe_commands.solidify,
-        "Make the solid of a field as a TOML file says.",
+        "Make the solid of a field that a TOML file describes.",
         ["solidify examples/graded.toml -o graded.step --report graded.json"],
     ),
     (
         step_file_commands.check,
-        "Read a STEP file back and say what is in it.",
+        "Read a STEP file and report its content.",
         ["check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"],
     ),
     (step_file_commands.render, "Draw a STEP file as a PNG picture.", ["render gyroid.step -o gyroid.png"]),
@@ -74,7 +74,7 @@ for command, short, lines in (
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line on `arguments` (default: those of the process). Always ends in SystemExit."""
+    """Run the command line on `arguments` (default: those of the process); it ends in SystemExit."""
     try:
         app(None if arguments is None else list(arguments), prog_name="tpmscad")
     except InvalidRequest as error:
@@ -90,10 +90,7 @@ def _exit_with_error(error: Exception, status: int) -> None:
 
 def _show_version(wanted: bool) -> None:
     if wanted:
-        try:
-            print("tpmscad", version("tpmscad"))
-        except PackageNotFoundError:
-            print("tpmscad, run from its source without being installed")
+        print("tpmscad", __version__)
         raise typer.Exit
 
 

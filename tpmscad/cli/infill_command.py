@@ -1,11 +1,8 @@
-"""tpmscad infill"""
+"""tpmscad infill: a CAD body filled with a lattice."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-import typer
-
+from tpmscad import workflows
 from tpmscad.cli.options import (
     CellOption,
     KindOption,
@@ -15,31 +12,17 @@ from tpmscad.cli.options import (
     QuietOption,
     ReferenceOption,
     ReportOption,
+    RotationOption,
     SchemaOption,
     SideOption,
+    SkinOption,
     StepFileArgument,
     SurfaceArgument,
     ThicknessOption,
     TolOption,
     VolumeFractionOption,
-    parse_numbers,
 )
-from tpmscad.cli.output import (
-    STEP_SUFFIXES,
-    check_writable,
-    progress_bar,
-    report_unmet_request,
-    write_model,
-    write_report,
-)
-
-RotationOption = Annotated[
-    Any,
-    typer.Option(parser=parse_numbers, metavar="X,Y,Z", help="Degrees by which the lattice is turned about x, y, z."),
-]
-SkinOption = Annotated[
-    float | None, typer.Option(metavar="MM", help="Thickness of a wall kept all around the body, mm.")
-]
+from tpmscad.cli.output import make_and_write
 
 
 def infill(
@@ -61,29 +44,27 @@ def infill(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Fill the solid in a STEP file with a lattice, anchored at the origin of the file's coordinates."""
-    check_writable(output, STEP_SUFFIXES)
-    with report_unmet_request(report):
-        from tpmscad import workflows
-
-        with progress_bar(f"{surface} infill", quiet) as progress:
-            model = workflows.infill(
-                body,
-                surface,
-                cell=cell,
-                thickness=thickness,
-                offset=offset,
-                volume_fraction=volume_fraction,
-                skin=skin,
-                tol=tol,
-                kind=kind,
-                side=side,
-                reference=reference,
-                phase=phase,
-                rotation=rotation,
-                progress=progress,
-            )
-            write_model(model, output, progress, schema=schema)
-        write_report(report, model.certificate.to_dict())
-    if not quiet:
-        print(model.certificate)
+    """Fill the solid in a STEP file with a lattice that is anchored at the origin of the file's coordinates."""
+    make_and_write(
+        f"{surface} infill",
+        lambda progress: workflows.infill(
+            body,
+            surface,
+            cell=cell,
+            thickness=thickness,
+            offset=offset,
+            volume_fraction=volume_fraction,
+            skin=skin,
+            tol=tol,
+            kind=kind,
+            side=side,
+            reference=reference,
+            phase=phase,
+            rotation=rotation,
+            progress=progress,
+        ),
+        output,
+        report=report,
+        quiet=quiet,
+        schema=schema,
+    )

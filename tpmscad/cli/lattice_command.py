@@ -1,7 +1,8 @@
-"""tpmscad lattice"""
+"""tpmscad lattice: a lattice of a minimal surface in a box."""
 
 from __future__ import annotations
 
+from tpmscad import workflows
 from tpmscad.cli.options import (
     BoundaryOption,
     CellOption,
@@ -21,14 +22,7 @@ from tpmscad.cli.options import (
     TolOption,
     VolumeFractionOption,
 )
-from tpmscad.cli.output import (
-    STEP_SUFFIXES,
-    check_writable,
-    progress_bar,
-    report_unmet_request,
-    write_model,
-    write_report,
-)
+from tpmscad.cli.output import make_and_write
 
 
 def lattice(
@@ -50,28 +44,27 @@ def lattice(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Make a lattice of a minimal surface, filling the box from the origin to CELLS x CELL, as a STEP file."""
-    check_writable(output, STEP_SUFFIXES)
-    with report_unmet_request(report):
-        from tpmscad.workflows import lattice_solid
-
-        with progress_bar(f"{surface} lattice", quiet) as progress:
-            model = lattice_solid.lattice(
-                surface,
-                cell=cell,
-                cells=cells,
-                thickness=thickness,
-                offset=offset,
-                volume_fraction=volume_fraction,
-                tol=tol,
-                kind=kind,
-                side=side,
-                reference=reference,
-                boundary=boundary,
-                phase=phase,
-                progress=progress,
-            )
-            write_model(model, output, progress, instanced=instanced, schema=schema)
-        write_report(report, model.certificate.to_dict())
-    if not quiet:
-        print(model.certificate)
+    """Make a lattice of a minimal surface that fills the box from the origin to CELLS x CELL, and write it as STEP."""
+    make_and_write(
+        f"{surface} lattice",
+        lambda progress: workflows.lattice(
+            surface,
+            cell=cell,
+            cells=cells,
+            thickness=thickness,
+            offset=offset,
+            volume_fraction=volume_fraction,
+            tol=tol,
+            kind=kind,
+            side=side,
+            reference=reference,
+            boundary=boundary,
+            phase=phase,
+            progress=progress,
+        ),
+        output,
+        report=report,
+        quiet=quiet,
+        instanced=instanced,
+        schema=schema,
+    )

@@ -1,4 +1,4 @@
-"""What every command that makes something does with it: a file and a report that are whole or not there, a bar meanwhile."""
+"""The output of commands: files and reports that are complete or absent, and a progress bar."""
 
 from __future__ import annotations
 
@@ -6,22 +6,24 @@ import json
 import os
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from tpmscad._typing import Progress
 from tpmscad.errors import InvalidRequest, NotMet
 
+if TYPE_CHECKING:
+    from tpmscad._typing import Progress  # loads NumPy
+
 BAR_DELAY_SECONDS = 1.0
-"""Seconds before the progress bar shows: shorter work needs none."""
+"""Time before the progress bar appears."""
 
 STEP_SUFFIXES = (".step", ".stp")
 
 
 def check_writable(path: Path, suffixes: Iterable[str]) -> Path:
-    """The path, if a file of one of these kinds can be put there; looked at before anything is computed."""
+    """The path; InvalidRequest unless it has one of the suffixes and its folder exists."""
     if path.suffix.lower() not in suffixes:
         raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {' or '.join(suffixes)}")
     if not path.parent.is_dir():
@@ -30,7 +32,7 @@ def check_writable(path: Path, suffixes: Iterable[str]) -> Path:
 
 
 def write_report(path: Path | None, content: dict[str, Any]) -> None:
-    """The report as JSON, written aside and renamed, so that it is whole or not there."""
+    """Write a report as JSON under a temporary name and rename it, so that it is complete or absent."""
     if path is None:
         return
     aside = path.with_name(f".{path.name}.{os.getpid()}")
@@ -43,7 +45,7 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 @contextmanager
 def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
-    """A callback that draws a bar on standard error, or None where nobody watches."""
+    """A callback that draws a progress bar on standard error; None if that is no terminal, or `quiet`."""
     if quiet or not sys.stderr.isatty():
         yield None
         return
@@ -59,13 +61,13 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
 
     columns: list[ProgressColumn] = [TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()]
     with LateBar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(title, total=None)  # moves to and fro until something is known to be done
+        task = bar.add_task(title, total=None)  # moves to and fro until a stage reports a fraction
         yield lambda stage, done: bar.update(task, description=stage, completed=done, total=1.0 if done else None)
 
 
 @contextmanager
 def report_unmet_request(report: Path | None) -> Iterator[None]:
-    """A result that misses the request leaves its certificate in the report, and nothing else."""
+    """Write the certificate of a NotMet that passes through to the report, before any file is written."""
     if report is not None:
         check_writable(report, (".json",))
     try:
@@ -76,11 +78,31 @@ def report_unmet_request(report: Path | None) -> Iterator[None]:
         raise
 
 
-def write_model(model: Any, path: Path, progress: Progress | None, **how: Any) -> None:
-    """Write the model if it meets the request."""
+def write_model(model: Any, path: Path, progress: Progress | None, **export_options: Any) -> None:
+    """Write a model as STEP; NotMet if it misses the request."""
     certificate = model.certificate
     if not certificate.met:
         raise NotMet(f"{path} not written, it misses the request: {'; '.join(certificate.shortfalls)}", certificate)
     if progress:
         progress("write", 0.0)
-    model.export_step(path, **how)
+    model.export_step(path, **export_options)
+
+
+def make_and_write(
+    title: str,
+    make: Callable[[Progress | None], Any],
+    output: Path,
+    *,
+    report: Path | None,
+    quiet: bool,
+    **export_options: Any,
+) -> None:
+    """Make a model, write it as STEP and its certificate as JSON, and print the certificate."""
+    check_writable(output, STEP_SUFFIXES)
+    with report_unmet_request(report):
+        with progress_bar(title, quiet) as progress:
+            model = make(progress)
+            write_model(model, output, progress, **export_options)
+        write_report(report, model.certificate.to_dict())
+    if not quiet:
+        print(model.certificate)

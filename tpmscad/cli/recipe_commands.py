@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING
 
-import typer
-
-from tpmscad.cli.options import QuietOption, ReportOption, SchemaOption
+from tpmscad import recipe as recipes
+from tpmscad.cli.options import (
+    AllowErrorsOption,
+    DryRunOption,
+    QuietOption,
+    RecipeArgument,
+    RecipeOutputOption,
+    ReportOption,
+    SchemaOption,
+)
 from tpmscad.cli.output import (
     STEP_SUFFIXES,
     check_writable,
@@ -18,19 +26,9 @@ from tpmscad.cli.output import (
 )
 from tpmscad.errors import InvalidRequest
 
-RecipeArgument = Annotated[
-    Path,
-    typer.Argument(metavar="FILE.toml", exists=True, dir_okay=False, help="What to make; examples/*.toml show how."),
-]
-RecipeOutputOption = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")
-]
-DryRunOption = Annotated[
-    bool, typer.Option("--dry-run", help="Read and check only: no solid is made and nothing written.")
-]
-AllowErrorsOption = Annotated[
-    bool, typer.Option("--allow-errors", help="Make the solid even of a blend with errors left; its notes say which.")
-]
+if TYPE_CHECKING:
+    from tpmscad._typing import Progress  # loads NumPy
+    from tpmscad.recipe.recipe_runs import RecipeRun
 
 
 def blend(
@@ -42,24 +40,12 @@ def blend(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Join porous structures as a TOML file says, without isolated pieces or holes, and write the solid as a STEP file."""
-    _check_output_or_dry_run(output, dry_run)
-    with report_unmet_request(report):
-        from tpmscad import recipe as recipes
+    """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid as STEP."""
 
-        with progress_bar(f"blending {recipe.name}", quiet) as progress:
-            scaffold = recipes.read_blend_recipe(recipe)
-            result = recipes.run_blend_recipe(scaffold, allow_errors=allow_errors, progress=progress)
-            if output is None:
-                write_report(report, result.to_dict())
-                text = result.message
-            else:
-                model = recipes.solidify_blend(scaffold, result, progress)
-                write_model(model, output, progress, schema=schema)
-                write_report(report, model.certificate.to_dict() | {"blend": result.to_dict()})
-                text = str(model.certificate)
-    if not quiet:
-        print(text)
+    def read(path: Path, progress: Progress | None) -> RecipeRun:
+        return recipes.BlendRun.read(path, allow_errors=allow_errors, progress=progress)
+
+    _run(recipe, output, dry_run, f"blending {recipe.name}", read, schema=schema, report=report, quiet=quiet)
 
 
 def solidify(
@@ -70,28 +56,38 @@ def solidify(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Make the solid of a field that a TOML file describes, graded, thresholded or mapped, as a STEP file."""
-    _check_output_or_dry_run(output, dry_run)
-    with report_unmet_request(report):
-        from tpmscad import recipe as recipes
+    """Make the solid of a field that a TOML file describes (graded, thresholded, mapped), and write it as STEP."""
 
-        with progress_bar(f"making {recipe.name}", quiet) as progress:
-            part = recipes.read_solid_recipe(recipe)
-            if output is None:
-                write_report(report, part.to_dict())
-                text = str(part)
-            else:
-                model = recipes.solidify_recipe(part, progress)
-                write_model(model, output, progress, schema=schema)
-                write_report(report, model.certificate.to_dict())
-                text = str(model.certificate)
-    if not quiet:
-        print(text)
+    def read(path: Path, progress: Progress | None) -> RecipeRun:
+        return recipes.SolidRun.read(path)
+
+    _run(recipe, output, dry_run, f"making {recipe.name}", read, schema=schema, report=report, quiet=quiet)
 
 
-def _check_output_or_dry_run(output: Path | None, dry_run: bool) -> None:
-    """Either a file to write, or no more than a look."""
+def _run(
+    path: Path,
+    output: Path | None,
+    dry_run: bool,
+    title: str,
+    read: Callable[[Path, Progress | None], RecipeRun],
+    *,
+    schema: str,
+    report: Path | None,
+    quiet: bool,
+) -> None:
+    """Read a recipe and make its solid, or describe it in a dry run."""
     if dry_run == (output is not None):
-        raise InvalidRequest("give either --output FILE.step, or --dry-run, which writes none")
+        raise InvalidRequest("give either --output FILE.step, or --dry-run, which writes no STEP file")
     if output is not None:
         check_writable(output, STEP_SUFFIXES)
+    with report_unmet_request(report), progress_bar(title, quiet) as progress:
+        run = read(path, progress)
+        if output is None:
+            text, content = run.describe()
+        else:
+            model, content = run.make(progress)
+            write_model(model, output, progress, schema=schema)
+            text = str(model.certificate)
+        write_report(report, content)
+    if not quiet:
+        print(text)

@@ -1,7 +1,8 @@
-"""tpmscad check and tpmscad render: what is done with a STEP file."""
+"""tpmscad check and tpmscad render: the content of a STEP file, and its picture."""
 
 from __future__ import annotations
 
+from tpmscad import workflows
 from tpmscad.cli.options import MetricsOption, PictureOption, QuietOption, ReportOption, StepFileArgument, WithinOption
 from tpmscad.cli.output import check_writable, progress_bar, report_unmet_request, write_report
 from tpmscad.errors import TpmscadError
@@ -14,19 +15,15 @@ def check(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Read a STEP file back with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
+    """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
     if report is not None:
         check_writable(report, (".json",))
-    from tpmscad.workflows import lattice_solid
-
     with progress_bar(f"reading {file.name}", quiet):
-        found = lattice_solid.check_step(file)
+        found = workflows.check_step(file)
     content, text = found.to_dict(), str(found)
     if found.ok and (metrics or within):
-        from tpmscad.workflows.metrics import measure
-
         with progress_bar(f"measuring {file.name}", quiet):
-            measured = measure(file, within=within)
+            measured = workflows.measure(file, within=within)
         content["metrics"] = measured.to_dict()
         text += f"\n{measured}"
     write_report(report, content)
@@ -39,11 +36,9 @@ def check(
 def render(
     file: StepFileArgument, output: PictureOption, report: ReportOption = None, quiet: QuietOption = False
 ) -> None:
-    """Draw a STEP file as a PNG picture. No display is needed."""
+    """Draw a STEP file as a PNG picture, without a display."""
     check_writable(output, (".png",))
     with report_unmet_request(report):
-        from tpmscad.workflows import lattice_solid
-
         with progress_bar(f"drawing {file.name}", quiet):
-            lattice_solid.render_step(file, output)
+            workflows.render_step(file, output)
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})

@@ -1,27 +1,27 @@
-"""tpmscad surfaces"""
+"""tpmscad surfaces: the catalogue as a table."""
 
 from __future__ import annotations
+
+from tpmscad.catalogue import CATALOGUE
 
 PRIMITIVE_LABELS = {"exact": "exact patches", "mirrored": "mirrored pieces", None: "by solidify"}
 
 
 def surfaces() -> None:
-    """List the catalogue: names, what lattices are made of, references, patches per cell, space group, genus, formula."""
-    from tpmscad.catalogue import CATALOGUE
-
+    """List the catalogue: names, construction of lattices, references, patches per cell, space group, genus, formula."""
     head = ("name", "also", "lattice", "references", "patches per cell", "space group", "genus", "formula")
     rows = [
         (
-            i.name,
-            ", ".join(i.aliases),
-            PRIMITIVE_LABELS[i.primitives],
-            ", ".join(i.references) or "formula",
-            i.patches_per_cell or "-",
-            i.space_group,
-            i.genus,
-            i.formula,
+            info.name,
+            ", ".join(info.aliases),
+            PRIMITIVE_LABELS[info.primitives],
+            ", ".join(info.references) or "formula",
+            info.patches_per_cell or "-",
+            info.space_group,
+            info.genus,
+            info.formula,
         )
-        for i in CATALOGUE.values()
+        for info in CATALOGUE.values()
     ]
     table = [[str(entry) for entry in row] for row in (head, *rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]

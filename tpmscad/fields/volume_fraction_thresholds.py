@@ -18,7 +18,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import Field, FieldLike, as_field
@@ -38,8 +38,6 @@ THRESHOLD_RTOL = 1e-10
 
 BRACKET_RANGE_FRACTION = 1e-3
 """Of the range: where the threshold of both grids is looked for first, around that of the coarse one."""
-
-BoxCorners = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

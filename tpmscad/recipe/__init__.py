@@ -1,53 +1,42 @@
-"""Recipes: blends and solids of fields described in TOML files, for the command line. Errors name the file, the line, the key.
+"""Recipes: blends and solids of fields described in TOML files, for the command line.
 
-Lengths in mm, angles in degrees, as everywhere. A field is a table with a `kind`, a number, or the name of a field that the
-recipe defines under `[fields.NAME]`.
+Lengths are in mm, angles in degrees. A field is a table with a `kind`, a number, or the name of a field that the recipe
+defines under `[fields.NAME]`. An invalid recipe raises RecipeError, whose message begins with the file, the line and the key.
+The modules are loaded at their first use, because they need NumPy and the fields.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from tpmscad._typing import Progress
-from tpmscad.blending import BlendResult
-from tpmscad.errors import NotMet, RecipeError
-from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
-from tpmscad.recipe.solid_recipe import SolidRecipe, read_solid_recipe
-from tpmscad.workflows.model import Model
+from tpmscad._lazy_import import lazy_attributes
+
+if TYPE_CHECKING:
+    from tpmscad.errors import RecipeError
+    from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
+    from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, run_blend_recipe
+    from tpmscad.recipe.solid_recipe import SolidRecipe, read_solid_recipe
 
 __all__ = [
     "BlendRecipe",
+    "BlendRun",
     "RecipeError",
     "SolidRecipe",
+    "SolidRun",
     "read_blend_recipe",
     "read_solid_recipe",
     "run_blend_recipe",
-    "solidify_blend",
-    "solidify_recipe",
 ]
 
+_MODULE_OF_NAME = {
+    "BlendRecipe": "tpmscad.recipe.blend_recipe",
+    "BlendRun": "tpmscad.recipe.recipe_runs",
+    "RecipeError": "tpmscad.errors",
+    "SolidRecipe": "tpmscad.recipe.solid_recipe",
+    "SolidRun": "tpmscad.recipe.recipe_runs",
+    "read_blend_recipe": "tpmscad.recipe.blend_recipe",
+    "read_solid_recipe": "tpmscad.recipe.solid_recipe",
+    "run_blend_recipe": "tpmscad.recipe.recipe_runs",
+}
 
-def run_blend_recipe(
-    scaffold: BlendRecipe, *, allow_errors: bool = False, progress: Progress | None = None
-) -> BlendResult:
-    """The blend of a recipe. NotMet if errors of its own are left or a neck could not be had, unless they are allowed."""
-    result = scaffold.run(progress)
-    if not allow_errors and (not result.converged or result.necks):
-        raise NotMet(f"the blend misses the request: {result.message}", result)
-    return result
-
-
-def solidify_blend(scaffold: BlendRecipe, result: BlendResult, progress: Progress | None = None) -> Model:
-    """The solid of a blend, in the domain it was blended in; what is to be said of the blend is in the certificate's notes."""
-    from tpmscad.workflows.implicit_solid import solidify
-
-    model = solidify(result.field, result.domain, tol=scaffold.tol, progress=progress)
-    certificate = replace(model.certificate, notes=(*model.certificate.notes, f"blend: {result.message}"))
-    return replace(model, name="blended scaffold", certificate=certificate)
-
-
-def solidify_recipe(part: SolidRecipe, progress: Progress | None = None) -> Model:
-    """The solid of a field's recipe."""
-    from tpmscad.workflows.implicit_solid import solidify
-
-    return solidify(part.field, part.domain, tol=part.tol, progress=progress)
+__getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

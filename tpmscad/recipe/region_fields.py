@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tpmscad import fields
+from tpmscad import fields, workflows
 from tpmscad.fields import Field
 from tpmscad.recipe.field_kind import FieldKind, ReadField, make_kind, read_direction, read_triple
 from tpmscad.recipe.image_masks import read_mask
@@ -43,9 +43,7 @@ def read_image_region(entry: Entry, read: ReadField) -> Field:
 
 def read_body_field(entry: Entry, read: ReadField) -> Field:
     """The signed distance to the solid of a STEP file, relative to the recipe's folder."""
-    from tpmscad.workflows import body_field
-
-    return body_field(entry["file"].beside())
+    return workflows.body_field(entry["file"].beside())
 
 
 def _read_corner(entry: Entry) -> tuple[float, ...]:

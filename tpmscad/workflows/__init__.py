@@ -1,7 +1,64 @@
-"""What engineers do with a part: fill it with a lattice, keep a skin, get the fluid volumes too."""
+"""The public functions: each turns a surface, a field, a body or a file into a certified result.
 
-from tpmscad.kernel.measure.signed_distance import body_field
-from tpmscad.workflows.fluid_volumes import FaceContact, FluidDomains, fluid_domains
-from tpmscad.workflows.lattice_infill import InfillModel, infill
+`lattice` fills a box with a minimal surface, `infill` a CAD body; `solidify` makes a solid of any field; `fluid_domains`
+makes the wall and the two channels of a heat exchanger. `measure` gives the figures that parts are designed by.
+`export_step`, `check_step` and `render_step` write, verify and draw STEP files. The modules are loaded at their first use,
+because they need the CAD kernel.
+"""
 
-__all__ = ["FaceContact", "FluidDomains", "InfillModel", "body_field", "fluid_domains", "infill"]
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from tpmscad._lazy_import import lazy_attributes
+
+if TYPE_CHECKING:
+    from tpmscad.kernel.measure.signed_distance import body_field
+    from tpmscad.workflows.certificate import Certificate
+    from tpmscad.workflows.fluid_volumes import FaceContact, FluidDomains, fluid_domains
+    from tpmscad.workflows.implicit_solid import solidify
+    from tpmscad.workflows.lattice_infill import infill
+    from tpmscad.workflows.lattice_solid import lattice
+    from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
+    from tpmscad.workflows.model import InfillModel, Model
+    from tpmscad.workflows.step_files import check_step, export_step, render_step
+
+__all__ = [
+    "Certificate",
+    "FaceContact",
+    "FluidDomains",
+    "InfillModel",
+    "LocatedWidth",
+    "Metrics",
+    "Model",
+    "body_field",
+    "check_step",
+    "export_step",
+    "fluid_domains",
+    "infill",
+    "lattice",
+    "measure",
+    "render_step",
+    "solidify",
+]
+
+_MODULE_OF_NAME = {
+    "Certificate": "tpmscad.workflows.certificate",
+    "FaceContact": "tpmscad.workflows.fluid_volumes",
+    "FluidDomains": "tpmscad.workflows.fluid_volumes",
+    "InfillModel": "tpmscad.workflows.model",
+    "LocatedWidth": "tpmscad.workflows.metrics",
+    "Metrics": "tpmscad.workflows.metrics",
+    "Model": "tpmscad.workflows.model",
+    "body_field": "tpmscad.kernel.measure.signed_distance",
+    "check_step": "tpmscad.workflows.step_files",
+    "export_step": "tpmscad.workflows.step_files",
+    "fluid_domains": "tpmscad.workflows.fluid_volumes",
+    "infill": "tpmscad.workflows.lattice_infill",
+    "lattice": "tpmscad.workflows.lattice_solid",
+    "measure": "tpmscad.workflows.metrics",
+    "render_step": "tpmscad.workflows.step_files",
+    "solidify": "tpmscad.workflows.implicit_solid",
+}
+
+__getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

@@ -1,13 +1,15 @@
-"""Lattice and body cut to each other: on the patches' own parameters where the body is of planes and quadrics; else the kernel
-splits the patches near the body's faces, and if that fails too, it is the kernel's plain boolean.
+"""Booleans of a lattice and a CAD body, by the most exact method that succeeds.
 
-Whichever way, the result is held against an even sample of points of the body's box, told in or out by neither.
+The first method trims the patches on their own parameter domains (`tpmscad.trimming`): it is exact and takes bodies whose
+faces are planes and quadrics. The second cuts only the patches near the body's faces with the kernel's boolean and keeps the
+others whole. The last is the kernel's boolean of the two solids. Whatever the method, the volume of the result is compared
+with the fraction of an even sample of points in the body that lie in the lattice, which no boolean takes part in.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +19,7 @@ from tpmscad import kernel
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import InvalidRequest, KernelError, TrimmingError
+from tpmscad.errors import KernelError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids
@@ -27,30 +29,36 @@ from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import trim
+from tpmscad.workflows.attempts import Attempt, first_success
 from tpmscad.workflows.lattice_block import LatticeBlock
 
-TRIMMED_PATCHES, KERNEL_BOOLEAN = "patches", "kernel"
+TRIMMED_PATCHES = "patches"
+KERNEL_BOOLEAN = "kernel"
 
-N_SAMPLE_LINES, POINTS_PER_LINE = 512, 4
-"""Lines through the body's box and points on each: a piece left out, or a void filled, of a tenth of the volume shows."""
+N_SAMPLE_LINES = 512
+POINTS_PER_LINE = 4
+"""Size of the sample: a missing piece of a tenth of the volume shows."""
 
 MAX_STANDARD_ERRORS = 5.0
-"""Standard errors of a plain random sample by which a volume may miss the sample's."""
+"""Standard errors of an independent random sample by which the volume may differ from the sample's."""
 
 NODES_PER_DIRECTION = 5
-"""Nodes along u and v of every patch that tell on which side of the lattice a point is."""
+"""Nodes of every patch along u and v for the classification of points."""
 
 SEARCH_RADIUS_PATCHES = 2.0
-"""Patches at most this many times a patch's size away from the points are looked at first."""
+"""In sizes of the largest patch: the distance around the points within which nodes are searched first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BooleanResult:
-    """What is left: solids, largest first; `complex` bounds them where the patches were trimmed. `by` is PATCHES or KERNEL."""
+    """The solids that are left, largest first; `brep` bounds them if the patches were trimmed.
+
+    `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN.
+    """
 
     built: Any
     brep: Brep | None
-    by: str
+    method: str
     notes: tuple[str, ...]
 
     @property
@@ -58,109 +66,140 @@ class BooleanResult:
         return self.built.solids
 
 
+class _RejectedTrim(TrimmingError):
+    """The kernel's check rejects the trimmed lattice."""
+
+
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
-    """The solids of lattice and body; none where they do not meet."""
-    return _intersect_with_fallbacks(
-        block.patches, body, lambda: boolean_operations.intersect_solids(block.shape, body.shape)
-    )
+    """The solids that lattice and body have in common; none if they do not meet."""
+
+    def intersect_solids() -> tuple[Any, ...]:
+        return boolean_operations.intersect_solids(block.shape, body.shape)
+
+    return _intersect_with_fallbacks(block.patches, body, intersect_solids)
 
 
 def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids of the body without the lattice."""
-    return _intersect_with_fallbacks(
-        reverse_faces(block.patches), body, lambda: boolean_operations.subtract_solid(body.shape, block.shape)
+
+    def subtract_solids() -> tuple[Any, ...]:
+        return boolean_operations.subtract_solid(body.shape, block.shape)
+
+    return _intersect_with_fallbacks(reverse_faces(block.patches), body, subtract_solids)
+
+
+def _intersect_with_fallbacks(
+    patches: Brep, body: CadBody, kernel_boolean: Callable[[], tuple[Any, ...]]
+) -> BooleanResult:
+    """The solids that the patches bound inside the body, by the first method that succeeds."""
+
+    def intersect_in_kernel() -> BooleanResult:
+        built = KernelSolids(kernel_boolean())
+        _check_volume_by_sampling(sum(map(boolean_operations.estimate_volume, built.solids)), patches, body)
+        return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
+
+    outcome = first_success(
+        [
+            Attempt("trimming on the patches' parameters", lambda: trim_on_parameters(patches, body)),
+            Attempt("splitting near the body's faces", lambda: split_near_body_faces(patches, body)),
+            Attempt("the kernel's boolean", intersect_in_kernel),
+        ]
     )
-
-
-def _intersect_with_fallbacks(patches: Brep, body: CadBody, plainly: Callable[[], tuple[Any, ...]]) -> BooleanResult:
-    """What the patches bound in the body: trimmed on their parameters; or the kernel splits those near its faces; or plainly."""
-    try:
-        return trim_on_parameters(patches, body)
-    except (InvalidRequest, TrimmingError, KernelError) as error:
-        refusal = error
-    try:
-        cut = split_near_body_faces(patches, body, refusal)
-    except KernelError as error:
-        cut = BooleanResult(
-            KernelSolids(plainly()), None, KERNEL_BOOLEAN, (f"trimmed by the kernel's boolean: {refusal}; {error}",)
-        )
-        _check_volume_by_sampling(sum(map(boolean_operations.estimate_volume, cut.solids)), patches, body)
-    return cut
+    result = outcome.value
+    if not outcome.failures:
+        return result
+    first, *others = result.notes
+    return replace(result, notes=(f"{first}: {outcome.reasons}", *others))
 
 
 def trim_on_parameters(patches: Brep, body: CadBody) -> BooleanResult:
-    """The patches trimmed by the body as a complex; TrimmingError, InvalidRequest or KernelError where that can't be done."""
-    tool = brep_from_shape(body.shape)
-    for apart in (False, True):
-        cut = trim(patches, tool, apart=apart)
+    """The patches trimmed by the body on their parameter domains.
+
+    InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
+    """
+    operand = brep_from_shape(body.shape)
+
+    def trim_and_build(apart: bool) -> BooleanResult:
+        cut = trim(patches, operand, apart=apart)
         if not len(cut.brep.faces):
             _check_volume_by_sampling(0.0, patches, body)
             return BooleanResult(KernelSolids(()), None, TRIMMED_PATCHES, ())
         built = kernel.build_solids(cut.brep)
-        if kernel.is_valid(built.shape):
-            break
-    else:
-        raise TrimmingError("the kernel's check rejects the trimmed lattice")
-    _check_volume_by_sampling(float(integral_properties.volume(built.nesting.moments)[0]), patches, body)
-    notes = ["trimmed on the patches' parameters"]
-    if cut.report.shifted:
-        notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
-    return BooleanResult(built, cut.brep, TRIMMED_PATCHES, tuple(notes))
+        if not kernel.is_valid(built.shape):
+            raise _RejectedTrim("the kernel's check rejects the trimmed lattice")
+        notes = ["trimmed on the patches' parameters"]
+        if cut.report.shifted:
+            notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
+        return BooleanResult(built, cut.brep, TRIMMED_PATCHES, tuple(notes))
+
+    result = first_success(
+        [
+            Attempt("the lattice in its place", lambda: trim_and_build(apart=False)),
+            Attempt("the lattice moved off the body's faces", lambda: trim_and_build(apart=True)),
+        ],
+        retry_on=(_RejectedTrim,),
+    ).value
+    if result.brep is not None:
+        _check_volume_by_sampling(float(integral_properties.volume(result.built.nesting.moments)[0]), patches, body)
+    return result
 
 
-def split_near_body_faces(patches: Brep, body: CadBody, refusal: Exception) -> BooleanResult:
-    """What the kernel makes of the patches near the body's faces, with all others whole; KernelError where that fails."""
+def split_near_body_faces(patches: Brep, body: CadBody) -> BooleanResult:
+    """The patches near the body's faces cut by the kernel, with all others whole; KernelError if that fails."""
     found = intersect_locally(patches, body.shape, lambda points: signed_distances_to_nodes(patches, points))
     if not kernel.is_valid(make_compound(found.solids)):
         raise KernelError("trim", "the kernel's check rejects what it split itself")
     _check_volume_by_sampling(found.volume, patches, body)
-    return BooleanResult(
-        KernelSolids(found.solids),
-        None,
-        KERNEL_BOOLEAN,
-        (f"the {found.candidate_count} patches near the body's faces were split by the kernel: {refusal}",),
-    )
+    note = f"the {found.candidate_count} patches near the body's faces were split by the kernel"
+    return BooleanResult(KernelSolids(found.solids), None, KERNEL_BOOLEAN, (note,))
 
 
 def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> None:
-    """KernelError if a volume can't be right, by an even sample of the body."""
-    within = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
-    share = float((signed_distances_to_nodes(patches, within) < 0).mean())
-    error = MAX_STANDARD_ERRORS * np.sqrt(max(share * (1 - share), 1 / len(within)) / len(within))
-    if abs(volume / body.volume - share) > error:
+    """KernelError if a volume contradicts an even sample of points in the body."""
+    fraction, error = sample_lattice_fraction(patches, body)
+    if abs(volume / body.volume - fraction) > error:
         raise KernelError(
             "trim",
-            f"the trimmed solid fills {volume / body.volume:.3g} of {body.name}, but {share:.3g} +- {error:.2g} of a sample",
+            f"the trimmed solid fills {volume / body.volume:.3g} of {body.name}, "
+            f"but {fraction:.3g} +- {error:.2g} of a sample",
         )
 
 
+def sample_lattice_fraction(patches: Brep, body: CadBody) -> tuple[float, float]:
+    """Fraction of an even sample of points in the body that lies in the lattice, and the error allowed for it."""
+    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+    fraction = float((signed_distances_to_nodes(patches, points) < 0).mean())
+    variance = max(fraction * (1 - fraction), 1 / len(points)) / len(points)
+    return fraction, MAX_STANDARD_ERRORS * np.sqrt(variance)
+
+
 def signed_distances_to_nodes(patches: Brep, points: Array) -> Array:
-    """Below 0 for points (n, 3) in the lattice, by the nearest node of its patches: distances along the outward normal (n,)."""
-    sizes = [np.ptp(c.poles, axis=(0, 1)).max() for c in patches.carriers if isinstance(c, BSplineSurface)]
-    for reach in (SEARCH_RADIUS_PATCHES * max(sizes), np.inf):
-        nodes, normals = _oriented_nodes(patches, points.min(axis=0) - reach, points.max(axis=0) + reach)
+    """Distances (n,) of points (n, 3) from the nearest node of the patches along its outward normal; negative in the lattice."""
+    size = max(np.ptp(c.poles, axis=(0, 1)).max() for c in patches.carriers if isinstance(c, BSplineSurface))
+    for radius in (SEARCH_RADIUS_PATCHES * size, np.inf):
+        nodes, normals = _oriented_nodes(patches, points.min(axis=0) - radius, points.max(axis=0) + radius)
         if len(nodes):
             distance, nearest = cKDTree(nodes).query(points)
-            if distance.max() <= reach - max(sizes):  # no patch that was left out is nearer
+            if distance.max() <= radius - size:  # no patch outside the searched box is nearer
                 break
     return np.einsum("ni,ni->n", points - nodes[nearest], normals[nearest])
 
 
 def _oriented_nodes(patches: Brep, low: Array, high: Array) -> tuple[Array, Array]:
-    """Nodes, and normals out of the lattice, of the patches whose middles lie in a box: (n, 3), (n, 3)."""
+    """Nodes and outward normals (n, 3), (n, 3) of the patches whose centers lie in the box [low, high]."""
     faces = patches.faces
-    at, outward = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    nodes, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
     for own, carrier in spline_faces(patches):
         u, v = (
             g.ravel()
             for g in np.meshgrid(*(np.linspace(*d, NODES_PER_DIRECTION) for d in carrier.domain), indexing="ij")
         )
-        net = carrier(u, v)
-        middle = faces.motion[own].apply(net.mean(axis=0))
-        own = own[((middle >= low) & (middle <= high)).all(axis=1)]
+        points = carrier(u, v)
+        center = faces.motion[own].apply(points.mean(axis=0))
+        own = own[((center >= low) & (center <= high)).all(axis=1)]
         motion = faces.motion[own]
-        way = faces.sense[own] * motion.handedness
-        at.append(motion[:, None].apply(net).reshape(-1, 3))
-        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * way[:, None, None]
-        outward.append(normal.reshape(-1, 3))
-    return np.concatenate(at), np.concatenate(outward)
+        orientation = faces.sense[own] * motion.handedness
+        nodes.append(motion[:, None].apply(points).reshape(-1, 3))
+        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * orientation[:, None, None]
+        normals.append(normal.reshape(-1, 3))
+    return np.concatenate(nodes), np.concatenate(normals)

@@ -1,36 +1,109 @@
-"""What is promised about a result: every figure measured on it, next to the bound that was asked for.
+"""The certificate of a result: every figure measured on it, and whether it meets the request.
 
-The certificate of a result: every figure measured on the complex and on the kernel's solid, then held against the request.
+The figures come from two places. `PatchMeasures` holds those of the B-spline patches: the deviation from the reference in
+both directions, the continuity across their edges, a-priori bounds. The others are measured on the finished solid:
+closedness, validity, volume, area, Betti numbers and pieces. Each comparison of a figure with its limit is one `Check`; the
+certificate is met if all checks pass, and its shortfalls are the messages of those that fail.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+import numpy as np
+
+from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.edge_continuity import measure_edge_continuity
-from tpmscad.brep.moments.integral_properties import FaceMoments
-from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, measure_solid
-from tpmscad.lattices.maps import Map
+from tpmscad.brep.edge_continuity import EdgeContinuity
+from tpmscad.brep.solid_properties import SolidPiece, SolidProperties
+from tpmscad.kernel.boolean.boolean_operations import betti_numbers
+from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.workflows.lattice_request import LatticeRequest
 
 CHIP_VOLUME_FRACTION = 1e-2
-"""A piece below this fraction of the largest is named a chip in the notes."""
+"""Fraction of the largest piece's volume below which the notes call a piece a chip."""
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One measured value against its limit; `message` replaces the standard text of the shortfall."""
+
+    name: str
+    value: float
+    limit: float
+    message: str = ""
+
+    @property
+    def passed(self) -> bool:
+        return self.value <= self.limit
+
+    @property
+    def shortfall(self) -> str:
+        return self.message or f"{self.name} {self.value:.3g} exceeds {self.limit:g}"
+
+
+def require(condition: bool, message: str) -> Check:
+    """The check of a condition that must hold; `message` states its opposite."""
+    return Check(message, float(not condition), 0.0, message)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchMeasures:
+    """What was measured on the B-spline patches of a result, in model units and degrees, and the checks that follow from it."""
+
+    tol: float
+    deviation: Deviation
+    reference: str
+    continuity: EdgeContinuity
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    figures: Mapping[str, float] = field(default_factory=dict)
+    checks: tuple[Check, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """Measured figures of a solid; lengths in model units, angles in degrees.
+    """What was measured on a solid, and whether it meets the request.
 
-    `met` says whether all that was asked for holds; `shortfalls` names what does not, and is empty otherwise. Deviations are
-    orthogonal, in both directions, against `reference`. `gap`, `tangent_jump_deg` and `curvature_jump` (relative to the
-    greatest curvature) are the worst over all joints between smooth faces, extraordinary points included. `betti` are the
-    solid's Betti numbers (pieces, tunnels, voids), `pieces` the volumes of its parts. `bounds` are upper bounds on
-    the deviation by their names, far above what is measured; `figures` what else was measured, by name.
+    Lengths are in model units (mm in files), angles in degrees.
+
+    Attributes
+    ----------
+    met : bool
+        Whether every check passed.
+    shortfalls : tuple of str
+        The checks that failed, with value and limit; empty if `met`.
+    tol : float
+        The deviation that was asked for.
+    max_deviation, rms_deviation : float
+        Orthogonal distance between the patches and `reference`: the greatest in both directions, and the root mean square.
+    reference : str
+        What the deviation is measured against: the minimal or nodal surface, or the field.
+    gap, tangent_jump_deg, curvature_jump : float
+        Greatest position, tangent and curvature mismatch over all edges between smooth faces, extraordinary points included. The
+        curvature jump is relative to the greatest curvature.
+    valid, closed : bool
+        Whether the kernel's check accepts the solid, and whether its faces close.
+    volume, area : float
+        Of the solid.
+    betti : tuple of int
+        Betti numbers of the solid: pieces, tunnels, voids.
+    pieces : tuple of float
+        Volumes of the connected components, largest first.
+    n_faces, n_primitives, n_poles : int
+        Numbers of faces, of different B-spline surfaces among them, and of their control points.
+    bounds : mapping of str to float
+        A-priori upper bounds on the deviation by name; they lie far above the measured values.
+    figures : mapping of str to float
+        Further measured values by name.
+    notes : tuple of str
+        How the solid was made, where that matters to the user.
+    seconds : mapping of str to float
+        Wall time of each stage.
     """
 
     met: bool
@@ -57,8 +130,18 @@ class Certificate:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
+        """The certificate as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The attributes by name, tuples as lists; it is what ``--report`` writes.
+        """
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
+
+    def with_seconds(self, seconds: Mapping[str, float]) -> Certificate:
+        """The certificate with the wall time of each stage."""
+        return replace(self, seconds=dict(seconds))
 
     def __str__(self) -> str:
         verdict = "met" if self.met else "NOT met: " + "; ".join(self.shortfalls)
@@ -80,100 +163,120 @@ class Certificate:
         return "\n".join(lines)
 
 
-def build_certificate(
-    brep: Brep, shape: SolidProperties, shortfalls: list[str], notes: tuple[str, ...] = (), **measured: Any
+def certify(
+    brep: Brep,
+    properties: SolidProperties,
+    measures: PatchMeasures,
+    *,
+    valid: bool,
+    edge_gap: float,
+    n_faces: int | None = None,
+    checks: Sequence[Check] = (),
+    notes: tuple[str, ...] = (),
 ) -> Certificate:
-    """The certificate with what the complex and its summary say, and whatever else was `measured`, by the certificate's names."""
+    """The certificate of a solid made of the patches of `brep`.
+
+    `measures` are the figures of the patches, `properties` those of the solid, `valid` the kernel's verdict on it, `edge_gap`
+    the greatest distance between an edge and its faces, `n_faces` the number of faces if it is not that of `brep`. `checks`
+    and `notes` are added to those of `measures`.
+    """
+    deviation = measures.deviation
+    everything = (
+        Check("deviation", deviation.max, measures.tol, f"deviation {deviation.max:.3g} exceeds tol {measures.tol:g}"),
+        require(properties.closed, "the faces do not close"),
+        require(valid, "the kernel's check rejects the solid"),
+        *measures.checks,
+        *checks,
+    )
+    shortfalls = tuple(check.shortfall for check in everything if not check.passed)
     splines = [c for c in brep.carriers if isinstance(c, BSplineSurface)]
     return Certificate(
         met=not shortfalls,
-        shortfalls=tuple(shortfalls),
-        closed=shape.closed,
-        volume=shape.volume,
-        area=shape.area,
-        betti=shape.betti or (0, 0, 0),
-        pieces=tuple(piece.volume for piece in shape.pieces),
-        n_faces=len(brep.faces),
+        shortfalls=shortfalls,
+        tol=measures.tol,
+        max_deviation=deviation.max,
+        rms_deviation=deviation.rms,
+        reference=measures.reference,
+        gap=max(measures.continuity.gap, edge_gap),
+        tangent_jump_deg=measures.continuity.tangent_jump_deg,
+        curvature_jump=measures.continuity.curvature_jump,
+        valid=valid,
+        closed=properties.closed,
+        volume=properties.volume,
+        area=properties.area,
+        betti=properties.betti or (0, 0, 0),
+        pieces=tuple(piece.volume for piece in properties.pieces),
+        n_faces=len(brep.faces) if n_faces is None else n_faces,
         n_primitives=len({int(i) for i in brep.faces.carrier if isinstance(brep.carriers[int(i)], BSplineSurface)}),
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
-        notes=(*notes, *_piece_notes(shape.pieces)),
-        **measured,
+        bounds=dict(measures.bounds),
+        figures=dict(measures.figures),
+        notes=(*measures.notes, *notes, *_note_pieces(properties.pieces)),
     )
 
 
-def _piece_notes(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
-    """A line on each piece beside the first: a box can cut off chips."""
+def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
+    """A note on each piece but the largest."""
     if len(pieces) < 2:
         return ()
-    notes = [f"{len(pieces)} separate pieces; another phase may join or shed the small ones"]
+    notes = [f"{len(pieces)} separate pieces; another phase may join or remove the small ones"]
     for piece in pieces[1:]:
-        kind = "chip" if piece.volume < CHIP_VOLUME_FRACTION * pieces[0].volume else "piece"
         x, y, z = piece.near
-        notes.append(f"{kind} of volume {piece.volume:.4g} near ({x:.4g}, {y:.4g}, {z:.4g})")
+        notes.append(f"{describe_piece(piece.volume, pieces[0].volume)} near ({x:.4g}, {y:.4g}, {z:.4g})")
     return tuple(notes)
 
 
-MAX_GAP_CELLS, MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP = 1e-9, 1e-6, 1e-6
-"""Joints of copied patches: gap in cells, tangent jump in degrees, curvature jump over the greatest curvature."""
-
-MAX_MAPPED_TANGENT_JUMP_DEG, MAX_MAPPED_RELATIVE_CURVATURE_JUMP = 1e-4, 1e-4
-"""Joints of patches under a map, whose derivatives come from the user's function by differences."""
-
-KERNEL_POINT_TOL = 1e-7
-"""Model units: where the kernel takes two points for one."""
+def describe_piece(volume: float, largest: float) -> str:
+    """ "chip of volume ..." for a piece that is small beside the largest one, else "piece of volume ..."."""
+    return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of volume {volume:.4g}"
 
 
-def certify_lattice(
-    request: LatticeRequest,
-    bend: Map | None,
+def check_kernel_solids(report: kernel.ShapeReport, tol: float) -> list[Check]:
+    """The checks of solids that the kernel made, beside closedness and validity."""
+    return [
+        require(report.outward, "a solid is inside out"),
+        Check(
+            "tolerance",
+            report.max_tolerance,
+            tol,
+            f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}",
+        ),
+    ]
+
+
+def certify_kernel_solids(
+    solids: tuple[Any, ...],
     brep: Brep,
-    deviation: Deviation,
-    bounds: Mapping[str, float],
-    moments: FaceMoments,
-    valid: bool,
+    measures: PatchMeasures,
+    *,
+    checks: Sequence[Check] = (),
     notes: tuple[str, ...] = (),
 ) -> Certificate:
-    """Measure and compare; `moments` are those of the complex's faces, `valid` is the kernel's verdict on the built solid,
-    `deviation` in model units, `notes` what else is to be told."""
-    shape = measure_solid(brep, moments)
-    smooth = measure_edge_continuity(brep, ("offset+", "offset-"))
-    reference = f"{request.reference} {request.surface} surface"
-    if bend is not None:
-        reference += f" under {bend.name}"
-    widest = float(brep.edges.deviation.max(initial=0.0))
-
-    shortfalls = []
-    if deviation.max > request.tol:
-        shortfalls.append(f"deviation {deviation.max:.3g} exceeds tol {request.tol:g}")
-    if not shape.closed:
-        shortfalls.append("the faces do not close")
-    if not valid:
-        shortfalls.append("the kernel's check rejects the solid")
-    gap, tangent, curvature = (
-        (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
-        if bend is None
-        else (KERNEL_POINT_TOL, MAX_MAPPED_TANGENT_JUMP_DEG, MAX_MAPPED_RELATIVE_CURVATURE_JUMP)
+    """The certificate of kernel solids, largest first, that were made of the patches of `brep`."""
+    report = kernel.check_shape(make_compound(solids))
+    properties = SolidProperties(
+        report.closed,
+        report.volume,
+        report.area,
+        report.centroid,
+        betti_numbers(solids),
+        _locate_solids(solids, report),
     )
-    for label, value, limit in (
-        ("gap", smooth.gap, gap),
-        ("tangent jump in degrees", smooth.tangent_jump_deg, tangent),
-        ("relative curvature jump", smooth.curvature_jump, curvature),
-    ):
-        if value > limit:
-            shortfalls.append(f"{label} {value:.3g} exceeds {limit:g}")
-
-    return build_certificate(
+    return certify(
         brep,
-        shape,
-        shortfalls,
-        notes,
-        tol=request.tol,
-        max_deviation=deviation.max,
-        rms_deviation=deviation.rms,
-        reference=reference,
-        gap=max(smooth.gap, widest),
-        tangent_jump_deg=smooth.tangent_jump_deg,
-        curvature_jump=smooth.curvature_jump,
-        valid=valid,
-        bounds=dict(bounds),
+        properties,
+        measures,
+        valid=report.valid,
+        edge_gap=report.max_tolerance,
+        n_faces=report.faces,
+        checks=(*check_kernel_solids(report, measures.tol), *checks),
+        notes=notes,
     )
+
+
+def _locate_solids(solids: tuple[Any, ...], report: kernel.ShapeReport) -> tuple[SolidPiece, ...]:
+    """The volume of each solid and the center of its bounding box; of a single solid the centroid, which is known."""
+    if len(solids) == 1:
+        return (SolidPiece(report.volume, report.centroid),)
+    centers = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
+    return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, centers, strict=True))

@@ -12,22 +12,30 @@ import numpy as np
 from tpmscad._typing import Progress
 from tpmscad.brep.boundary_representation import reverse_faces, select_faces
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
+from tpmscad.errors import KernelError, MissingDomain, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids
 from tpmscad.kernel.build.solids import build_regions
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
-from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import trim
 from tpmscad.trimming.shared_topology import share_topology
-from tpmscad.workflows.certificate import CHIP_VOLUME_FRACTION
+from tpmscad.workflows.attempts import Attempt, first_success
+from tpmscad.workflows.certificate import (
+    Certificate,
+    Check,
+    certify_kernel_solids,
+    check_kernel_solids,
+    describe_piece,
+    require,
+)
+from tpmscad.workflows.checked_write import write_checked_shape
 from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
-from tpmscad.workflows.lattice_infill import certify_kernel_solids, rotation_matrix, write_checked_shape
-from tpmscad.workflows.lattice_request import resolve_lattice_request
+from tpmscad.workflows.lattice_request import resolve_lattice_request, rotation_matrix
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""
@@ -55,7 +63,7 @@ class FluidDomains:
     name: str
     pieces: Mapping[str, tuple[Any, ...]]
     touches: tuple[FaceContact, ...]
-    certificate: Any
+    certificate: Certificate
     body_volume: float
 
     @property
@@ -110,17 +118,12 @@ def fluid_domains(
     request = resolve_lattice_request(
         surface,
         cell=cell,
-        cells=1,
         thickness=thickness,
         offset=offset,
         volume_fraction=volume_fraction,
-        kind="sheet",
-        side="-",
         reference=reference,
-        boundary="box",
         phase=phase,
         tol=tol,
-        mapped=False,
     )
     block = build_lattice_block(request, rotation_matrix(rotation), read, stages)
     with stages("trim"):
@@ -134,8 +137,9 @@ def fluid_domains(
     with stages("check"):
         pieces = {name: domain.solids for name, domain in found.items()}
         certificate, volume = _certify_domains(pieces, touches, block, read, found[WALL].notes)
-    seconds = dict(stages.seconds)
-    return FluidDomains(f"{request.surface} exchanger", pieces, touches, replace(certificate, seconds=seconds), volume)
+    return FluidDomains(
+        f"{request.surface} exchanger", pieces, touches, certificate.with_seconds(stages.seconds), volume
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,13 +152,17 @@ class DomainSolids:
 
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """The three, on the patches' own parameters where the body is of planes and quadrics, else by the kernel."""
-    try:
-        return _trim_domains(block, body)
-    except MissingDomain:
-        raise
-    except (InvalidRequest, TrimmingError, KernelError) as refusal:
-        return _split_domains(block, body, f"split by the kernel: {refusal}")
+    """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
+    outcome = first_success(
+        [
+            Attempt("trimming on the patches' parameters", lambda: _trim_domains(block, body)),
+            Attempt("splitting by the kernel", lambda: _split_domains(block, body)),
+        ]
+    )
+    if not outcome.failures:
+        return outcome.value
+    note = f"split by the kernel: {outcome.reasons}"
+    return {name: replace(domain, notes=(note,)) for name, domain in outcome.value.items()}
 
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
@@ -182,7 +190,7 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     return result
 
 
-def _split_domains(block: LatticeBlock, body: CadBody, note: str) -> dict[str, DomainSolids]:
+def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     cells = split_body(body.shape, block.shape, _tags_of_kernel_faces(block))
     result = {}
     for name in (WALL, PLUS, MINUS):
@@ -190,7 +198,7 @@ def _split_domains(block: LatticeBlock, body: CadBody, note: str) -> dict[str, D
         if not own:
             raise _missing_domain(body, name)
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
-        result[name] = DomainSolids(tuple(c.solid for c in own), areas, (note,))
+        result[name] = DomainSolids(tuple(c.solid for c in own), areas, ())
     return result
 
 
@@ -213,28 +221,41 @@ def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
 
 def _certify_domains(
     pieces: Mapping[str, tuple[Any, ...]],
-    touches: tuple[FaceContact, ...],
+    contacts: tuple[FaceContact, ...],
     block: LatticeBlock,
     body: CadBody,
-    how: tuple[str, ...],
-) -> tuple[Any, float]:
-    """The wall's certificate with what is to be said of the channels, and the volume of all together."""
-    wall = certify_kernel_solids(pieces[WALL], block, how)
-    shortfalls, notes, volume = wall.shortfalls, list(wall.notes), wall.volume
-    for name in (PLUS, MINUS):
-        found = certify_kernel_solids(pieces[name], block, ())
-        shortfalls += tuple(f"{name}: {s}" for s in found.shortfalls if s not in wall.shortfalls)
-        volume += found.volume
-        notes.append(f"{name}: volume {found.volume:.9g}, {len(pieces[name])} connected")
-        notes += [
-            f"{name}: {'chip' if v < CHIP_VOLUME_FRACTION * found.pieces[0] else 'piece'} of volume {v:.4g} apart"
-            for v in found.pieces[1:]
+    notes: tuple[str, ...],
+) -> tuple[Certificate, float]:
+    """The certificate of the wall, with checks and notes of the channels, and the volume of all three domains."""
+    checks: list[Check] = []
+    total = 0.0
+    lines = list(notes)
+    for name, solids in pieces.items():
+        report = check_shape(make_compound(solids))
+        total += report.volume
+        if name == WALL:
+            continue
+        own = [
+            require(report.closed, "the faces do not close"),
+            require(report.valid, "the kernel's check rejects the solid"),
+            *check_kernel_solids(report, block.measures.tol),
         ]
-    for touch in touches:
-        notes.append(f"face {touch.face}: " + ", ".join(f"{name} {area:.4g}" for name, area in touch.areas.items()))
-    if abs(volume - body.volume) > TOTAL_VOLUME_RTOL * body.volume:
-        shortfalls += (f"the domains' volumes add up to {volume:.9g}, the body's is {body.volume:.9g}",)
-    return replace(wall, met=not shortfalls, shortfalls=shortfalls, notes=tuple(notes)), volume
+        checks += [replace(check, message=f"{name}: {check.shortfall}") for check in own]
+        lines.append(f"{name}: volume {report.volume:.9g}, {len(solids)} connected")
+        lines += [f"{name}: {describe_piece(v, report.volumes[0])} apart" for v in report.volumes[1:]]
+    for contact in contacts:
+        areas = ", ".join(f"{name} {area:.4g}" for name, area in contact.areas.items())
+        lines.append(f"face {contact.face}: {areas}")
+    checks.append(
+        Check(
+            "total volume",
+            abs(total - body.volume),
+            TOTAL_VOLUME_RTOL * body.volume,
+            f"the domains' volumes add up to {total:.9g}, the body's is {body.volume:.9g}",
+        )
+    )
+    wall = certify_kernel_solids(pieces[WALL], block.patches, block.measures, checks=checks, notes=tuple(lines))
+    return wall, total
 
 
 def _missing_domain(body: CadBody, name: str) -> MissingDomain:

@@ -1,15 +1,15 @@
-"""The lattice around a body: every patch that a box needs, in place and turned, as the body's coordinates have it.
+"""A lattice around a CAD body: the patches that cover its bounding box, in the coordinates of the body.
 
-Lattice coordinates x are those of `tpmscad.lattice`; the body's are R x, R the rotation: the lattice is anchored at the body's
-origin and turned about it.
-
-The lattice around a body as a closed block, a little larger than the body: what the kernel's boolean takes.
+Lattice coordinates x are those of `tpmscad.lattice`. The body's coordinates are R x, with R the rotation: the lattice is
+anchored at the origin of the body's coordinates and turned about it. The patches are open and ragged outside the box;
+trimming by the body needs nothing else. The kernel's boolean needs a solid, which is the lattice cut by a box a little larger
+than the body's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, floor
 from typing import Any
@@ -17,112 +17,112 @@ from typing import Any
 import numpy as np
 
 from tpmscad import kernel, surfaces
-from tpmscad._typing import Array
+from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import Brep, move_brep, scale_brep, translate_brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.kernel.occt.convert import transform_shape as moved_shape
-from tpmscad.lattices import copies as lattices
-from tpmscad.lattices import mapped_lattice as mappings
-from tpmscad.lattices.maps import stretching
+from tpmscad.kernel.occt.convert import transform_shape
+from tpmscad.lattices import copies, mapped_lattice
+from tpmscad.lattices.maps import Map, stretching
 from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.rigid_motion import Motion
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
-from tpmscad.workflows.implicit_solid import solidify
+from tpmscad.workflows.certificate import PatchMeasures, require
+from tpmscad.workflows.field_patches import fit_field_patches
 from tpmscad.workflows.lattice_request import LatticeRequest
-from tpmscad.workflows.lattice_solid import CUT_TOL_CELLS
+from tpmscad.workflows.patch_measures import measure_field_patches, measure_lattice_patches
 
 BLOCK_MARGIN_CELLS = 0.1237
-"""Cells by which a block reaches beyond the body's box: no plane of it then lies in a symmetry plane that the body lies in."""
+"""In cells: how far a block reaches beyond the body's box. The odd value keeps its faces out of symmetry planes."""
+
+FIELD_BLOCK_MARGIN_FRACTION = 0.0137
+"""Fraction of the body's extent by which a field's block reaches beyond the body's box."""
 
 MAX_CELLS_IN_BOX = 100_000
-"""Cells that a body's box may span: a hundred patches each, beyond which memory ends."""
+"""Cells that the box of a body may span; each needs about a hundred patches in memory."""
+
+BOX_TRIM_TOL_CELLS = 5e-10
+"""In cells: distance of a cut's curve from its patch, so that the gaps at caps stay below 1e-9 of the cell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticeCover:
-    """Whole patches that cover the box from low to high, all in lattice coordinates: open, ragged outside; the fit's figures."""
+    """Whole patches that cover the box [low, high], in lattice coordinates: open, ragged outside the box.
+
+    `mapping` is the map that they were fitted under, None for copies of primitives.
+    """
 
     patches: Brep
     low: Array
     high: Array
     deviation: Deviation
     bounds: Mapping[str, float]
+    mapping: Map | None
 
 
-def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Callable[[float], None]) -> LatticeCover:
-    """The offset surfaces over the box from low to high (lattice coordinates, model units) and a margin around it."""
-    edge = np.array(request.cell)
-    low, high = low - BLOCK_MARGIN_CELLS * edge, high + BLOCK_MARGIN_CELLS * edge
-    first, last = np.array([floor(v) for v in low / edge]), np.array([ceil(v) for v in high / edge])
+def cover_box(request: LatticeRequest, low: Array, high: Array, progress: FractionProgress) -> LatticeCover:
+    """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it."""
+    edges = np.array(request.cell)
+    low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
+    first, last = np.array([floor(v) for v in low / edges]), np.array([ceil(v) for v in high / edges])
     counts = last - first
     if np.prod(counts.astype(float)) > MAX_CELLS_IN_BOX:
         raise InvalidRequest(
-            f"the body's box spans {' x '.join(map(str, counts))} cells of {edge.tolist()}, more than {MAX_CELLS_IN_BOX}: "
+            f"the body's box spans {' x '.join(map(str, counts))} cells of {edges.tolist()}, more than {MAX_CELLS_IN_BOX}: "
             "enlarge the cell, or cut the body"
         )
     cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
+    mapping = None
     if len(set(request.cell)) == 1:
         cell = request.cell[0]
         fit = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, cell, request.tol)
         patches = scale_brep(
-            lattices.cover_box(surfaces.surface_symmetry(request.surface), fit.sheet, cells, phase), cell
+            copies.cover_box(surfaces.surface_symmetry(request.surface), fit.sheet, cells, phase), cell
         )
         deviation, bounds = fit.deviation, fit.bounds
     else:
-        patches, deviation = _fit_stretched_patches(request, cells, phase, progress)
+        mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
+        patches, deviation = _fit_stretched_patches(request, mapping, cells, phase, progress)
         bounds = {}
-    return LatticeCover(translate_brep(patches, first * edge), low, high, deviation, bounds)
+    return LatticeCover(translate_brep(patches, first * edges), low, high, deviation, bounds, mapping)
 
 
 def _fit_stretched_patches(
-    request: LatticeRequest, cells: tuple[int, int, int], phase: Array, progress: Callable[[float], None]
+    request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
 ) -> tuple[Brep, Deviation]:
-    """Patches of a lattice whose cell has unequal edges, fitted class by class."""
+    """Patches of a lattice whose cell has unequal edges, fitted class by class, and their deviation."""
     cell, name = request.cell[0], request.surface
-    bend = stretching(tuple(edge / cell for edge in request.cell))
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
-    box = np.zeros(3), np.array(cells) * np.array(request.cell)
-    reach = float(np.abs(request.offset).max())
-    placements = mappings.select_placements_near_box(patch, symmetry, bend, box, cells, phase, cell, reach)
-    surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
-    mappings.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
-    lower, upper, deviation = mappings.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
-    return mappings.assemble_mapped_lattice(surface, lower, upper, natural=False), deviation
-
-
-FIELD_BLOCK_MARGIN_FRACTION = 0.0137
-"""Of the body's extent: how far a field's block reaches beyond the body's box."""
-
-OFFSET_TAGS = ("offset+", "offset-")
+    bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
+    max_offset = float(np.abs(request.offset).max())
+    placements = mapped_lattice.select_placements_near_box(
+        patch, symmetry, mapping, bounds, cells, phase, cell, max_offset
+    )
+    surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
+    lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
+    return mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=False), deviation
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeBlock:
-    """The patches that cover a body, in its coordinates and open, and what its certificate will say of them.
+    """The open patches that cover a body, in its coordinates, and what was measured on them.
 
-    `closed` are those patches cut flat outside the body, `shape` the kernel's solid of them; both made when asked for.
+    `trim_to_box` makes the closed boundary representation of the same lattice cut flat outside the body. `closed` and `built`,
+    the kernel's solid of it, are made on first use.
     """
 
     patches: Brep
-    close: Callable[[], Brep]
-    tol: float
-    deviation: Deviation
-    reference: str
-    joints: EdgeContinuity
-    bounds: Mapping[str, float]
-    figures: Mapping[str, float]
-    shortfalls: tuple[str, ...]
-    notes: tuple[str, ...]
+    measures: PatchMeasures
+    trim_to_box: Callable[[], Brep]
 
     @cached_property
     def closed(self) -> Brep:
-        return self.close()
+        return self.trim_to_box()
 
     @cached_property
     def built(self) -> kernel.BuiltSolids:
@@ -133,48 +133,38 @@ class LatticeBlock:
         return self.built.shape
 
 
-def build_lattice_block(request: LatticeRequest, turn: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
-    """The lattice of a minimal surface around the body; `turn` takes lattice coordinates to the body's."""
-    low, high = enclosing_box(moved_shape(body.shape, Motion(turn.T, np.zeros(3))))
+def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
+    """The lattice of a minimal surface around a body; `rotation` (3, 3) takes lattice coordinates to the body's."""
+    motion = Motion(rotation, np.zeros(3))
+    low, high = enclosing_box(transform_shape(body.shape, Motion(rotation.T, np.zeros(3))))
     if (high - low < np.array(request.cell)).all():
         raise InvalidRequest(
             f"{body.name} spans {' x '.join(f'{v:.4g}' for v in high - low)}, less than a cell of "
             f"{' x '.join(f'{v:.4g}' for v in request.cell)}: make the cell smaller"
         )
     with stages("fit") as done:
-        around = cover_box(request, low, high, done)
+        cover = cover_box(request, low, high, done)
     with stages("assemble"):
-        patches = move_brep(around.patches, Motion(turn, np.zeros(3)))
-        smooth = measure_edge_continuity(patches, OFFSET_TAGS)
+        patches = move_brep(cover.patches, motion)
+        measures = measure_lattice_patches(request, cover.mapping, patches, cover.deviation, cover.bounds)
 
-    def close() -> Brep:
-        closed = trim(around.patches, box(around.low, around.high), CUT_TOL_CELLS * max(request.cell)).brep
-        return move_brep(closed, Motion(turn, np.zeros(3)))
+    def trim_to_box() -> Brep:
+        closed = trim(cover.patches, box(cover.low, cover.high), BOX_TRIM_TOL_CELLS * max(request.cell)).brep
+        return move_brep(closed, motion)
 
-    reference = f"{request.reference} {request.surface} surface"
-    return LatticeBlock(patches, close, request.tol, around.deviation, reference, smooth, around.bounds, {}, (), ())
+    return LatticeBlock(patches, measures, trim_to_box)
 
 
 def build_field_block(
     field: Field | Callable[..., Any], body: CadBody, tol: float | None, stages: StageTimer
 ) -> LatticeBlock:
-    """The solid of a field in the body's box and a margin around it."""
+    """The solid of a field in the body's bounding box and a margin around it."""
     if tol is None:
         raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
     low, high = enclosing_box(body.shape)
     margin = FIELD_BLOCK_MARGIN_FRACTION * float((high - low).max())
-    model = solidify(field, (low - margin, high + margin), tol=tol, progress=stages.progress)
-    stages.seconds.update(model.certificate.seconds)
-    found = model.certificate
-    return LatticeBlock(
-        model.patches,
-        lambda: model.patches,
-        tol,
-        Deviation(found.max_deviation, found.rms_deviation, found.max_deviation, found.max_deviation),
-        found.reference,
-        EdgeContinuity(found.gap, found.tangent_jump_deg, found.curvature_jump, 0),
-        found.bounds,
-        {name: value for name, value in found.figures.items() if "volume" not in name},  # that is the block's own
-        found.shortfalls,
-        found.notes,
-    )
+    found = fit_field_patches(field, low - margin, high + margin, tol, stages)
+    measures = measure_field_patches(found)
+    closed = require(found.properties.closed, "the field's patches do not close in the body's box")
+    measures = replace(measures, checks=(*measures.checks, closed))
+    return LatticeBlock(found.brep, measures, lambda: found.brep)

@@ -1,130 +1,39 @@
-"""What comes of filling a body: a model of kernel solids, with the patches it is made of.
+"""A CAD body filled with a lattice, or with the solid of a field, as one certified solid.
 
-A body filled with a lattice: lattice and body, or a skin of the body with the lattice inside, as one certified solid.
+Without a skin the result is the intersection of body and lattice. With a skin it is the body without the voids that the lattice
+leaves deeper than the skin: the body is offset inwards, the lattice is subtracted from the offset body, and what remains is
+subtracted from the body.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
-from inspect import signature
-from pathlib import Path
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from tpmscad import kernel
-from tpmscad._typing import Array, Progress
-from tpmscad.brep.solid_properties import SolidPiece, SolidProperties
+from tpmscad._typing import Progress
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.boolean.boolean_operations import KernelSolids, betti_numbers
 from tpmscad.kernel.boolean.hollow_body import resolve_open_faces, subtract_voids
 from tpmscad.kernel.boolean.inward_offset import offset_inward
 from tpmscad.kernel.measure.cad_body import CadBody, read_body
-from tpmscad.kernel.occt.bounding_boxes import bounding_box
-from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
-from tpmscad.workflows.certificate import Certificate, build_certificate
+from tpmscad.workflows.certificate import certify_kernel_solids
 from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
-from tpmscad.workflows.lattice_request import check_finite, resolve_lattice_request
-from tpmscad.workflows.lattice_solid import make_volume_check, write_checked_model
-from tpmscad.workflows.model import Model
-
-REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
-"""Relative: how far the volume of a file that was read back may be from what was written, faces of the body included."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class InfillModel(Model):
-    """A body with a lattice in it.
-
-    `trimmed_by` is "patches" or "kernel", the latter where the body has faces that are neither plane nor quadric. `patches`
-    bound the solid where they were trimmed and there is no skin (`bounded`); else they are the lattice's, whole.
-    """
-
-    trimmed_by: str = "kernel"
-    patches_bound_solid: bool = False
-    """Whether `patches` bound the solid."""
-
-    @property
-    def wrapped(self) -> Any:
-        """The TopoDS shape, by the name that build123d and CadQuery give it."""
-        return self.built.shape
-
-    def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
-        """Write the part as STEP, read it back and check it; KernelError if the file does not hold what was written."""
-        if instanced:
-            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
-        if self.patches_bound_solid:
-            write_checked_model(self, path, instanced=False, schema=schema, stored_volume=REREAD_VOLUME_RTOL_OF_BODIES)
-        else:
-            write_checked_shape(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
-
-
-def write_checked_shape(
-    shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()
-) -> None:
-    """Write a kernel shape as STEP; the file is there whole and read back as what was written, or not at all."""
-    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES)
-    kernel.write_shape(shape, path, schema=schema, name=name, verify=verify, names=tuple(names))
-
-
-def certify_kernel_solids(solids: tuple[Any, ...], block: LatticeBlock, notes: tuple[str, ...]) -> Certificate:
-    """Measure kernel solids and hold them against the request; the block knows what was measured on the lattice's patches."""
-    tol, deviation, smooth = block.tol, block.deviation, block.joints
-    report = kernel.check_shape(make_compound(solids))
-    shortfalls = list(block.shortfalls)
-    for wrong, what in (
-        (deviation.max > tol, f"deviation {deviation.max:.3g} exceeds tol {tol:g}"),
-        (not report.closed, "the faces do not close"),
-        (not report.valid, "the kernel's check rejects the solid"),
-        (not report.outward, "a solid is inside out"),
-        (
-            report.max_tolerance > tol,
-            f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}",
-        ),
-    ):
-        if wrong:
-            shortfalls.append(what)
-    found = build_certificate(
-        block.patches,
-        SolidProperties(
-            report.closed,
-            report.volume,
-            report.area,
-            report.centroid,
-            betti_numbers(solids),
-            _pieces_of_solids(solids, report),
-        ),
-        shortfalls,
-        (*block.notes, *notes),
-        tol=tol,
-        max_deviation=deviation.max,
-        rms_deviation=deviation.rms,
-        reference=block.reference,
-        gap=max(smooth.gap, report.max_tolerance),
-        tangent_jump_deg=smooth.tangent_jump_deg,
-        curvature_jump=smooth.curvature_jump,
-        valid=report.valid,
-        bounds=dict(block.bounds),
-        figures=dict(block.figures),
-    )
-    return replace(found, n_faces=report.faces)
-
-
-def _pieces_of_solids(solids: tuple[Any, ...], report: kernel.ShapeReport) -> tuple[SolidPiece, ...]:
-    """Each solid's volume and middle; of an only one the centroid, which costs nothing."""
-    if len(solids) == 1:
-        return (SolidPiece(report.volume, report.centroid),)
-    middles = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
-    return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, middles, strict=True))
-
+from tpmscad.workflows.lattice_request import (
+    LATTICE_DEFAULTS,
+    LatticeRequest,
+    check_finite,
+    resolve_lattice_request,
+    rotation_matrix,
+)
+from tpmscad.workflows.model import InfillModel
 
 MIN_WALL_THICKNESS = 1e-5
-"""Model units: of walls of a hundred times the kernel's tolerance the trimmed edges are still told apart."""
+"""Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
 def infill(
@@ -145,19 +54,67 @@ def infill(
     tol: float | None = None,
     progress: Progress | None = None,
 ) -> InfillModel:
-    """The body filled with a lattice of a minimal surface, or with the solid of a field, as a certified solid.
+    """Fill a CAD body with a lattice of a minimal surface, or with the solid of a field.
 
-    body: a build123d or CadQuery shape, a TopoDS shape or the path of a STEP file, one closed solid; its own faces stay exact.
-    surface: a name, with the keywords of `tpmscad.lattice`, or a field (f < 0 solid) in the body's coordinates, with tol alone.
-    The lattice is anchored at the origin of the body's coordinates; rotation turns it there, in degrees about x, then its own
-    y, then its own z. skin: thickness of a wall that is kept all around the body, joined to the lattice inside it. open_faces:
-    plane faces of the body that stay without skin, so that powder gets out and fluid in: build123d, CadQuery or TopoDS faces of
-    that very shape, or their numbers in its order.
+    The lattice is anchored at the origin of the body's coordinates. The faces of the body stay exact.
 
-    InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
+    Parameters
+    ----------
+    body : shape, str or Path
+        One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file.
+    surface : str, Field or callable
+        Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A field
+        takes `tol`, `skin`, `open_faces` and `progress` only.
+    cell : float or (3,) floats
+        Edge length of the cell, or one for each axis, model units. Required for a surface.
+    thickness : float, optional
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`.
+    offset : float or (float, float), optional
+        Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
+    volume_fraction : float, optional
+        Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
+    kind : {"sheet", "skeletal"}, optional
+        Between two offset surfaces, or on one side of one.
+    side : {"-", "+"}, optional
+        Solid side of a skeletal lattice: "-" is where the nodal value is negative.
+    reference : {"minimal", "nodal"}, optional
+        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
+    phase : (3,) floats, optional
+        Shift of the lattice, in cells.
+    rotation : (3,) floats, optional
+        Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
+    skin : float, optional
+        Thickness of a solid wall kept along the body's boundary and joined to the lattice, model units.
+    open_faces : iterable, optional
+        Plane faces of the body that get no skin, so that powder or fluid can pass: build123d, CadQuery or TopoDS faces of that
+        very shape, or their numbers in its order.
+    tol : float, optional
+        Greatest orthogonal deviation from the surface or the field, model units; by default a thousandth of the cell.
+        Required for a field.
+    progress : callable, optional
+        Called with the name of a stage and the fraction of it that is done.
+
+    Returns
+    -------
+    InfillModel
+        The solid and its certificate; `certificate.met` is False if the result misses the request.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    LevelSetError
+        If a field cannot be made a solid in the body's box.
+    KernelError
+        If all methods of trimming fail.
+
+    Examples
+    --------
+    >>> model = tpmscad.infill("bracket.step", "gyroid", cell=8, thickness=0.8, skin=1.5)
+    >>> model.export_step("filled.step")
     """
     stages = StageTimer(progress)
-    lattice: dict[str, Any] = {
+    given: dict[str, Any] = {
         "cell": cell,
         "thickness": thickness,
         "offset": offset,
@@ -172,53 +129,49 @@ def infill(
     if isinstance(surface, str):
         if cell is None:
             raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
-        request = resolve_lattice_request(surface, cells=1, boundary="box", tol=tol, mapped=False, **lattice)
-        if np.ptp(request.offset) < MIN_WALL_THICKNESS and request.kind == "sheet":
-            raise InvalidRequest(
-                f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
-                "a hundred times the kernel's tolerance"
-            )
+        request = resolve_lattice_request(surface, tol=tol, **given)
+        _check_wall_thickness(request)
         block, name = build_lattice_block(request, rotation_matrix(rotation), read, stages), f"{request.surface} infill"
     else:
-        _reject_lattice_options(lattice | {"rotation": rotation})
+        _reject_lattice_options(given | {"rotation": rotation})
         block, name = build_field_block(surface, read, tol, stages), "field infill"
     with stages("trim"):
         openings = resolve_open_faces(read, open_faces)
-        if skin is None:
-            if openings:
-                raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
-            cut = intersect_body_with_lattice(block, read)
-            if not cut.solids:
-                raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
+        if skin is not None:
+            result = fill_within_skin(block, read, skin, openings)
+        elif openings:
+            raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
         else:
-            cut = fill_within_skin(block, read, skin, openings)
+            result = intersect_body_with_lattice(block, read)
+            if not result.solids:
+                raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
     with stages("check"):
-        certificate = certify_kernel_solids(cut.solids, block, cut.notes)
-    patches = block.patches if cut.brep is None else cut.brep
+        certificate = certify_kernel_solids(result.solids, block.patches, block.measures, notes=result.notes)
     return InfillModel(
         name,
-        patches,
-        replace(certificate, seconds=dict(stages.seconds)),
-        cut.built,
-        trimmed_by=cut.by,
-        patches_bound_solid=cut.brep is not None,
+        block.patches if result.brep is None else result.brep,
+        certificate.with_seconds(stages.seconds),
+        result.built,
+        trimmed_by=result.method,
+        patches_bound_solid=result.brep is not None,
     )
 
 
 def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
-    """The body but for the voids that the lattice leaves in it deeper than the skin.
+    """The body without the voids that the lattice leaves in it deeper than the skin.
 
-    They become shells inside one solid, or reach the outside through the open faces.
+    The voids become shells inside one solid, or reach the outside through the open faces.
     """
     skin = check_finite("skin", skin)
     voids = subtract_lattice_from_body(block, offset_inward(body, skin, open_faces))
     if not voids.solids:
         raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
     solids = subtract_voids(body, voids.solids, open_faces)
-    return BooleanResult(KernelSolids(solids), None, voids.by, (*voids.notes, *_note_closed_channels(solids)))
+    return BooleanResult(KernelSolids(solids), None, voids.method, (*voids.notes, *_note_closed_channels(solids)))
 
 
 def _note_closed_channels(solids: Sequence[Any]) -> tuple[str, ...]:
+    """A note on the channels that no opening reaches."""
     closed = betti_numbers(solids)[2]
     if not closed:
         return ()
@@ -229,24 +182,25 @@ def _note_closed_channels(solids: Sequence[Any]) -> tuple[str, ...]:
     )
 
 
-def _reject_lattice_options(given: dict[str, Any]) -> None:
-    """A field says all that a lattice's keywords would."""
-    defaults = signature(infill).parameters
-    extra = [name for name, value in given.items() if value is not defaults[name].default]
+def _check_wall_thickness(request: LatticeRequest) -> None:
+    """InvalidRequest if the wall of a sheet is too thin for the kernel to trim."""
+    if request.kind == "sheet" and np.ptp(request.offset) < MIN_WALL_THICKNESS:
+        raise InvalidRequest(
+            f"a wall of {np.ptp(request.offset):g} is thinner than {MIN_WALL_THICKNESS:g}, "
+            "a hundred times the kernel's tolerance"
+        )
+
+
+def _reject_lattice_options(given: Mapping[str, Any]) -> None:
+    """InvalidRequest for keywords of a lattice beside a field, which defines the whole shape."""
+    defaults = {**LATTICE_DEFAULTS, "cell": None, "rotation": (0.0, 0.0, 0.0)}
+    extra = [name for name, value in given.items() if not _equals(value, defaults[name])]
     if extra:
         raise InvalidRequest(
             f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself"
         )
 
 
-def rotation_matrix(rotation: Sequence[float]) -> Array:
-    """The matrix of rotations about x, then its own y, then its own z, in degrees; quarter turns come out exact."""
-    try:
-        angles = np.asarray(rotation, float)
-    except (TypeError, ValueError):
-        angles = np.full(3, np.nan)
-    if angles.shape != (3,) or not np.isfinite(angles).all():
-        raise InvalidRequest(f"rotation {rotation!r} takes three finite angles in degrees, about x, y and z")
-    turn = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
-    quarter = np.rint(turn)
-    return np.asarray(quarter if np.abs(turn - quarter).max() < 1e-15 else turn)
+def _equals(value: Any, default: Any) -> bool:
+    """Whether a keyword has its default value; sequences may be of any type."""
+    return np.array_equal(value, default) if isinstance(default, tuple) else value == default

@@ -1,32 +1,122 @@
-"""What a lattice is asked to be, checked once: after this every value is finite, in range and free of contradictions."""
+"""The request for a lattice: its keywords, and their validation into one frozen value.
+
+`LatticeOptions` and `InfillOptions` are the keywords of `tpmscad.lattice` and `tpmscad.infill` as typed dictionaries, for the
+functions that pass them on. `resolve_lattice_request` validates them once; in a `LatticeRequest` every value is finite, in range
+and consistent with the others, and a thickness or a volume fraction has become a pair of normal offsets.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from inspect import Parameter, signature
+from typing import Any, Required, TypedDict, TypeVar, Unpack
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
+from tpmscad._typing import Array, Progress
 from tpmscad.errors import InvalidRequest
+from tpmscad.lattices.maps import Map
 
 MIN_TOL = 2e-7
-"""Model units: the kernel merges points closer than 1e-7, so no solid can be held to less than twice that."""
+"""Model units: twice the distance of 1e-7 below which the kernel merges points."""
 
 MIN_TOL_CELLS = 1e-7
-"""Of the cell: the finest that patches of degree 18 reach before float64 loses the joints' smoothness."""
+"""In cells: the deviation that patches of degree 18 reach before round-off spoils the smoothness of their joints."""
 
 DEFAULT_TOL_CELLS = 1e-3
-"""Of the smallest cell edge, where no tolerance is given."""
+"""In cells, of the smallest cell edge: the tolerance if none is given."""
 
-KINDS, SIDES, REFERENCES, BOUNDARIES = ("sheet", "skeletal"), ("-", "+"), ("minimal", "nodal"), ("box", "natural")
+KINDS = ("sheet", "skeletal")
+SIDES = ("-", "+")
+REFERENCES = ("minimal", "nodal")
+BOUNDARIES = ("box", "natural")
+
+EXACT_ROTATION_TOL = 1e-15
+"""A rotation matrix within this distance of one with entries -1, 0 and 1 becomes that matrix."""
+
+
+class WallOptions(TypedDict, total=False):
+    """The keywords that `lattice`, `infill` and `fluid_domains` share."""
+
+    thickness: float | None
+    offset: float | Sequence[float] | None
+    volume_fraction: float | None
+    reference: str | None
+    phase: Sequence[float]
+    tol: float | None
+    progress: Progress | None
+
+
+class LatticeOptions(WallOptions, total=False):
+    """The keywords of `lattice`."""
+
+    cell: Required[float | Sequence[float]]
+    cells: int | Sequence[int]
+    kind: str
+    side: str
+    boundary: str
+    map: Map | Callable[[Array], Array] | None
+
+
+class InfillOptions(WallOptions, total=False):
+    """The keywords of `infill`; a field takes `tol`, `skin`, `open_faces` and `progress` only."""
+
+    cell: float | Sequence[float] | None
+    kind: str
+    side: str
+    rotation: Sequence[float]
+    skin: float | None
+    open_faces: Iterable[Any]
+
+
+LATTICE_DEFAULTS: Mapping[str, Any] = {
+    "cells": (1, 1, 1),
+    "thickness": None,
+    "offset": None,
+    "volume_fraction": None,
+    "kind": "sheet",
+    "side": "-",
+    "reference": None,
+    "boundary": "box",
+    "phase": (0.0, 0.0, 0.0),
+    "map": None,
+    "tol": None,
+    "progress": None,
+}
+"""Defaults of the keywords of `lattice`."""
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def with_keywords_of(reference: Callable[..., Any]) -> Callable[[F], F]:
+    """Decorator that shows the keywords of `reference` in the signature of a function that takes them as `**options`.
+
+    `inspect.signature`, `help` and the completion of interactive shells read the signature; type checkers read the annotation
+    `**options: Unpack[...]`. The keywords of the function itself follow those of `reference`.
+    """
+
+    def decorate(function: F) -> F:
+        parameters = list(signature(function).parameters.values())
+        keywords = [p for p in signature(reference).parameters.values() if p.kind is Parameter.KEYWORD_ONLY]
+        leading = [p for p in parameters if p.kind not in (Parameter.KEYWORD_ONLY, Parameter.VAR_KEYWORD)]
+        own = [p for p in parameters if p.kind is Parameter.KEYWORD_ONLY]
+        shown = signature(function).replace(parameters=[*leading, *keywords, *own])
+        function.__signature__ = shown  # type: ignore[attr-defined]
+        return function
+
+    return decorate
 
 
 @dataclass(frozen=True, slots=True)
 class LatticeRequest:
-    """A checked request. Lengths in model units; `cell` are the three edges, `offset` the normal distances of the two walls
-    (sheet) or of the one surface twice (skeletal), `phase` in cells."""
+    """A valid request for a lattice, in model units.
+
+    `cell` holds the three edges, `cells` the counts, `offset` the normal distances of the two walls (sheet) or of the one surface
+    twice (skeletal), `phase` the shift in cells, `tol` the greatest deviation.
+    """
 
     surface: str
     cell: tuple[float, float, float]
@@ -43,104 +133,84 @@ class LatticeRequest:
     def layer_offsets(self) -> tuple[float | None, float | None]:
         """Normal distances of the lower and the upper bounding surface; None where the solid has no wall on that side.
 
-        The lower one faces the nodal value's decrease: it bounds a skeletal solid on the "+" side.
+        The lower surface faces decreasing nodal values: it bounds a skeletal solid on the "+" side.
         """
         if self.kind == "sheet":
             return self.offset
         return (self.offset[0], None) if self.side == "+" else (None, self.offset[0])
 
 
-def resolve_lattice_request(
-    surface: str,
-    *,
-    cell: float | Sequence[float],
-    cells: int | Sequence[int],
-    thickness: float | None,
-    offset: float | Sequence[float] | None,
-    volume_fraction: float | None,
-    kind: str,
-    side: str,
-    reference: str | None,
-    boundary: str,
-    phase: Sequence[float],
-    tol: float | None,
-    mapped: bool,
-) -> LatticeRequest:
-    """The request with its thickness, offsets or volume fraction resolved; InvalidRequest names what is wrong."""
+def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> LatticeRequest:
+    """The valid request of `surface` and the keywords of `lattice`; InvalidRequest names the value, the limit and the remedy."""
+    given: dict[str, Any] = {**LATTICE_DEFAULTS, **options}
     info = surfaces.find_surface(surface)
     name = info.name
-    if reference is None:
-        reference = info.references[0] if info.references else REFERENCES[0]
-    for label, value, choices in (
-        ("kind", kind, KINDS),
-        ("side", side, SIDES),
-        ("reference", reference, REFERENCES),
-        ("boundary", boundary, BOUNDARIES),
+    if given["reference"] is None:
+        given["reference"] = info.references[0] if info.references else REFERENCES[0]
+    for keyword, choices in (
+        ("kind", KINDS),
+        ("side", SIDES),
+        ("reference", REFERENCES),
+        ("boundary", BOUNDARIES),
     ):
-        if value not in choices:
-            raise InvalidRequest(f"{label} {value!r} is unknown; choose one of {', '.join(map(repr, choices))}")
+        if given[keyword] not in choices:
+            raise InvalidRequest(
+                f"{keyword} {given[keyword]!r} is unknown; choose one of {', '.join(map(repr, choices))}"
+            )
+    kind, side, reference, boundary = (given[keyword] for keyword in ("kind", "side", "reference", "boundary"))
     surfaces.check_reference(info, reference)
     if kind == "skeletal" and boundary == "natural":
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
         )
-    edges = _check_positive_triple("cell", cell)
-    counts = _check_cell_counts(cells)
-    shift = _check_triple("phase", phase)
-    stretched = mapped or len(set(edges)) > 1
-    if stretched and surfaces.has_mirrors(name):
+    edges = _check_positive_triple("cell", given["cell"])
+    counts = _check_cell_counts(given["cells"])
+    phase = _check_triple("phase", given["phase"])
+    has_mapping = given["map"] is not None or len(set(edges)) > 1
+    if has_mapping and surfaces.has_mirrors(name):
         raise InvalidRequest(
-            f"a map or unequal cell edges {list(edges)} bend the {info.title}'s mirrors, between which its patches are made: "
-            "give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
+            f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
+            "are made: give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
         )
-    bound = DEFAULT_TOL_CELLS * min(edges) if tol is None else _check_positive("tol", tol)
+    tol = DEFAULT_TOL_CELLS * min(edges) if given["tol"] is None else _check_positive("tol", given["tol"])
     least = max(MIN_TOL, MIN_TOL_CELLS * min(edges))
-    if bound < least:
+    if tol < least:
         raise InvalidRequest(
-            f"tol {bound:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
+            f"tol {tol:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
             "ask for more, or scale the model up"
         )
-    walls = _resolve_offsets(name, reference, kind, side, thickness, offset, volume_fraction, edges[0], stretched)
-    if not stretched:
-        for wall in walls:
-            surfaces.check_offset(name, reference, wall, edges[0])
-    return LatticeRequest(name, edges, counts, walls, kind, side, reference, boundary, shift, bound)
+    offset = _resolve_offsets(name, given, edges[0], has_mapping)
+    if not has_mapping:
+        for distance in offset:
+            surfaces.check_offset(name, reference, distance, edges[0])
+    return LatticeRequest(name, edges, counts, offset, kind, side, reference, boundary, phase, tol)
 
 
-def _resolve_offsets(
-    name: str,
-    reference: str,
-    kind: str,
-    side: str,
-    thickness: float | None,
-    offset: float | Sequence[float] | None,
-    volume_fraction: float | None,
-    cell: float,
-    stretched: bool,
-) -> tuple[float, float]:
-    given = {"thickness": thickness, "offset": offset, "volume_fraction": volume_fraction}
-    named = [k for k, v in given.items() if v is not None]
+def _resolve_offsets(name: str, given: Mapping[str, Any], cell: float, has_mapping: bool) -> tuple[float, float]:
+    """The two normal distances that the one of thickness, offset and volume_fraction in `given` asks for, in model units."""
+    kind = given["kind"]
+    named = [keyword for keyword in ("thickness", "offset", "volume_fraction") if given[keyword] is not None]
     if kind == "skeletal":
-        if thickness is not None:
+        if "thickness" in named:
             raise InvalidRequest("a skeletal solid has no thickness; give offset= (one distance) or volume_fraction=")
         if not named:
             return 0.0, 0.0
     if len(named) != 1:
-        what = " and ".join(named) if named else "none of them"
-        raise InvalidRequest(f"give exactly one of thickness, offset, volume_fraction; here: {what}")
-    if volume_fraction is not None:
-        fraction = _check_positive("volume_fraction", volume_fraction)
+        listed = " and ".join(named) if named else "none of them"
+        raise InvalidRequest(f"give exactly one of thickness, offset, volume_fraction; here: {listed}")
+    if "volume_fraction" in named:
+        fraction = _check_positive("volume_fraction", given["volume_fraction"])
         if fraction >= 1:
             raise InvalidRequest(f"volume_fraction {fraction:g} must lie below 1")
-        if stretched:
+        if has_mapping:
             raise InvalidRequest(
                 "volume_fraction is solved for cubic cells without a map; give thickness or offset instead"
             )
-        return surfaces.offsets_for(name, reference, fraction, kind, cell, side)
-    if thickness is not None:
-        half = _check_positive("thickness", thickness) / 2
+        return surfaces.offsets_for(name, given["reference"], fraction, kind, cell, given["side"])
+    if "thickness" in named:
+        half = _check_positive("thickness", given["thickness"]) / 2
         return -half, half
-    values = np.atleast_1d(np.asarray(offset, float))
+    values = np.atleast_1d(np.asarray(given["offset"], float))
     if not np.isfinite(values).all():
         raise InvalidRequest(f"offset {values.tolist()} must be finite")
     if kind == "skeletal":
@@ -152,12 +222,31 @@ def _resolve_offsets(
     return float(values[0]), float(values[1])
 
 
+def lattice_size(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
+    """Edge lengths of the box of `cells` x `cell` that a lattice fills."""
+    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * np.broadcast_to(np.asarray(cells, float), 3)).tolist()
+    return x, y, z
+
+
+def rotation_matrix(rotation: Sequence[float]) -> Array:
+    """Matrix (3, 3) of intrinsic rotations about x, y and z, in degrees; quarter turns are exact."""
+    try:
+        angles = np.asarray(rotation, float)
+    except (TypeError, ValueError):
+        angles = np.full(3, np.nan)
+    if angles.shape != (3,) or not np.isfinite(angles).all():
+        raise InvalidRequest(f"rotation {rotation!r} takes three finite angles in degrees, about x, y and z")
+    matrix = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
+    rounded = np.rint(matrix)
+    return np.asarray(rounded if np.abs(matrix - rounded).max() < EXACT_ROTATION_TOL else matrix)
+
+
 def check_finite(label: str, value: Any) -> float:
-    """The value as a finite number; InvalidRequest if it is none."""
+    """The value as a float; InvalidRequest if it is not a finite number."""
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise InvalidRequest(f"{label} {value!r} is no number") from None
+        raise InvalidRequest(f"{label} {value!r} is not a number") from None
     if not np.isfinite(number):
         raise InvalidRequest(f"{label} {number:g} must be finite")
     return number
@@ -187,5 +276,5 @@ def _check_cell_counts(cells: Any) -> tuple[int, int, int]:
     x, y, z = _check_positive_triple("cells", cells)
     for value in (x, y, z):
         if value != int(value):
-            raise InvalidRequest(f"cells {value:g} must be whole; trim the solid to take part of a cell")
+            raise InvalidRequest(f"cells {value:g} must be a whole number; trim the solid to take part of a cell")
     return int(x), int(y), int(z)

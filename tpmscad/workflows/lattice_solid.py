@@ -1,11 +1,16 @@
-"""The public functions. Each reads like the abstract of its method; what it does is done on the floors below."""
+"""A lattice of a minimal surface in a box, as a certified solid.
+
+Cubic cells without a map: the offset surfaces of one primitive patch are fitted and copied by the symmetry operations of the
+surface (or reflected, for surfaces between mirror planes), so that all joints are smooth to round-off. Unequal cell edges or
+a map: every patch is fitted to its own image. A lattice of natural boundary ends in whole patches, bridged by gap faces; one
+in a box is trimmed by the planes of the box and closed by caps.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -13,31 +18,23 @@ from tpmscad import kernel, surfaces
 from tpmscad._typing import Array, Progress
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError, TrimmingError
-from tpmscad.lattices import copies as lattices
-from tpmscad.lattices import mapped_lattice as mappings
-from tpmscad.lattices.copies import cover_box_by_reflection
+from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.errors import TrimmingError
+from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
-from tpmscad.lattices.primitive import OffsetSurfacesFit, fit_offset_surfaces
+from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
-from tpmscad.workflows.certificate import certify_lattice
+from tpmscad.workflows.attempts import Attempt, first_success
+from tpmscad.workflows.certificate import certify
+from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.model import Model, UnitCell
-
-Notes = tuple[str, ...]
-
-CUT_TOL_CELLS = 5e-10
-"""Of the cell: how far a cut's curve may be from its patch, so that gaps at the caps too stay below 1e-9 of the cell."""
+from tpmscad.workflows.patch_measures import measure_lattice_patches
 
 FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
-"""Of the tolerance: what patches are fitted to. On walls within 15 % of the greatest offset, in a box that stands anywhere, one
-cut in ten could not be traced on the coarsest patches that met 1e-3 to 1e-4 of the cell (F-RD)."""
-
-REREAD_VOLUME_RTOL = 1e-9
-"""Relative: how far the volume of a file that was read back may be from what was written."""
+"""Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
 
 
 def lattice(
@@ -57,17 +54,61 @@ def lattice(
     tol: float | None = None,
     progress: Progress | None = None,
 ) -> Model:
-    """A lattice of a minimal surface, from the origin to `cells` x `cell`, as a certified solid.
+    """Make a lattice of a minimal surface that fills the box from the origin to `cells` x `cell`.
 
-    cell: edge length, or three of them, in model units (mm). cells: how many, per axis. Exactly one of
-    thickness (of the wall, along the normal), offset (signed normal distances of the wall's two sides; one distance for
-    kind="skeletal") and volume_fraction. side: which side of the surface is solid, for kind="skeletal" ("-" is where the
-    nodal value is negative). reference: the exact "minimal" surface, where there is one, or the trigonometric ("nodal") one of
-    its name. boundary: flat caps in the planes of the box, or whole patches bridged by gap faces. phase shifts the lattice, in
-    cells. map: a smooth function (..., 3) -> (..., 3) of lattice coordinates in model units; walls keep their thickness. tol:
-    greatest deviation in model units, by default a thousandth of the cell.
+    Parameters
+    ----------
+    surface : str
+        Name of a surface of the catalogue; see ``tpmscad surfaces``.
+    cell : float or (3,) floats
+        Edge length of the cell, or one for each axis, model units (mm).
+    cells : int or (3,) ints, optional
+        Number of cells along every axis, or along each.
+    thickness : float, optional
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`; a skeletal
+        lattice may also take none.
+    offset : float or (float, float), optional
+        Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
+    volume_fraction : float, optional
+        Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
+    kind : {"sheet", "skeletal"}, optional
+        Between two offset surfaces, or on one side of one.
+    side : {"-", "+"}, optional
+        Solid side of a skeletal lattice: "-" is where the nodal value is negative.
+    reference : {"minimal", "nodal"}, optional
+        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
+    boundary : {"box", "natural"}, optional
+        Planar caps in the faces of the box, or whole patches bridged by gap faces.
+    phase : (3,) floats, optional
+        Shift of the lattice, in cells.
+    map : callable, optional
+        Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their
+        thickness.
+    tol : float, optional
+        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the smallest cell edge.
+    progress : callable, optional
+        Called with the name of a stage and the fraction of it that is done.
 
-    InvalidRequest names what can't be had and what would do; a result that misses the request has certificate.met False.
+    Returns
+    -------
+    Model
+        The solid and its certificate; `certificate.met` is False if the result misses the request.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    TrimmingError
+        If the cuts with the faces of the box cannot be traced.
+    KernelError
+        If the kernel cannot build the solid.
+
+    Examples
+    --------
+    >>> model = tpmscad.lattice("gyroid", cell=10.0, cells=(2, 2, 2), thickness=1.0, tol=0.01)
+    >>> model.certificate.met
+    True
+    >>> model.export_step("gyroid.step")
     """
     request = resolve_lattice_request(
         surface,
@@ -81,90 +122,37 @@ def lattice(
         reference=reference,
         boundary=boundary,
         phase=phase,
+        map=map,
         tol=tol,
-        mapped=map is not None,
     )
     stages = StageTimer(progress)
-    bend = _compose_map(request, map)
-    cell = None
-    if bend is None:
-        fit, brep, notes = _fit_and_copy(request, stages)
-        deviation, bounds = fit.deviation, fit.bounds
-        cell = UnitCell(
-            lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
-            request.cell[0] * _cell_origins(request.cells),
-        )
-    else:
-        brep, notes, deviation = _fit_mapped_patches(request, bend, stages)
-        bounds = {}
+    mapping = _compose_map(request, map)
+    made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
-        built = kernel.build_solids(brep)
+        built = kernel.build_solids(made.brep)
     with stages("check"):
         valid = kernel.is_valid(built.shape)
-        certificate = certify_lattice(request, bend, brep, deviation, bounds, built.nesting.moments, valid, notes)
-    return Model(
-        f"{request.surface} {request.kind}", brep, replace(certificate, seconds=dict(stages.seconds)), built, cell
-    )
+        properties = measure_solid(made.brep, built.nesting.moments)
+        measures = measure_lattice_patches(request, mapping, made.brep, made.deviation, made.bounds, made.notes)
+        edge_gap = float(made.brep.edges.deviation.max(initial=0.0))
+        certificate = certify(made.brep, properties, measures, valid=valid, edge_gap=edge_gap)
+    name = f"{request.surface} {request.kind}"
+    return Model(name, made.brep, certificate.with_seconds(stages.seconds), built, made.unit_cell)
 
 
-def lattice_size(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
-    """Edge lengths of the box of `cells` x `cell` that a lattice fills."""
-    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * np.broadcast_to(np.asarray(cells, float), 3)).tolist()
-    return x, y, z
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticePatches:
+    """The closed boundary representation of a lattice in model units, its deviation from the surface, and notes on its making."""
 
-
-def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
-    """Write a Model, or any build123d or CadQuery shape, as STEP, in one step: the file is there whole or not at all."""
-    if isinstance(model, Model):
-        model.export_step(path, schema=schema)
-    else:
-        kernel.write_shape(model, path, schema=schema, name=name)
-
-
-def write_checked_model(
-    model: Model, path: str | Path, *, instanced: bool, schema: str, stored_volume: float = REREAD_VOLUME_RTOL
-) -> None:
-    """Write a model from its patches, then read the file back: KernelError if it is not the valid solid that was written.
-
-    stored_volume: relative, how far the volume read back may be off.
-
-    The reader mends nothing on this occasion: the file is valid as it stands.
-    """
-    brep, nesting, instances, copies = model.patches, model.built.nesting, None, 1
-    if instanced and model.cells is not None:
-        brep = model.cells.make()
-        nesting = kernel.build_solids(brep).nesting
-        instances, copies = kernel.Instances.translated(model.cells.translations), len(model.cells.translations)
-    expected = copies * float(integral_properties.volume(nesting.moments)[0])
-
-    verify = make_volume_check(expected, stored_volume)
-    kernel.write_step(brep, nesting, path, schema=schema, name=model.name, instances=instances, verify=verify)
-
-
-def make_volume_check(volume: float, within: float = REREAD_VOLUME_RTOL) -> Callable[[Path], None]:
-    """What a written file must pass, or KernelError: read back with nothing mended it holds valid solids of this volume,
-    `within` a relative tolerance."""
-
-    def verify(written: Path) -> None:
-        found = kernel.check_step(written, healed=False)
-        if not found.ok or abs(found.shape.volume - volume) > within * volume:
-            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {found}")
-
-    return verify
-
-
-def check_step(path: str | Path) -> Any:
-    """Read a STEP file back with the kernel and report what is in it."""
-    return kernel.check_step(path)
-
-
-def render_step(path: str | Path, picture: str | Path) -> None:
-    """Draw a STEP file as a PNG; needs no display."""
-    kernel.render_png(kernel.read_step(path), picture)
+    brep: Brep
+    deviation: Deviation
+    bounds: Mapping[str, float]
+    notes: tuple[str, ...]
+    unit_cell: UnitCell | None = None
 
 
 def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
-    """The map from cubic lattice coordinates (cell = the first edge) to the model, or None where it is the identity."""
+    """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
     stretch = None
     if len(set(request.cell)) > 1:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
@@ -173,91 +161,98 @@ def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | 
     return as_map(map) if stretch is None else composition(as_map(map), stretch, request.cell[0])
 
 
-def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> tuple[OffsetSurfacesFit, Brep, Notes]:
-    """The primitives and the complex of their copies; finer ones are fitted where the cuts of coarse ones can't be traced."""
-    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * request.cell[0])
-    for share in FIT_TOL_FRACTIONS:
-        tol = max(request.tol * share, finest)
+def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
+    """The copies of fitted primitives; the fit is repeated more closely while the cuts of the patches cannot be traced."""
+    cell = request.cell[0]
+    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * cell)
+    tolerances = dict.fromkeys(max(request.tol * fraction, finest) for fraction in FIT_TOL_FRACTIONS)
+
+    def fit_and_copy(tol: float) -> LatticePatches:
         with stages("fit"):
-            fit = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, request.cell[0], tol)
-        try:
-            brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
-        except TrimmingError:
-            if tol == finest:
-                raise
-            continue
-        if share < 1:
+            fit = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, cell, tol)
+        brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
+        if tol < request.tol:
             notes = (*notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
-        return fit, brep, notes
-    raise AssertionError("the last of the tolerances returns or raises")
+        unit_cell = UnitCell(
+            lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
+            cell * _cell_origins(request.cells),
+        )
+        return LatticePatches(brep, fit.deviation, fit.bounds, notes, unit_cell)
+
+    attempts = [Attempt(f"fitted to {tol:.3g}", partial(fit_and_copy, tol)) for tol in tolerances]
+    return first_success(attempts, retry_on=(TrimmingError,)).value
 
 
 def _copy_primitives(
     request: LatticeRequest, sheet: OffsetSurfaces, cells: tuple[int, int, int], stages: StageTimer
-) -> tuple[Brep, Notes]:
-    """The complex of copied primitives, in model units, and what is to be said of its making."""
+) -> tuple[Brep, tuple[str, ...]]:
+    """The boundary representation of copied primitives, in model units, and notes on it."""
     cell, phase = request.cell[0], np.array(request.phase)
     if surfaces.has_mirrors(request.surface):
         return _copy_mirrored_pieces(request, sheet, cells, stages)
     symmetry = surfaces.patch_symmetry(request.surface)
     if request.boundary == "natural":
         with stages("assemble"):
-            whole = lattices.place_whole_cells(request.surface, cells, phase)
-            return scale_brep(lattices.build_natural_lattice(symmetry, sheet, whole), cell), ()
+            placements = copies.place_whole_cells(request.surface, cells, phase)
+            return scale_brep(copies.build_natural_lattice(symmetry, sheet, placements), cell), ()
     with stages("assemble"):
-        cover = scale_brep(lattices.cover_box(symmetry, sheet, cells, phase), cell)
+        cover = scale_brep(copies.cover_box(symmetry, sheet, cells, phase), cell)
     with stages("trim"):
         return _trim_by_box(cover, np.zeros(3), cell * np.array(cells, float), cell)
 
 
 def _copy_mirrored_pieces(
     request: LatticeRequest, sheet: OffsetSurfaces, cells: tuple[int, int, int], stages: StageTimer
-) -> tuple[Brep, Notes]:
-    """The complex of reflected pieces. Its natural boundary is flat too: the mirrors about the block of cells, moved with it."""
+) -> tuple[Brep, tuple[str, ...]]:
+    """The boundary representation of reflected pieces, and notes on it.
+
+    Its natural boundary is planar too: the mirror planes around the block of cells, which move with the phase.
+    """
     cell, phase = request.cell[0], np.array(request.phase)
     natural = request.boundary == "natural"
     with stages("assemble"):
         symmetry = surfaces.mirror_symmetry(request.surface)
-        cover = scale_brep(cover_box_by_reflection(symmetry, sheet, cells, phase, natural=natural), cell)
+        cover = scale_brep(copies.cover_box_by_reflection(symmetry, sheet, cells, phase, natural=natural), cell)
     low = cell * phase if natural else np.zeros(3)
     with stages("trim"):
         return _trim_by_box(cover, low, low + cell * np.array(cells, float), cell)
 
 
-def _fit_mapped_patches(request: LatticeRequest, bend: Map, stages: StageTimer) -> tuple[Brep, Notes, Deviation]:
-    """The complex of patches fitted one by one to the mapped surface, what is to be said of its making, their deviation."""
+def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
+    """Patches fitted one by one to the mapped surface."""
     cell, phase, name = request.cell[0], np.array(request.phase), request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
     bounds = None
     with stages("fit") as done:
         if request.boundary == "natural":
-            placements = lattices.place_whole_cells(name, request.cells, phase)
+            placements = copies.place_whole_cells(name, request.cells, phase)
         else:
-            bounds = mappings.map_box(bend, cell * np.array(request.cells, float))
-            reach = float(np.abs(request.offset).max())
-            placements = mappings.select_placements_near_box(
-                patch, symmetry, bend, bounds, request.cells, phase, cell, reach
+            bounds = mapped_lattice.map_box(mapping, cell * np.array(request.cells, float))
+            max_offset = float(np.abs(request.offset).max())
+            placements = mapped_lattice.select_placements_near_box(
+                patch, symmetry, mapping, bounds, request.cells, phase, cell, max_offset
             )
-        surface = mappings.MappedSurface(patch, symmetry, placements, bend, cell)
-        mappings.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
-        lower, upper, deviation = mappings.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
+        surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
+        mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
+        lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
     with stages("assemble"):
-        brep = mappings.assemble_mapped_lattice(surface, lower, upper, natural=bounds is None)
-    if bounds is None:
-        return brep, (), deviation
-    with stages("trim"):
-        return *_trim_by_box(brep, *bounds, cell), deviation
+        brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=bounds is None)
+    notes: tuple[str, ...] = ()
+    if bounds is not None:
+        with stages("trim"):
+            brep, notes = _trim_by_box(brep, *bounds, cell)
+    return LatticePatches(brep, deviation, {}, notes)
 
 
-def _trim_by_box(brep: Brep, low: Array, high: Array, cell: float) -> tuple[Brep, Notes]:
-    """The complex cut by a box; a lattice that had to be moved a little, past something that a plane touches, is told."""
-    cut = trim(brep, box(low, high), tol=CUT_TOL_CELLS * cell)
+def _trim_by_box(brep: Brep, low: Array, high: Array, cell: float) -> tuple[Brep, tuple[str, ...]]:
+    """The part inside the box [low, high], closed by caps, and a note if the lattice had to be moved off a plane it touches."""
+    cut = trim(brep, box(low, high), tol=BOX_TRIM_TOL_CELLS * cell)
     if cut.report.shifted == 0.0:
         return cut.brep, ()
     return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)
 
 
 def _cell_origins(cells: tuple[int, int, int]) -> Array:
-    """The corners of the cells: (n, 3)."""
+    """Lower corners (n, 3) of the cells of a block, in cells."""
     axes = [np.arange(n, dtype=float) for n in cells]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

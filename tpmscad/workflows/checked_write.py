@@ -1,0 +1,61 @@
+"""STEP files that are read back and compared with what was written, before they appear under their name.
+
+A file is written under a temporary name, read back by the kernel without healing and renamed only if it holds valid closed solids
+of the expected volume. A failure leaves no file behind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import Any
+
+from tpmscad import kernel
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError
+
+REREAD_VOLUME_RTOL = 1e-9
+"""Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""
+
+REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
+"""The same for solids that contain faces of a CAD body."""
+
+
+def make_volume_check(volume: float, rtol: float) -> Callable[[Path], None]:
+    """Function that raises KernelError unless a file holds valid closed solids of total `volume`, to within `rtol`."""
+
+    def verify(path: Path) -> None:
+        report = kernel.check_step(path, healed=False)
+        if not report.ok or abs(report.shape.volume - volume) > rtol * volume:
+            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {report}")
+
+    return verify
+
+
+def write_checked_brep(
+    brep: Brep,
+    nesting: Any,
+    path: str | Path,
+    *,
+    schema: str,
+    name: str,
+    rtol: float,
+    placements: kernel.Instances | None = None,
+    n_placements: int = 1,
+) -> None:
+    """Write a boundary representation as STEP, once for each placement, read the file back and compare the volume.
+
+    `nesting` says which shells bound which solid (`BuiltSolids.nesting`). KernelError if the file does not hold what was written.
+    """
+    volume = n_placements * float(integral_properties.volume(nesting.moments)[0])
+    verify = make_volume_check(volume, rtol)
+    kernel.write_step(brep, nesting, path, schema=schema, name=name, instances=placements, verify=verify)
+
+
+def write_checked_shape(
+    shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()
+) -> None:
+    """Write a kernel shape as STEP, read the file back and compare the volume; `names` are those of its solids, in order."""
+    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES)
+    kernel.write_shape(shape, path, schema=schema, name=name, verify=verify, names=tuple(names))

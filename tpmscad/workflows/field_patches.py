@@ -1,0 +1,142 @@
+"""The patches of a field's solid in a box, fitted and measured without the kernel.
+
+The level set {field = 0} inside the box is fitted to the tolerance (`tpmscad.levelset`) after its convex edges have been
+rounded within part of it. The volume, the Betti numbers and the pieces of the solid that the patches bound are computed from
+their arrays. Two independent witnesses come from the field alone: its Betti numbers on a sequence of grids, and its volume by
+quadrature along grid lines. If the Betti numbers differ, the fit is repeated with octree leaves split where they hide
+crossings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.blending.edge_rounding import round_edges
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.deviation import Deviation
+from tpmscad.brep.edge_continuity import EdgeContinuity
+from tpmscad.brep.moments import integral_properties
+from tpmscad.brep.moments.integral_properties import FaceMoments
+from tpmscad.brep.solid_properties import SolidProperties, measure_solid
+from tpmscad.errors import LevelSetError
+from tpmscad.fields import volume_quadrature
+from tpmscad.fields.betti_numbers import compute_betti_numbers
+from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
+from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
+from tpmscad.parallel import task_runner
+from tpmscad.stage_timer import StageTimer
+
+ROUNDING_TOL_FRACTION = 0.8
+"""Fraction of the tolerance by which rounding may move the surface at edges; the fit seldom needs a tenth of it."""
+
+MIN_ROUNDING_RADIUS_PERIODS = 1.5e-3
+"""In periods: the least rounding radius that the finest octree leaves can resolve."""
+
+N_QUADRATURE_LINES = 96
+"""Grid lines along the longest edge of the box with which the quadrature of the volume starts."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldPatches:
+    """The patches of a field's solid in a box, with what was measured on them; lengths in model units.
+
+    `fitted` holds the patches and their deviation from the field that was asked for, the displacement by rounding included.
+    `moments` are the integrals over its faces, `properties` those of the solid it bounds. `field_betti` are the Betti numbers of
+    the field in the box (None if they differ on all grids), `field_volume` its volume and `field_volume_error` the uncertainty of
+    that.
+    """
+
+    fitted: FieldSolid
+    moments: FaceMoments
+    properties: SolidProperties
+    field_betti: tuple[int, int, int] | None
+    field_volume: float
+    field_volume_error: float
+
+    @property
+    def brep(self) -> Brep:
+        return self.fitted.brep
+
+    @property
+    def deviation(self) -> Deviation:
+        to_field, from_field = self.fitted.to_field, self.fitted.from_field
+        return Deviation(max(to_field, from_field), self.fitted.rms, to_field, from_field)
+
+    @property
+    def continuity(self) -> EdgeContinuity:
+        gap = float(self.brep.edges.deviation.max(initial=0.0))
+        return EdgeContinuity(gap, self.fitted.jump_deg, self.fitted.curvature_jump, 0)
+
+
+def fit_field_patches(
+    field: Field | Callable[..., Any],
+    lo: Any,
+    hi: Any,
+    tol: float,
+    stages: StageTimer,
+    *,
+    executor: Executor | None = None,
+) -> FieldPatches:
+    """The solid {field < 0} in the box [lo, hi] as patches within `tol` of the level set, measured without the kernel.
+
+    LevelSetError names the place at which the field cannot be fitted, and the reason.
+    """
+    field = as_field(field)
+    lo, hi = validate_box(lo, hi, tol)
+    rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
+    with stages("fit") as done, task_runner(executor, rounded) as work:
+        for probed in (False, True):
+            fitted = fit_field_solid(rounded, lo, hi, tol - moved, probed=probed, work=work, progress=done)
+            moments = integral_properties.integrate_faces(fitted.brep)
+            properties = measure_solid(fitted.brep, moments)
+            if not probed:
+                betti = compute_betti_numbers(fitted.field, lo, hi)
+            if betti is None or properties.betti == betti:
+                break
+    with stages("check"):
+        if moved and betti is not None:
+            unrounded = compute_betti_numbers(field, lo, hi)
+            if unrounded not in (None, betti):
+                notes = (
+                    *notes,
+                    f"rounding changes the field's Betti numbers from {unrounded} to {betti}: use a finer tol",
+                )
+                betti = unrounded
+        spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
+        volume, volume_error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
+    fitted = replace(
+        fitted,
+        tol=tol,
+        to_field=fitted.to_field + moved,
+        from_field=fitted.from_field + moved,
+        notes=notes + fitted.notes,
+    )
+    return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
+
+
+def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[Field, float, tuple[str, ...]]:
+    """The field with the edges of its walls rounded, the greatest displacement of its level set, and notes on it."""
+    extended = field if isinstance(field, LinearExtension) else extend_linearly(field, lo, hi)
+    rounding = round_edges(
+        extended.field, np.maximum(lo, extended.lo), np.minimum(hi, extended.hi), ROUNDING_TOL_FRACTION * tol
+    )
+    if rounding is None:
+        return field, 0.0, ()
+    edge = f"{rounding.opening:.0f} degrees at ({', '.join(f'{x:.5g}' for x in rounding.near)})"
+    periods = [p for structure in rounding.field.structures for p in structure.periods() or () if p > 0]
+    if rounding.radius < MIN_ROUNDING_RADIUS_PERIODS * min(periods, default=0.0):
+        raise LevelSetError(
+            f"a blended wall ends in an edge of {edge}: within tol {tol:g} it can be rounded with a radius of "
+            f"{rounding.radius:.2g} only, too little for smooth patches; "
+            "blend over a longer distance, or use a thicker wall or a larger tol"
+        )
+    rounded = replace(field, field=rounding.field) if isinstance(field, LinearExtension) else rounding.field
+    note = f"edges of walls were rounded: the surface moves by up to {rounding.moved:.3g}; the sharpest has {edge}"
+    return rounded, rounding.moved, (note,)

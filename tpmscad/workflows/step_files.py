@@ -1,0 +1,95 @@
+"""STEP files: write a model or any shape, read a file back and report its content, draw it as a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tpmscad import kernel
+from tpmscad.workflows.model import Model
+
+
+def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
+    """Write a model or a CAD shape as a STEP file.
+
+    The file is written under a temporary name and renamed, so it is complete or absent. A `Model` is also read back and compared
+    with what was written (see `Model.export_step`); a shape is not.
+
+    Parameters
+    ----------
+    model : Model or shape
+        A result of this package, or a build123d, CadQuery or TopoDS shape.
+    path : str or Path
+        The file to write.
+    schema : {"ap242", "ap214"}, optional
+        STEP application protocol.
+    name : str, optional
+        Name of the product. A `Model` is written under its own name.
+
+    Raises
+    ------
+    KernelError
+        If the file cannot be written, or does not read back as the model.
+
+    Examples
+    --------
+    >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
+    >>> tpmscad.export_step(model, "gyroid.step")
+    """
+    if isinstance(model, Model):
+        model.export_step(path, schema=schema)
+    else:
+        kernel.write_shape(model, path, schema=schema, name=name)
+
+
+def check_step(path: str | Path) -> kernel.StepReport:
+    """Read a STEP file with the kernel and report its content.
+
+    Parameters
+    ----------
+    path : str or Path
+        The STEP file.
+
+    Returns
+    -------
+    StepReport
+        Products, units and `shape`: numbers of solids, shells and faces, validity, closedness, volume, area and tolerances.
+        `ok` is True if the file holds valid closed solids; `to_dict()` is what ``tpmscad check --report`` writes.
+
+    Raises
+    ------
+    InvalidRequest
+        If there is no such file, or it is not a STEP file.
+    KernelError
+        If the kernel cannot read the file, or finds no solid in it.
+
+    Examples
+    --------
+    >>> tpmscad.check_step("gyroid.step").ok
+    True
+    """
+    return kernel.check_step(path)
+
+
+def render_step(path: str | Path, picture: str | Path) -> None:
+    """Draw a STEP file as a PNG picture, without a display.
+
+    Parameters
+    ----------
+    path : str or Path
+        The STEP file.
+    picture : str or Path
+        The PNG file to write.
+
+    Raises
+    ------
+    InvalidRequest
+        If there is no such file, or it is not a STEP file.
+    KernelError
+        If the kernel cannot read the file, or finds no solid in it.
+
+    Examples
+    --------
+    >>> tpmscad.render_step("gyroid.step", "gyroid.png")
+    """
+    kernel.render_png(kernel.read_step(path), picture)
