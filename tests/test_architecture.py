@@ -40,7 +40,7 @@ ROOMS["workflows"] = {*ROOMS, *MATHEMATICS}
 
 FACES = {
     "recipe": {"workflows", "fields", "blending", "numpy"},
-    "cli": {"workflows", "recipe", "typer", "rich"},
+    "cli": {"workflows", "recipe", "__version__", "typer", "rich"},
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},
