@@ -1,4 +1,4 @@
-"""Arrays in, OCC shapes and STEP files out: the only room that imports OCP."""
+"""Conversion of boundary representations to OCCT shapes and STEP files: the only room that imports OCP."""
 
 from tpmscad.errors import NotQuadric
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces, brep_from_shape

@@ -1,1 +1,1 @@
-"""Solids from shared edges."""
+"""OCCT solids from boundary representations, by connectivity alone."""

@@ -1,6 +1,7 @@
-"""Degenerated edges: what the kernel has where a loop runs along a pole of a sphere or the apex of a cone.
+"""Degenerate edges, which OCCT requires where a loop passes a pole of a sphere or the apex of a cone.
 
-A patch complex has no edge there: the loop's uses meet in the vertex at different u, and the step along v = const is understood.
+A boundary representation has no edge there: consecutive half-edges of the loop meet at the vertex with different u, and the
+step along v = const between them is implicit.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from tpmscad.brep.carriers import ConicalSurface, SphericalSurface
 from tpmscad.kernel.occt import convert
 
 MIN_POLE_STEP_ANGLE = 1e-6
-"""Radians of u between two uses that meet from which they meet at a pole; at other vertices u agrees to round-off of the fit."""
+"""Radians of u from which two consecutive half-edges meet at a pole; elsewhere their u agrees to round-off."""
 
 
 @dataclass(frozen=True, slots=True)
 class PoleStep:
-    """Along the pole at the vertex, from (start, v) to (end, v)."""
+    """Step of a loop along a pole at `vertex`, from (start, v) to (end, v)."""
 
     vertex: int
     start: float
@@ -31,7 +32,7 @@ class PoleStep:
 
 
 def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
-    """The step after each use that ends at a pole and is not continued at the same u."""
+    """Pole step after each half-edge that ends at a pole and whose successor starts at a different u."""
     edges, uses, faces = brep.edges, brep.uses, brep.faces
     found = {}
     polar = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)[faces.carrier]
@@ -49,7 +50,7 @@ def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
 
 
 def _use_end_parameters(brep: Brep, use: int) -> list[list[float]]:
-    """(u, v) where the use begins and where it ends."""
+    """(u, v) at the start and at the end of a half-edge."""
     span = brep.edges.span[brep.uses.edge[use]]
     ends: list[list[float]] = brep.pcurves[brep.uses.pcurve[use]](span).tolist()
     return ends if brep.uses.sense[use] > 0 else ends[::-1]
@@ -58,7 +59,7 @@ def _use_end_parameters(brep: Brep, use: int) -> list[list[float]]:
 def make_degenerate_edge(
     builder: BRep_Builder, face: TopoDS_Face, vertex: TopoDS_Vertex, step: PoleStep, tolerance: float
 ) -> TopoDS_Edge:
-    """The edge without a curve in space, from the vertex to itself, as the loop uses it. It runs with u."""
+    """Edge from the vertex to itself without a 3-D curve, along increasing u, oriented as the loop uses it."""
     low, high = min(step.start, step.end), max(step.start, step.end)
     edge = TopoDS_Edge()
     builder.MakeEdge(edge)

@@ -1,4 +1,8 @@
-"""Vertices, edges and parameter curves of a patch complex as kernel objects; `build` makes faces on them."""
+"""OCCT vertices, edges and pcurves of a boundary representation; `solids` builds faces on them.
+
+A straight edge that lies on planes and quadrics only becomes a line with unit speed. An edge on a spline patch keeps the
+parameter of its curve, which its pcurve shares.
+"""
 
 from __future__ import annotations
 
@@ -18,11 +22,11 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 UNIT_SPEED_TOL = 1e-12
-"""How far from 1 the speed of a straight parameter curve may be that becomes a line of the kernel, which runs at unit speed."""
+"""Deviation from unit speed up to which a straight pcurve becomes an OCCT line, which has unit speed."""
 
 
 def build_vertices(builder: BRep_Builder, brep: Brep) -> list[TopoDS_Vertex]:
-    """Every vertex, with a tolerance that covers the ends of its edges."""
+    """OCCT vertices, each with a tolerance that covers the ends of its edges."""
     vertices = []
     for position, tolerance in zip(brep.vertices, vertex_tolerances(brep).tolist(), strict=True):
         vertex = TopoDS_Vertex()
@@ -32,7 +36,7 @@ def build_vertices(builder: BRep_Builder, brep: Brep) -> list[TopoDS_Vertex]:
 
 
 def build_edges(builder: BRep_Builder, brep: Brep, vertices: list[TopoDS_Vertex]) -> list[TopoDS_Edge]:
-    """Edges with vertices, 3-D curve and range; parameter curves come with the faces."""
+    """OCCT edges with vertices, 3-D curves and ranges; their pcurves are added with the faces."""
     reversed_vertices = [vertex.Reversed() for vertex in vertices]
     edges = brep.edges
     moves = build_transforms(edges.motion)
@@ -62,7 +66,10 @@ def build_edges(builder: BRep_Builder, brep: Brep, vertices: list[TopoDS_Vertex]
 
 
 def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
-    """Each use's parameter curve, None on planes. Along straight edges they take the length from the edge's start."""
+    """Pcurve of each edge use, None on planes.
+
+    Pcurves of straight edges are parametrised by the distance from the start of the edge.
+    """
     edges, uses = brep.edges, brep.uses
     straight = set(straight_edges(brep).tolist())
     on_patch = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
@@ -85,7 +92,7 @@ def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
 
 
 def build_transforms(motion: Motion) -> list[gp_Trsf]:
-    """The motion of each item; equal ones are made once."""
+    """OCCT transformation of each placed item; equal motions share one object."""
     rows = np.concatenate([motion.rotation.reshape(-1, 9), motion.translation], axis=1)
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
     made = [convert.transformation(Motion(row[:9].reshape(3, 3), row[9:])) for row in distinct]
@@ -93,7 +100,10 @@ def build_transforms(motion: Motion) -> list[gp_Trsf]:
 
 
 def straight_edges(brep: Brep) -> IntArray:
-    """Edges that run straight on planes and quadrics only, which can follow a change of parameter: they become true lines."""
+    """Indices of the straight edges that lie on planes and quadrics only.
+
+    Pcurves on these surfaces can follow a change of parameter, so that such edges become lines with unit speed.
+    """
     straight = np.array([_is_segment(c) for c in brep.curves], bool)[brep.edges.curve]
     fixed = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
     straight[brep.uses.edge[fixed[brep.face_of_use]]] = False
@@ -101,16 +111,16 @@ def straight_edges(brep: Brep) -> IntArray:
 
 
 def conic_range_shifts(brep: Brep) -> Array:
-    """What to add to each edge's parameter: whole turns for conics, so that it begins in the first; 0 for all others: (E,).
+    """Multiple of 2 pi to add to each edge's parameter (E,): conics start in [0, 2 pi); 0 for all other curves.
 
-    The kernel takes an edge on a circle for another piece of it if all its range is negative.
+    OCCT takes an edge on a circle for another arc of it if its whole range is negative.
     """
     conic = np.array([isinstance(c, Circle | Ellipse) for c in brep.curves], bool)[brep.edges.curve]
     return np.where(conic, -TWO_PI * np.floor(brep.edges.span[:, 0] / TWO_PI), 0.0)
 
 
 def _line_or_spline(curve: BSplineCurve) -> Geom2d_Curve:
-    """A parameter curve on a quadric: a line where it can be one, as the kernel has it itself."""
+    """Pcurve on a quadric: an OCCT line if it is straight with unit speed, else a B-spline."""
     low, high = curve.domain
     start, end = curve([low, high])
     speed = float(np.linalg.norm(end - start)) / (high - low)
@@ -120,11 +130,12 @@ def _line_or_spline(curve: BSplineCurve) -> Geom2d_Curve:
 
 
 def _is_segment(curve: object) -> bool:
+    """True for a single straight segment of degree 1."""
     return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
 
 
 def end_points(brep: Brep) -> Array:
-    """Where the edges' curves begin and end: (E, 2, 3)."""
+    """Start and end points of the curves of all edges: (E, 2, 3)."""
     edges = brep.edges
     keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
     local = np.stack([brep.curves[int(i)]([low, high]) for i, low, high in keys])[key.ravel()]
@@ -132,7 +143,7 @@ def end_points(brep: Brep) -> Array:
 
 
 def vertex_tolerances(brep: Brep) -> Array:
-    """What each vertex needs to cover the ends of its edges, and the edges' own deviations: (V,)."""
+    """Tolerance of each vertex (V,): it covers the ends and the deviations of its edges."""
     edges = brep.edges
     tolerance = np.full(len(brep.vertices), CONFUSION_TOLERANCE)
     ends = end_points(brep)

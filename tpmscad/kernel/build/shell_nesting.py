@@ -1,4 +1,7 @@
-"""Which shells bound which solid: outer shells and the voids in them, from the complex's own signed volumes."""
+"""Nesting of shells: outer shells and the void shells inside them form solids.
+
+A shell whose faces look out of the material it encloses has positive volume; a void shell has negative volume.
+"""
 
 from __future__ import annotations
 
@@ -19,9 +22,11 @@ from tpmscad.splines.bspline import BSplineSurface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShellNesting:
-    """The shell of each face (F,), each shell's signed volume, and the solids: an outer shell first, then its voids' shells.
+    """Solids of a closed boundary representation, as groups of its shells.
 
-    Pieces come largest outer volume first, equal ones by their first face.
+    shell_of_face (F,): shell of each face. volume: signed volume of each shell. moments: moments of the faces.
+    shells_of_solid: for each solid its outer shell, then its void shells; solids are sorted by outer volume, largest first,
+    equal ones by their first face.
     """
 
     shell_of_face: IntArray
@@ -30,17 +35,18 @@ class ShellNesting:
     shells_of_solid: tuple[tuple[int, ...], ...]
 
     def faces_of_shell(self, shell: int) -> IntArray:
+        """Indices of the faces of a shell."""
         return np.flatnonzero(self.shell_of_face == shell)
 
 
 def nest_shells(
     brep: Brep, inside: Callable[[int, Array], bool], moments: integral_properties.FaceMoments | None = None
 ) -> ShellNesting:
-    """Sort the shells of a closed complex into solids. `moments` are its faces', where they are known already.
+    """Group the shells of a closed boundary representation into solids.
 
-    A shell that bounds its inside has positive volume, a void's negative. A void belongs to the smallest outer shell around it:
-    the only one whose box reaches around the void's, or, where boxes leave a choice or are generous (on quadrics), the smallest
-    of which `inside(shell, point)` is true. KernelError where there is none: a solid inside out.
+    A void belongs to the smallest outer shell around it. Bounding boxes decide if only one box contains the void's box;
+    otherwise, and for shells with quadric faces, whose boxes are too large, `inside(shell, point)` decides. `moments` are
+    those of the faces, if known already. Raises KernelError if no shell contains a void: a solid is inside out.
     """
     count, shell = connectivity.label_shells(brep)
     moments = integral_properties.integrate_faces(brep) if moments is None else moments
@@ -67,7 +73,7 @@ def nest_shells(
 
 
 def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, Array]:
-    """Boxes of each shell's edges, sampled at ends and middles, and a vertex of it: (count, 3) each."""
+    """Bounding box of the end and middle points of the edges of each shell, and one vertex of it: (count, 3) each."""
     edges = brep.edges
     middle = np.empty((len(edges), 3))
     keys, key = np.unique(np.column_stack([edges.curve, edges.span]), axis=0, return_inverse=True)
@@ -88,7 +94,7 @@ def _edge_boxes(brep: Brep, shell: IntArray, count: int) -> tuple[Array, Array, 
 def _enlarge_by_quadrics(
     brep: Brep, shell: IntArray, low: Array, high: Array
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """The boxes widened to hold each shell's faces on quadrics, somewhat too wide, and which shells have such faces."""
+    """The boxes enlarged to contain the quadric faces of each shell, and a mask of the shells that have such faces."""
     low, high, has = low.copy(), high.copy(), np.zeros(len(low), bool)
     faces, uses, face = brep.faces, brep.uses, brep.face_of_use
     for i, index in enumerate(faces.carrier.tolist()):
@@ -104,7 +110,7 @@ def _enlarge_by_quadrics(
 
 
 def _bounding_sphere(quadric: Quadric, low: float, high: float) -> tuple[Array, float]:
-    """Centre and radius of a ball around the part of a quadric between two values of v."""
+    """Center and radius of a sphere around the part of a quadric between two values of v."""
     if isinstance(quadric, SphericalSurface):
         return quadric.origin, quadric.radius
     if isinstance(quadric, ToroidalSurface):

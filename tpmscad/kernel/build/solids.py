@@ -1,12 +1,12 @@
-"""A patch complex becomes kernel solids by its own connectivity: no sewing, nothing searched for, no tolerance guessed.
+"""OCCT solids from a boundary representation, by its own connectivity: no sewing, no search, no tolerance guess.
 
-Vertices, edges and faces of the complex become one TopoDS each. An edge has one 3-D curve and one parameter curve per use; all
-take the same parameter, so SameParameter holds by construction. Edges on planes need no parameter curve: the kernel projects.
-Where a loop runs along a pole of a quadric, the kernel wants a degenerated edge, which the complex does not have (see `poles`).
-Wires run counter-clockwise in (u, v), and a face is reversed where its outward normal is -S_u x S_v. Motions are baked into the
-poles: a mirror in a TopLoc_Location makes OCC turn solids inside out.
+Each vertex, edge and face becomes one TopoDS object. An edge has one 3-D curve and one pcurve per half-edge, all with the same
+parameter, so that SameParameter holds by construction. Half-edges on planes need no pcurve, since OCCT projects them. Where a
+loop passes a pole of a quadric, OCCT requires a degenerate edge, which the boundary representation lacks (`degenerate_edges`).
+Wires run counter-clockwise in (u, v), and a face is reversed if its outward normal is -S_u x S_v. Motions are applied to the
+poles: a reflection in a TopLoc_Location makes OCCT turn solids inside out.
 
-Neighbouring regions of one complex as kernel solids: where two touch they share faces, edges and vertices.
+`build_regions` builds neighbouring regions that share the faces, edges and vertices in which they touch.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ from tpmscad.splines.bspline import BSplineSurface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BuiltSolids:
-    """Solids of a complex. `shape` is a TopoDS_Solid, or a compound of several; `faces[i]` is face i of the complex.
+    """OCCT solids of a boundary representation.
 
-    `nesting` tells which faces bound which solid.
+    shape: the TopoDS_Solid, or a compound if there are several. faces[i]: OCCT face of face i. nesting: the faces of each solid.
     """
 
     shape: TopoDS_Shape
@@ -57,15 +57,15 @@ class BuiltSolids:
 
     @property
     def solid(self) -> Any:
-        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        """The build123d Solid, or a Compound if there are several; its `wrapped` is `shape`."""
         return to_build123d(self.shape, len(self.solids))
 
 
 def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:
-    """The solid or solids that a closed complex bounds, in model units, largest first.
+    """Solids bounded by a closed boundary representation, in model units, largest first.
 
-    `moments` are its faces', where they are known already; afterwards they are in `nesting`. KernelError where the complex is
-    open, or a shell is inside out.
+    `moments` are those of its faces, if known already; the result holds them in `nesting`. Raises KernelError if an edge does not
+    join two faces or if a shell is inside out.
     """
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
@@ -82,14 +82,14 @@ def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = N
 
 
 def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
-    """Whether what the shell bounds holds a point (3,)."""
+    """True if a point (3,) lies inside the region bounded by the shell."""
     classifier = BRepClass3d_SolidClassifier(make_solid([shell]))
     classifier.Perform(convert.point(point), CONFUSION_TOLERANCE)
     return bool(classifier.State() == TopAbs_IN)
 
 
 def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
-    """Every face, outward normals, on shared edges and vertices; of open complexes too."""
+    """OCCT faces with outward normals on shared edges and vertices; the boundary may be open."""
     builder = BRep_Builder()
     surfaces = _placed_surfaces(brep)
     vertices = build_vertices(builder, brep)
@@ -110,7 +110,7 @@ def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
             builder.MakeWire(wire)
             for k in range(use_start[loop], use_start[loop + 1]):
                 e, pcurve = use_edge[k], pcurves[k]
-                if pcurve is not None and e in seen:  # a seam: this face lies on both sides of the edge
+                if pcurve is not None and e in seen:  # a seam: the face lies on both sides of the edge
                     along, against = (k, seen[e]) if use_sense[k] > 0 else (seen[e], k)
                     builder.UpdateEdge(edges[e], pcurves[along], pcurves[against], face, tolerance[e])
                 elif pcurve is not None:
@@ -129,7 +129,7 @@ def build_faces(brep: Brep) -> tuple[TopoDS_Face, ...]:
 
 
 def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
-    """Each face's own placed surface: a surface that two faces share can't hold both parameter curves of their edge."""
+    """Placed surface of each face; faces that share an edge need separate surfaces to hold both of its pcurves."""
     faces = brep.faces
     moves = build_transforms(faces.motion)
     bases = [_unplaced_surface(c) for c in brep.carriers]
@@ -145,7 +145,7 @@ def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
 
 
 def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
-    """The surface where it was made; None for planes, which are made in their places."""
+    """Surface of a carrier before placement; None for planes, which are built in place."""
     if isinstance(carrier, Plane):
         return None
     return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
@@ -154,7 +154,7 @@ def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
 def build_regions(
     brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]
 ) -> tuple[tuple[TopoDS_Solid, ...], ...]:
-    """The solids of each region, largest first. `members[r]` are the faces of `complex` that region r's faces are."""
+    """Solids of each region, largest first. `members[r]` are the faces of `brep` from which region r is made."""
     faces = build_faces(brep)
     result = []
     for region, member in zip(regions, members, strict=True):
@@ -167,6 +167,7 @@ def build_regions(
 
 
 def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
+    """Solids of one region; shells are built only when they are needed."""
     made: dict[int, TopoDS_Shell] = {}
 
     def shell(number: int) -> TopoDS_Shell:

@@ -1,1 +1,1 @@
-"""Measurements by the kernel: validity, mass properties, distances."""
+"""Measurement of OCCT shapes: mass properties, validity, samples and distances."""

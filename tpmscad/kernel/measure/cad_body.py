@@ -1,4 +1,4 @@
-"""A CAD body as it comes in: a build123d, CadQuery or TopoDS shape, or a STEP file, read into one solid fit to be filled."""
+"""CAD bodies as input: a build123d, CadQuery or TopoDS shape, or a STEP file, reduced to one valid closed solid."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tpmscad.kernel.occt.exploration import solids_of, unwrap
 from tpmscad.kernel.step.step_reader import read_step
 
 MAX_COORDINATE = 1e9
-"""Model units: the kernel's own idea of infinity is 2e100, and its tolerance of 1e-7 means nothing beyond this."""
+"""Model units. OCCT represents infinity by 2e100, and its tolerance of 1e-7 is meaningless beyond this limit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadBody:
-    """One valid, closed solid, what was measured on it, and what to call it."""
+    """One valid, closed solid with the report of its check and a name for messages."""
 
     shape: TopoDS_Solid
     report: ShapeReport
@@ -29,13 +29,15 @@ class CadBody:
 
     @property
     def volume(self) -> float:
+        """Volume in model units."""
         return self.report.volume
 
 
 def read_body(source: Any) -> CadBody:
-    """The one solid in a build123d or CadQuery shape (builders and workplanes too), a TopoDS shape or a STEP file.
+    """The single solid of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape or a STEP file.
 
-    InvalidRequest says what else was found: no solid or several, an open, invalid or reversed one, no STEP file.
+    Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
+    invalid or inside out, or if the file is no STEP file.
     """
     shape, name = _resolve_shape(source)
     solids = solids_of(shape)
@@ -63,6 +65,7 @@ def read_body(source: Any) -> CadBody:
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
+    """TopoDS shape and display name of anything that `read_body` accepts."""
     if isinstance(source, str | os.PathLike):
         try:
             return read_step(source).shape, str(source)
@@ -70,7 +73,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
             raise InvalidRequest(f"{error.status}: a STEP file with one solid is needed") from error
     if isinstance(source, CadBody):
         return source.shape, source.name
-    if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or up its chain
+    if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or in its parents
         try:
             source = source.findSolid()
         except ValueError as error:
@@ -79,7 +82,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
         source = source.part
     try:
         shape = unwrap(source)
-    except AssertionError:  # how build123d says that a shape is empty
+    except AssertionError:  # build123d raises this for an empty shape
         shape = None
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
         raise InvalidRequest(

@@ -1,4 +1,4 @@
-"""Points and Gauss nodes along the kernel's edges, on their 3-D curves; an edge that two faces share is walked once."""
+"""Gauss quadrature along the 3-D curves of OCCT edges, evaluated once for an edge that two faces share."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ from tpmscad._typing import Array
 from tpmscad.kernel.occt.exploration import ShapeKey, orientation_sign
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
-GAUSS_POINTS_SINGLE_SPAN, GAUSS_POINTS_PER_SPAN = 16, 6
-"""Gauss points of a curve's only span (a patch's whole side, say), and of each of several (cut curves, fitted in many). Against
-more than twice as many, volumes of trimmed gyroids move by 2e-15; with 12 and 4 they do by 4e-14."""
+GAUSS_POINTS_SINGLE_SPAN = 16
+"""Gauss points of a curve with a single span, such as a whole side of a patch; volumes are converged to round-off."""
+
+GAUSS_POINTS_PER_SPAN = 6
+"""Gauss points per span of a curve with several, such as a fitted intersection curve; volumes are converged to round-off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CurveNodes:
-    """Parameters (n,), weights (n,), points (n, 3) and tangents (n, 3), along the edge's curve."""
+    """Quadrature nodes along an edge: parameters (n,), weights (n,), points (n, 3) and tangents (n, 3)."""
 
     parameters: Array
     weights: Array
@@ -31,13 +33,13 @@ class CurveNodes:
 
 
 class EdgeNodeCache:
-    """Nodes of edges, kept for the second face that asks."""
+    """Quadrature nodes of edges, computed once per edge."""
 
     def __init__(self) -> None:
         self._known: dict[Any, CurveNodes] = {}
 
     def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, int]:
-        """The nodes, and -1 where the edge is used against its curve, else 1."""
+        """Nodes of an edge, and -1 if its orientation opposes its curve, else 1."""
         key = ShapeKey(edge)
         nodes = self._known.get(key)
         if nodes is None:
@@ -46,7 +48,7 @@ class EdgeNodeCache:
 
 
 def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
-    """Where an edge's curve begins, has knots, and ends."""
+    """Parameters at the start, the knots and the end of an edge's curve."""
     low, high = curve.FirstParameter(), curve.LastParameter()
     inside = np.zeros(0)
     if curve.GetType() == GeomAbs_BSplineCurve:
@@ -57,7 +59,7 @@ def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
 
 
 def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
-    """That many nodes on every interval."""
+    """Gauss nodes on every interval between the breaks."""
     t, weights = composite_gauss_legendre(breaks, points)
     point, tangent = gp_Pnt(), gp_Vec()
     rows = []

@@ -1,10 +1,12 @@
-"""Volume, area and centroid of kernel solids by Gauss quadrature on their own geometry, read out as arrays.
+"""Moments (area, volume, first moments) of OCCT faces by Gauss quadrature on their own geometry.
 
-Measured against it on the same shapes, OCC's default VolumeProperties is off by 5e-11 on trimmed lattices and by 7e-10 where
-patches have inner knots, and takes three times as long. Here whole patches are sampled on tensor Gauss grids, many at once;
-trimmed ones go by Green's theorem (`green`), planar ones and those on quadrics too, in closed form along u. Volume is exact to
-round-off for these, area to about 1e-9. Faces on other surfaces (swept ones, rational splines) are left to OCC's adaptive
-quadrature, which is told 1e-9 and may be off by 3e-8 on trimmed tori.
+Untrimmed spline patches are integrated on tensor Gauss grids, many at once. Trimmed spline faces, planar faces and faces on
+quadrics are reduced to line integrals by Green's theorem (`spline_face_moments`, `quadric_face_moments`). The volume is exact to
+round-off, the area to about 1e-9. Faces on other surfaces (swept surfaces, rational splines) are left to OCCT's adaptive
+quadrature, whose error may reach 3e-8 on trimmed tori.
+
+BRepGProp in place of this module would meet all tolerances when it is given a relative error, but takes twice as long on lattices
+(docs/measurements.md, `face_moments`).
 """
 
 from __future__ import annotations
@@ -38,30 +40,31 @@ from tpmscad.splines.bspline import BSplineSurface
 T = TypeVar("T")
 
 MIN_AREA_POINTS = 16
-"""Least points per knot cell and direction: the area's square root is no polynomial, however low the degree."""
+"""Least Gauss points per knot cell and direction: the area density contains a square root and is no polynomial."""
 
 OCCT_QUADRATURE_REL_TOL = 1e-9
-"""Relative error asked of OCC for faces on surfaces that are not polynomial."""
+"""Relative error requested of OCCT for faces on other surfaces."""
 
 BORDER_FRACTION = 1e-6
-"""Fraction of a patch's parameter range within which an edge is taken to run along the patch's own border."""
+"""Distance from the patch's side, as a fraction of its parameter range, up to which an edge lies on that side."""
 
 FACES_PER_BATCH = 64
-"""Faces evaluated at once: larger gains nothing and costs memory."""
+"""Faces evaluated at once; more faces need more memory and are no faster."""
 
 
 SplineSpaceKey = tuple[bytes, bytes, int, int]
-"""Knots and degrees: surfaces that have them in common are evaluated together."""
+"""Knots and degrees of a surface; surfaces with the same key are evaluated together."""
 
 
 def _batches(items: list[T]) -> list[list[T]]:
+    """Consecutive groups of at most FACES_PER_BATCH items."""
     return [items[start : start + FACES_PER_BATCH] for start in range(0, len(items), FACES_PER_BATCH)]
 
 
 def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
-    """Area, x . n dA / 3 and x (x . n) dA / 4 of each face, over the face's own orientation: (F, 5).
+    """Area, int x . n dA / 3 and int x (x . n) dA / 4 of each face over its own orientation: (F, 5).
 
-    Summed over a closed surface: area, volume, and volume times centroid.
+    Summed over a closed boundary they are the area, the volume, and the volume times the centroid.
     """
     result = np.empty((len(faces), 5))
     nodes_of = EdgeNodeCache()
@@ -98,11 +101,12 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
 
 
 def _is_rational_or_periodic(geometry: Geom_BSplineSurface) -> bool:
+    """True for a B-spline surface that `surface_from_occt` cannot convert."""
     return bool(geometry.IsURational() or geometry.IsVRational() or geometry.IsUPeriodic() or geometry.IsVPeriodic())
 
 
 def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
-    """Moments of whole patches of one kind."""
+    """Moments of untrimmed patches with the same knots and degrees: (F, 5)."""
     s = surfaces[0]
     nodes = gauss_grid(
         s,
@@ -113,12 +117,15 @@ def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
 
 
 def _exact_gauss_points(degree: int) -> int:
-    """Gauss points that integrate the volume density, of degree 3 p - 1, exactly; the centroid's, 4 p - 1, as well for p < 10."""
+    """Gauss points that integrate the volume density, of degree 3 p - 1, exactly.
+
+    They integrate the centroid's density, of degree 4 p - 1, exactly as well.
+    """
     return 2 * degree
 
 
 def _covers_patch(edges: Sequence[Any], face: TopoDS_Face, surface: BSplineSurface) -> bool:
-    """Whether the face is the whole patch: four edges, each along another side of the parameter rectangle."""
+    """True if the face is an untrimmed patch: four edges, each along a different side of the parameter rectangle."""
     if len(edges) != 4:
         return False
     (u0, u1), (v0, v1) = surface.domain
@@ -136,27 +143,27 @@ def _covers_patch(edges: Sequence[Any], face: TopoDS_Face, surface: BSplineSurfa
 
 
 def _planar_face_moments(face: TopoDS_Face, plane: Geom_Plane, nodes_of: EdgeNodeCache) -> Array:
-    """Moments of a planar face, from its edges' own curves."""
+    """Moments of a planar face from the curves of its edges: (5,)."""
     frame = plane.Pln().Position()
     x_axis, y_axis = (np.array(d.Coord()) for d in (frame.XDirection(), frame.YDirection()))
     origin = np.array(frame.Location().Coord())
-    m = np.zeros(3)  # int of 1, u, v
-    backwards = orientation_sign(face)  # a reversed face's edges come reversed
+    m = np.zeros(3)  # integrals of 1, u and v
+    face_sign = orientation_sign(face)  # the edges of a reversed face are reversed too
     for edge in edges_of(face):
         nodes, sign = nodes_of(edge)
         u, v = (nodes.points - origin) @ x_axis, (nodes.points - origin) @ y_axis
-        m += np.stack([u, u**2 / 2, u * v]) @ (backwards * sign * nodes.weights * (nodes.tangents @ y_axis))
+        m += np.stack([u, u**2 / 2, u * v]) @ (face_sign * sign * nodes.weights * (nodes.tangents @ y_axis))
     height = origin @ np.cross(x_axis, y_axis)
     first = m[0] * origin + m[1] * x_axis + m[2] * y_axis
     return np.concatenate([[m[0], height * m[0] / 3.0], height * first / 4.0])
 
 
 def _occt_face_moments(face: TopoDS_Face) -> Array:
-    """OCC's adaptive quadrature, over the face's own forward orientation."""
+    """Moments by OCCT's adaptive quadrature, over the forward orientation of the face: (5,)."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
     area = GProp_GProps()
     BRepGProp.SurfaceProperties_s(forward, area, OCCT_QUADRATURE_REL_TOL)
-    # VolumeProperties of a lone face takes a reference point of its own choosing; this one takes ours.
+    # VolumeProperties of a single face chooses its own reference point; Vinert uses the given one.
     domain = BRepGProp_Domain(forward)
     cone = BRepGProp_Vinert(BRepGProp_Face(forward), domain, gp_Pnt(0.0, 0.0, 0.0), OCCT_QUADRATURE_REL_TOL)
     volume = cone.Mass()

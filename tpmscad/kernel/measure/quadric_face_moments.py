@@ -1,8 +1,9 @@
-"""Moments of kernel faces on cylinders, cones, spheres and tori: line integrals over their edges' own 3-D curves.
+"""Moments of OCCT faces on cylinders, cones, spheres and tori, as line integrals over the 3-D curves of their edges.
 
-    int_D f du dv = loop int F dv,    F(u, v) = int_0^u f(s, v) ds in closed form,    as in patches.measure.
+    int_D f du dv = oint F dv,    F(u, v) = int_0^u f(s, v) ds in closed form,    as in brep.moments.loop_integrals.
 
-Kernel edges are only near their parameter curves; these serve to tell one turn from the next, the curve in space for the rest.
+OCCT edges agree with their pcurves only to a tolerance. Pcurves therefore serve to select the period of an angle; all
+coordinates come from the curve in space.
 """
 
 from __future__ import annotations
@@ -24,18 +25,24 @@ from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face, recognise_
 
 QUADRIC_TYPES = (GeomAbs_Cylinder, GeomAbs_Cone, GeomAbs_Sphere, GeomAbs_Torus)
 
-PANEL_GAUSS_POINTS, MAX_PANEL_ANGLE, MAX_HALVINGS = 12, 0.6, 30
-"""Gauss points of a piece of an edge that passes a pole, radians of u it may turn by, and how often it is halved for that."""
+PANEL_GAUSS_POINTS = 12
+"""Gauss points per interval of an edge that passes near a pole."""
+
+MAX_PANEL_ANGLE = 0.6
+"""Radians by which u may vary on an interval of an edge."""
+
+MAX_HALVINGS = 30
+"""Bisections of the intervals near a pole."""
 
 POLE_REL_TOL = 1e-9
-"""Nearer to the axis than this part of the edge's distance from the origin there is no angle."""
+"""Distance from the axis, as a fraction of the distance from the origin, below which u is undefined."""
 
 NODES_PER_BATCH = 20000
-"""Nodes evaluated together: 140 000 points, 30 MB."""
+"""Nodes evaluated at once; 20000 nodes are 140000 points and 30 MB."""
 
 
 def recognise_quadric(face: TopoDS_Face) -> Quadric | None:
-    """The quadric that the kernel has under the face, if it is one that does not meet itself."""
+    """The quadric that underlies the face; None for other surfaces and for tori that intersect themselves."""
     if BRepAdaptor_Surface(face, False).GetType() not in QUADRIC_TYPES:
         return None
     try:
@@ -47,7 +54,10 @@ def recognise_quadric(face: TopoDS_Face) -> Quadric | None:
 
 
 def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNodeCache) -> Array:
-    """Area, x . n dA / 3 and x (x . n) dA / 4 over the face's forward side, for loops as the face uses them: (5,)."""
+    """Area, int x . n dA / 3 and int x (x . n) dA / 4 over the forward side of the face: (5,).
+
+    The loops are oriented as the face uses them.
+    """
     unwrapper = _AngleUnwrapper(face, quadric)
     parts = []
     for edge in edges_of(face):
@@ -68,7 +78,7 @@ def quadric_face_moments(face: TopoDS_Face, quadric: Quadric, nodes_of: EdgeNode
 
 
 def _refine_near_poles(edge: TopoDS_Edge, nodes: CurveNodes, quadric: Quadric) -> CurveNodes:
-    """More nodes where the edge passes a pole, and with it the angle u, faster than `nodes` can follow."""
+    """Denser nodes for an edge along which the angle u varies too fast for `nodes`, as it does near a pole."""
     curve = BRepAdaptor_Curve(edge)
     breaks = curve_breaks(curve)
     swing = _panel_angles(curve, breaks, quadric)
@@ -84,7 +94,7 @@ def _refine_near_poles(edge: TopoDS_Edge, nodes: CurveNodes, quadric: Quadric) -
 
 
 def _panel_angles(curve: BRepAdaptor_Curve, breaks: Array, quadric: Quadric) -> Array:
-    """How far the angle turns between neighbouring breaks, both included."""
+    """Variation of the angle u on each interval between the breaks."""
     t = breaks[:-1, None] + np.diff(breaks)[:, None] * np.linspace(0.0, 1.0, PANEL_GAUSS_POINTS)
     points = np.array([curve.Value(s).Coord() for s in t.ravel().tolist()])
     angle = quadric.parameters(points)[:, 0].reshape(t.shape)
@@ -96,7 +106,7 @@ def _panel_angles(curve: BRepAdaptor_Curve, breaks: Array, quadric: Quadric) -> 
 
 
 def _integrate_loop(quadric: Quadric, u: Array, v: Array, rise: Array) -> Array:
-    """The sum of F(u, v) times the rise, F the integral from 0 to u of |N|, x . N / 3 and x (x . N) / 4: (5,)."""
+    """Sum of F(u, v) dv, with F the integral from 0 to u of |N|, x . N / 3 and x (x . N) / 4: (5,)."""
     samples = np.arange(2 * TRIGONOMETRIC_ORDER + 1) * TWO_PI / (2 * TRIGONOMETRIC_ORDER + 1)
     inner_v = np.broadcast_to(v[:, None], (len(v), len(samples)))
     x = quadric(samples, inner_v)
@@ -109,7 +119,10 @@ def _integrate_loop(quadric: Quadric, u: Array, v: Array, rise: Array) -> Array:
 
 
 class _AngleUnwrapper:
-    """Angles on the quadric that go on where the kernel's own do. `side` is -1 where its S_u x S_v is the kernel's reversed."""
+    """Surface parameters of a quadric along edges, in the same period as the pcurves of the OCCT face.
+
+    `side` is -1 if S_u x S_v of the quadric opposes that of the OCCT surface.
+    """
 
     def __init__(self, face: TopoDS_Face, quadric: Quadric) -> None:
         self.face, self.quadric = face, quadric
@@ -121,7 +134,7 @@ class _AngleUnwrapper:
         self.offset = own - np.array([self.u_sense * u, v])
 
     def parameters_on(self, edge: TopoDS_Edge, nodes: CurveNodes) -> Array:
-        """(u, v) at the edge's nodes: (n, 2)."""
+        """(u, v) at the nodes of an edge: (n, 2)."""
         uv = self.quadric.parameters(nodes.points)
         at = len(nodes.parameters) // 2
         u, v = BRepAdaptor_Curve2d(edge, self.face).Value(float(nodes.parameters[at])).Coord()

@@ -1,4 +1,4 @@
-"""What a kernel shape or a STEP file holds, measured: solids, faces, validity, closedness, volume, units, tolerances."""
+"""Reports on OCCT shapes and STEP files: counts, validity, closedness, mass properties, bounds, units and tolerances."""
 
 from __future__ import annotations
 
@@ -32,10 +32,30 @@ from tpmscad.kernel.step.step_reader import read_step
 
 @dataclass(frozen=True, slots=True)
 class ShapeReport:
-    """What is in a shape, in its own length unit (mm for files). Placed copies count each time.
+    """Measured properties of a shape, in its own length unit (mm for STEP files).
 
-    valid: BRepCheck finds nothing. closed: every edge is used by two faces, a seam twice by one, a degenerated edge once.
-    outward: every solid's volume is positive. max_tolerance: the greatest of any vertex, edge or face.
+    Placed copies of a solid are counted each time.
+
+    Attributes
+    ----------
+    solids, shells, faces, edges : int
+        Numbers of sub-shapes.
+    valid : bool
+        BRepCheck reports no error.
+    closed : bool
+        Every edge has two uses by faces (a seam two uses by one face), a degenerate edge one.
+    outward : bool
+        The volume of every solid is positive.
+    volume, area : float
+        Totals over all solids.
+    centroid : tuple of float
+        Center of mass.
+    bounds : tuple
+        Opposite corners of the bounding box.
+    volumes : tuple of float
+        Volume of each solid, largest first.
+    max_tolerance : float
+        Largest tolerance of any vertex, edge or face.
     """
 
     solids: int
@@ -54,11 +74,17 @@ class ShapeReport:
 
     @property
     def ok(self) -> bool:
-        """Whether there are solids, all of them valid, closed and the right way out."""
+        """True if there is at least one solid and all solids are valid, closed and oriented outwards."""
         return self.solids > 0 and self.valid and self.closed and self.outward
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
+        """The report as plain values for JSON.
+
+        Returns
+        -------
+        dict
+            All attributes and `ok`.
+        """
         return {"ok": self.ok} | asdict(self)
 
     def __str__(self) -> str:
@@ -79,7 +105,19 @@ class ShapeReport:
 
 @dataclass(frozen=True, slots=True)
 class StepReport:
-    """A STEP file re-read: its shape's report (in mm), the length units it is written in, its products' names."""
+    """Measured properties of a STEP file that was read back.
+
+    Attributes
+    ----------
+    file : str
+        Name of the file.
+    shape : ShapeReport
+        Report on its shape, in mm.
+    units : tuple of str
+        Length units of the file.
+    products : tuple of str
+        Names of its products.
+    """
 
     file: str
     shape: ShapeReport
@@ -88,10 +126,17 @@ class StepReport:
 
     @property
     def ok(self) -> bool:
+        """True if the shape is valid, closed and oriented outwards (`ShapeReport.ok`)."""
         return self.shape.ok
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
+        """The report as plain values for JSON.
+
+        Returns
+        -------
+        dict
+            `file`, `units`, `products` and the entries of `ShapeReport.to_dict`.
+        """
         return {"file": self.file, "units": list(self.units), "products": list(self.products)} | self.shape.to_dict()
 
     def __str__(self) -> str:
@@ -100,14 +145,17 @@ class StepReport:
 
 
 def check_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepReport:
-    """Read a STEP file, mended by the kernel's reader or not, and look at what is in it; errors as `read_step`."""
+    """Report on a STEP file that is read with the kernel, with or without shape healing.
+
+    Raises the errors of `read_step`.
+    """
     content = read_step(path, healed=healed)
     return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SolidFigures:
-    """Figures of one solid where it was modelled, before it is placed: moments are area, volume, volume x centroid."""
+    """Properties of one solid before placement; moments are area, volume and volume times centroid."""
 
     shells: int
     faces: int
@@ -120,12 +168,12 @@ class _SolidFigures:
 
 
 def is_valid(shape: Any) -> bool:
-    """Whether BRepCheck finds nothing wrong with a TopoDS shape, or anything that wraps one; on all cores."""
+    """True if BRepCheck finds no error in a TopoDS, build123d or CadQuery shape; runs in parallel."""
     return bool(BRepCheck_Analyzer(unwrap(shape), True, True).IsValid())
 
 
 def check_shape(shape: Any) -> ShapeReport:
-    """Measure a TopoDS shape, or anything that wraps one (build123d, CadQuery). A solid placed many times is measured once."""
+    """Report on a TopoDS, build123d or CadQuery shape; a solid that is placed many times is measured once."""
     measured: dict[ShapeKey, _SolidFigures] = {}
     total, volumes, figures, boxes = np.zeros(5), [], [], []
     for solid in solids_of(shape):
@@ -163,11 +211,13 @@ def check_shape(shape: Any) -> ShapeReport:
 
 
 def _triple(values: Array) -> tuple[float, float, float]:
+    """Three floats of an array (3,)."""
     x, y, z = values.tolist()
     return x, y, z
 
 
 def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
+    """Properties of a solid without its location."""
     faces = faces_of(solid)
     edges = count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)
     return _SolidFigures(
@@ -185,7 +235,7 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
 
 
 def _transform_box(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Array, Array]:
-    """The box around a box where the solid's location puts it."""
+    """Bounding box of a box moved by the solid's location."""
     corners = np.array(np.meshgrid(*np.transpose(bounds))).reshape(3, -1)
     matrix = convert.matrix_from_occt(solid.Location().Transformation())
     placed = matrix[:, :3] @ corners + matrix[:, 3:]
@@ -193,7 +243,7 @@ def _transform_box(bounds: tuple[Array, Array], solid: TopoDS_Solid) -> tuple[Ar
 
 
 def _transform_moments(moments: Array, solid: TopoDS_Solid) -> Array:
-    """Moments of the solid where its location puts it."""
+    """Moments moved by the solid's location."""
     location = solid.Location()
     if location.IsIdentity():
         return moments.copy()

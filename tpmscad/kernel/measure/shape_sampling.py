@@ -1,9 +1,9 @@
-"""Points with outward normals spread over the faces of a shape, and where faces meet in sharp edges.
+"""Sample points of OCCT shapes: points with outward normals on faces, sharp edges, and points inside solids.
 
-Faces are sampled on a grid of their own parameters, fine enough for the spacing asked; of trimmed faces those nodes stay that an
-even-odd count along each row of the grid puts inside the loops. Points and normals are the surface's own.
+A face is sampled on a grid of its parameters whose spacing follows the requested distance and the turn of the normal. On trimmed
+faces the even-odd rule along each grid row selects the nodes inside the loops. Points and normals are evaluated on the surface.
 
-Points spread evenly over a solid, along lines that the kernel cuts at its faces: many points for one call.
+Points inside a solid lie on parallel lines, which OCCT intersects with the faces: one intersection serves many points.
 """
 
 from __future__ import annotations
@@ -36,28 +36,27 @@ from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, orient
 from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
-"""Faces whose normals differ by more at an edge meet sharply there; certified joints differ by 2 degrees at most."""
+"""Cosine of the angle between face normals beyond which an edge is sharp; smooth joints differ by less than 2 degrees."""
 
 EXTENT_SAMPLES = 17
-"""Lines along u and along v on which a face's extent is measured."""
+"""Grid lines along u and along v on which a face's extent is measured."""
 
 MIN_CHORDS_PER_PCURVE = 32
-"""Straight pieces that stand for a trimming curve, per knot span 4: nodes nearer to it than those are kept or left by chance."""
-
+"""Chords per trimming curve, and at least 4 per knot span; nodes closer to the curve than a chord may be misclassified."""
 
 MAX_NORMAL_TURN = np.radians(4.0)
-"""Normals of neighbouring nodes turn by no more: sides that face each other at one line only are seen to."""
+"""Radians between the normals of neighbouring nodes; samples then resolve faces that touch along a single line."""
 
 MAX_PROBES_PER_FACE = 5
-"""Samples asked whether their face lies on a surface: one that crosses it does so in a line."""
+"""Samples per face that are classified; a face that crosses the surface meets it along a curve only."""
 
 NEAREST_SAMPLES = 9
-"""Two even sets of samples on one plane, as many of each: one of the other set is among the nearest nine."""
+"""Neighbours queried per sample: of two equally dense sets on one plane, the other set is among the nearest nine."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceSamples:
-    """Points (n, 3), unit normals out of the solid (n, 3), and the face each lies on (n,)."""
+    """Points (n, 3), outward unit normals (n, 3), and the index of the face of each point (n,)."""
 
     points: Array
     normals: Array
@@ -66,7 +65,11 @@ class FaceSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Creases:
-    """Faces in smooth groups, `group` (F,); points on sharp edges (n, 3), the two faces that meet there and their normals."""
+    """Smooth face groups and samples of sharp edges.
+
+    smooth_group (F,): faces joined by smooth edges share a number. points (n, 3) on sharp edges; faces (n, 2): the two faces that
+    meet there; normals (n, 2, 3): their outward normals.
+    """
 
     smooth_group: IntArray
     points: Array
@@ -75,7 +78,7 @@ class Creases:
 
 
 def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
-    """The ends of that many pieces of an edge, alike in its parameter, in the edge's own direction: (pieces + 1, 3)."""
+    """Points that divide an edge into `pieces` equal parameter intervals, along its orientation: (pieces + 1, 3)."""
     curve = BRepAdaptor_Curve(edge)
     t = np.linspace(curve.FirstParameter(), curve.LastParameter(), pieces + 1)
     points = np.array([curve.Value(s).Coord() for s in t.tolist()])
@@ -83,7 +86,10 @@ def sample_edge(edge: TopoDS_Edge, pieces: int) -> Array:
 
 
 def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
-    """Nodes at most `spacing` and 4 degrees apart along u and along v; faces narrower have one row, slivers perhaps none."""
+    """Grid nodes on the faces, at most `spacing` and 4 degrees apart along u and v.
+
+    A face narrower than the spacing gets one row of nodes; a sliver may get none.
+    """
     found = [_sample_face(face, spacing) for face in faces]
     return FaceSamples(
         np.concatenate([points for points, _ in found]),
@@ -93,7 +99,7 @@ def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
 
 
 def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
-    """Which faces go on smoothly into each other, and points along the sharp edges at most `spacing` apart."""
+    """Groups of faces that join smoothly, and points at most `spacing` apart along the sharp edges."""
     uses: dict[ShapeKey, list[tuple[TopoDS_Edge, int]]] = {}
     for i, face in enumerate(faces):
         for edge in edges_of(face):
@@ -123,7 +129,10 @@ def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
 
 
 def lie_on_surface(solid: TopoDS_Solid, samples: FaceSamples, near: float) -> NDArray[np.bool_]:
-    """Which samples lie within `near` of a solid's surface, as told by a few of each face: the others follow them."""
+    """Mask of the samples within `near` of a solid's surface.
+
+    A few samples of each face are classified; the others of that face follow them.
+    """
     classifier = BRepClass3d_SolidClassifier(solid)
     result = np.zeros(len(samples.points), bool)
     for face in np.unique(samples.face):
@@ -138,7 +147,7 @@ def lie_on_surface(solid: TopoDS_Solid, samples: FaceSamples, near: float) -> ND
 
 
 def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing: float) -> bool:
-    """Whether faces of different solids lie on each other, back to back."""
+    """True if faces of different solids of the shape lie on each other with opposite normals."""
     solids = [faces_of(solid) for solid in solids_of(shape)]
     if len(solids) < 2:
         return False
@@ -156,14 +165,14 @@ def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing:
 
 
 class _FaceSurface:
-    """Points and outward normals of a face's surface at parameters."""
+    """Points and outward normals of a face's surface at given parameters."""
 
     def __init__(self, face: TopoDS_Face) -> None:
         self.geometry: Geom_Surface = BRep_Tool.Surface_s(face)
         self.sign = orientation_sign(face)
 
     def spline(self) -> BSplineSurface | None:
-        """The surface as arrays, if it is a plain B-spline."""
+        """The surface as arrays if it is a polynomial, non-periodic B-spline, else None."""
         g = self.geometry
         if not isinstance(g, Geom_BSplineSurface):
             return None
@@ -181,17 +190,19 @@ class _FaceSurface:
         return table[:, :3], self.unit(table[:, 3:6], table[:, 6:])
 
     def unit(self, du: Array, dv: Array) -> Array:
+        """Outward unit normals from tangents; zero where the surface is singular."""
         normals = np.cross(du, dv)
         length = np.linalg.norm(normals, axis=-1, keepdims=True)
         return self.sign * np.divide(normals, length, out=np.zeros_like(normals), where=length > 0)
 
 
 def _sample_face(face: TopoDS_Face, spacing: float) -> tuple[Array, Array]:
+    """Grid points and normals inside the trimming loops of a face: (n, 3) each."""
     surface = _FaceSurface(face)
     loops = _trimming_segments(face)
     low, high = loops.reshape(-1, 2).min(axis=0), loops.reshape(-1, 2).max(axis=0)
     spline = surface.spline()
-    if spline is not None:  # a pole outside the rectangle may stand for a curve inside it
+    if spline is not None:  # poles may lie outside the domain although the curve does not
         low, high = np.maximum(low, np.array(spline.domain)[:, 0]), np.minimum(high, np.array(spline.domain)[:, 1])
     us, vs = (np.linspace(a, b, EXTENT_SAMPLES) for a, b in zip(low, high, strict=True))
     net = _sample_grid(surface, spline, us, vs)
@@ -215,11 +226,12 @@ def _sample_grid(surface: _FaceSurface, spline: BSplineSurface | None, u: Array,
 
 
 def _grid_parameters(u: Array, v: Array) -> Array:
+    """All pairs of u and v: (len(u) * len(v), 2)."""
     return np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
 def _trimming_segments(face: TopoDS_Face) -> Array:
-    """The face's border in its parameters as segments: (n, 2, 2)."""
+    """The face's trimming loops in its parameters, as line segments: (n, 2, 2)."""
     pieces = []
     for edge in edges_of(face):
         curve = BRepAdaptor_Curve2d(edge, face)
@@ -234,7 +246,7 @@ def _trimming_segments(face: TopoDS_Face) -> Array:
 
 
 def _inside_even_odd(loops: Array, u: Array, v: Array) -> Array:
-    """Which nodes (u_i, v_j) are inside: an odd number of segments crosses the row u = u_i below v_j."""
+    """Mask of the nodes (u_i, v_j) inside the loops: an odd number of segments crosses the row u = u_i below v_j."""
     start, end = loops[:, 0], loops[:, 1]
     first = np.searchsorted(u, np.minimum(start[:, 0], end[:, 0]), side="right")
     last = np.searchsorted(u, np.maximum(start[:, 0], end[:, 0]), side="right")
@@ -251,7 +263,7 @@ def _inside_even_odd(loops: Array, u: Array, v: Array) -> Array:
 def _sample_edge_normals(
     edge: TopoDS_Edge, face: TopoDS_Face, surface: _FaceSurface, spacing: float, count: int | None = None
 ) -> tuple[Array, Array]:
-    """Points of an edge and the face's normals there, evenly in the edge's parameter."""
+    """Points along an edge at equal parameter steps, and the face's normals there: (n, 3) each."""
     curve = BRepAdaptor_Curve2d(edge, face)
     low, high = curve.FirstParameter(), curve.LastParameter()
     if count is None:
@@ -262,9 +274,10 @@ def _sample_edge_normals(
 
 
 def sample_solid(solid: TopoDS_Solid, lines: int, each: int) -> Array:
-    """Points in the solid (n, 3): of `lines` lines along the longest side of its box, `each` at random on that side's length.
+    """Random points inside the solid: (n, 3).
 
-    A line that meets the faces an odd number of times grazes an edge, and is left out.
+    `lines` lines run along the longest side of its box, each with `each` random points, of which those inside are kept. A line
+    with an odd number of intersections grazes an edge and is skipped.
     """
     low, high = enclosing_box(solid)
     along = int(np.argmax(high - low))
@@ -275,10 +288,10 @@ def sample_solid(solid: TopoDS_Solid, lines: int, each: int) -> Array:
     rng = np.random.default_rng(2)
     shooter = IntCurvesFace_ShapeIntersector()
     shooter.Load(solid, CONFUSION_TOLERANCE)
-    way = gp_Dir(*np.eye(3)[along].tolist())
+    line_direction = gp_Dir(*np.eye(3)[along].tolist())
     found = [np.zeros((0, 3))]
     for start in starts:
-        shooter.Perform(gp_Lin(convert.point(start), way), -length, 2.0 * length)
+        shooter.Perform(gp_Lin(convert.point(start), line_direction), -length, 2.0 * length)
         hits = np.sort([shooter.WParameter(i + 1) for i in range(shooter.NbPnt())])
         hits = hits[np.diff(hits, prepend=-np.inf) > CONFUSION_TOLERANCE]
         if len(hits) % 2:

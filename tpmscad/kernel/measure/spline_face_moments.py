@@ -1,10 +1,10 @@
-"""Integrals over a trimmed B-spline face by Green's theorem, its loops being the edges' own 3-D curves.
+"""Moments of trimmed B-spline faces by Green's theorem, with the 3-D curves of the edges as trimming loops.
 
-    int_D f du dv = loop int F(u, v) dv,    F(u, v) = int_{u0}^{u} f(s, v) ds,    counter-clockwise loops.
+    int_D f du dv = oint F(u, v) dv,    F(u, v) = int_{u0}^{u} f(s, v) ds,    loops counter-clockwise.
 
-f is sampled on a tensor grid of Gauss nodes per knot cell, interpolated there in Legendre polynomials and integrated along u in
-closed form. The edges are brought to the surface by Newton from the kernel's parameter curve: one that a reader makes up is only
-as good as its tolerance.
+The integrand f is sampled on a tensor grid of Gauss nodes per knot cell, interpolated there in Legendre polynomials and
+integrated along u in closed form. Points of the edges are projected onto the surface by Newton's method, which starts from the
+OCCT pcurve: a pcurve computed by a STEP reader is accurate to the edge's tolerance only.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre
 
 MAX_NEWTON_STEPS = 12
-"""The kernel's own parameters are good to 1e-7 mostly, where two steps reach round-off; a bad guess may take more."""
+"""Newton steps of the projection; from a pcurve accurate to 1e-7, two steps reach round-off."""
 
 NEWTON_STEP_TOL = 1e-7
-"""A step below this fraction of the parameter range is the last: what is left squares, to round-off."""
+"""Newton step, as a fraction of the parameter range, below which quadratic convergence has reached round-off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchGaussGrid:
-    """Tensor Gauss nodes of every knot cell: basis values, slopes and weights along u and along v."""
+    """Tensor Gauss nodes of all knot cells: basis values, basis derivatives and weights along u and along v."""
 
     values: tuple[Array, Array]
     slopes: tuple[Array, Array]
@@ -42,7 +42,7 @@ class PatchGaussGrid:
 
 
 def gauss_grid(surface: BSplineSurface, points: tuple[int, int]) -> PatchGaussGrid:
-    """The grid with that many points per cell along u and v."""
+    """Gauss grid with the given numbers of points per knot cell along u and v."""
     u = _axis_basis(tuple(surface.knots_u.tolist()), surface.degree_u, points[0])
     v = _axis_basis(tuple(surface.knots_v.tolist()), surface.degree_v, points[1])
     return PatchGaussGrid((u[0], v[0]), (u[1], v[1]), (u[2], v[2]))
@@ -50,14 +50,14 @@ def gauss_grid(surface: BSplineSurface, points: tuple[int, int]) -> PatchGaussGr
 
 @lru_cache
 def _axis_basis(knots: tuple[float, ...], degree: int, points: int) -> tuple[Array, Array, Array]:
-    """Basis values, slopes and weights; the same for all patches of a lattice."""
+    """Basis values, derivatives and weights along one parameter, cached: all patches of a lattice share them."""
     vector = np.array(knots)
     nodes, weights = composite_gauss_legendre(np.unique(vector), points)
     return design_matrix(vector, degree, nodes), design_matrix(vector, degree, nodes, 1), weights
 
 
 def moment_integrands(poles: Array, grid: PatchGaussGrid) -> Array:
-    """|N|, x . N / 3 and x (x . N) / 4 on the grid, of surfaces with poles (F, U, V, 3): (F, A, B, 5)."""
+    """|N|, x . N / 3 and x (x . N) / 4 on the grid for surfaces with poles (F, U, V, 3): (F, A, B, 5)."""
     (u, v), (du, dv) = grid.values, grid.slopes
     along_v = np.matmul(v, poles)  # (F, U, B, 3)
     x = np.einsum("au,fubd->fabd", u, along_v, optimize=True)
@@ -71,7 +71,7 @@ def moment_integrands(poles: Array, grid: PatchGaussGrid) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrimmedSplineFace:
-    """A trimmed face: its surface, its edges as the loops use them, the face itself."""
+    """A trimmed face with its surface and its edges as the loops use them."""
 
     surface: BSplineSurface
     edges: Sequence[TopoDS_Edge]
@@ -81,9 +81,9 @@ class TrimmedSplineFace:
 def trimmed_face_moments(
     members: Sequence[TrimmedSplineFace], nodes_of: EdgeNodeCache, points: tuple[int, int]
 ) -> Array:
-    """The five integrals over each face, in the direction of its loops, the surfaces having knots and degrees in common: (F, 5).
+    """Five moments of each face, with respect to the orientation of its loops: (F, 5).
 
-    `points` as for `grid`.
+    All surfaces have the same knots and degrees. `points` as for `gauss_grid`.
     """
     space = members[0].surface
     poles = np.stack([m.surface.poles for m in members])
@@ -99,13 +99,14 @@ def trimmed_face_moments(
 
 
 def _moment_columns(space: BSplineSurface, points: tuple[int, int]) -> int:
+    """Number of columns of the integrand table of one face: five moments per node along v."""
     return 5 * points[1] * (len(np.unique(space.knots_v)) - 1)
 
 
 def _parameter_nodes(
     members: Sequence[TrimmedSplineFace], poles: Array, nodes_of: EdgeNodeCache
 ) -> tuple[Array, Array, Array, list[int]]:
-    """u and v at all nodes of the loops, v' times weight, and where each face's nodes begin and end."""
+    """Parameters u and v at all quadrature nodes of the loops, dv/dt times weight, and the index range of each face."""
     guess, target, tangent, weights, bounds = [], [], [], [], [0]
     for member in members:
         count = 0
@@ -135,15 +136,16 @@ def _parameter_nodes(
 
 
 MAX_LEVEL_SLOPE = 1e-10
-"""Slope below which a straight parameter curve runs along u: nothing is gained or lost there, dv = 0."""
+"""Slope below which a straight pcurve is parallel to u, where dv = 0 and the integral vanishes."""
 
 
 def _is_along_u(curve: BRepAdaptor_Curve2d) -> bool:
+    """True for a straight pcurve parallel to u."""
     return curve.GetType() == GeomAbs_Line and abs(curve.Line().Direction().Y()) < MAX_LEVEL_SLOPE
 
 
 def _pcurve_points(curve: BRepAdaptor_Curve2d, t: Array) -> Array:
-    """The kernel's parameter curve at t: (n, 2)."""
+    """Points of the OCCT pcurve at t: (n, 2)."""
     if curve.GetType() == GeomAbs_Line:
         line = curve.Line()
         return np.array(line.Location().Coord()) + t[:, None] * np.array(line.Direction().Coord())
@@ -153,7 +155,7 @@ def _pcurve_points(curve: BRepAdaptor_Curve2d, t: Array) -> Array:
 def _positions_and_tangents(
     space: BSplineSurface, poles: Array, uv: Array, bounds: list[int]
 ) -> tuple[Array, Array, Array]:
-    """Position and first derivatives at the pairs uv (n, 2), those from bounds[i] to bounds[i + 1] on face i: (n, 3) each."""
+    """Positions and first derivatives at uv (n, 2): (n, 3) each; rows bounds[i] to bounds[i + 1] are on face i."""
     count, rows, columns, _ = poles.shape
     flat = poles.reshape(count, rows, 3 * columns)
     (bu, cu), (bv, cv) = (
@@ -169,14 +171,14 @@ def _positions_and_tangents(
 
 
 def _tangent_coordinates(xu: Array, xv: Array, vector: Array) -> Array:
-    """Components along x_u and x_v of each vector's projection on their plane: (n, 2)."""
+    """Coordinates of the projection of each vector onto the tangent plane in the basis (x_u, x_v): (n, 2)."""
     e, f, g = (xu * xu).sum(1), (xu * xv).sum(1), (xv * xv).sum(1)
     a, b = (vector * xu).sum(1), (vector * xv).sum(1)
     return np.stack([g * a - f * b, e * b - f * a], axis=1) / (e * g - f * f)[:, None]
 
 
 def _locate_spans(knots: Array, t: Array) -> tuple[IntArray, Array, Array]:
-    """The knot cell of each t, all cells' half widths, and t in [-1, 1] of its cell."""
+    """Knot cell of each t, half widths of all cells, and t mapped to [-1, 1] in its cell."""
     breaks = np.unique(knots)
     cell = np.clip(np.searchsorted(breaks, t, side="right") - 1, 0, len(breaks) - 2)
     half = 0.5 * np.diff(breaks)
@@ -184,14 +186,14 @@ def _locate_spans(knots: Array, t: Array) -> tuple[IntArray, Array, Array]:
 
 
 def _interpolation_matrix(knots: Array, points: int, t: Array) -> Array:
-    """Matrix from samples at every cell's Gauss nodes to values at t: (len(t), cells * points)."""
+    """Matrix from samples at all cells' Gauss nodes to values at t: (len(t), cells * points)."""
     cell, half, local = _locate_spans(knots, t)
     values = legendre.legvander(local, points - 1) @ _to_legendre(points)
     return _scatter_to_spans(values, cell, len(half))
 
 
 def _antiderivative_matrix(knots: Array, points: int, t: Array) -> Array:
-    """Matrix from samples at every cell's Gauss nodes to the integral from the first knot to t."""
+    """Matrix from samples at all cells' Gauss nodes to the integral from the first knot to t."""
     cell, half, local = _locate_spans(knots, t)
     p = legendre.legvander(local, points)
     integral = np.empty((len(t), points))
@@ -200,7 +202,7 @@ def _antiderivative_matrix(knots: Array, points: int, t: Array) -> Array:
     integral[:, 1:] = (p[:, 2:] - p[:, : points - 1]) / (2 * k + 1)
     result = _scatter_to_spans(half[cell][:, None] * (integral @ _to_legendre(points)), cell, len(half))
     _, w = gauss_legendre(points)
-    for i, width in enumerate(half):  # whole cells on the way
+    for i, width in enumerate(half):  # cells passed completely
         result[cell > i, i * points : (i + 1) * points] = width * w
     return result
 
@@ -213,6 +215,7 @@ def _to_legendre(points: int) -> Array:
 
 
 def _scatter_to_spans(values: Array, cell: IntArray, cells: int) -> Array:
+    """Rows of `values` (n, points) placed in the columns of their cells: (n, cells * points)."""
     n, points = values.shape
     result = np.zeros((n, cells, points))
     result[np.arange(n), cell] = values

@@ -1,1 +1,1 @@
-"""OCCT objects from arrays and back."""
+"""Conversion between arrays and OCCT objects, and access to the parts of OCCT shapes."""

@@ -1,7 +1,8 @@
-"""Arrays to OCC values and back: the one file that knows OCCT 7.9 from OCCT 8.
+"""Conversion between arrays and OCCT values; the only module that distinguishes OCCT 7.9 from OCCT 8.
 
-Containers changed their names (TColgp_Array2OfPnt became Array2_gp_Pnt) and casts lost their suffix (TopoDS.Face_s became
-TopoDS.Face); everything else here is common to both. Poles go in and out at about 1 microsecond each.
+OCCT 8 renamed the containers (TColgp_Array2OfPnt became Array2_gp_Pnt) and dropped the suffix of the casts (TopoDS.Face_s
+became TopoDS.Face). Everything else used here is common to both versions. Converting a pole takes about one microsecond in
+either direction.
 """
 
 from __future__ import annotations
@@ -76,11 +77,11 @@ CONFUSION_TOLERANCE = 1e-7
 """OCCT's smallest useful tolerance (Precision::Confusion), given to every vertex, edge and face unless measured worse."""
 
 OCCT_VERSION: tuple[int, ...] = tuple(int(part) for part in OCP.__version__.split(".")[:3])
-"""The version of the kernel underneath, e.g. (7, 9, 3)."""
+"""Version of the OCCT library in use, e.g. (7, 9, 3)."""
 
 
 def shape_list(shapes: Iterable[Any]) -> Any:
-    """The shapes as OCC's own list."""
+    """OCCT list of the shapes."""
     result = ShapeList()
     for shape in shapes:
         result.Append(shape)
@@ -88,7 +89,7 @@ def shape_list(shapes: Iterable[Any]) -> Any:
 
 
 def _knots(knots: Array) -> tuple[Any, Any]:
-    """Distinct knots and their multiplicities, which constructors copy: those of many curves are the same."""
+    """Distinct knots and their multiplicities, cached: many curves share them, and OCCT constructors copy them."""
     return _cached_knots(knots.tobytes())
 
 
@@ -103,7 +104,7 @@ def _cached_knots(knots: bytes) -> tuple[Any, Any]:
 
 
 def point_grid(points: Array) -> Any:
-    """(U, V, 3) as a grid of OCC points."""
+    """OCCT grid of the points (U, V, 3)."""
     rows, columns, _ = points.shape
     grid = PointGrid(1, rows, 1, columns)
     for i, row in enumerate(points.tolist(), 1):
@@ -113,13 +114,13 @@ def point_grid(points: Array) -> Any:
 
 
 def surface(value: BSplineSurface) -> Geom_Surface:
-    """The B-spline surface; the same parameters, poles and knots."""
+    """OCCT B-spline surface with the same parameters, poles and knots."""
     (uk, um), (vk, vm) = _knots(value.knots_u), _knots(value.knots_v)
     return Geom_BSplineSurface(point_grid(value.poles), uk, vk, um, vm, value.degree_u, value.degree_v)
 
 
 def quadric(value: Quadric) -> Geom_Surface:
-    """The same surface with the same parameters."""
+    """OCCT elementary surface with the same parameters."""
     frame = gp_Ax3(point(value.origin), direction(value.axis), direction(value.x_axis))
     if isinstance(value, CylindricalSurface):
         return Geom_CylindricalSurface(frame, value.radius)
@@ -131,7 +132,7 @@ def quadric(value: Quadric) -> Geom_Surface:
 
 
 def curve(value: EdgeCurve) -> Geom_Curve:
-    """The curve in space with the same parameter."""
+    """OCCT curve in space with the same parameter."""
     if isinstance(value, Circle | Ellipse):
         frame = gp_Ax2(point(value.origin), direction(value.normal), direction(value.x_axis))
         if isinstance(value, Circle):
@@ -144,7 +145,7 @@ def curve(value: EdgeCurve) -> Geom_Curve:
 
 
 def curve_2d(value: BSplineCurve) -> Geom2d_Curve:
-    """The B-spline curve in a surface's parameters."""
+    """OCCT B-spline curve in a surface's parameter plane."""
     poles = PointArray2d(1, len(value.poles))
     for i, (u, v) in enumerate(value.poles.tolist(), 1):
         poles.SetValue(i, gp_Pnt2d(u, v))
@@ -152,43 +153,46 @@ def curve_2d(value: BSplineCurve) -> Geom2d_Curve:
 
 
 def line_2d(start: Array, end: Array) -> Geom2d_Curve:
-    """The line through two points of a surface's parameters, at unit speed from the first."""
+    """Line through two points of a surface's parameter plane, parametrised by distance from the first."""
     along = end - start
     return Geom2d_Line(gp_Pnt2d(*start.tolist()), gp_Dir2d(*along.tolist()))
 
 
 def line(start: Array, end: Array) -> Geom_Curve:
-    """The line through two points, at unit speed from the first."""
+    """Line through two points in space, parametrised by distance from the first."""
     return Geom_Line(point(start), direction(end - start))
 
 
 def plane(origin: Array, x_axis: Array, y_axis: Array) -> Geom_Surface:
-    """The plane origin + u x_axis + v y_axis; the axes are orthogonal unit vectors."""
+    """Plane origin + u x_axis + v y_axis; the axes are orthogonal unit vectors."""
     return Geom_Plane(gp_Ax3(point(origin), direction(np.cross(x_axis, y_axis)), direction(x_axis)))
 
 
 def point(value: Array) -> gp_Pnt:
+    """OCCT point at (3,)."""
     return gp_Pnt(*value.tolist())
 
 
 def direction(value: Array) -> gp_Dir:
+    """OCCT unit vector along (3,)."""
     return gp_Dir(*value.tolist())
 
 
 def transformation(motion: Motion) -> gp_Trsf:
-    """x -> R x + t, mirrors included."""
+    """OCCT transformation for x -> R x + t; R may be a reflection."""
     result = gp_Trsf()
     result.SetValues(*np.column_stack([motion.rotation, motion.translation]).ravel().tolist())
     return result
 
 
 def _expand_knots(knots: Any, counts: Any) -> Array:
+    """Knot vector with every knot repeated by its multiplicity."""
     values = [knots.Value(i) for i in range(knots.Lower(), knots.Upper() + 1)]
     return np.repeat(values, [counts.Value(i) for i in range(counts.Lower(), counts.Upper() + 1)])
 
 
 def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
-    """The value of a non-rational, non-periodic B-spline surface of the kernel."""
+    """B-spline surface of an OCCT surface that is neither rational nor periodic."""
     nu, nv = geometry.NbUPoles(), geometry.NbVPoles()
     grid = geometry.Poles()
     poles = np.fromiter(
@@ -204,17 +208,17 @@ def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
 
 
 def string_sequence() -> Any:
-    """An empty sequence of OCC strings."""
+    """Empty OCCT sequence of strings."""
     return StringSequence()
 
 
 def shape_map() -> Any:
-    """An empty map from shapes to lists of their ancestors."""
+    """Empty OCCT map from shapes to lists of their ancestors."""
     return ShapeMap()
 
 
 def string_map(entries: Mapping[str, str]) -> Any:
-    """OCC strings by OCC strings."""
+    """OCCT map of the strings."""
     made = StringMap()
     for key, value in entries.items():
         made.Bind(TCollection_AsciiString(key), TCollection_AsciiString(value))
