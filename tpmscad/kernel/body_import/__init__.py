@@ -1,1 +1,1 @@
-"""CAD bodies of planes and quadrics, read out of the kernel as patch complexes to trim with."""
+"""Import of a CAD body with plane and quadric faces as an exact boundary representation."""

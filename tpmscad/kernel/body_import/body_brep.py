@@ -1,6 +1,7 @@
-"""CAD bodies as patch complexes: faces on planes, cylinders, cones, spheres and tori, exactly; on edges exact or within 1e-10.
+"""CAD bodies as boundary representations with faces on planes, cylinders, cones, spheres and tori.
 
-Nothing is approximated but parameter curves and edges that are neither straight nor conic, and these to round-off nearly.
+The surfaces are exact. Edges are exact if they are straight or conic; other edges and all pcurves that are not straight are
+spline fits within 1e-10 of the body's size.
 """
 
 from __future__ import annotations
@@ -28,30 +29,29 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
 
 FACE_TAG = "body"
-"""The tag of all faces."""
+"""Tag of all faces."""
 
 MAX_NAMED_FACES = 3
-"""Faces that an error names, at most."""
+"""Most faces that an error message names."""
 
 BOUNDARY_DISTANCE_TOL = 1e-7
-"""Mean distance, in units of the body's size, by which the complex's border may differ from the kernel's: its edges have
-tolerances of that order."""
+"""In body sizes: mean distance of the boundary from the kernel's, whose edges have tolerances of this order."""
 
 
 def brep_from_shape(shape: Any) -> Brep:
-    """The solids of a TopoDS shape, or anything that wraps one (build123d, CadQuery), as one closed complex, placed.
+    """Boundary representation of the solids of a TopoDS, build123d or CadQuery shape, placed and closed.
 
-    Faces that close on themselves are cut in two, so that there are no seams. NotQuadric where a face is neither plane nor
-    quadric, or an edge can't be followed; InvalidRequest where there is no solid.
+    Faces with a seam are cut in two. Raises NotQuadric if a face is neither plane nor quadric or an edge cannot be represented,
+    and InvalidRequest if there is no solid.
     """
     return brep_and_source_faces(shape)[0]
 
 
 def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
-    """The complex, and for each of its faces the index of the shape's face that it is (a part of)."""
+    """The boundary representation, and for each of its faces the index of the shape's face of which it is a part."""
     faces = [face for solid in solids_of(shape) for face in faces_of(solid)]
     if not faces:
-        raise InvalidRequest("the shape has no solid: make one of its faces first")
+        raise InvalidRequest("the shape holds no solid: make a solid from its faces first")
     size = box_diagonal(unwrap(shape))
     _refuse_free_form(faces, size)
     at = -1
@@ -65,13 +65,15 @@ def brep_and_source_faces(shape: Any) -> tuple[Brep, IntArray]:
         brep = _assemble(body)
     except UnsupportedFace as error:
         raise NotQuadric(
-            f"{_describe_face(faces, at)} {error}: use the kernel for it", (at,) if at >= 0 else ()
+            f"{_describe_face(faces, at)} {error}: it needs the Boolean operations of the kernel",
+            (at,) if at >= 0 else (),
         ) from None
     _check_closed_and_volume(brep, faces, size)
     return brep, np.array([face.source_face for face in body.faces])
 
 
 def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
+    """Raise NotQuadric with the unsupported faces, if there are any."""
     reasons = {}
     for i, face in enumerate(faces):
         try:
@@ -84,6 +86,7 @@ def _refuse_free_form(faces: list[TopoDS_Face], size: float) -> None:
 
 
 def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
+    """Number and place of a face, for messages."""
     if index < 0:
         return "a face"
     x, y, z = box_center(faces[index]).tolist()
@@ -91,7 +94,7 @@ def _describe_face(faces: list[TopoDS_Face], index: int) -> str:
 
 
 def _assemble(body: ImportedBody) -> Brep:
-    """The complex of a body without seams; every edge's deviation measured."""
+    """Boundary representation of a body without seams, with the measured deviation of every edge."""
     curves: list[EdgeCurve] = []
     pcurves: list[BSplineCurve] = []
     index: dict[int, int] = {}
@@ -151,9 +154,11 @@ def _assemble(body: ImportedBody) -> Brep:
 
 
 DEVIATION_SAMPLES = 33
+"""Points per edge at which its deviation is measured."""
 
 
 def _edge_deviation(body: ImportedBody, carrier: Plane | Quadric, edge: int, along: BSplineCurve | None) -> float:
+    """Largest distance of an edge's curve from the surface along its pcurve."""
     t = np.linspace(*body.edges[edge].span, DEVIATION_SAMPLES)
     points: Array = body.edges[edge].curve(t)
     if along is None:
@@ -162,7 +167,7 @@ def _edge_deviation(body: ImportedBody, carrier: Plane | Quadric, edge: int, alo
 
 
 def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) -> None:
-    """NotQuadric unless the complex is closed and has the kernel's volume."""
+    """Raise NotQuadric unless the boundary representation is closed and has the kernel's volume."""
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
         at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
@@ -171,5 +176,7 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) 
     volume, expected = float(integral_properties.volume(moments)[0]), float(face_moments(faces)[:, 1].sum())
     if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
-            f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: use the kernel", ()
+            f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "
+            "it needs the Boolean operations of the kernel",
+            (),
         )

@@ -1,9 +1,9 @@
-"""What uses laid out in a face's parameters bound: loops chained by vertices, and which of them are holes in which.
+"""Splitting of closed faces, so that no edge bounds a face twice.
 
-Faces that close on themselves are cut opposite their seams, so that a patch complex, which has no seams, can hold them.
-
-The cut runs along u = const (or v = const on a torus). Edges that it crosses get a vertex there, in all faces; the line's pieces
-within the face become edges: lines on cylinders and cones, circles on spheres and tori.
+A boundary representation has no seams. A face with a seam is cut opposite to it along u = const (on a torus also v = const).
+Edges that the cut intersects are split there in all faces. The pieces of the cut inside the face become edges: lines on cylinders
+and cones, circles on spheres and tori. The half-edges on each side are then chained into loops, and holes are assigned to the
+outer loops around them.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from tpmscad.splines.bspline import line_segment
 
 
 def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[ImportedFace]:
-    """The faces that uses laid out in (u, v) bound, each region on its uses' left."""
+    """Faces bounded by half-edges with continuous (u, v); each region lies to the left of its half-edges."""
     loops = _chain_loops(body, face, uses)
     polygons = [loop_polygon(body, face, loop) for loop in loops]
     areas = np.array([signed_area(p) for p in polygons])
@@ -41,13 +41,13 @@ def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[Imported
     for hole in np.flatnonzero(areas <= 0).tolist():
         around = [i for i in outer if point_in_polygon(polygons[i], polygons[hole][0])]
         if not around:
-            raise UnsupportedFace("falls apart when it is cut")
+            raise UnsupportedFace("has a hole outside every outer loop after it was cut at its seam")
         held[around[0]].append(hole)
     return [replace(face, loops=tuple(loops[i] for i in members)) for members in held.values()]
 
 
 def _chain_loops(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[tuple[ImportedUse, ...]]:
-    """The uses chained by their vertices, and where these are not enough by (u, v)."""
+    """Loops of half-edges chained by their vertices, and by (u, v) where a vertex has several successors."""
     ends = {id(use): sample_use(body, face, use)[[0, -1]] for use in uses}
     waiting = list(uses)
     loops = []
@@ -62,7 +62,7 @@ def _chain_loops(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]
             best = min(following, key=lambda u: options[id(u)], default=None)
             if best is None or closing < options[id(best)]:
                 if not np.isfinite(closing):
-                    raise UnsupportedFace("has a border that does not close")
+                    raise UnsupportedFace("has a boundary that does not close")
                 break
             loop.append(best)
             waiting.remove(best)
@@ -71,12 +71,16 @@ def _chain_loops(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]
 
 
 def _use_vertices(body: ImportedBody, use: ImportedUse) -> tuple[int, int]:
+    """Start and end vertex of a half-edge."""
     edge = body.edges[use.edge]
     return (edge.start, edge.end) if use.sense > 0 else (edge.end, edge.start)
 
 
 def _use_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Array, begin: Array) -> float:
-    """How far a use begins from where another ends: in (u, v), or along a pole in the way that keeps the face on the left."""
+    """Distance in (u, v) from the end of one half-edge to the start of another.
+
+    Along a pole it is the step in the direction that keeps the face on the left, or infinity.
+    """
     way = pole_direction(body, face, use)
     if not way:
         return float(np.abs(begin - end).max())
@@ -85,14 +89,15 @@ def _use_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Arra
 
 
 MIN_CUT_CLEARANCE = 0.05
-"""Radians that a cut stays away from vertices, and from where edges turn back, if it can: it is moved by up to `ASIDE`."""
+"""Radians between a cut and the nearest vertex or turning point of an edge; the cut is shifted for it if possible."""
 
 MAX_CUT_SHIFT = 0.8
+"""Radians by which a cut may be shifted from its default position."""
 
 
 @dataclass(frozen=True, slots=True)
 class _CutCrossing:
-    """Where the cut meets the border: along the cut, and the edge with its parameter, or the vertex at a pole."""
+    """Intersection of the cut with the boundary: its place along the cut, and an edge with parameter or a vertex at a pole."""
 
     cut_parameter: float
     edge: int
@@ -113,7 +118,7 @@ def split_closed_faces(body: ImportedBody) -> ImportedBody:
 
 
 def _seam_axis(face: ImportedFace) -> int | None:
-    """The parameter that runs once around the face, if there is one: 0 or 1."""
+    """The parameter, 0 or 1, in which the face is closed; None if it has no seam."""
     if isinstance(face.carrier, Plane):
         return None
     uses = [use for loop in face.loops for use in loop]
@@ -126,12 +131,12 @@ def _seam_axis(face: ImportedFace) -> int | None:
             for axis, period in enumerate(face.carrier.period):
                 if period and apart[axis] > 0.5 * period:
                     return axis
-            raise UnsupportedFace("has an edge on both sides of which it lies")
+            raise UnsupportedFace("has an edge that bounds it twice without being a seam")
     return None
 
 
 def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
-    """The body with one face cut along a line of its parameters, where that one is constant."""
+    """The body with one face cut along the isoparametric line of one parameter."""
     face = body.faces[index]
     at = _choose_cut(body, face, axis)
     crossings = _find_crossings(body, face, axis, at)
@@ -139,7 +144,7 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
     face = body.faces[index]
     ends = sorted((c.cut_parameter, c.vertex if c.edge < 0 else vertex_of[c.edge, c.edge_parameter]) for c in crossings)
     if len(ends) % 2 or not ends:
-        raise UnsupportedFace("is cut by a line an odd number of times")
+        raise UnsupportedFace("meets the cut opposite to its seam an odd number of times")
     carrier = face.carrier
     assert not isinstance(carrier, Plane)
     edges, new = list(body.edges), []
@@ -149,7 +154,7 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
     body = replace(body, edges=tuple(edges))
     parts: list[ImportedFace] = []
     for below in (True, False):
-        # The line has its left at lower u (upwards along v), but at higher v (upwards along u).
+        # Left of the cut is lower u for a cut along increasing v, and higher v for one along increasing u.
         along = 1 if below == (axis == 0) else -1
         uses = [ImportedUse(e, along, near) for e, near in new]
         uses += [
@@ -163,7 +168,10 @@ def _split_face(body: ImportedBody, index: int, axis: int) -> ImportedBody:
 
 
 def _choose_cut(body: ImportedBody, face: ImportedFace, axis: int) -> float:
-    """Where to cut: half way around from the seam, or aside where that is too near to a vertex, unless it hits it."""
+    """Parameter of the cut: half a period from the seam, shifted if a vertex is close.
+
+    A cut through a vertex is allowed, a cut close to one is not.
+    """
     traces = [sample_use(body, face, use)[:, axis] for loop in face.loops for use in loop]
     values = np.concatenate(traces)
     middle = 0.5 * (values.min() + values.max())
@@ -182,14 +190,14 @@ def _choose_cut(body: ImportedBody, face: ImportedFace, axis: int) -> float:
 
 
 def _find_crossings(body: ImportedBody, face: ImportedFace, axis: int, at: float) -> list[_CutCrossing]:
-    """Where the border passes from one side of the line to the other: within edges, at vertices, at poles."""
+    """Points at which the boundary crosses the cut: inside edges, at vertices and at poles."""
     found = []
     for loop in face.loops:
         offs = [_offsets_from_cut(body, face, use, axis, at) for use in loop]
         for i, use in enumerate(loop):
             t, off = offs[i]
             side = np.where(off > 0, 1, -1)
-            side[[0, -1]] = side[[1, -2]]  # what happens at the ends is the vertices' affair
+            side[[0, -1]] = side[[1, -2]]  # the ends of edges are treated as vertices
 
             def distance(s: float, use: ImportedUse = use) -> float:
                 return float(sample_use(body, face, use, np.array([s]))[0, axis] - at)
@@ -197,10 +205,12 @@ def _find_crossings(body: ImportedBody, face: ImportedFace, axis: int, at: float
             for k in np.flatnonzero(side[:-1] != side[1:]).tolist():
                 there = np.array([distance(t[k]), distance(t[k + 1])])
                 nearest = int(np.abs(there).argmin())
-                if np.abs(there[nearest]) < ROUND_OFF_TOL:  # one by one, points get other last digits than together
+                if (
+                    np.abs(there[nearest]) < ROUND_OFF_TOL
+                ):  # single evaluations differ in the last digits from batched ones
                     root = float(t[k + nearest])
                 elif there[0] * there[1] > 0:
-                    raise UnsupportedFace("is cut by a line too near to where an edge ends")
+                    raise UnsupportedFace("has an edge that ends too close to the cut opposite to its seam")
                 else:
                     root = float(brentq(distance, t[k], t[k + 1], xtol=1e-15 * max(1.0, abs(t[k]))))
                 along = float(sample_use(body, face, use, np.array([root]))[0, 1 - axis])
@@ -219,7 +229,7 @@ def _find_crossings(body: ImportedBody, face: ImportedFace, axis: int, at: float
 def _offsets_from_cut(
     body: ImportedBody, face: ImportedFace, use: ImportedUse, axis: int, at: float
 ) -> tuple[Array, Array]:
-    """Parameters along an edge, and how far beyond the line it is there."""
+    """Parameters along an edge, and its signed offset from the cut there."""
     t = np.linspace(*body.edges[use.edge].span, 2 * HALF_INTERVALS_PER_EDGE + 1)
     return t, sample_use(body, face, use, t)[:, axis] - at
 
@@ -228,16 +238,16 @@ VERTEX_HIT_TOL = 1e-9
 """Radians within which a cut passes through a vertex."""
 
 ROUND_OFF_TOL = 1e-14
-"""Radians (of a torus's v too) that round-off comes to."""
+"""Radians (also for v of a torus) of round-off in surface parameters."""
 
 HALF_INTERVALS_PER_EDGE = 32
-"""Half the intervals of an edge in which a cut is looked for."""
+"""Half the number of intervals per edge in which crossings are sought."""
 
 
 def _split_edges(
     body: ImportedBody, crossings: list[_CutCrossing]
 ) -> tuple[ImportedBody, dict[tuple[int, float], int]]:
-    """The body with edges split at the crossings, in all faces; the new vertex of each (edge, parameter)."""
+    """The body with edges split at the crossings in all faces, and the new vertex of each (edge, parameter)."""
     vertices, edges = list(body.vertices), list(body.edges)
     vertex_of: dict[tuple[int, float], int] = {}
     pieces: dict[int, list[int]] = {}
@@ -247,7 +257,7 @@ def _split_edges(
         cuts: list[float] = []
         at: list[int] = []
         for t in sorted(c.edge_parameter for c in crossings if c.edge == e):
-            if not cuts or t - cuts[-1] > ANGLE_TOL * (high - low):  # both sides of a seam find it
+            if not cuts or t - cuts[-1] > ANGLE_TOL * (high - low):  # both half-edges of a seam report it
                 cuts.append(t)
                 at.append(len(vertices))
                 vertices.append(edge.curve(t))
@@ -280,7 +290,7 @@ def _split_edges(
 
 
 def _isoparametric_curve(carrier: Quadric, axis: int, at: float, low: float, high: float) -> EdgeCurve:
-    """The carrier's curve along which one parameter is `at`, on the other one's interval, with that for its parameter."""
+    """Isoparametric curve of the carrier where parameter `axis` is `at`, parametrised by the other one."""
     if isinstance(carrier, CylindricalSurface | ConicalSurface):
         return line_segment(carrier(at, low), carrier(at, high), (low, high))
     if axis == 1:

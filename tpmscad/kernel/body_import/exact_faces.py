@@ -1,4 +1,4 @@
-"""A kernel solid's faces, edges and vertices read out as a `Body`: placed, with outward sides, on their exact surfaces."""
+"""Faces, edges and vertices of an OCCT solid as an `ImportedBody` on exact surfaces: placed, and oriented outwards."""
 
 from __future__ import annotations
 
@@ -35,20 +35,20 @@ from tpmscad.kernel.recognise.face_carriers import CHECK_SAMPLES, EXACT_REL_TOL,
 from tpmscad.splines.bspline import line_segment
 
 VERTEX_REL_TOL = 1e-5
-"""Of the body's size: a vertex that is farther from its faces' common point is not one of this body's."""
+"""In body sizes: largest distance of an OCCT vertex from the common point of its faces' surfaces."""
 
 
 def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
-    """The faces, with the orientation that makes them look outwards, as a body of that size.
+    """Body of the faces, which are oriented outwards; `size` sets the tolerances.
 
-    Refused where a face, or an edge, is not what a patch complex can hold exactly.
+    Raises UnsupportedFace if a face or an edge cannot be represented exactly.
     """
     carriers = [recognise_carrier(face, size) for face in faces]
     edge_of: dict[ShapeKey, int] = {}
     vertex_of: dict[ShapeKey, int] = {}
     shapes: list[TopoDS_Edge] = []
     ends: list[tuple[int, int]] = []
-    beside: list[list[int]] = []
+    faces_of_edge: list[list[int]] = []
     loops_of = []
     for i, face in enumerate(faces):
         loops = []
@@ -63,36 +63,38 @@ def read_exact_body(faces: Sequence[TopoDS_Face], size: float) -> ImportedBody:
                     vertices = [first_vertex(forward), last_vertex(forward)]
                     start, end = (vertex_of.setdefault(ShapeKey(v), len(vertex_of)) for v in vertices)
                     ends.append((start, end))
-                    beside.append([])
+                    faces_of_edge.append([])
                 e = edge_of[key]
-                if i not in beside[e]:
-                    beside[e].append(i)
+                if i not in faces_of_edge[e]:
+                    faces_of_edge[e].append(i)
                 loop.append(ImportedUse(e, orientation_sign(edge)))
             loops.append(tuple(loop))
         loops_of.append(loops)
-    around: list[set[int]] = [set() for _ in vertex_of]
+    faces_of_vertex: list[set[int]] = [set() for _ in vertex_of]
     for e, (start, end) in enumerate(ends):
-        around[start].update(beside[e])
-        around[end].update(beside[e])
+        faces_of_vertex[start].update(faces_of_edge[e])
+        faces_of_vertex[end].update(faces_of_edge[e])
     points = [np.array(BRep_Tool.Pnt_s(key.shape).Coord()) for key in vertex_of]
-    vertices = [_exact_vertex(p, [carriers[i] for i in sorted(of)], size) for p, of in zip(points, around, strict=True)]
+    vertices = [
+        _exact_vertex(p, [carriers[i] for i in sorted(of)], size) for p, of in zip(points, faces_of_vertex, strict=True)
+    ]
     edges = [
         ImportedEdge(*_exact_edge(shape, [carriers[i] for i in of], vertices[a], vertices[b], size), a, b)
-        for shape, of, (a, b) in zip(shapes, beside, ends, strict=True)
+        for shape, of, (a, b) in zip(shapes, faces_of_edge, ends, strict=True)
     ]
     result = []
     for i, (face, carrier, loops) in enumerate(zip(faces, carriers, loops_of, strict=True)):
         _, point, normal, _ = evaluate_mid_face(face)
-        agree = 1 if normal @ carrier.gradient(point) > 0 else -1
-        if agree < 0:
+        gradient_sense = 1 if normal @ carrier.gradient(point) > 0 else -1
+        if gradient_sense < 0:
             loops = [tuple(ImportedUse(u.edge, -u.sense) for u in reversed(loop)) for loop in loops]
-        outward = agree * orientation_sign(face)
+        outward = gradient_sense * orientation_sign(face)
         result.append(ImportedFace(carrier, outward, tuple(loops), i))
     return ImportedBody(tuple(vertices), tuple(edges), tuple(result), size)
 
 
 def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
-    """The face's edges, loop by loop in order, counter-clockwise about the kernel's S_u x S_v; none at poles."""
+    """Edges of the face loop by loop, counter-clockwise about S_u x S_v of OCCT, without degenerate edges."""
     forward = convert.as_face(face.Oriented(TopAbs_FORWARD))
     loops = []
     for shape in list_subshapes(forward, TopAbs_WIRE):
@@ -102,7 +104,7 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
             loop.append(walk.Current())
             walk.Next()
         if len(loop) != len(list_subshapes(wire, TopAbs_EDGE)):
-            raise UnsupportedFace("has a border that can't be followed")
+            raise UnsupportedFace("has a wire whose edges are not connected in order")
         loop = [edge for edge in loop if not BRep_Tool.Degenerated_s(edge)]
         if loop:
             loops.append(loop)
@@ -110,17 +112,17 @@ def _wire_edges(face: TopoDS_Face) -> list[list[TopoDS_Edge]]:
 
 
 def _exact_vertex(point: Array, carriers: Sequence[Plane | Quadric], size: float) -> Array:
-    """The faces' common point next to the kernel's vertex."""
+    """Common point of the surfaces closest to the OCCT vertex."""
     exact = project_to_carriers(carriers, point[None])[0]
     if np.linalg.norm(exact - point) > VERTEX_REL_TOL * size:
-        raise UnsupportedFace(f"has no common point with its neighbours near {point.round(6)}")
+        raise UnsupportedFace(f"shares no point with its neighbouring faces near {point.round(6)}")
     return exact
 
 
 def _exact_edge(
     shape: TopoDS_Edge, carriers: Sequence[Plane | Quadric], start: Array, end: Array, size: float
 ) -> tuple[EdgeCurve, tuple[float, float]]:
-    """The edge's curve and span, on all its carriers to EXACT, from one vertex to the other."""
+    """Curve and span of an edge, within EXACT_REL_TOL of all its surfaces, from its start to its end vertex."""
     adaptor = BRepAdaptor_Curve(shape)
     low, high = adaptor.FirstParameter(), adaptor.LastParameter()
     tol = EXACT_REL_TOL * size
@@ -145,15 +147,15 @@ def _exact_edge(
     if known is not None:
         return known
     if len(carriers) != 2:
-        raise UnsupportedFace("has a seam that is neither line nor circle")
+        raise UnsupportedFace("has a seam that is neither a line nor a circle")
     fit = fit_intersection_curve(
         carriers[0], carriers[1], points, tol / 4
-    )  # its parameter curves are to keep to tol as well
+    )  # the rest of the tolerance is left to its pcurves
     return fit, fit.domain
 
 
 def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
-    """A line (from parameter 0 to 1 at unit speed), circle or ellipse of the kernel with its parameter."""
+    """Line (unit speed, parameters 0 to 1), circle or ellipse with the parameter of the OCCT curve; else None."""
     kind = adaptor.GetType()
     if kind == GeomAbs_Line:
         start, along = np.array(adaptor.Line().Location().Coord()), np.array(adaptor.Line().Direction().Coord())
@@ -166,4 +168,5 @@ def _occt_conic(adaptor: BRepAdaptor_Curve) -> EdgeCurve | None:
 
 
 def _max_distance(points: Array, carriers: Sequence[Plane | Quadric]) -> float:
+    """Largest distance of the points from any of the carriers."""
     return max(float(np.abs(c.distance(points)).max()) for c in carriers)

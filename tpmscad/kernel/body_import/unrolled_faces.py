@@ -1,4 +1,8 @@
-"""A CAD body on its way to a patch complex: vertices, edges, faces with loops of edge uses in (u, v), seams still there."""
+"""Intermediate form of an imported CAD body, and its trimming loops unrolled in (u, v).
+
+The half-edges of a loop are shifted by whole periods of the surface so that the loop is continuous in (u, v). Seams are still
+present at this stage.
+"""
 
 from __future__ import annotations
 
@@ -12,11 +16,16 @@ from tpmscad.brep.loops import signed_area
 from tpmscad.kernel.recognise.edge_curves import EDGE_SAMPLES, UnsupportedFace, follow_parameters, is_at_pole
 
 ANGLE_TOL = 1e-6
-"""Radians within which two uses that meet have the same u; at a pole, from which they are a step apart."""
+"""Radians up to which u of consecutive half-edges agrees; a larger difference is a step along a pole."""
+
+MAX_CLOSURE_GAP = 0.1
+"""Gap in periodic parameters beyond which an unrolled loop does not close because it runs around the axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedEdge:
+    """Edge on `curve` over `span` from vertex `start` to vertex `end`."""
+
     curve: EdgeCurve
     span: tuple[float, float]
     start: int
@@ -25,7 +34,7 @@ class ImportedEdge:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedUse:
-    """An edge in a loop; on a quadric `near` is (u, v) in the edge's middle, which tells one turn from the next."""
+    """Half-edge of a loop; on a quadric `mid_parameters` is (u, v) at the middle of the edge and selects the period."""
 
     edge: int
     sense: int
@@ -34,7 +43,7 @@ class ImportedUse:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedFace:
-    """As a face of a patch complex; `origin` is the kernel's face that it is (a part of)."""
+    """Trimmed face; `source_face` is the index of the OCCT face of which it is a part."""
 
     carrier: Plane | Quadric
     sense: int
@@ -44,7 +53,7 @@ class ImportedFace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImportedBody:
-    """`size` is the diagonal of the box around the vertices and edges."""
+    """Body before assembly; `size` is the diagonal of the box of its vertices and edges."""
 
     vertices: tuple[Array, ...]
     edges: tuple[ImportedEdge, ...]
@@ -53,7 +62,11 @@ class ImportedBody:
 
 
 def sample_use(body: ImportedBody, face: ImportedFace, use: ImportedUse, t: Array | None = None) -> Array:
-    """(u, v) along the use, in its own direction: at SAMPLES even parameters, or in the edge's direction at t (n,)."""
+    """(u, v) along a half-edge.
+
+    If t is None, at EDGE_SAMPLES evenly spaced parameters in the direction of the half-edge; else at the parameters t (n,) of
+    the edge.
+    """
     assert not isinstance(face.carrier, Plane)
     edge = body.edges[use.edge]
     uv = follow_parameters(face.carrier, edge.curve, edge.span, use.mid_parameters, t, body.size)
@@ -61,7 +74,10 @@ def sample_use(body: ImportedBody, face: ImportedFace, use: ImportedUse, t: Arra
 
 
 def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
-    """The face with its loops laid out in (u, v), one use after another, holes within the outer loop's turn."""
+    """The face with continuous loops in (u, v) and its holes inside the period of the outer loop.
+
+    Raises UnsupportedFace if there is no outer loop, or if a loop runs around the axis.
+    """
     if isinstance(face.carrier, Plane):
         return face
     loops = [_chain_uses(body, face, loop) for loop in face.loops]
@@ -74,7 +90,7 @@ def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
     first = np.array(
         [-p * np.floor(lo / p + ANGLE_TOL) if p else 0.0 for p, lo in zip(face.carrier.period, low, strict=True)]
     )
-    low, high = low + first, high + first  # as the kernel has it, from the first turn on
+    low, high = low + first, high + first  # OCCT too starts in the first period
     loops[outer] = _shift_loop(loops[outer], first)
     for i in range(len(loops)):
         if i != outer:
@@ -90,13 +106,14 @@ def unroll_face(body: ImportedBody, face: ImportedFace) -> ImportedFace:
 
 
 def _shift_loop(loop: tuple[ImportedUse, ...], by: Array) -> tuple[ImportedUse, ...]:
+    """The loop shifted by whole periods."""
     return tuple(
         ImportedUse(use.edge, use.sense, use.mid_parameters + by) for use in loop if use.mid_parameters is not None
     )
 
 
 def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse, ...]) -> tuple[ImportedUse, ...]:
-    """The loop's uses with their `near`, each going on where the last one ends."""
+    """The loop's half-edges with mid-edge parameters, each continuous with its predecessor."""
     carrier = face.carrier
     assert not isinstance(carrier, Plane)
     period = np.array(carrier.period)
@@ -115,19 +132,19 @@ def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse,
     assert end is not None
     assert first is not None
     wanted = end + _pole_gap(body, face, loop[0], end, sample_use(body, face, loop[0]))
-    if (np.abs(wanted - first)[period > 0] > 0.1).any():
+    if (np.abs(wanted - first)[period > 0] > MAX_CLOSURE_GAP).any():
         raise UnsupportedFace("has a loop that goes around its axis")
     return tuple(result)
 
 
 def _pole_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Array, uv: Array) -> Array:
-    """Along a pole from the last use's end to where this one begins; zero elsewhere. The face lies on the step's left."""
+    """Step along a pole from the end of the last half-edge to the start of this one; zero elsewhere. The face is on its left."""
     way = pole_direction(body, face, use)
     return np.array([pole_angle_step(end[0], uv[0, 0], way), 0.0]) if way else np.zeros(2)
 
 
 def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> int:
-    """1 or -1 for a use that begins at a pole, the way in which u changes in the step before it; 0 for others."""
+    """Sign of the change of u in the pole step before a half-edge that starts at a pole; 0 for other half-edges."""
     edge = body.edges[use.edge]
     start = body.vertices[edge.start if use.sense > 0 else edge.end]
     if not is_at_pole(face.carrier, start[None], body.size)[0]:
@@ -139,7 +156,7 @@ def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> 
 
 
 def pole_angle_step(start: float, end: float, way: int) -> float:
-    """The change of u from start to a u equivalent to end, in the given way, more than nothing and at most one turn."""
+    """Change of u from `start` to a u equivalent to `end` with the sign of `way`: nonzero and at most one turn."""
     turn = 2.0 * np.pi
     step = (end - start) % turn
     step = turn if step < ANGLE_TOL or step > turn - ANGLE_TOL else step

@@ -1,4 +1,4 @@
-"""A body split by a lattice, by the kernel: solids that share the faces between them."""
+"""Partition of a CAD body by a lattice with OCCT: solids that share the faces between them."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ OPERATION = "body split by the lattice"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SplitSolid:
-    """A solid of the split body.
+    """A solid of the partition.
 
-    sides: on which lattice faces it lies, by label and side (+1: where the normal points). areas: on which faces of the body, by
-    their numbers in the explorer's order, and how much of each.
+    sides: lattice faces on its boundary, as label and side (+1: the side the normal points to). areas: area of its boundary on
+    each face of the body, by the face's index in the explorer's order.
     """
 
     solid: TopoDS_Solid
@@ -31,14 +31,16 @@ class SplitSolid:
 
 
 def split_body(body: TopoDS_Shape, lattice: TopoDS_Shape, labels: Sequence[str]) -> tuple[SplitSolid, ...]:
-    """The cells that a lattice's solid splits a body into, largest first; cells that touch share faces, edges and vertices.
+    """Solids into which a lattice's solid divides the body, largest first; touching solids share faces, edges and vertices.
 
-    labels: of the lattice's faces, in the explorer's order.
+    `labels` are those of the lattice's faces in the explorer's order. Raises KernelError if OCCT fails.
     """
     with translate_occt_errors(OPERATION, body):
         splitter = BRepAlgoAPI_Splitter()
         splitter.SetArguments(convert.shape_list([body]))
-        splitter.SetTools(convert.shape_list([lattice]))  # as one: the kernel does not look for crossings within it
+        splitter.SetTools(
+            convert.shape_list([lattice])
+        )  # a single tool: OCCT does not intersect its faces with each other
         splitter.SetToFillHistory(True)
         splitter.Build()
         if not splitter.IsDone() or splitter.Shape().IsNull():
@@ -59,6 +61,7 @@ def split_body(body: TopoDS_Shape, lattice: TopoDS_Shape, labels: Sequence[str])
 def _describe_solid(
     solid: TopoDS_Solid, lattice_images: Mapping[ShapeKey, tuple[TopoDS_Face, str]], body_images: Mapping[ShapeKey, int]
 ) -> SplitSolid:
+    """A solid of the partition with the lattice and body faces on its boundary."""
     sides, on_body = set(), []
     for face in faces_of(solid):
         key = ShapeKey(face)

@@ -1,4 +1,7 @@
-"""Trimming by the kernel's own boolean: slow and general. Its results are checked, whatever it says of itself."""
+"""Boolean operations of OCCT on whole solids.
+
+They are general but slow, and OCCT may report success for a wrong result; callers check what they return.
+"""
 
 from __future__ import annotations
 
@@ -22,23 +25,24 @@ from tpmscad.kernel.occt.exploration import count_subshape_uses, list_subshapes,
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KernelSolids:
-    """Kernel solids, largest first, that no complex stands for. `shape` is the one solid, or a compound of several."""
+    """OCCT solids without a boundary representation, largest first. `shape` is the solid, or a compound of several."""
 
     solids: tuple[Any, ...]
 
     @property
     def shape(self) -> Any:
+        """The solid, or a compound if there are several."""
         return self.solids[0] if len(self.solids) == 1 else make_compound(self.solids)
 
     @property
     def solid(self) -> Any:
-        """The build123d Solid, or Compound of Solids; its `.wrapped` is `shape`."""
+        """The build123d Solid, or a Compound if there are several; its `wrapped` is `shape`."""
         return to_build123d(self.shape, len(self.solids))
 
 
 @contextmanager
 def translate_occt_errors(operation: str, shape: Any, remedy: str = "") -> Iterator[None]:
-    """KernelError for whatever OCC throws: in Python its exceptions have no ancestor in common."""
+    """Raise KernelError for any OCCT exception; in Python these have no common base class."""
     try:
         yield
     except Exception as error:
@@ -48,40 +52,41 @@ def translate_occt_errors(operation: str, shape: Any, remedy: str = "") -> Itera
 
 
 def intersect_solids(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
-    """The solids that two solids have in common, largest first; none where they do not meet. KernelError if it gives up."""
-    return _run_boolean("common of lattice and body", BRepAlgoAPI_Common, first, second)
+    """Solids of the intersection, largest first; none if the solids are disjoint. Raises KernelError if OCCT fails."""
+    return _run_boolean("intersection of lattice and body", BRepAlgoAPI_Common, first, second)
 
 
 def subtract_solid(first: TopoDS_Shape, second: TopoDS_Shape) -> tuple[TopoDS_Solid, ...]:
-    """The solids that are left of the first where the second is taken away, largest first."""
-    return _run_boolean("body without lattice", BRepAlgoAPI_Cut, first, second)
+    """Solids of the difference, largest first. Raises KernelError if OCCT fails."""
+    return _run_boolean("difference of body and lattice", BRepAlgoAPI_Cut, first, second)
 
 
 def _run_boolean(
     name: str, kind: Callable[[TopoDS_Shape, TopoDS_Shape], Any], first: TopoDS_Shape, second: TopoDS_Shape
 ) -> tuple[TopoDS_Solid, ...]:
+    """Solids of one Boolean operation, largest first."""
     with translate_occt_errors(name, first):
         operation = kind(first, second)
         if not operation.IsDone() or operation.Shape().IsNull():
-            raise KernelError(name, "the kernel's boolean failed", first)
+            raise KernelError(name, "the kernel's Boolean operation failed", first)
         return sort_by_volume(solids_of(operation.Shape()))
 
 
 def sort_by_volume(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:
-    """Largest first."""
+    """The solids, largest first."""
     measured = [(estimate_volume(solid), solid) for solid in solids]
     return tuple(solid for _, solid in sorted(measured, key=lambda pair: -pair[0]))
 
 
 def estimate_volume(solid: TopoDS_Solid) -> float:
-    """By OCC's own quadrature, good to four digits or so."""
+    """Volume by OCCT's default quadrature, accurate to about four digits."""
     properties = GProp_GProps()
     BRepGProp.VolumeProperties_s(solid, properties)
     return float(properties.Mass())
 
 
 def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
-    """Pieces, tunnels and voids of solids, from their shells' Euler characteristics."""
+    """Connected components, tunnels and voids of solids, from their shells' Euler characteristics."""
     pieces = voids = euler = 0
     for solid in solids:
         shells = len(list_subshapes(solid, TopAbs_SHELL))
@@ -91,12 +96,12 @@ def betti_numbers(solids: Iterable[TopoDS_Solid]) -> tuple[int, int, int]:
         vertices = len(count_subshape_uses(solid, TopAbs_VERTEX, TopAbs_EDGE))
         faces = len(list_subshapes(solid, TopAbs_FACE))
         wires = len(list_subshapes(solid, TopAbs_WIRE))
-        euler += vertices - proper + 2 * faces - wires  # a face with h holes counts as 1 - h
+        euler += vertices - proper + 2 * faces - wires  # the Euler characteristic of a face with h holes is 1 - h
     return pieces, pieces + voids - euler // 2, voids
 
 
 def modified_faces(operation: Any, face: TopoDS_Face) -> list[TopoDS_Face]:
-    """Result faces that a Boolean operation made from a face of an argument.
+    """Faces of the result that a Boolean operation made from a face of an argument.
 
     An unchanged face is its own image; a deleted face has none.
     """

@@ -1,4 +1,8 @@
-"""Which patches of a lattice a body's faces may cross, and which lie inside the body: by samples, no face is intersected."""
+"""Broad phase of the local intersection: patches that the body's boundary may intersect, and patches inside the body.
+
+Both sides are sampled, and no surfaces are intersected. A patch is a candidate if one of its nodes is closer to a sample of the
+body than the spacing of nodes and samples permits for a disjoint patch.
+"""
 
 from __future__ import annotations
 
@@ -19,25 +23,25 @@ from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 
 NODES_PER_DIRECTION = 9
-"""Nodes along u and v of every patch."""
+"""Nodes along u and along v of each patch."""
 
 COVERING_FACTOR = 1.1
-"""On half the diagonal between nodes: no point of a patch is farther from its nearest node."""
+"""Factor on half the diagonal between nodes: an upper bound on the distance from a patch point to its nearest node."""
 
 SAMPLE_SPACING_FACTOR = 1.5
-"""Samples of the body are this many half diagonals apart."""
+"""Spacing of the body samples in half diagonals."""
 
 FLATNESS_FRACTION = 0.1
-"""Of the spacing: how far the body may be off the plane of a sample next to it, whose normal turns by 4 degrees to the next."""
+"""In sample spacings: deviation of the body from a sample's tangent plane, since normals turn by 4 degrees between samples."""
 
 EDGE_LENGTH_CHORDS = 16
-"""Pieces on which an edge's length is measured."""
+"""Chords by which the length of an edge is measured."""
 
 
 def classify_patches(patches: Brep, solid: TopoDS_Solid) -> tuple[BoolArray, BoolArray]:
-    """Faces that the solid's faces may cross, and those of the others that lie in the solid: (F,), (F,).
+    """Masks of the candidate faces that the solid's boundary may intersect, and of the other faces inside the solid: (F,) each.
 
-    Faces that are no B-spline patches, which close a block outside of all, are never near.
+    Faces that are not B-spline patches close a block outside the body and are never candidates.
     """
     nodes, half = _patch_nodes(patches)
     spacing = SAMPLE_SPACING_FACTOR * float(np.median(half[half > 0]))
@@ -59,7 +63,10 @@ def classify_patches(patches: Brep, solid: TopoDS_Solid) -> tuple[BoolArray, Boo
 
 
 def _patch_nodes(patches: Brep) -> tuple[list[tuple[IntArray, Array]], Array]:
-    """Faces (f,) and their nodes (f, NODES^2, 3), carrier by carrier; half the diagonal between each face's nodes, or 0 (F,)."""
+    """Nodes of the patches, carrier by carrier: face indices (f,) and points (f, NODES_PER_DIRECTION**2, 3).
+
+    The second value is half the diagonal between the nodes of each face, 0 for faces without nodes: (F,).
+    """
     faces = patches.faces
     result, half = [], np.zeros(len(faces))
     for own, carrier in spline_faces(patches):
@@ -85,7 +92,10 @@ def _sample_solid_edges(solid: TopoDS_Solid, spacing: float) -> Array:
 
 
 def _classify_far_patches(patches: Brep, near: BoolArray, solid: TopoDS_Solid) -> BoolArray:
-    """Faces in the solid: what hangs together over edges, and is not near, is in or out as a whole; one vertex tells."""
+    """Mask of the faces inside the solid (F,), candidates excluded.
+
+    A component of faces joined by edges lies inside or outside as a whole, so that one vertex of it is classified.
+    """
     n, uses, face = len(patches.faces), patches.uses, patches.face_of_use
     far = ~near[face]
     links = coo_array(

@@ -1,4 +1,4 @@
-"""A body with voids in it: shells inside it, or open through some of its faces. Nothing is intersected."""
+"""Subtraction of voids from a CAD body without intersections: void shells are reversed, and open faces get holes."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ from tpmscad.kernel.recognise.face_carriers import evaluate_mid_face
 OPERATION = "opening of the skin"
 
 OPENING_TOL = 1e-6
-"""Model units: how far off an open face the voids may end that open through it."""
+"""Model units: largest distance of a void face from the open face through which the void opens."""
 
 CHORDS_PER_EDGE = 16
-"""Straight pieces that stand for an edge where loops are sorted into each other."""
+"""Chords per edge when loops are nested."""
 
 
 def subtract_voids(
     body: CadBody, voids: Sequence[TopoDS_Solid], open_faces: Sequence[TopoDS_Face]
 ) -> tuple[TopoDS_Solid, ...]:
-    """The body without solids that lie in it and apart, and touch it in its open faces at most: largest first.
+    """The body without the voids, largest first.
 
-    Their shells turn inwards; what they touch of a face becomes a hole in it. KernelError where that does not close.
+    The voids are disjoint solids inside the body that touch its boundary in open faces only. Their shells are reversed, and their
+    faces in an open face become holes of it. Raises KernelError if the result is not closed.
     """
     if not open_faces:
         return (
@@ -64,25 +65,26 @@ def subtract_voids(
 
 
 def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face, ...]:
-    """The body's faces that are meant by faces (build123d, CadQuery, TopoDS) or numbers in the body's order.
+    """Faces of the body for faces (build123d, CadQuery, TopoDS) or indices in the body's order.
 
-    InvalidRequest where one is no face of the body, is not plane, meets another, or has no edge to end at.
+    Raises InvalidRequest if a face does not belong to the body, is not planar, shares an edge with another open face, or joins
+    its neighbours smoothly.
     """
     own, found = faces_of(body.shape), []
-    for wanted in faces:
-        shape = unwrap(wanted)
+    for requested in faces:
+        shape = unwrap(requested)
         if isinstance(shape, int | np.integer):
             face = own[shape] if 0 <= shape < len(own) else None
         else:
             face = next((f for f in own if isinstance(shape, TopoDS_Face) and f.IsSame(shape)), None)
         if face is None:
             raise InvalidRequest(
-                f"open_faces: {wanted!r} is no face of {body.name}: take faces of the very shape that is filled, or numbers "
+                f"open_faces: {requested!r} is no face of {body.name}: pass faces of the same shape object, or indices "
                 f"from 0 to {len(own) - 1} in its order"
             )
         if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
             raise InvalidRequest(
-                f"open_faces: {wanted!r} is not plane: leave the skin on it, and bore through it afterwards"
+                f"open_faces: {requested!r} is not planar: keep the skin on it, and drill through it afterwards"
             )
         found.append(face)
     smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).smooth_group
@@ -90,27 +92,29 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
         if np.count_nonzero(smooth == smooth[next(i for i, f in enumerate(own) if f.IsSame(face))]) > 1:
             x, y, z = sample_edges(face).mean(axis=0)
             raise InvalidRequest(
-                f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) goes on smoothly into another, so that the skin has no "
-                "place to end: open a face with sharp edges, or leave the fillets for afterwards"
+                f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) joins another face smoothly, so that the skin has no "
+                "edge to end at: open a face with sharp edges, or add the fillets afterwards"
             )
     edges = [ShapeKey(edge) for face in found for edge in edges_of(face)]
     if len(set(edges)) < len(edges):
-        raise InvalidRequest("open_faces: two of the faces meet in an edge, or are one: leave one of them out")
+        raise InvalidRequest("open_faces: two of the faces meet in an edge or are the same: remove one of them")
     return tuple(found)
 
 
 def _shells(solid: TopoDS_Solid) -> list[Any]:
+    """Shells of a solid."""
     return [convert.as_shell(shell) for shell in list_subshapes(solid, TopAbs_SHELL)]
 
 
 def _outward_plane(face: TopoDS_Face) -> Plane:
+    """Plane of a planar face with the outward normal."""
     _, point, normal, beside = evaluate_mid_face(face)
     x, out = beside - point, orientation_sign(face) * normal
     return Plane(point, x / np.linalg.norm(x), out / np.linalg.norm(out))
 
 
 def _is_in_opening(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> bool:
-    """Whether a void's face is one in which it touches an open face."""
+    """True if a void's face lies in the open face."""
     if not isinstance(BRep_Tool.Surface_s(face), Geom_Plane):
         return False
     points = np.concatenate([sample_edge(edge, 2) for edge in edges_of(face)])
@@ -120,7 +124,7 @@ def _is_in_opening(face: TopoDS_Face, plane: Plane, opening: TopoDS_Face) -> boo
 
 
 def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) -> Iterator[TopoDS_Face]:
-    """What is left of a face: the skin's rim, and the lattice's sections in the holes."""
+    """Faces that remain of an open face: the rim of the skin, and the lattice's sections inside the holes."""
     wires = [*_wires(face), *(convert.as_wire(wire.Reversed()) for hole in holes for wire in _wires(hole))]
     polygons = []
     for wire in wires:
@@ -143,5 +147,5 @@ def _cut_holes(face: TopoDS_Face, plane: Plane, holes: Sequence[TopoDS_Face]) ->
 
 
 def _wires(face: TopoDS_Face) -> list[TopoDS_Wire]:
-    """The face's loops as seen from outside, counter-clockwise around it."""
+    """The face's loops, counter-clockwise around it seen from outside."""
     return [convert.as_wire(wire) for wire in list_subshapes(face, TopAbs_WIRE)]

@@ -1,4 +1,4 @@
-"""A body within its own skin: shrunk by the skin's thickness, on all faces but those that stay open."""
+"""Inward offset of a CAD body by the thickness of its skin, with open faces held fixed."""
 
 from __future__ import annotations
 
@@ -24,31 +24,32 @@ from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of
 OPERATION = "offset by the skin"
 
 JOIN_TOLERANCE = 1e-6
-"""Model units: how far apart two offset faces may meet."""
+"""Model units: largest gap between neighbouring offset faces."""
 
 DEPTH_SAMPLES = 2048
-"""Points that tell whether the shrunk body is all that lies deeper than the skin: a wrong one is off by whole corners."""
+"""Sample points that estimate the volume deeper than the skin; a wrong offset misses whole corners."""
 
 MAX_STANDARD_ERRORS = 4.0
-"""Standard errors of a plain random sample; the quasi-random one used is better."""
+"""Accepted difference in standard errors of a random sample; the quasi-random one used is more accurate."""
 
 PIECES_PER_EDGE = 4
-"""Of every edge of the shrunk body, at whose ends its depth is looked at."""
+"""Intervals per edge of the offset body at whose ends its depth is checked."""
 
 DEPTH_REL_TOL = 1e-4
-"""Of the skin: how far from it the depth of the shrunk body's edges may be. Faces that fold over miss it by whole radii."""
+"""Relative tolerance, in skin thicknesses, on the depth of the offset body's edges; self-intersecting offset faces miss
+it by a whole fillet radius."""
 
 
 def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] = ()) -> CadBody:
-    """The part of the body that lies deeper than `skin` (model units) under its faces, but for those that stay open.
+    """The part of the body deeper than `skin` (model units) below its faces; open faces are held fixed.
 
-    InvalidRequest if nothing does; KernelError where the kernel's offset gives up, or leaves out or adds something.
+    Raises InvalidRequest if nothing is that deep, and KernelError if OCCT fails or its result has a wrong volume or depth.
     """
     if not (np.isfinite(skin) and skin > 0):
         raise InvalidRequest(f"skin {skin!r} is a thickness: a finite number above zero, or None for no skin")
     closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in open_faces)]
     if not closed:
-        raise InvalidRequest("open_faces are all of the body's faces: give no skin instead")
+        raise InvalidRequest("open_faces holds all faces of the body: omit the skin instead")
     distance = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(closed))
     depth, points = _sample_depths(body, distance)
     if not (depth > skin).any():
@@ -65,7 +66,7 @@ def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] 
         maker.MakeOffsetShape()
         shape = maker.Shape() if maker.IsDone() else None
         if shape is None or shape.IsNull():
-            raise KernelError(OPERATION, f"the kernel finds no offset at {skin:g}{remedy}", body.shape)
+            raise KernelError(OPERATION, f"the kernel found no offset at {skin:g}{remedy}", body.shape)
         try:
             inner = read_body(shape)
         except InvalidRequest as error:
@@ -90,13 +91,13 @@ def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] 
 
 
 def sample_edges(shape: TopoDS_Solid) -> Array:
-    """Points along every edge of a shape: (n, 3)."""
+    """Points along every edge of a solid: (n, 3)."""
     edges = [convert.as_edge(edge) for edge, _ in count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
     return np.concatenate([sample_edge(edge, PIECES_PER_EDGE) for edge in edges])
 
 
 def _sample_depths(body: CadBody, distance: BodyDistance) -> tuple[Array, Array]:
-    """How deep points spread evenly over the body's box lie in it (n,), and these points (n, 3)."""
+    """Depths (n,) of quasi-random points in the body's box, and the points (n, 3)."""
     low, high = enclosing_box(body.shape)
     points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(0)).random(DEPTH_SAMPLES)
     return -distance(points), points

@@ -1,8 +1,9 @@
-"""A lattice trimmed by any body: the kernel intersects the patches that the body's faces may cross, and nothing else.
+"""Intersection of a lattice with a CAD body in which OCCT intersects candidate patches only.
 
-No closed block around the body is needed, and no solid is classified. The patches' pieces are in or out by one point for all
-that hang together; of the body's pieces those are taken that run against the patches along their common edges. Whole patches
-keep their edges, so that what the kernel split and what it never saw join by connectivity.
+No closed block around the body is needed, and no solids are intersected. The general fuse imprints the candidate patches and the
+body's faces on each other. A component of lattice faces lies inside or outside the body as a whole, which a few probe points
+decide. Of the body's pieces those are retained that run opposite to the retained patches along their common edges. Other patches
+keep their edges, so that all faces join by connectivity.
 """
 
 from __future__ import annotations
@@ -36,17 +37,16 @@ from tpmscad.kernel.occt.exploration import faces_of
 OPERATION = "patches split by the body"
 
 MAX_PROBES_PER_COMPONENT = 3
-"""Pieces asked whether what hangs together with them is in or out."""
-
+"""Faces per connected component that are classified."""
 
 MAX_VERTEX_TOLERANCE = 1e-3
-"""Model units: where edges of patches lie in faces of the body the kernel gives vertices up to 0.1, and needs far less; whoever
-checks the result sees if it needed more."""
+"""Model units: limit for vertex tolerances, which OCCT sets up to 0.1 where patch edges lie in body faces; a result
+that needs more fails the validity check."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalIntersection:
-    """Solids, largest first, their volume, and how many patches went to the kernel."""
+    """Solids, largest first, their total volume, and the number of candidate patches."""
 
     solids: tuple[TopoDS_Solid, ...]
     volume: float
@@ -54,45 +54,43 @@ class LocalIntersection:
 
 
 def intersect_locally(patches: Brep, body: TopoDS_Solid, in_lattice: Callable[[Array], Array]) -> LocalIntersection:
-    """The common part of the lattice's solid and the body.
+    """Intersection of the lattice's solid with the body.
 
-    in_lattice: below 0 at points (n, 3) in the lattice, the farther the surer; asked for faces of the body that it does not
-    cross. KernelError where the pieces do not close.
+    in_lattice: signed function of points (n, 3), negative inside the lattice; a larger magnitude is more reliable. It is
+    evaluated only on body faces without intersection curves. Raises KernelError if the retained faces are not closed.
     """
     near, inside = classify_patches(patches, body)
-    kept = np.flatnonzero(near | inside)
-    own = select_faces(patches, kept)
-    faces = build_faces(own)
-    first = [face for face, n in zip(faces, near[kept], strict=True) if n]
-    whole = [face for face, n in zip(faces, near[kept], strict=True) if not n]
+    selected = np.flatnonzero(near | inside)
+    faces = build_faces(select_faces(patches, selected))
+    candidates = [face for face, n in zip(faces, near[selected], strict=True) if n]
+    whole = [face for face, n in zip(faces, near[selected], strict=True) if not n]
     with translate_occt_errors(OPERATION, body):
-        of_lattice, of_body = _fuse_candidates(first, faces_of(BRepBuilderAPI_Copy(body).Shape()))
+        of_lattice, of_body = _fuse_candidates(candidates, faces_of(BRepBuilderAPI_Copy(body).Shape()))
         lattice = [*whole, *of_lattice]
         uses = edge_uses([*lattice, *of_body])
-        seams = {e for use in uses[: len(lattice)] for e, _ in use} & {
+        imprinted = {e for use in uses[: len(lattice)] for e, _ in use} & {
             e for use in uses[len(lattice) :] for e, _ in use
         }
-        inner = _classify_lattice_faces(lattice, len(whole), face_components(uses[: len(lattice)], seams), body)
-        walls = _classify_body_faces(of_body, uses, inner, len(lattice), seams, in_lattice)
-        taken = [lattice[f] for f in np.flatnonzero(inner).tolist()] + [
-            of_body[f] for f in np.flatnonzero(walls).tolist()
+        inner = _classify_lattice_faces(lattice, len(whole), face_components(uses[: len(lattice)], imprinted), body)
+        retained_body = _classify_body_faces(of_body, uses, inner, len(lattice), imprinted, in_lattice)
+        retained = [lattice[f] for f in np.flatnonzero(inner).tolist()] + [
+            of_body[f] for f in np.flatnonzero(retained_body).tolist()
         ]
-        if not taken:
-            return LocalIntersection((), 0.0, len(first))
-        solids, volume = assemble_solids(taken)
+        if not retained:
+            return LocalIntersection((), 0.0, len(candidates))
+        solids, volume = assemble_solids(retained)
         for solid in solids:
             ShapeFix_ShapeTolerance().LimitTolerance(solid, 0.0, MAX_VERTEX_TOLERANCE, TopAbs_VERTEX)
-        return LocalIntersection(solids, volume, len(first))
+        return LocalIntersection(solids, volume, len(candidates))
 
 
 def _fuse_candidates(
     patches: Sequence[TopoDS_Face], body: Sequence[TopoDS_Face]
 ) -> tuple[list[TopoDS_Face], list[TopoDS_Face]]:
-    """The pieces of the patches, and of the body's faces, on common edges, with the sides that these have."""
+    """Pieces of the candidate patches and of the body's faces on common edges, oriented like their originals."""
     fuse = BRepAlgoAPI_BuilderAlgo()
-    fuse.SetArguments(
-        convert.shape_list([make_compound(patches), make_compound(body)])
-    )  # the kernel looks for no crossings within
+    # OCCT does not intersect the faces of one argument with each other.
+    fuse.SetArguments(convert.shape_list([make_compound(patches), make_compound(body)]))
     fuse.SetToFillHistory(True)
     fuse.SetUseOBB(True)
     fuse.Build()
@@ -110,7 +108,7 @@ def _fuse_candidates(
 
 
 def _classify_lattice_faces(faces: Sequence[TopoDS_Face], known: int, label: IntArray, body: TopoDS_Solid) -> Array:
-    """Which pieces of the lattice are in the body; the first `known` are."""
+    """Mask of the lattice faces inside the body; the first `known` faces are known to be."""
     classifier, context = BRepClass3d_SolidClassifier(body), IntTools_Context()
     inner = np.zeros(len(faces), bool)
     for component in np.unique(label).tolist():
@@ -126,7 +124,7 @@ def _classify_lattice_faces(faces: Sequence[TopoDS_Face], known: int, label: Int
             if classifier.State() != TopAbs_ON:
                 states.add(classifier.State() == TopAbs_IN)
         if len(states) != 1:
-            raise KernelError(OPERATION, "a piece of the lattice is neither in the body nor out of it")
+            raise KernelError(OPERATION, "a component of the lattice has points inside and outside the body")
         inner[members] = states.pop()
     return inner
 
@@ -136,29 +134,33 @@ def _classify_body_faces(
     uses: FaceEdgeUses,
     inner: Array,
     first: int,
-    seams: set[int],
+    imprinted: set[int],
     in_lattice: Callable[[Array], Array],
 ) -> Array:
-    """Which pieces of the body's faces are in the lattice: they run against its pieces in the body."""
-    way = {e: s for f in np.flatnonzero(inner) for e, s in uses[f] if e in seams}
-    label = face_components(uses[first:], seams)
+    """Mask of the body's pieces inside the lattice: they run opposite to retained patches along common edges."""
+    lattice_sense = {e: s for f in np.flatnonzero(inner) for e, s in uses[f] if e in imprinted}
+    label = face_components(uses[first:], imprinted)
     context = IntTools_Context()
-    taken = np.zeros(len(faces), bool)
+    inside = np.zeros(len(faces), bool)
     for component in np.unique(label).tolist():
         members = np.flatnonzero(label == component)
-        votes = {way[e] != s for f in members for e, s in uses[first + f] if e in way}
+        votes = {lattice_sense[e] != s for f in members for e, s in uses[first + f] if e in lattice_sense}
         if len(votes) > 1:
-            raise KernelError(OPERATION, "a face of the body runs along the lattice both ways")
+            raise KernelError(
+                OPERATION,
+                "a face of the body has contradictory orientations along its edges with the lattice",
+            )
         if votes:
-            taken[members] = votes.pop()
+            inside[members] = votes.pop()
         else:
             values = in_lattice(np.array([_interior_point(faces[f], context).Coord() for f in members.tolist()]))
-            taken[members] = values[np.abs(values).argmax()] < 0
-    return taken
+            inside[members] = values[np.abs(values).argmax()] < 0
+    return inside
 
 
 def _interior_point(face: TopoDS_Face, context: IntTools_Context) -> gp_Pnt:
+    """A point inside a trimmed face."""
     point, uv = gp_Pnt(), gp_Pnt2d()
     if BOPTools_AlgoTools3D.PointInFace_s(face, point, uv, context):
-        raise KernelError(OPERATION, "the kernel finds no point in a piece of a face", face)
+        raise KernelError(OPERATION, "the kernel found no interior point of a face", face)
     return point

@@ -1,4 +1,4 @@
-"""Kernel faces that bound solids, put together by the edges they share."""
+"""Solids from OCCT faces that share their edges: components, closedness, and nesting of shells."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from tpmscad.kernel.occt.construction import make_shell, make_solid
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, orientation_sign
 
 FaceEdgeUses = list[list[tuple[int, int]]]
-"""For each face the numbers of its edges, and +1 or -1 as it runs along them, seen from outside."""
+"""Half-edges of each face: the number of the edge, and +1 or -1 for its orientation seen from outside."""
 
 OPERATION = "assembly of trimmed faces"
 
 
 def edge_uses(faces: Sequence[TopoDS_Face]) -> FaceEdgeUses:
-    """Which edges the faces have in common; degenerated ones are left out."""
+    """Half-edges of the faces with common edge numbers; degenerate edges are omitted."""
     number: dict[ShapeKey, int] = {}
     return [
         [
@@ -37,7 +37,7 @@ def edge_uses(faces: Sequence[TopoDS_Face]) -> FaceEdgeUses:
 
 
 def face_components(uses: FaceEdgeUses, barrier: set[int] | frozenset[int] = frozenset()) -> IntArray:
-    """The component of each face, faces being joined over every edge that is no barrier: (F,)."""
+    """Connected component of each face, where faces join over every edge outside `barrier`: (F,)."""
     pairs = np.array([(f, e) for f, own in enumerate(uses) for e, _ in own if e not in barrier], np.int64).reshape(
         -1, 2
     )
@@ -47,9 +47,9 @@ def face_components(uses: FaceEdgeUses, barrier: set[int] | frozenset[int] = fro
 
 
 def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, ...], float]:
-    """The solids that the faces, outward sides out, bound, the largest outside first, voids inside them; and their volume.
+    """Solids bounded by faces that are oriented outwards, largest outer shell first, and their total volume.
 
-    KernelError unless every edge joins two of them that run along it in opposite ways, and every void lies in a solid.
+    Raises KernelError unless every edge joins two faces with opposite orientations and every void shell lies inside a solid.
     """
     uses = edge_uses(faces)
     table = np.array([use for own in uses for use in own], np.int64).reshape(-1, 2)

@@ -1,1 +1,1 @@
-"""Surfaces and curves of OCCT shapes recognised as planes, quadrics and splines."""
+"""Canonical recognition: OCCT faces and edges as planes, quadrics, lines, circles and spline curves."""

@@ -1,8 +1,8 @@
-"""The edges of a CAD body as curves that lie on the faces' own surfaces to round-off, and their parameter curves there.
+"""Edge curves that lie on the surfaces of their faces to round-off, and their pcurves.
 
-Lines, circles and ellipses are taken as they are, splines that run along a line or a circle as these. Any other edge (a cylinder
-through a cone, say) is only as good as the kernel's tolerance: its points are brought onto both surfaces by Newton, spaced by
-length of arc and interpolated.
+Lines, circles and ellipses are kept, and splines that run along a line or a circle are replaced by it. Any other edge (a
+cylinder through a cone, say) is accurate to the kernel's tolerance only: its points are projected onto both surfaces by Newton's
+method, parametrised by arc length and interpolated.
 """
 
 from __future__ import annotations
@@ -22,29 +22,44 @@ from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
 
 FIT_DEGREE = 7
+
 MAX_FIT_SPANS = 400
-"""Degree and greatest number of spans of fitted curves; half an ellipse on a cylinder takes 8 for 1e-10 of its size."""
+"""Most spans of a fitted curve; half an ellipse on a cylinder takes 8 for a relative error of 1e-10."""
 
 EDGE_SAMPLES = 65
-"""Points along an edge at which angles are followed."""
+"""Points along an edge at which surface parameters are followed."""
 
-MAX_ANGLE_STEP, MIN_INTERVAL_FRACTION = 0.5, 1e-9
-"""Radians that angles may turn by from one such point to the next, unless these are nearer than that part of the edge."""
+MAX_ANGLE_STEP = 0.5
+"""Radians by which an angle may change between neighbouring points; larger steps are bisected."""
+
+MIN_INTERVAL_FRACTION = 1e-9
+"""Fraction of the edge's parameter range below which an interval is not bisected."""
 
 REFIT_SAMPLES = 257
-"""Points of the kernel's curve that are brought onto both surfaces before it is spaced anew."""
+"""Points of the OCCT curve that are projected onto both surfaces before the curve is reparametrised."""
 
 WORST_ERROR_FRACTION = 0.03
-"""Of the greatest error: spans with more than that are halved together."""
+"""Fraction of the largest error: spans with a larger error are bisected together."""
 
 ERROR_CHECKS_PER_SPAN = 5
-"""Points between knots where a fit's error is measured."""
+"""Points per knot span at which a fit's error is measured."""
 
 AFFINE_TOL = 1e-11
-"""Radians, or body sizes: parameters that are a linear function of the curve's own to that are taken for one."""
+"""Radians, or body sizes: deviation up to which a pcurve is an affine function of the curve's parameter."""
+
+MAX_NEWTON_STEPS = 8
+
+NEWTON_REL_TOL = 1e-15
+"""Newton step, as a fraction of the largest coordinate, at which the projection has converged."""
+
+MIN_TRANSVERSE_ANGLE = 1e-5
+"""Radians; surfaces that meet at a smaller angle count as tangent and give one equation instead of two."""
+
+ARC_LENGTH_PASSES = 2
+"""Reparametrisations by arc length: the first starts from chord lengths, the second from arc lengths."""
 
 POLE_REL_TOL = 1e-7
-"""Of the body's size: nearer to the axis than this, a point is a pole of a sphere or the apex of a cone."""
+"""Distance from the axis, in body sizes, below which a point is a pole of a sphere or the apex of a cone."""
 
 
 class UnsupportedFace(Exception):
@@ -52,7 +67,7 @@ class UnsupportedFace(Exception):
 
 
 def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[np.bool_]:
-    """Whether points (n, 3) of a sphere or cone are on its axis: (n,)."""
+    """Mask of the points (n, 3) that are a pole of a sphere or the apex of a cone: (n,)."""
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return np.zeros(len(points), bool)
     arm = points - carrier.origin
@@ -62,9 +77,10 @@ def is_at_pole(carrier: Plane | Quadric, points: Array, size: float) -> NDArray[
 def follow_parameters(
     carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array | None, t: Array | None, size: float
 ) -> Array:
-    """(u, v) of the curve at parameters t (n,) of the span, without jumps along it; near `near` in its middle: (n, 2).
+    """Continuous (u, v) of the curve on the carrier at parameters t (n,) of the span: (n, 2).
 
-    At SAMPLES even parameters where t is None.
+    `near` selects the period: (u, v) in the middle of the span is close to it. If t is None, the result is at EDGE_SAMPLES evenly
+    spaced parameters.
     """
     grid, known = _sample_parameters(carrier, curve, span, size)
     even = known[np.searchsorted(grid, np.linspace(*span, EDGE_SAMPLES))]
@@ -88,11 +104,11 @@ def follow_parameters(
 def _sample_parameters(
     carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], size: float
 ) -> tuple[Array, Array]:
-    """SAMPLES even parameters of the span, more where angles turn fast, and (u, v) there without jumps."""
+    """Evenly spaced parameters of the span, denser where angles vary fast, and continuous (u, v) there."""
     grid = np.linspace(*span, EDGE_SAMPLES)
     while True:
         uv, pole = _parameters(carrier, curve, grid, size)
-        if pole.any():  # there is no direction: the nearest one
+        if pole.any():  # u is undefined at a pole: take that of the nearest regular sample
             known = np.flatnonzero(~pole)
             uv[pole, 0] = uv[known[np.abs(known[None, :] - np.flatnonzero(pole)[:, None]).argmin(axis=1)], 0]
         for axis, period in enumerate(carrier.period):
@@ -106,6 +122,7 @@ def _sample_parameters(
 
 
 def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tuple[Array, NDArray[np.bool_]]:
+    """(u, v) of the curve at t, and a mask of poles."""
     points = curve(t)
     return carrier.parameters(points), is_at_pole(carrier, points, size)
 
@@ -113,7 +130,7 @@ def _parameters(carrier: Quadric, curve: EdgeCurve, t: Array, size: float) -> tu
 def fit_pcurve(
     carrier: Quadric, curve: EdgeCurve, span: tuple[float, float], near: Array, size: float, tol: float
 ) -> BSplineCurve:
-    """The parameter curve on the carrier, within tol of the curve: a line wherever it is one."""
+    """Pcurve on the carrier, within `tol` of the curve; a line wherever (u, v) is affine in the parameter."""
     t = np.linspace(*span, EDGE_SAMPLES)
     uv = follow_parameters(carrier, curve, span, near, None, size)
     slope = (uv[-2] - uv[1]) / (t[-2] - t[1])
@@ -137,7 +154,10 @@ def fit_pcurve(
 def _fit_adaptively(
     values: Callable[[Array], Array], breaks: Array, error: Callable[[BSplineCurve, Array], Array], tol: float
 ) -> BSplineCurve:
-    """The spline through values(t), with spans halved wherever the error at its checks is over tol."""
+    """Spline through values(t); spans with an error above `tol` are bisected and the spline is fitted again.
+
+    Raises UnsupportedFace if MAX_FIT_SPANS spans do not suffice.
+    """
     while len(breaks) <= MAX_FIT_SPANS:
         knots, sites = _knots_and_sites(breaks)
         poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
@@ -147,46 +167,47 @@ def _fit_adaptively(
             return fit
         bad = np.flatnonzero(
             ~(worst <= max(tol, WORST_ERROR_FRACTION * worst.max()))
-        )  # what is worst spoils its neighbourhood
+        )  # the largest errors dominate those of neighbouring spans
         breaks = np.union1d(breaks, 0.5 * (breaks[bad] + breaks[bad + 1]))
-    raise UnsupportedFace("turns too sharply for a curve of its own")
+    raise UnsupportedFace("has an edge that turns too sharply for a spline fit")
 
 
 def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
-    """Knots with the breaks, and Greville sites."""
+    """Knots at the breaks, and the Greville abscissae."""
     knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
     sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
     return knots, np.clip(sites, breaks[0], breaks[-1])
 
 
 def _check_parameters(breaks: Array) -> Array:
+    """Parameters inside every span at which the error is measured."""
     inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     return np.asarray((breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel())
 
 
 def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> Array:
-    """The points (n, 3) moved onto all the surfaces at once by Newton's least steps, where they nearly are."""
+    """Points (n, 3) projected onto all the surfaces at once by least-norm Newton steps; they must start close to them."""
     for _ in range(MAX_NEWTON_STEPS):
         off = np.stack([c.distance(points) for c in carriers], axis=1)
         slope = np.stack([c.gradient(points) for c in carriers], axis=1)
         step = np.einsum("nij,nj->ni", np.linalg.pinv(slope, rcond=MIN_TRANSVERSE_ANGLE), off)
         points = points - step
-        if np.abs(step).max() <= 1e-15 * np.abs(points).max():
+        if np.abs(step).max() <= NEWTON_REL_TOL * np.abs(points).max():
             break
     return points
 
 
 ARC_LENGTH_GAUSS_POINTS = 6
-MAX_NEWTON_STEPS = 8
-MIN_TRANSVERSE_ANGLE = 1e-5
-"""Surfaces that meet at a smaller angle (radians) are taken for tangent: one equation, not two."""
 
 
 def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path: Array, tol: float) -> BSplineCurve:
-    """The B-spline through points (m, 3) near both surfaces, its parameter the length of arc, within tol of both."""
+    """B-spline through the points (m, 3), within `tol` of both surfaces, parametrised by arc length.
+
+    The points are close to both surfaces; they are projected onto them first.
+    """
     points = project_to_carriers((first, second), path)
     t = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    for _ in range(2):  # chords, then arcs
+    for _ in range(ARC_LENGTH_PASSES):
         dense = make_interp_spline(t, points, 5)
         t = _arc_lengths(dense, t)
     dense = make_interp_spline(t, points, 5)
@@ -204,7 +225,7 @@ def fit_intersection_curve(first: Plane | Quadric, second: Plane | Quadric, path
 
 
 def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
-    """Length of arc at t, from the first."""
+    """Arc length from the first parameter to each t."""
     x, w = gauss_legendre(ARC_LENGTH_GAUSS_POINTS)
     half = 0.5 * np.diff(t)
     nodes = (t[:-1] + half)[:, None] + half[:, None] * x
@@ -213,7 +234,7 @@ def _arc_lengths(dense: Callable[..., Array], t: Array) -> Array:
 
 
 def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tuple[float, float]] | None:
-    """The line or circle that points (m, 3) along a curve are on, with its span from the first to the last; or None."""
+    """Line or circle on which points (m, 3) along a curve lie, with its span from the first to the last; or None."""
     start, end, middle = points[0], points[-1], points[len(points) // 2]
     chord = end - start
     length = float(np.linalg.norm(chord))
@@ -222,14 +243,14 @@ def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tupl
         off = off - np.multiply.outer(off @ chord / length**2, chord)
         if np.linalg.norm(off, axis=1).max() <= tol:
             return line_segment(start, end, (0.0, length)), (0.0, length)
-    else:  # closed: three points a third apart
+    else:  # a closed curve: points at thirds
         end, middle = points[2 * len(points) // 3], points[len(points) // 3]
     a, b = middle - start, end - start
     normal = np.cross(a, b)
     if np.linalg.norm(normal) <= tol * max(np.linalg.norm(a), np.linalg.norm(b)):
         return None
     arm = np.cross(normal, a) * (b @ b) + np.cross(b, normal) * (a @ a)
-    arm = arm / (2.0 * normal @ normal)  # from the first point to the centre
+    arm = arm / (2.0 * normal @ normal)  # from the first point to the center
     centre, radius = start + arm, float(np.linalg.norm(arm))
     circle = Circle(centre, -arm / radius, normal / np.linalg.norm(normal), radius)
     out = points - centre
@@ -240,7 +261,7 @@ def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tupl
 
 
 def nearest_parameter(curve: EdgeCurve, point: Array, guess: float) -> float:
-    """The parameter next to the guess at which the curve is nearest to a point close to it."""
+    """Parameter close to `guess` at which the curve is closest to a nearby point."""
     if isinstance(curve, BSplineCurve):
         slope = curve(guess, 1)
         return guess + float((point - curve(guess)) @ slope / (slope @ slope))

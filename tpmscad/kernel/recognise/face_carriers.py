@@ -1,4 +1,4 @@
-"""The plane or quadric that a kernel face lies on, told by its kind or recognised in a spline."""
+"""The plane or quadric that underlies an OCCT face, by its type or by canonical recognition of a spline surface."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ from tpmscad.kernel.occt.convert import axis_frame
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, recognise_line_or_circle
 
 EXACT_REL_TOL = 1e-10
-"""Of the body's size: what an edge may be off its surfaces, and a surface off the plane or quadric it is taken for."""
+"""In body sizes: deviation of an edge from its surfaces, and of a surface from the plane or quadric it is recognised as."""
 
 CHECK_SAMPLES = 9
-"""Points along an edge, and along either parameter of a face, where what is taken for exact is measured."""
+"""Points along an edge, and along each parameter of a face, at which that deviation is measured."""
 
 
 def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
-    """The plane or quadric that the face lies on. Refused where there is none."""
+    """Plane or quadric that underlies the face. Raises UnsupportedFace if there is none."""
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
     if kind == GeomAbs_Plane:
@@ -45,7 +45,7 @@ def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
     if kind == GeomAbs_Torus:
         torus = adaptor.Torus()
         if torus.MajorRadius() <= torus.MinorRadius():
-            raise UnsupportedFace("is a torus that meets itself")
+            raise UnsupportedFace("is a torus that intersects itself")
         return ToroidalSurface(*axis_frame(torus), torus.MajorRadius(), torus.MinorRadius())
     found = _recognise_spline(face, size)
     if found is None:
@@ -54,7 +54,7 @@ def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
 
 
 def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
-    """The plane or quadric that a surface of another kind is, to EXACT."""
+    """Plane or quadric with which a surface of another type agrees to EXACT_REL_TOL, or None."""
     recognition = ShapeAnalysis_CanonicalRecognition(face)
     points = _sample_face_grid(face)
     pln, cylinder, cone, sphere = gp_Pln(), gp_Cylinder(), gp_Cone(), gp_Sphere()
@@ -74,7 +74,10 @@ def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
 
 
 def _fit_torus(points: Array, tol: float) -> ToroidalSurface | None:
-    """The torus around whose middle the rows of points (n, m, 3) are circles, which the kernel does not look for."""
+    """Torus through points (n, m, 3) whose rows are circles around the tube, or None.
+
+    OCCT does not recognise tori.
+    """
     circles = [
         found[0]
         for found in (recognise_line_or_circle(row, tol) for row in points)
@@ -82,10 +85,10 @@ def _fit_torus(points: Array, tol: float) -> ToroidalSurface | None:
     ]
     if len(circles) < len(points):
         return None
-    around = recognise_line_or_circle(np.array([circle.origin for circle in circles]), tol)
-    if around is None or not isinstance(around[0], Circle) or around[0].radius <= circles[0].radius:
+    ring = recognise_line_or_circle(np.array([circle.origin for circle in circles]), tol)
+    if ring is None or not isinstance(ring[0], Circle) or ring[0].radius <= circles[0].radius:
         return None
-    return ToroidalSurface(around[0].origin, around[0].x_axis, around[0].normal, around[0].radius, circles[0].radius)
+    return ToroidalSurface(ring[0].origin, ring[0].x_axis, ring[0].normal, ring[0].radius, circles[0].radius)
 
 
 def _plane(value: gp_Pln) -> Plane:
@@ -101,7 +104,7 @@ def _sphere(value: gp_Sphere) -> SphericalSurface:
 
 
 def _cone(value: gp_Cone, point: Array) -> ConicalSurface:
-    """The nappe that a point of the face is on; the kernel's cones have both."""
+    """The nappe of an OCCT cone that contains a point of the face; OCCT cones have two nappes."""
     origin, x_axis, axis = axis_frame(value)
     radius, angle = value.RefRadius(), value.SemiAngle()
     height = float((point - origin) @ axis)
@@ -113,7 +116,10 @@ def _cone(value: gp_Cone, point: Array) -> ConicalSurface:
 
 
 def evaluate_mid_face(face: TopoDS_Face) -> tuple[tuple[float, float], Array, Array, Array]:
-    """The kernel's (u, v) amid the face's, away from poles, the point there, S_u x S_v, and a point at a slightly larger u."""
+    """Values near the middle of the face's parameter box, which is away from poles.
+
+    Returns (u, v), the point, S_u x S_v, and the point at a slightly larger u.
+    """
     surface = BRepAdaptor_Surface(face, False)
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     u, v = 0.47 * u0 + 0.53 * u1, 0.47 * v0 + 0.53 * v1
@@ -124,7 +130,7 @@ def evaluate_mid_face(face: TopoDS_Face) -> tuple[tuple[float, float], Array, Ar
 
 
 def _sample_face_grid(face: TopoDS_Face) -> Array:
-    """Points on a grid of the face's parameters: (SAMPLES, SAMPLES, 3)."""
+    """Points on a grid of the face's parameters: (CHECK_SAMPLES, CHECK_SAMPLES, 3)."""
     surface = BRepAdaptor_Surface(face, False)
     u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
     grid = [
