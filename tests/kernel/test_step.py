@@ -272,7 +272,7 @@ class TestInstances:
         np.testing.assert_allclose(found.centroid, (centre + TURN @ centre + place.translation[1]) / 2, atol=1e-9)
 
     def test_a_mirror_is_refused(self) -> None:
-        with pytest.raises(InvalidRequest, match="mirror the complex instead"):
+        with pytest.raises(InvalidRequest, match="mirror the boundary representation instead"):
             kernel.Instances(np.diag([1.0, 1.0, -1.0])[None], np.zeros((1, 3)))
 
 

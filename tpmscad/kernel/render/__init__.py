@@ -1,1 +1,1 @@
-"""Pictures of shapes without a display."""
+"""Pictures of shapes, rendered in software without a display."""

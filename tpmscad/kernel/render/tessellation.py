@@ -1,4 +1,4 @@
-"""Triangles of a kernel shape for drawing, with the surfaces' own normals."""
+"""Triangulation of OCCT shapes for drawing, with normals evaluated on the surfaces."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import faces_of, orientation_sign, unwrap
 
 MAX_FACET_ANGLE = 0.35
-"""Radians between neighbouring facets; normals are exact, so only outlines show it."""
+"""Radians between neighbouring facets; since normals are exact, only silhouettes show the facets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tessellation:
-    """Points (n, 3), outward unit normals (n, 3), and corners (m, 3) as indices of points."""
+    """Points (n, 3), outward unit normals (n, 3), and triangles (m, 3) as indices of points."""
 
     points: Array
     normals: Array
@@ -31,7 +31,7 @@ class Tessellation:
 
 
 def tessellate(shape: Any, deflection: float) -> Tessellation:
-    """Triangles within `deflection` of the shape's faces. KernelError if nothing can be drawn."""
+    """Triangles within `deflection` of the shape's faces. Raises KernelError if no face can be triangulated."""
     topods = unwrap(shape)
     BRepMesh_IncrementalMesh(topods, deflection, False, MAX_FACET_ANGLE, True)
     points, normals, corners, count = [], [], [], 0
@@ -52,12 +52,13 @@ def tessellate(shape: Any, deflection: float) -> Tessellation:
 
 
 def _mesh_nodes(mesh: Any) -> tuple[Array, Array]:
+    """Points (n, 3) and parameters (n, 2) of a triangulation."""
     numbers = range(1, mesh.NbNodes() + 1)
     return np.array([mesh.Node(i).Coord() for i in numbers]), np.array([mesh.UVNode(i).Coord() for i in numbers])
 
 
 def _face_normals(face: Any, uv: Array) -> Array:
-    """Outward unit normals of the placed face at its parameters; zero where the surface has none."""
+    """Outward unit normals of the placed face at its parameters; zero at singular points."""
     surface = BRepGProp_Face(face)
     point, normal = gp_Pnt(), gp_Vec()
     found = []

@@ -1,4 +1,4 @@
-"""A z-buffer in NumPy: which triangle is in front at every pixel. Small triangles by the hundred thousand, no loop over them."""
+"""Z-buffer in NumPy, vectorised over the candidate pixels of many small triangles."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 
 PIXELS_PER_BATCH = 4_000_000
-"""Candidate pixels looked at together: about 300 MB of temporaries."""
+"""Candidate pixels evaluated at once; about 300 MB of temporary arrays."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ZBuffer:
-    """At every pixel (height, width): the front triangle (-1 for none), its depth (inf), barycentric coordinates (.., 3)."""
+    """Front triangle of each pixel (height, width), -1 for none; its depth, inf for none; barycentric coordinates (.., 3)."""
 
     triangle: IntArray
     depth: Array
@@ -22,7 +22,10 @@ class ZBuffer:
 
 
 def rasterise(screen: Array, depth: Array, corners: IntArray, width: int, height: int) -> ZBuffer:
-    """Draw triangles of points at `screen` (n, 2) pixels, x right and y down, and `depth` (n,), smaller in front."""
+    """Visible triangle of every pixel.
+
+    screen (n, 2): pixel coordinates of the points, x to the right and y down. depth (n,): smaller is closer.
+    """
     a, b, c = (screen[corners[:, k]] for k in range(3))
     low = np.floor(np.minimum(np.minimum(a, b), c)).astype(np.int64).clip(0, [width, height])
     high = (np.floor(np.maximum(np.maximum(a, b), c)).astype(np.int64) + 1).clip(0, [width, height])
@@ -60,4 +63,5 @@ def rasterise(screen: Array, depth: Array, corners: IntArray, width: int, height
 
 
 def _cross(p: Array, q: Array) -> Array:
+    """Cross product in the plane."""
     return np.asarray(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])

@@ -1,1 +1,1 @@
-"""STEP files: what is written of patch complexes with shared geometry, and of any shape of the kernel."""
+"""STEP files (ISO 10303-21): writers for boundary representations and for any OCCT shape, and a reader."""

@@ -1,4 +1,7 @@
-"""STEP files of patch complexes, straight from the arrays: AP242 or AP214, millimetres, one product, or an assembly of cells."""
+"""STEP files of boundary representations, written directly from the arrays.
+
+The schema is AP242 or AP214 and the unit millimetre; the file holds one product, or an assembly of cells.
+"""
 
 from __future__ import annotations
 
@@ -16,8 +19,8 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.step.atomic_file import atomic_write, validate_step_path
-from tpmscad.kernel.step.part21 import SCHEMAS, DataSection, format_exchange_structure
+from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
+from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     Colour,
     MassProperties,
@@ -29,15 +32,13 @@ from tpmscad.kernel.step.product_entities import (
 )
 from tpmscad.kernel.step.topology_entities import write_solids
 
-SOFTWARE = "tpmscad"
-
 ROTATION_TOL = 1e-9
-"""How far a placement may be from a proper rotation: a STEP placement can hold nothing else."""
+"""Deviation of a placement from a proper rotation; a STEP placement can represent nothing else."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instances:
-    """Where copies of a cell go in an assembly: proper rotations (N, 3, 3) and translations (N, 3) in mm."""
+    """Placements of a cell in an assembly: proper rotations (N, 3, 3) and translations (N, 3) in mm."""
 
     rotation: Array
     translation: Array
@@ -45,10 +46,13 @@ class Instances:
     def __post_init__(self) -> None:
         off = np.abs(self.rotation @ np.swapaxes(self.rotation, 1, 2) - np.eye(3)).max(initial=0.0)
         if off > ROTATION_TOL or (np.linalg.det(self.rotation) < 0).any():
-            raise InvalidRequest("instances of a cell are placed by proper rotations: mirror the complex instead")
+            raise InvalidRequest(
+                "instances of a cell are placed by proper rotations: mirror the boundary representation instead"
+            )
 
     @classmethod
     def translated(cls, translation: Array) -> Instances:
+        """Placements by translations (N, 3) alone."""
         return cls(np.tile(np.eye(3), (len(translation), 1, 1)), translation)
 
 
@@ -65,22 +69,21 @@ def write_step(
     time_stamp: str | None = None,
     verify: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write the solids of a closed complex, in mm, to a STEP file; `nesting` is what `build` found.
+    """Write the solids of a closed boundary representation, in mm, to a STEP file.
 
-    Faces carry their tags as names. `name` is the product's, by default the file's. With `instances` the solids are stored once
-    and placed by an assembly. `colours` (red, green and blue from 0 to 1, by tag) style the faces; TAG_COLOURS has one for each.
-    `replicas` stores each primitive surface once: a smaller file that most readers take, though it breaks a rule of the standard
-    (see `step.replica`). Equal requests write equal bytes, but for `time_stamp` (by default: now), which has a line of its
-    own. InvalidRequest for a schema other than ap242 and ap214, a missing folder, or another extension than .step and .stp.
-    `verify` gets the finished file under its passing name; if it raises, nothing is left.
+    nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
+    placed by an assembly. colours: red, green and blue from 0 to 1 by tag (TAG_COLOURS has all tags). replicas: store each
+    primitive surface once; smaller, read by most readers, but outside the standard (`geometry_entities`). verify: called with the
+    complete file under its temporary name; if it raises, no file is left. Equal requests write equal bytes, but for `time_stamp`
+    (by default the current time) on a line of its own.
+
+    Raises InvalidRequest for an unknown schema, a missing folder or an extension other than .step and .stp.
     """
-    target = validate_step_path(path)
-    if schema not in SCHEMAS:
-        raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(SCHEMAS)}")
+    target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
     stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
     title = name or target.stem
     section = DataSection()
-    setting = write_file_context(section, schema, CONFUSION_TOLERANCE)
+    setting = write_file_context(section, protocol, CONFUSION_TOLERANCE)
     written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, replicas)
     part_name = title if instances is None else f"{title} cell"
     part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
@@ -92,9 +95,7 @@ def write_step(
     if instances is not None:
         assembly = write_instances(section, setting, title, part, instances.rotation, instances.translation)
         write_validation_properties(section, setting, assembly, _instanced_mass_properties(mass, instances))
-    text = format_exchange_structure(
-        section, schema=schema, name=target.name, time_stamp=stamp, author="", software=SOFTWARE
-    )
+    text = format_exchange_structure(section, schema=protocol, name=target.name, time_stamp=stamp, author="")
     with atomic_write(target) as aside:
         aside.write_text(text, encoding="ascii", newline="\n")
         if verify is not None:
@@ -102,7 +103,7 @@ def write_step(
 
 
 def _reverse_void_faces(brep: Brep, nesting: ShellNesting) -> Brep:
-    """The complex with the faces of voids looking out of them, into the material: STEP turns whole shells over."""
+    """The boundary representation with void faces reversed, since STEP reverses whole void shells."""
     voids = [v for _, *of_piece in nesting.shells_of_solid for v in of_piece]
     faces = brep.faces
     sense = np.where(np.isin(nesting.shell_of_face, voids), -faces.sense, faces.sense)
@@ -110,13 +111,14 @@ def _reverse_void_faces(brep: Brep, nesting: ShellNesting) -> Brep:
 
 
 def compute_mass_properties(nesting: ShellNesting) -> MassProperties:
-    """Volume, area and centroid of all solids together, by the complex's own quadrature."""
+    """Volume, area and centroid of all solids together, by the quadrature of the boundary representation."""
     x, y, z = integral_properties.centroid(nesting.moments)
     volume = float(integral_properties.volume(nesting.moments)[0])
     return MassProperties(volume, float(nesting.moments.area.sum()), (float(x), float(y), float(z)))
 
 
 def _instanced_mass_properties(mass: MassProperties, instances: Instances) -> MassProperties:
+    """Mass properties of all instances together."""
     n = len(instances.translation)
     x, y, z = (instances.rotation @ np.array(mass.centroid) + instances.translation).mean(axis=0)
     return MassProperties(n * mass.volume, n * mass.area, (float(x), float(y), float(z)))

@@ -1,13 +1,12 @@
-"""Surfaces stored once and copied by SURFACE_REPLICA, as in TPMS2STEP, section 3.6: smaller files, outside the standard.
+"""Points, surfaces and curves of a boundary representation as Part 21 entities; equal placed items are written once.
 
-A WHERE rule of advanced_face (wr1 in AP203, AP214 and AP242) admits elementary, swept and B-spline surfaces only. OCC, FreeCAD
-and gmsh read replicas nevertheless, provided that no operator mirrors: OCC makes an invalid face of one. So each primitive has a
-base surface for either handedness, and operators are proper.
-
-Points, surfaces and curves of a patch complex as Part 21 entities, each placed one written once.
-
-Coordinates are rounded to `DIGITS` digits of the model's extent, so that points which coincide to round-off become one
+Coordinates are rounded relative to the model's extent (COORDINATE_DIGITS), so that points which agree to round-off become one
 CARTESIAN_POINT.
+
+SURFACE_REPLICA stores a surface once and places copies of it (TPMS2STEP, section 3.6). Such files are smaller but violate the
+standard: a WHERE rule of advanced_face (wr1 in AP203, AP214 and AP242) admits elementary, swept and B-spline surfaces only. OCCT,
+FreeCAD and gmsh nevertheless read replicas if no operator mirrors; OCCT makes an invalid face of a mirrored one. Each primitive
+therefore has a base surface for either handedness, and all operators are proper rotations.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ MIRROR_X = np.diag([-1.0, 1.0, 1.0])
 
 
 def group_by_handedness(primitive: IntArray, motion: Motion) -> tuple[IntArray, Array, Array]:
-    """The base of each placed primitive: its index (n,), and for each base the primitive (b,) and whether it is mirrored (b,)."""
+    """Base surface of each placed primitive (n,), and for each base its primitive (b,) and whether it is mirrored (b,)."""
     mirrored = motion.handedness < 0
     rows = np.column_stack([primitive, mirrored])
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
@@ -46,9 +45,12 @@ def group_by_handedness(primitive: IntArray, motion: Motion) -> tuple[IntArray, 
 
 
 def write_replicas(section: DataSection, base: IntArray, motion: Motion) -> IntArray:
-    """SURFACE_REPLICA numbers of bases (entity numbers (n,)) moved by each motion; mirrored bases take what is left of it."""
+    """Write SURFACE_REPLICAs of bases (entity numbers (n,)) and return their numbers.
+
+    A mirrored base already contains the reflection, so that its operator is the remaining rotation.
+    """
     proper = np.where((motion.handedness < 0)[:, None, None], motion.rotation @ MIRROR_X, motion.rotation)
-    axes = np.swapaxes(proper, 1, 2).reshape(-1, 3)  # the images of x, y, z, one after another
+    axes = np.swapaxes(proper, 1, 2).reshape(-1, 3)  # the images of x, y and z in turn
     x, y, z = (format_reals(axes[:, k].tolist()) for k in range(3))
     directions = section.extend([f"DIRECTION('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
     x, y, z = (format_reals(motion.translation[:, k].tolist()) for k in range(3))
@@ -65,12 +67,12 @@ def write_replicas(section: DataSection, base: IntArray, motion: Motion) -> IntA
 
 
 COORDINATE_DIGITS = 14
-"""Digits kept after the leading digit of the greatest coordinate: a hundred times float64's round-off."""
+"""Digits kept after the leading digit of the largest coordinate: a hundred times the round-off of float64."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedGeometry:
-    """Distinct placed primitives: which primitive, its motion, and the index of each face's or edge's."""
+    """Distinct placed primitives: primitive (n,) and motion, and the index of the one used by each face or edge."""
 
     primitive: IntArray
     motion: Motion
@@ -78,6 +80,7 @@ class PlacedGeometry:
 
     @classmethod
     def distinct(cls, primitive: IntArray, motion: Motion) -> PlacedGeometry:
+        """The distinct pairs of primitive and motion, numbered in order of appearance."""
         rows = np.column_stack([primitive, motion.rotation.reshape(-1, 9), motion.translation])
         _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
         order = np.argsort(first)  # number them as they come
@@ -87,7 +90,7 @@ class PlacedGeometry:
         return cls(primitive[at], motion[at], rank[index.ravel()])
 
     def replica_bases(self, spline: NDArray[np.bool_]) -> PlacedGeometry:
-        """What replicas need instead: planes as they are, and each primitive once for either handedness, where it was made."""
+        """Geometry to write in full for replicas: all planes, and each primitive once per handedness, unplaced."""
         base, primitive, mirrored = group_by_handedness(self.primitive[spline], self.motion[spline])
         planes = np.flatnonzero(~spline)
         index = np.empty(len(spline), np.int64)
@@ -101,7 +104,7 @@ class PlacedGeometry:
         )
 
     def points(self, local: list[Array]) -> list[Array]:
-        """Placed points of each, (n, 3), given those of the primitives."""
+        """Placed points (n, 3) of each item, given the points of the primitives."""
         placed: list[Array] = [np.zeros((0, 3))] * len(self.primitive)
         for p in np.unique(self.primitive).tolist():
             at = np.flatnonzero(self.primitive == p)
@@ -112,18 +115,19 @@ class PlacedGeometry:
 
 
 def poles_of(value: Carrier | EdgeCurve) -> Array:
-    """Poles of a spline (n, 3); none of anything that STEP stores without points, straight curves included."""
+    """Poles of a spline (n, 3); none for surfaces and curves that STEP stores without points, straight segments included."""
     if isinstance(value, BSplineSurface):
         return value.poles.reshape(-1, 3)
     return value.poles if isinstance(value, BSplineCurve) and not is_straight(value) else np.zeros((0, 3))
 
 
 def is_straight(curve: EdgeCurve) -> bool:
+    """True for a single straight segment of degree 1."""
     return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
 
 
 def write_points(section: DataSection, points: Array) -> IntArray:
-    """Write the distinct points; each point's entity number."""
+    """Write the distinct points and return the entity number of each point."""
     decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(points).max())))
     grid = np.rint(points * 10.0**decimals).astype(np.int64)
     first, index = _unique_rows(grid)
@@ -135,8 +139,8 @@ def write_points(section: DataSection, points: Array) -> IntArray:
 
 
 def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
-    """First member of each class of equal rows, in order of appearance, and each row's class."""
-    # Mixing the columns into one 64-bit key sorts ten times faster than rows do; equal keys of unequal rows are looked for.
+    """First member of each class of equal rows, in order of appearance, and the class of each row."""
+    # Sorting one mixed 64-bit key is ten times faster than sorting rows; colliding keys are detected.
     mixed = rows[:, 0] * 0x9E3779B97F4A7C1 + rows[:, 1] * 0x1B873593CC9E2D5 + rows[:, 2] * 0x27D4EB2F165667C5
     _, first, index = np.unique(mixed, return_index=True, return_inverse=True)
     if not np.array_equal(rows[first][index.ravel()], rows):
@@ -156,7 +160,7 @@ def _format_knots(*vectors: Array) -> str:
 
 
 def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
-    """Each placed carrier's entity number; `numbers` are those of its placed poles."""
+    """Write the placed carriers and return their entity numbers; `numbers` are those of their placed poles."""
     heads, tails = [], []
     for carrier in brep.carriers:
         if isinstance(carrier, BSplineSurface):
@@ -180,13 +184,15 @@ def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, num
 
 
 def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: Motion) -> str:
-    """A plane, its normal the placed x axis times y axis; or a quadric. Frames in STEP are right-handed, so that a quadric's
-    S_u x S_v points away from its axis, mirrored or not."""
+    """Text of a plane, whose normal is x axis times y axis, or of a quadric.
+
+    Frames in STEP are right-handed, so that S_u x S_v of a quadric points away from its axis, mirrored or not.
+    """
     origin, x = motion.apply(carrier.origin), motion.apply_to_vectors(carrier.x_axis)
     if isinstance(carrier, Plane):
         return f"PLANE('',#{write_placement(section, origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)})"
     axis = motion.apply_to_vectors(carrier.axis)
-    if isinstance(carrier, ConicalSurface):  # STEP's cones open along their axis
+    if isinstance(carrier, ConicalSurface):  # a STEP cone opens along its axis
         angle = abs(carrier.angle)
         at = write_placement(section, origin, axis if carrier.angle > 0 else -axis, x)
         return f"CONICAL_SURFACE('',#{at},{format_real(carrier.radius)},{format_real(angle)})"
@@ -201,14 +207,17 @@ def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: 
 def write_placed_replicas(
     section: DataSection, placed: PlacedGeometry, spline: NDArray[np.bool_], base: PlacedGeometry, number: IntArray
 ) -> IntArray:
-    """Each placed carrier's entity number, given those of the bases."""
+    """Write the placed carriers as replicas of the bases and return their entity numbers."""
     result = number[base.index]
     result[spline] = write_replicas(section, result[spline], placed.motion[spline])
     return result
 
 
 def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
-    """Each placed curve's entity number; 0 for straight ones, which every edge writes from its own vertices."""
+    """Write the placed curves and return their entity numbers.
+
+    Straight segments get 0; each edge writes its own line from its vertices.
+    """
     heads, tails = [], []
     for curve in brep.curves:
         if isinstance(curve, BSplineCurve):
@@ -233,6 +242,7 @@ def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbe
 
 
 def _conic(section: DataSection, curve: Circle | Ellipse) -> str:
+    """Text of a circle or an ellipse."""
     at = write_placement(section, curve.origin, curve.normal, curve.x_axis)
     if isinstance(curve, Circle):
         return f"CIRCLE('',#{at},{format_real(curve.radius)})"
@@ -240,6 +250,7 @@ def _conic(section: DataSection, curve: Circle | Ellipse) -> str:
 
 
 def write_directions(section: DataSection, vectors: Array) -> range:
+    """Write the vectors as DIRECTIONs and return their numbers."""
     values = format_reals(vectors.ravel().tolist())
     return section.extend(
         [f"DIRECTION('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
@@ -247,7 +258,7 @@ def write_directions(section: DataSection, vectors: Array) -> range:
 
 
 def write_placement(section: DataSection, origin: Array, axis: Array, reference: Array) -> int:
-    """AXIS2_PLACEMENT_3D: z along `axis`, x along `reference`."""
+    """Write an AXIS2_PLACEMENT_3D with z along `axis` and x along `reference`, and return its number."""
     x, y, z = format_reals(origin.tolist())
     at = section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
     normal, along = write_directions(section, np.stack([axis, reference]))

@@ -1,8 +1,6 @@
-"""What a STEP file says about its geometry: product, units, accuracy, validation properties, assembly of instances.
+"""Product data of a STEP file: product, units, accuracy, validation properties, assembly of instances, and face colours.
 
-Validation properties as in the CAx-IF Recommended Practices for Geometric and Assembly Validation Properties, release 4.4.
-
-Colours of faces by their tags, as STEP presentation.
+Validation properties follow the CAx-IF Recommended Practices for Geometric and Assembly Validation Properties, release 4.4.
 """
 
 from __future__ import annotations
@@ -15,12 +13,15 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.step.geometry_entities import write_placement
-from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references, format_string
-
-APPLICATION_PROTOCOLS = {
-    "ap242": ("managed model based 3d engineering", "ap242_managed_model_based_3d_engineering", 2014),
-    "ap214": ("core data for automotive mechanical design processes", "automotive_design", 2000),
-}
+from tpmscad.kernel.step.part21 import (
+    SCHEMAS,
+    DataSection,
+    StepSchema,
+    format_real,
+    format_reals,
+    format_references,
+    format_string,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +35,10 @@ class MassProperties:
 
 @dataclass(frozen=True, slots=True)
 class FileContext:
-    """Numbers of the entities that everything else refers to; `owner`: an organization and its role, in AP214."""
+    """Numbers of the entities that all others refer to.
+
+    `organization` is an organization and its role, in AP214 only.
+    """
 
     application: int
     millimetre: int
@@ -45,7 +49,7 @@ class FileContext:
 
 @dataclass(frozen=True, slots=True)
 class ProductEntities:
-    """Numbers of a product's definition, definition shape, shape representation, and the latter's context and origin."""
+    """Numbers of the definition, definition shape and shape representation of a product, and its context and origin."""
 
     definition: int
     definition_shape: int
@@ -54,12 +58,14 @@ class ProductEntities:
     origin: int
 
 
-def write_file_context(section: DataSection, schema: str, accuracy: float) -> FileContext:
-    """Application, units (mm, radian, steradian), and the accuracy: points closer than this are one point."""
-    purpose, standard, year = APPLICATION_PROTOCOLS[schema]
-    application = section.add(f"APPLICATION_CONTEXT({format_string(purpose)})")
+def write_file_context(section: DataSection, schema: StepSchema, accuracy: float) -> FileContext:
+    """Write the application, the units (mm, radian, steradian) and the accuracy.
+
+    Points closer than `accuracy` (mm) count as one.
+    """
+    application = section.add(f"APPLICATION_CONTEXT({format_string(schema.application)})")
     section.add(
-        f"APPLICATION_PROTOCOL_DEFINITION('international standard',{format_string(standard)},{year},#{application})"
+        f"APPLICATION_PROTOCOL_DEFINITION('international standard',{format_string(schema.protocol)},{schema.year},#{application})"
     )
     millimetre = section.add("(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT(.MILLI.,.METRE.))")
     radian = section.add("(NAMED_UNIT(*)PLANE_ANGLE_UNIT()SI_UNIT($,.RADIAN.))")
@@ -69,7 +75,7 @@ def write_file_context(section: DataSection, schema: str, accuracy: float) -> Fi
         "'distance_accuracy_value','confusion accuracy')"
     )
     organization = None
-    if schema == "ap214":  # its rule product_requires_id_owner; who owns the names is not known here
+    if schema == SCHEMAS["ap214"]:  # rule product_requires_id_owner; the owner of the names is unknown here
         organization = section.add("ORGANIZATION($,'',$)"), section.add("ORGANIZATION_ROLE('id owner')")
     return FileContext(application, millimetre, (millimetre, radian, steradian), uncertainty, organization)
 
@@ -77,9 +83,10 @@ def write_file_context(section: DataSection, schema: str, accuracy: float) -> Fi
 def write_product(
     section: DataSection, setting: FileContext, name: str, kind: str, items: Sequence[int]
 ) -> ProductEntities:
-    """A part or an assembly; `kind` is the entity of its shape representation, `items` what it holds beside its origin.
+    """Write a part or an assembly.
 
-    Each has a context of its own: parts are moved from theirs to the assembly's, which must not be the same.
+    `kind` is the entity of its shape representation, and `items` are its contents besides the origin. Each product has its own
+    context: an instance is moved from the context of its part to that of the assembly, which must differ.
     """
     label = format_string(name)
     scene = section.add(f"PRODUCT_CONTEXT('',#{setting.application},'mechanical')")
@@ -105,7 +112,7 @@ def write_product(
 def write_validation_properties(
     section: DataSection, setting: FileContext, product: ProductEntities, mass: MassProperties
 ) -> None:
-    """Volume, surface area and centroid, for the reader to compare its own with."""
+    """Write volume, surface area and centroid, which a reader compares with its own values."""
     square = section.add(f"DERIVED_UNIT((#{section.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},2.)')}))")
     cubic = section.add(f"DERIVED_UNIT((#{section.add(f'DERIVED_UNIT_ELEMENT(#{setting.millimetre},3.)')}))")
     x, y, z = format_reals(mass.centroid)
@@ -131,7 +138,7 @@ def write_validation_properties(
 def write_instances(
     section: DataSection, setting: FileContext, name: str, part: ProductEntities, rotation: Array, translation: Array
 ) -> ProductEntities:
-    """An assembly of copies of a part, moved by proper rotations (N, 3, 3) and translations (N, 3)."""
+    """Write an assembly of copies of a part, placed by proper rotations (N, 3, 3) and translations (N, 3)."""
     frames = [write_placement(section, t, r[:, 2], r[:, 0]) for r, t in zip(rotation, translation, strict=True)]
     assembly = write_product(section, setting, name, "SHAPE_REPRESENTATION", frames)
     for i, frame in enumerate(frames, 1):
@@ -157,13 +164,13 @@ TAG_COLOURS: Mapping[str, Colour] = {
     "cap": (0.78, 0.80, 0.82),
     "body": (0.60, 0.70, 0.58),
 }
-"""A colour for every tag that lattices give."""
+"""A colour for every tag of a lattice, as red, green and blue from 0 to 1."""
 
 
 def write_colours(
     section: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]
 ) -> None:
-    """Style every face (entity number) whose tag has a colour, red, green and blue from 0 to 1."""
+    """Style every face (entity number) whose tag has a colour, given as red, green and blue from 0 to 1."""
     styles = {tag: _style(section, colours[tag]) for tag in dict.fromkeys(tags) if tag in colours}
     styled = [(face, styles[tag]) for face, tag in zip(faces, tags, strict=True) if tag in styles]
     if styled:
@@ -174,8 +181,9 @@ def write_colours(
 
 
 def _style(section: DataSection, colour: Colour) -> int:
+    """Presentation style of one colour."""
     if not all(0.0 <= c <= 1.0 for c in colour):
-        raise InvalidRequest(f"colour {colour} is not red, green and blue from 0 to 1")
+        raise InvalidRequest(f"colour {colour} is not valid: give red, green and blue from 0 to 1")
     red, green, blue = format_reals([float(c) for c in colour])
     rgb = section.add(f"COLOUR_RGB('',{red},{green},{blue})")
     fill = section.add(f"FILL_AREA_STYLE_COLOUR('',#{rgb})")

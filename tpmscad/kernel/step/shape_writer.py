@@ -1,4 +1,4 @@
-"""STEP files of any kernel shape, by OCC's own writer. Patch complexes have a better one, see `step`."""
+"""STEP files of any OCCT shape, by OCCT's writer; `brep_writer` is preferred for boundary representations."""
 
 from __future__ import annotations
 
@@ -14,13 +14,12 @@ from OCP.Interface import Interface_Static
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 from OCP.TCollection import TCollection_HAsciiString
 
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.exploration import unwrap
-from tpmscad.kernel.step.atomic_file import atomic_write, validate_step_path
+from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
+from tpmscad.kernel.step.part21 import SOFTWARE, STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.step_reader import silence_occt
 
-OCCT_SCHEMAS = {"ap242": "AP242DIS", "ap214": "AP214IS"}
-SOFTWARE = "tpmscad"
 SOLID_ENTITY_TYPES = ("StepShape_ManifoldSolidBrep", "StepShape_BrepWithVoids")
 
 
@@ -34,35 +33,35 @@ def write_shape(
     names: Sequence[str] = (),
     verify: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write a TopoDS shape, or anything that wraps one, as one STEP product in mm; arguments and errors as `write_step`.
+    """Write a TopoDS, build123d or CadQuery shape as one STEP product in mm; arguments and errors as `write_step`.
 
-    names: of its solids, in their order, which become products of an assembly. KernelError if OCC refuses the shape.
+    names: of its solids in their order, which become products of an assembly.
+
+    Raises KernelError if OCCT cannot translate the shape.
     """
-    target = validate_step_path(path)
-    if schema not in OCCT_SCHEMAS:
-        raise InvalidRequest(f"schema {schema!r} is not known: use one of {', '.join(OCCT_SCHEMAS)}")
+    target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
     topods = unwrap(shape)
     title = name or target.stem
-    writer = STEPControl_Writer()  # reads the settings below into being
-    with silence_occt(), _temporary_settings({"write.step.schema": OCCT_SCHEMAS[schema], "write.step.unit": "MM"}):
+    writer = STEPControl_Writer()  # the first writer registers the settings below
+    with silence_occt(), _temporary_settings({"write.step.schema": protocol.occt_name, "write.step.unit": "MM"}):
         writer = STEPControl_Writer()
         if writer.Transfer(topods, STEPControl_AsIs) != IFSelect_RetDone:
-            raise KernelError("write STEP", "OCC can't translate the shape", topods)
+            raise KernelError("write STEP", "OCCT cannot translate the shape", topods)
         _set_product_names(writer, title, target.name, time_stamp, names)
         _name_solids(writer, names)
         with atomic_write(target) as aside:
             if writer.Write(str(aside)) != IFSelect_RetDone:
-                raise KernelError("write STEP", f"OCC can't write {target}", topods)
+                raise KernelError("write STEP", f"OCCT cannot write {target}", topods)
             if verify is not None:
                 verify(aside)
 
 
 @contextmanager
-def _temporary_settings(wanted: Mapping[str, str]) -> Iterator[None]:
-    """OCC's settings are global; they are put back."""
-    before = {key: Interface_Static.CVal_s(key) for key in wanted}
+def _temporary_settings(settings: Mapping[str, str]) -> Iterator[None]:
+    """Set OCCT's global settings, and restore them at the end."""
+    before = {key: Interface_Static.CVal_s(key) for key in settings}
     try:
-        for key, value in wanted.items():
+        for key, value in settings.items():
             Interface_Static.SetCVal_s(key, value)
         yield
     finally:
@@ -73,7 +72,10 @@ def _temporary_settings(wanted: Mapping[str, str]) -> Iterator[None]:
 def _set_product_names(
     writer: STEPControl_Writer, title: str, file: str, time_stamp: str | None, names: Sequence[str] = ()
 ) -> None:
-    """OCC numbers its products through the life of the process, so that equal requests would write unequal files."""
+    """Name the products and the header.
+
+    OCCT numbers products through the life of the process, so that equal requests would write different files.
+    """
     model = writer.Model()
     text = TCollection_HAsciiString
     products = [
@@ -94,12 +96,13 @@ def _set_product_names(
 
 
 def _name_solids(writer: STEPControl_Writer, names: Sequence[str]) -> None:
+    """Name the solid entities in their order."""
     if not names:
         return
     model = writer.Model()
     entities = [model.Value(i) for i in range(1, model.NbEntities() + 1)]
     solids = [e for e in entities if e.DynamicType().Name() in SOLID_ENTITY_TYPES]
     if len(solids) != len(names):
-        raise KernelError("write STEP", f"OCC translated {len(solids)} solids, {len(names)} were to be named")
+        raise KernelError("write STEP", f"OCCT translated {len(solids)} solids instead of {len(names)}")
     for solid, name in zip(solids, names, strict=True):
         solid.SetName(TCollection_HAsciiString(name))

@@ -1,4 +1,4 @@
-"""Read STEP files with the kernel: every solid, placed copies included."""
+"""Reading of STEP files with OCCT: every solid, placed copies included."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ SHAPE_FIX_MODES = (
     "FixSameParameterMode",
     "FixEdgeSameParameterMode",
 )
-"""What the kernel's reader mends in other people's files, and what takes more than half of its time. Parameter curves,
-seams and degenerated edges are not among these: a STEP file need not have them, the kernel must."""
+"""Shape healing modes of OCCT's reader, which take more than half of its time. Modes that create pcurves, seams and degenerate
+edges are not among them: a STEP file may omit these, but OCCT requires them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepContent:
-    """What a file holds: all roots as one shape, its solids in the file's order, the names of the length units."""
+    """Content of a file: all roots as one shape, its solids in file order, its length units and product names."""
 
     shape: TopoDS_Shape
     solids: tuple[TopoDS_Solid, ...]
@@ -49,14 +49,14 @@ class StepContent:
 
     @property
     def wrapped(self) -> TopoDS_Shape:
-        """The shape, by the name that build123d and CadQuery give it."""
+        """The shape, under the name that build123d and CadQuery use."""
         return self.shape
 
 
 def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepContent:
-    """Read a STEP file, in mm whatever its unit; as the kernel's readers do, or with none of their `REPAIRS`.
+    """Read a STEP file in mm, whatever its unit, with the shape healing of OCCT's reader or without it.
 
-    InvalidRequest if there is no such file, or it is no STEP file; KernelError if the kernel can't read it or finds no solid.
+    Raises InvalidRequest if the file does not exist or is no STEP file, and KernelError if OCCT cannot read it or finds no solid.
     """
     path = Path(path)
     if not path.is_file():
@@ -68,8 +68,8 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
     with silence_occt():
         status = reader.ReadFile(str(path))
         if status != IFSelect_RetDone:
-            raise KernelError("read STEP", f"{path} can't be parsed ({status})")
-        if not healed:  # not before the file is read: that sets them anew
+            raise KernelError("read STEP", f"{path} cannot be parsed ({status})")
+        if not healed:  # after reading the file, which resets them
             reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
         if reader.TransferRoots() == 0:
             raise KernelError("read STEP", f"{path} holds no shape")
@@ -82,7 +82,7 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
 
 @contextmanager
 def silence_occt() -> Iterator[None]:
-    """OCC's translators print to standard output; not in here."""
+    """Suppress the messages that OCCT's translators print to standard output."""
     messenger = Message.DefaultMessenger_s()
     printers = list(messenger.Printers())
     for printer in printers:
@@ -95,13 +95,15 @@ def silence_occt() -> Iterator[None]:
 
 
 def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
+    """Names of the length units of the file."""
     length, angle, solid_angle = (convert.string_sequence() for _ in range(3))
     reader.FileUnits(length, angle, solid_angle)
     return tuple(length.Value(i).ToCString() for i in range(1, length.Length() + 1))
 
 
 def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:
-    # looked up in the kernel, not entity by entity; other types that begin so come along
+    # one query is faster than a loop over all entities; it also returns types whose names start with PRODUCT
+    """Names of the products of the file."""
     found = reader.GiveList("step-type(PRODUCT)")
     kinds = (found.Value(i) for i in range(1, found.Length() + 1))
     return tuple(e.Name().ToCString() for e in kinds if e.DynamicType().Name() == "StepBasic_Product")

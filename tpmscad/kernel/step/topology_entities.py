@@ -1,7 +1,7 @@
-"""A patch complex as Part 21 entities: vertices, edges, faces, solids on their geometry; formatted in bulk from the arrays.
+"""Vertices, edges, faces and solids of a boundary representation as Part 21 entities, formatted in bulk from the arrays.
 
-A surface or curve that several faces or edges use in one place is written once. Parameter curves are left out, and poles of
-quadrics have no edges, both of which every reader allows for.
+A surface or curve with several uses in one place is written once. Pcurves and degenerate edges at poles are omitted, which every
+reader permits.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ from tpmscad.splines.bspline import BSplineSurface
 
 @dataclass(frozen=True, slots=True)
 class SolidEntities:
-    """Numbers of the solids' entities and of each face's, in the complex's order."""
+    """Entity numbers of the solids and of all faces, in the order of the boundary representation."""
 
     solids: tuple[int, ...]
     faces: tuple[int, ...]
 
 
 def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replicas: bool = False) -> SolidEntities:
-    """Add the solids of a closed complex: a MANIFOLD_SOLID_BREP, or BREP_WITH_VOIDS, for each piece.
+    """Write the solids of a closed boundary representation, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS.
 
-    `replicas` writes a primitive once and copies it, see `step.replica`.
+    `replicas` writes each primitive surface once and copies it (`geometry_entities`).
     """
     surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
     curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
@@ -68,7 +68,7 @@ def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replic
     )
     solids = []
     for outer, *voids in nesting.shells_of_solid:
-        # A void's shell bounds the void as it would a solid, and is turned over here (advanced_brep_shape_representation, WR5).
+        # A void's shell bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5).
         inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
         kind = f"BREP_WITH_VOIDS('',#{shells[outer]},{format_references(inner)})"
         solids.append(section.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
@@ -76,10 +76,12 @@ def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replic
 
 
 def _split_numbers(numbers: IntArray, sizes: Sequence[int]) -> list[IntArray]:
+    """The numbers cut into consecutive groups of the given sizes."""
     return np.split(numbers, np.cumsum(sizes)[:-1])
 
 
 def _write_edges(section: DataSection, brep: Brep, points: IntArray, curve: IntArray) -> IntArray:
+    """Write vertices and EDGE_CURVEs and return the numbers of the edges."""
     edges = brep.edges
     vertices = np.array(section.extend([f"VERTEX_POINT('',#{p})" for p in points.tolist()]))
     curve = curve.copy()
@@ -97,7 +99,10 @@ def _write_edges(section: DataSection, brep: Brep, points: IntArray, curve: IntA
 
 
 def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntArray) -> IntArray:
-    """ADVANCED_FACE each, its name the face's tag; loops counter-clockwise about the outward normal."""
+    """Write one ADVANCED_FACE per face, named by its tag, and return their numbers.
+
+    Loops run counter-clockwise about the outward normal.
+    """
     faces, uses = brep.faces, brep.uses
     outward = faces.sense[brep.face_of_use] > 0
     along = np.where((uses.sense > 0) == outward, "T", "F").tolist()
@@ -118,7 +123,7 @@ def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntA
     names = [format_string(tag) for tag in brep.tags]
     first = faces.loop_start.tolist()
     quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
-    mirrored = quadric & (faces.motion.handedness < 0)  # its S_u x S_v is not that of the STEP surface
+    mirrored = quadric & (faces.motion.handedness < 0)  # S_u x S_v opposes that of the STEP surface
     rows = zip(faces.tag.tolist(), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
     return np.array(
         section.extend(
@@ -132,7 +137,7 @@ def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntA
 
 
 def find_outer_loops(brep: Brep) -> np.ndarray:
-    """Whether each loop is its face's outer one: the only one, or the one around the greatest area."""
+    """Mask of the loops that are outer loops: a face's only loop, or the one that encloses the largest area."""
     faces = brep.faces
     counts = np.diff(faces.loop_start)
     outer = np.ones(len(faces.use_start) - 1, bool)
@@ -144,11 +149,11 @@ def find_outer_loops(brep: Brep) -> np.ndarray:
 
 
 AREA_SAMPLES_PER_EDGE = 8
-"""Points per edge for the area within a loop: enough to tell an outer loop from a hole in it."""
+"""Points per edge for the area of a loop, which only distinguishes outer loops from holes."""
 
 
 def _loop_area(brep: Brep, face: int, uses: range) -> float:
-    """Signed area within a loop in its carrier's parameters, counter-clockwise positive."""
+    """Signed area of a loop in its carrier's parameters, positive if counter-clockwise."""
     points = []
     carrier = brep.carriers[int(brep.faces.carrier[face])]
     for k in uses:
