@@ -79,7 +79,6 @@ SHORT = {
     "tpmscad/cli/surfaces_command.py": "one command, a file like the other commands",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
     "tpmscad/blending/weights/weight_protocol.py": "one protocol",
-    "tpmscad/lattices/offset_surfaces.py": "one value that three modules share",
 }
 """Modules below the least length, each with its reason."""
 

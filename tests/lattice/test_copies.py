@@ -13,7 +13,7 @@ from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices import copies
-from tpmscad.lattices.cell_block import build_incidence, choose_unpinched_patches
+from tpmscad.lattices.cell_block import build_incidence, choose_manifold_block
 from tpmscad.lattices.primitive import fit_offset_surfaces
 
 SURFACES = ("gyroid", "diamond", "schwarz_p")
@@ -117,6 +117,6 @@ def test_a_block_takes_each_patch_class_once(cells: tuple[int, int, int]) -> Non
     motions = surfaces.patch_symmetry("gyroid")
     corners = surfaces.primitive_patch("gyroid").jet(*copies.UNIT_SQUARE_CORNERS.T).position
     placed = [motions.cell_motions[:, None].apply(p) for p in (motions.side_middles, corners)]
-    chosen = np.array(choose_unpinched_patches(build_incidence(*placed), cells))
+    chosen = np.array(choose_manifold_block(build_incidence(*placed), cells))
     classes = np.column_stack([chosen[:, 0], np.mod(chosen[:, 1:], cells)])
     assert len(np.unique(classes, axis=0)) == len(chosen) == 24 * np.prod(cells)

@@ -10,11 +10,10 @@ from tpmscad import fields, surfaces, topology
 from tpmscad.brep import connectivity
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattices import copies
 from tpmscad.lattices.copies import cover_box_by_reflection
 from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
 from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
-from tpmscad.lattices.primitive import fit_offset_surfaces
+from tpmscad.lattices.sources import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming import box, trim
@@ -105,7 +104,7 @@ def test_borders_lie_in_the_mirrors_poles_and_all(name: str) -> None:
 def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: str) -> None:
     sheet, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-4)
     found = measure_edge_continuity(
-        copies.cover_box(surfaces.surface_symmetry(name), sheet, (1, 1, 1), np.array([0.2, 0.3, 0.4])),
+        cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), np.array([0.2, 0.3, 0.4])),
         ("offset+", "offset-"),
     )
     assert found.gap < 1e-13
@@ -119,8 +118,8 @@ def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: st
 def test_a_box_of_mirrors_is_capped_without_a_cut(
     name: str, cells: tuple[int, int, int], phase: tuple[float, float, float]
 ) -> None:
-    fit = fit_offset_surfaces(name, "nodal", OFFSETS[name], 1.0, 1e-4)
-    cover = copies.cover_box(surfaces.surface_symmetry(name), fit.sheet, cells, np.array(phase))
+    fit = lattice_source(name, "nodal").fit(OFFSETS[name], 1.0, 1e-4)
+    cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), fit.sheet, cells, np.array(phase))
     assert len(cover.faces) == 2 * surfaces.CATALOGUE[name].patches_per_cell * np.prod(cells)
     box_of = np.array([cover.vertices.min(axis=0), cover.vertices.max(axis=0)])
     np.testing.assert_allclose(box_of, [[0, 0, 0], cells], rtol=0, atol=1e-13)
@@ -146,7 +145,9 @@ def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: 
 def test_the_two_sides_have_the_betti_numbers_of_the_formula(name: str, side: str) -> None:
     sheet, _ = fit_mirror_pieces(name, (0.0, None) if side == "+" else (None, 0.0), 1e-3)
     solid = trim(
-        copies.cover_box(surfaces.surface_symmetry(name), sheet, (1, 1, 1), STILL), box([0, 0, 0], [1, 1, 1]), tol=1e-9
+        cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), STILL),
+        box([0, 0, 0], [1, 1, 1]),
+        tol=1e-9,
     )
     t = np.linspace(0, 1, 49)
     field = fields.tpms(name, 1.0)
@@ -161,7 +162,7 @@ def test_a_box_anywhere_is_closed_with_the_volume_of_its_cell(name: str) -> None
     expected = surfaces.volume_fraction(name, "nodal", *OFFSETS[name])
     for tol in (1e-3, 1e-4, 1e-5):
         sheet, _ = fit_mirror_pieces(name, OFFSETS[name], tol)
-        cover = copies.cover_box(surfaces.surface_symmetry(name), sheet, (1, 1, 1), rng.random(3))
+        cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), rng.random(3))
         cut = trim(cover, box([0, 0, 0], [1, 1, 1]), tol=5e-10)
         assert connectivity.is_closed(cut.brep)
         assert measure_solid(cut.brep).volume == pytest.approx(expected, rel=30 * tol)

@@ -1,9 +1,11 @@
-"""Whole cells whose border touches itself nowhere.
+"""Choice of the patches of a block of whole cells so that its boundary is a manifold.
 
-Any choice of one patch for each class of patches modulo the block's translations makes "cells[0] x cells[1] x cells[2] cells".
-Tiling one cell's choice leaves vertices where two parts of the block meet in a point: the walls above them would touch along a
-line, which no solid modeller takes for a solid. Patches at such a vertex are exchanged for their copies on the other side of the
-block, one at a time, as long as the number of pinched vertices falls.
+Any choice of one patch from each class of patches modulo the translations of the block makes up "n x m x k cells". The choice of
+one cell repeated over the block has non-manifold vertices, where two parts of the block meet in a point only: the walls above
+them would touch along a line, which solid modellers reject. Patches at such a vertex are therefore exchanged for their translates
+on the other side of the block, one or two at a time, while the number of defects decreases (a local search).
+
+Points are known by integer addresses: the number of their class modulo whole cells and the cell that they lie in.
 """
 
 from __future__ import annotations
@@ -15,15 +17,18 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 
 PatchAddress = tuple[int, int, int, int]
-"""A patch of the infinite lattice: its number in the cell, and the cell."""
+"""A patch, side or corner of the infinite lattice: its number in the cell, then the cell."""
+
+SNAP_STEPS_PER_CELL = 64
+"""Corners and side middles are identified on a grid of this many steps per cell; they lie on one of 32 steps at most."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchIncidence:
-    """How the patches of the infinite lattice meet.
+    """Incidence of the patches of the infinite lattice.
 
-    side_ids, corner_ids (n, 4, 4): for each of the cell's n patches and each side or corner, the number of the class of sides
-    or corners modulo whole cells, then the cell it lies in. `around[c]` are the patches at corner class c of cell 0.
+    side_ids, corner_ids (n, 4, 4): for each of the n patches of a cell, the addresses of its sides and corners.
+    around[c]: the patches at corner c of cell 0.
     """
 
     side_ids: IntArray
@@ -32,41 +37,38 @@ class PatchIncidence:
 
 
 def build_incidence(side_middles: Array, corners: Array) -> PatchIncidence:
-    """From the side middles and corners (n, 4, 3) of one cell's patches, in cells."""
-    side_ids, _ = _label_modulo_cells(side_middles)
-    corner_ids, count = _label_modulo_cells(corners)
+    """The incidence from the side middles and corners (n, 4, 3) of the patches of one cell, in cells."""
+    side_ids, _ = _address_points(side_middles)
+    corner_ids, count = _address_points(corners)
     around: list[list[PatchAddress]] = [[] for _ in range(count)]
-    for patch, own in enumerate(corner_ids):
-        for label, *cell in own.tolist():
+    for patch, corners_of_patch in enumerate(corner_ids):
+        for label, *cell in corners_of_patch.tolist():
             around[label].append((patch, -cell[0], -cell[1], -cell[2]))
     return PatchIncidence(side_ids, corner_ids, tuple(tuple(a) for a in around))
 
 
-def _label_modulo_cells(points: Array) -> tuple[IntArray, int]:
-    """Label modulo whole cells and the cell, for points (n, 4, 3): (n, 4, 4)."""
-    grains = np.rint(points * SNAP_STEPS_PER_CELL).astype(np.int64)
-    cell, within = np.divmod(grains, SNAP_STEPS_PER_CELL)
-    found, label = np.unique(within.reshape(-1, 3), axis=0, return_inverse=True)
-    return np.concatenate([label.reshape(*points.shape[:2], 1), cell], axis=2), len(found)
-
-
-SNAP_STEPS_PER_CELL = 64
-"""Corners and side middles of the patches are told apart on a grid of 1/64 of the cell; they lie on one of 1/32 at most."""
+def _address_points(points: Array) -> tuple[IntArray, int]:
+    """Addresses (n, 4, 4) of points (n, 4, 3), and the number of classes."""
+    steps = np.rint(points * SNAP_STEPS_PER_CELL).astype(np.int64)
+    cell, within = np.divmod(steps, SNAP_STEPS_PER_CELL)
+    classes, label = np.unique(within.reshape(-1, 3), axis=0, return_inverse=True)
+    return np.concatenate([label.reshape(*points.shape[:2], 1), cell], axis=2), len(classes)
 
 
 @dataclass(slots=True)
 class _CellBlock:
-    """The chosen patches of a block, one per class modulo the block's translations."""
+    """The chosen patches of a block, one for each class modulo the translations of the block (key: its home address)."""
 
     incidence: PatchIncidence
     cells: tuple[int, int, int]
-    chosen: dict[PatchAddress, PatchAddress] = field(default_factory=dict)  # class -> where its patch stands
+    chosen: dict[PatchAddress, PatchAddress] = field(default_factory=dict)
 
     def home(self, patch: PatchAddress) -> PatchAddress:
+        """The translate of a patch whose cell lies in the block: the key of its class."""
         k, x, y, z = patch
         return k, x % self.cells[0], y % self.cells[1], z % self.cells[2]
 
-    def has(self, patch: PatchAddress) -> bool:
+    def is_chosen(self, patch: PatchAddress) -> bool:
         return self.chosen[self.home(patch)] == patch
 
     def corners(self, patch: PatchAddress) -> list[PatchAddress]:
@@ -75,46 +77,47 @@ class _CellBlock:
     def sides(self, patch: PatchAddress) -> list[PatchAddress]:
         return _translate_addresses(self.incidence.side_ids[patch[0]], patch)
 
-    def at(self, corner: PatchAddress) -> list[PatchAddress]:
+    def patches_at(self, corner: PatchAddress) -> list[PatchAddress]:
         """All patches of the infinite lattice around a corner."""
         label, x, y, z = corner
         return [(k, a + x, b + y, c + z) for k, a, b, c in self.incidence.around[label]]
 
-    def fans(self, corner: PatchAddress) -> int:
-        """Groups of chosen patches around a corner that hang together by sides ending there."""
-        groups: list[set[PatchAddress]] = []
-        for patch in self.at(corner):
-            if self.has(patch):
+    def count_fans(self, corner: PatchAddress) -> int:
+        """Number of fans of chosen patches around a corner, each connected by sides that end there; 1 at a manifold vertex."""
+        fans: list[set[PatchAddress]] = []
+        for patch in self.patches_at(corner):
+            if self.is_chosen(patch):
                 corners, sides = self.corners(patch), self.sides(patch)
                 i = corners.index(corner)
-                own = {sides[i], sides[i - 1]}  # the sides that start and end in corner i
-                joined = [g for g in groups if g & own]
-                groups = [g for g in groups if not g & own]
-                groups.append(own.union(*joined))
-        return len(groups)
+                incident = {sides[i], sides[i - 1]}  # the sides that start and end in corner i
+                joined = [fan for fan in fans if fan & incident]
+                fans = [fan for fan in fans if not fan & incident]
+                fans.append(incident.union(*joined))
+        return len(fans)
 
-    def flaws(self, corners: set[PatchAddress]) -> int:
-        """Pinches at these corners, and chosen patches around them that share no side with another chosen one."""
-        pinches = sum(max(self.fans(corner) - 1, 0) for corner in corners)
-        chosen = {patch for corner in corners for patch in self.at(corner) if self.has(patch)}
-        return pinches + sum(self.lonely(patch) for patch in chosen)
+    def count_defects(self, corners: set[PatchAddress]) -> int:
+        """Surplus fans at these corners, and isolated chosen patches around them."""
+        surplus = sum(max(self.count_fans(corner) - 1, 0) for corner in corners)
+        chosen = {patch for corner in corners for patch in self.patches_at(corner) if self.is_chosen(patch)}
+        return surplus + sum(self.is_isolated(patch) for patch in chosen)
 
-    def lonely(self, patch: PatchAddress) -> bool:
-        own = set(self.sides(patch))
+    def is_isolated(self, patch: PatchAddress) -> bool:
+        """Whether a patch shares no side with another chosen one."""
+        sides = set(self.sides(patch))
         return not any(
-            own & set(self.sides(other))
+            sides & set(self.sides(other))
             for corner in self.corners(patch)
-            for other in self.at(corner)
-            if other != patch and self.has(other)
+            for other in self.patches_at(corner)
+            if other != patch and self.is_chosen(other)
         )
 
-    def exchanged(self, patch: PatchAddress) -> int:
-        """Choose `patch` instead of its class's present one; the change in flaws."""
+    def exchange(self, patch: PatchAddress) -> int:
+        """Choose `patch` in place of the chosen one of its class; returns the change in the number of defects."""
         home = self.home(patch)
         affected = set(self.corners(patch)) | set(self.corners(self.chosen[home]))
-        before = self.flaws(affected)
+        before = self.count_defects(affected)
         self.chosen[home] = patch
-        return self.flaws(affected) - before
+        return self.count_defects(affected) - before
 
 
 def _translate_addresses(ids: IntArray, patch: PatchAddress) -> list[PatchAddress]:
@@ -122,32 +125,33 @@ def _translate_addresses(ids: IntArray, patch: PatchAddress) -> list[PatchAddres
     return [(label, a + x, b + y, c + z) for label, a, b, c in ids.tolist()]
 
 
-def choose_unpinched_patches(incidence: PatchIncidence, cells: tuple[int, int, int]) -> list[PatchAddress]:
-    """The patches of a block of cells, tiled from one cell's and exchanged until no corner is pinched; in order of class."""
+def choose_manifold_block(incidence: PatchIncidence, cells: tuple[int, int, int]) -> list[PatchAddress]:
+    """The patches of a block of cells without non-manifold vertices, in the order of their classes."""
     block = _CellBlock(incidence, cells)
     for k in range(len(incidence.side_ids)):
         for x, y, z in np.ndindex(*cells):
             block.chosen[k, x, y, z] = (k, x, y, z)
-    todo = {c for patch in block.chosen.values() for c in block.corners(patch)}
-    todo = {c for c in todo if block.fans(c) > 1}
-    while todo:
-        corner = min(todo)
-        todo.remove(corner)
+    pinched = {c for patch in block.chosen.values() for c in block.corners(patch)}
+    pinched = {c for c in pinched if block.count_fans(c) > 1}
+    while pinched:
+        corner = min(pinched)
+        pinched.remove(corner)
         touched = _remove_pinch(block, corner, depth=1) or _remove_pinch(block, corner, depth=2)
-        todo |= {c for c in touched if block.fans(c) > 1}
+        pinched |= {c for c in touched if block.count_fans(c) > 1}
     return list(block.chosen.values())
 
 
-def _remove_pinch(block: _CellBlock, corner: PatchAddress, depth: int, debt: int = 0) -> set[PatchAddress]:
-    """Make the first exchanges, at most `depth`, that repay `debt` and remove a flaw besides; the corners they touch.
+def _remove_pinch(block: _CellBlock, corner: PatchAddress, depth: int, allowed_increase: int = 0) -> set[PatchAddress]:
+    """Make the first sequence of at most `depth` exchanges that leaves fewer defects than before; the corners it touches.
 
-    Nothing is touched where there are none.
+    `allowed_increase` is the number of defects that earlier exchanges of the sequence have added. Without such a sequence the
+    block is left as it was and the result is empty.
     """
-    for move in _candidate_exchanges(block, corner):
-        home = block.home(move)
+    for candidate in _candidate_exchanges(block, corner):
+        home = block.home(candidate)
         present = block.chosen[home]
-        touched = set(block.corners(move)) | set(block.corners(present))
-        change = debt + block.exchanged(move)
+        touched = set(block.corners(candidate)) | set(block.corners(present))
+        change = allowed_increase + block.exchange(candidate)
         if change < 0:
             return touched
         if depth > 1 and change <= 1:
@@ -160,14 +164,14 @@ def _remove_pinch(block: _CellBlock, corner: PatchAddress, depth: int, debt: int
 
 
 def _candidate_exchanges(block: _CellBlock, corner: PatchAddress) -> list[PatchAddress]:
-    """Exchanges that may mend a corner: first to bring an absent patch there, then to take a present one away."""
-    around = block.at(corner)
-    bring = [p for p in around if not block.has(p)]
-    away = [
-        (p[0], p[1] + x * block.cells[0], p[2] + y * block.cells[1], p[3] + z * block.cells[2])
-        for p in around
-        if block.has(p)
-        for x, y, z in np.ndindex(3, 3, 3)
+    """Patches to choose instead of their translates: those absent at the corner, then translates of those present there."""
+    around = block.patches_at(corner)
+    absent = [p for p in around if not block.is_chosen(p)]
+    nx, ny, nz = block.cells
+    translates = [
+        (k, x + (i - 1) * nx, y + (j - 1) * ny, z + (m - 1) * nz)
+        for k, x, y, z in around
+        if block.is_chosen((k, x, y, z))
+        for i, j, m in np.ndindex(3, 3, 3)
     ]
-    shift = [(k, x - block.cells[0], y - block.cells[1], z - block.cells[2]) for k, x, y, z in away]
-    return bring + [p for p in shift if not block.has(p)]
+    return absent + [p for p in translates if not block.is_chosen(p)]

@@ -17,7 +17,7 @@ from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import cluster_points, weld_patches
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
-from tpmscad.lattices.copies import find_open_sides, ruled_surface, translate_cell_patches
+from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.rigid_motion import Motion
@@ -136,8 +136,8 @@ def select_placements_near_box(
     reach: float,
 ) -> Motion:
     """The placements whose mapped mid patch comes within `reach` of the box; the map must hold a cell beyond the lattice."""
-    origin = np.stack(np.meshgrid(*[np.arange(-2, n + 2) for n in cells], indexing="ij"), axis=-1).reshape(-1, 3)
-    placements = translate_cell_patches(symmetry, origin + (phase - np.floor(phase)))
+    origins = cell_origins(cells, SEARCH_MARGIN_CELLS)
+    placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
     t = np.linspace(0.0, 1.0, 7)
     u, v = (g.ravel() for g in np.meshgrid(t, t))
     points = placements[:, None].apply(patch.jet(u, v).position)

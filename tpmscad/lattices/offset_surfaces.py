@@ -1,25 +1,81 @@
-"""The bounding surfaces of a sheet or skeletal solid, as primitives over the mid surface's patch."""
+"""The offset surfaces that bound a sheet or skeletal solid, as primitives over one mid patch, and faces placed on them.
+
+Lengths are in cells (edge of the cubic cell = 1). "Lower" and "upper" are meant along the normal of the mid surface, which is
+the gradient of its nodal function: the lower surface has the smaller signed distance.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.welding import weld_patches
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 LATTICE_TAGS = ("offset+", "offset-", "gap")
-"""Of faces: above the mid surface, below it, between the two along a natural boundary."""
+"""Tags of faces: the upper surface, the lower surface, and the ruled faces between them along a natural boundary."""
 
 TOUCH_TOL_CELLS = 1e-9
-"""Cells: patches that reach into a box by less do not; far above round-off, far below any tolerance."""
+"""A patch that reaches into a box by less does not count as inside: far above round-off, far below any tolerance."""
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetLayer:
+    """One bounding surface: index of its primitive, whether the primitive is placed by `PatchSymmetry.swap` first, direction
+    of the outward normal along that of the mid surface (+1 or -1), and tag."""
+
+    primitive: int
+    swapped: bool
+    outward: int
+    tag: int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OffsetSurfaces:
-    """The bounding offset surfaces over one mid patch: a primitive each, and whether it is turned over.
+    """The bounding surfaces over one mid patch: primitives, and for the lower and the upper surface (primitive, swapped).
 
-    `lower` and `upper` index `primitives`; None where the solid is on one side of a single surface.
+    A surface at distance -d is the primitive at +d moved by the rotoinversion of the patch: it is `swapped`. `lower` or `upper`
+    is None if the solid lies on one side of a single surface.
     """
 
     primitives: tuple[BSplineSurface, ...]
     lower: tuple[int, bool] | None
     upper: tuple[int, bool] | None
+
+    def layers(self) -> Iterator[OffsetLayer]:
+        """The lower surface, then the upper one, as far as they exist."""
+        for layer, outward, tag in ((self.lower, -1, "offset-"), (self.upper, 1, "offset+")):
+            if layer is not None:
+                yield OffsetLayer(*layer, outward, LATTICE_TAGS.index(tag))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedFaces:
+    """n whole patches as faces: primitive, rigid motion, sense of the outward normal, tag; (n,) each."""
+
+    carrier: IntArray
+    motion: Motion
+    sense: IntArray
+    tag: IntArray
+
+    def __getitem__(self, key: Array | IntArray) -> PlacedFaces:
+        return PlacedFaces(self.carrier[key], self.motion[key], self.sense[key], self.tag[key])
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[PlacedFaces]) -> PlacedFaces:
+        """The faces of several parts, one after another."""
+        return cls(
+            np.concatenate([p.carrier for p in parts]),
+            Motion.concatenate([p.motion for p in parts]),
+            np.concatenate([p.sense for p in parts]),
+            np.concatenate([p.tag for p in parts]),
+        )
+
+    def weld(self, primitives: Sequence[BSplineSurface]) -> Brep:
+        """The boundary representation of the faces, with shared edges and vertices."""
+        return weld_patches(primitives, self.carrier, self.motion, self.sense, self.tag, LATTICE_TAGS)

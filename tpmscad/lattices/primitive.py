@@ -15,7 +15,6 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
-from tpmscad.lattices.mirror_fit import fit_mirror_pieces
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines import error_bounds
 from tpmscad.splines.bspline import BSplineSurface
@@ -49,10 +48,6 @@ def fit_offset_surfaces(
 
     Distances of equal size share a primitive. Where no degree of the ladder meets `tol` the best comes back: compare.
     """
-    if surfaces.has_mirrors(name):
-        lower_at, upper_at = (None if d is None else d / cell for d in layers)
-        pieces, measured_pieces = fit_mirror_pieces(name, (lower_at, upper_at), tol / cell)
-        return OffsetSurfacesFit(pieces, measured_pieces.scaled(cell), {})
     sizes = sorted({abs(d) / cell for d in layers if d is not None})
     fits = [fit_primitive(name, reference, size, tol / cell) for size in sizes]
     # Gap faces and caps join both surfaces, so they take one spline space: the larger of the two.

@@ -25,9 +25,9 @@ from tpmscad.fields.field import Field
 from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import transform_shape
-from tpmscad.lattices import copies, mapped_lattice
+from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.maps import Map, stretching
-from tpmscad.lattices.primitive import fit_offset_surfaces
+from tpmscad.lattices.sources import lattice_source
 from tpmscad.rigid_motion import Motion
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
@@ -79,10 +79,9 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Fracti
     mapping = None
     if len(set(request.cell)) == 1:
         cell = request.cell[0]
-        fit = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, cell, request.tol)
-        patches = scale_brep(
-            copies.cover_box(surfaces.surface_symmetry(request.surface), fit.sheet, cells, phase), cell
-        )
+        source = lattice_source(request.surface, request.reference)
+        fit = source.fit(request.layer_offsets, cell, request.tol)
+        patches = scale_brep(source.cover(fit.sheet, cells, phase).brep, cell)
         deviation, bounds = fit.deviation, fit.bounds
     else:
         mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))

@@ -19,6 +19,7 @@ from tpmscad import surfaces
 from tpmscad._typing import Array, Progress
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.maps import Map
+from tpmscad.lattices.sources import lattice_source
 
 MIN_TOL = 2e-7
 """Model units: twice the distance of 1e-7 below which the kernel merges points."""
@@ -167,7 +168,7 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
     counts = _check_cell_counts(given["cells"])
     phase = _check_triple("phase", given["phase"])
     has_mapping = given["map"] is not None or len(set(edges)) > 1
-    if has_mapping and surfaces.has_mirrors(name):
+    if has_mapping and not lattice_source(name, reference).can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
             "are made: give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"

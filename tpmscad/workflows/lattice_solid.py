@@ -23,7 +23,7 @@ from tpmscad.errors import TrimmingError
 from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
-from tpmscad.lattices.primitive import fit_offset_surfaces
+from tpmscad.lattices.sources import lattice_source
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.attempts import Attempt, first_success
@@ -169,7 +169,8 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
 
     def fit_and_copy(tol: float) -> LatticePatches:
         with stages("fit"):
-            fit = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, cell, tol)
+            source = lattice_source(request.surface, request.reference)
+            fit = source.fit(request.layer_offsets, cell, tol)
         brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
         if tol < request.tol:
             notes = (*notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
@@ -186,36 +187,18 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
 def _copy_primitives(
     request: LatticeRequest, sheet: OffsetSurfaces, cells: tuple[int, int, int], stages: StageTimer
 ) -> tuple[Brep, tuple[str, ...]]:
-    """The boundary representation of copied primitives, in model units, and notes on it."""
+    """The boundary representation of the copies of the fitted primitives, in model units, and notes on it."""
     cell, phase = request.cell[0], np.array(request.phase)
-    if surfaces.has_mirrors(request.surface):
-        return _copy_mirrored_pieces(request, sheet, cells, stages)
-    symmetry = surfaces.patch_symmetry(request.surface)
-    if request.boundary == "natural":
-        with stages("assemble"):
-            placements = copies.place_whole_cells(request.surface, cells, phase)
-            return scale_brep(copies.build_natural_lattice(symmetry, sheet, placements), cell), ()
+    source = lattice_source(request.surface, request.reference)
     with stages("assemble"):
-        cover = scale_brep(copies.cover_box(symmetry, sheet, cells, phase), cell)
+        assemble = source.natural if request.boundary == "natural" else source.cover
+        assembly = assemble(sheet, cells, phase)
+        brep = scale_brep(assembly.brep, cell)
+    if assembly.trim_corner is None:
+        return brep, ()
+    low = cell * assembly.trim_corner
     with stages("trim"):
-        return _trim_by_box(cover, np.zeros(3), cell * np.array(cells, float), cell)
-
-
-def _copy_mirrored_pieces(
-    request: LatticeRequest, sheet: OffsetSurfaces, cells: tuple[int, int, int], stages: StageTimer
-) -> tuple[Brep, tuple[str, ...]]:
-    """The boundary representation of reflected pieces, and notes on it.
-
-    Its natural boundary is planar too: the mirror planes around the block of cells, which move with the phase.
-    """
-    cell, phase = request.cell[0], np.array(request.phase)
-    natural = request.boundary == "natural"
-    with stages("assemble"):
-        symmetry = surfaces.mirror_symmetry(request.surface)
-        cover = scale_brep(copies.cover_box_by_reflection(symmetry, sheet, cells, phase, natural=natural), cell)
-    low = cell * phase if natural else np.zeros(3)
-    with stages("trim"):
-        return _trim_by_box(cover, low, low + cell * np.array(cells, float), cell)
+        return _trim_by_box(brep, low, low + cell * np.array(cells, float), cell)
 
 
 def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
