@@ -23,7 +23,7 @@ from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
-from tpmscad.trimming import trim_box
+from tpmscad.trimming import box, trim
 
 CELL, HALF, TOL = 10.0, 0.5, 1e-3
 
@@ -33,9 +33,8 @@ def cut(name: str, n: int) -> tuple[float, float, float, float]:
     sheet = fit_offset_surfaces(name, "minimal", (-HALF, HALF), CELL, TOL).sheet
     cells, motions = (n, n, n), surfaces.patch_symmetry(name)
     begun = time.process_time()
-    own = trim_box(
-        scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL), np.zeros(3), np.full(3, n * CELL)
-    )
+    covering = scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL)
+    own = trim(covering, box(np.zeros(3), np.full(3, n * CELL))).brep
     built = kernel.build_solids(own)
     seconds = time.process_time() - begun
     assert kernel.is_valid(built.shape)

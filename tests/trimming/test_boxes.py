@@ -15,7 +15,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.trimming import box, trim, trim_box
+from tpmscad.trimming import box, trim
 
 CELL = 10.0
 TOL = 1e-7
@@ -26,6 +26,11 @@ AT_HOME = (0.0, 0.0, 0.0)
 
 def volume(brep: Brep) -> float:
     return float(integral_properties.volume(integral_properties.integrate_faces(brep))[0]) if len(brep.faces) else 0.0
+
+
+def trim_box(lattice: Brep, lo: np.ndarray, hi: np.ndarray, *options: object) -> Brep:
+    """The boundary representation of the lattice in the box from lo to hi."""
+    return trim(lattice, box(lo, hi), *options).brep
 
 
 def slowly(*values: object) -> object:

@@ -9,7 +9,7 @@ import pytest
 
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.trimming import trim, trim_box
+from tpmscad.trimming import box, trim
 
 pytestmark = pytest.mark.kernel
 kernel = pytest.importorskip("tpmscad.kernel")
@@ -24,7 +24,7 @@ def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     phase: tuple[float, float, float],
     cover: Callable[..., Brep],
 ) -> None:
-    trimmed = trim_box(cover(name, (1, 1, 1), phase, layers), np.zeros(3), np.full(3, 10.0))
+    trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, 10.0))).brep
     found = kernel.check_shape(kernel.build(trimmed).shape)
     assert found.valid
     assert found.volume == pytest.approx(
@@ -70,6 +70,6 @@ def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: s
     )
     around = shape.bounding_box()
     low, high = np.array(tuple(around.min)) - 0.25, np.array(tuple(around.max)) + 0.25
-    block = kernel.build(trim_box(lattice, low, high)).shape
+    block = kernel.build(trim(lattice, box(low, high)).brep).shape
     other = boolean_operations.intersect_solids(block, shape.wrapped)
     assert found.volume == pytest.approx(sum(kernel.check_shape(s).volume for s in other), rel=1e-6)

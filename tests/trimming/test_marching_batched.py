@@ -25,14 +25,14 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
     lattice = cover("gyroid", (1, 1, 1), (0.02, 0.03, 0.05), (-0.05, 0.05))
     seen = []
 
-    def both(surfaces, levels, borders, on_corner, flat):
-        together = marching_batched.march_patches(surfaces, levels, borders, on_corner, flat)
+    def both(patches, implicit, borders, on_corner, zero_tol):
+        together = marching_batched.march_patches(patches, implicit, borders, on_corner, zero_tol)
         for i, trace in enumerate(together):
-            alone = marching.march_patch(surfaces[i], levels.of(np.array([i])), borders[i], on_corner[i], flat)
+            alone = marching.march_patch(patches[i], implicit.row(i), borders[i], on_corner[i], zero_tol)
             seen.append((trace, alone))
         return together
 
-    monkeypatch.setattr(patch_surface, "march_all", both)
+    monkeypatch.setattr(patch_surface, "march_patches", both)
     trim(lattice, BODIES[body]())
     assert sum(len(alone.arcs) for _, alone in seen) > 30
     for trace, alone in seen:
@@ -47,8 +47,8 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
 def test_most_patches_are_plain(cover: Callable[..., Brep], monkeypatch: pytest.MonkeyPatch) -> None:
     alone, everything = [], []
     march, march_all = marching_batched.march_patch, marching_batched.march_patches
-    monkeypatch.setattr(marching_batched, "march", lambda *a: alone.append(1) or march(*a))
-    monkeypatch.setattr(patch_surface, "march_all", lambda *a: everything.extend(a[0]) or march_all(*a))
+    monkeypatch.setattr(marching_batched, "march_patch", lambda *a: alone.append(1) or march(*a))
+    monkeypatch.setattr(patch_surface, "march_patches", lambda *a: everything.extend(a[0]) or march_all(*a))
     trim(cover("gyroid", (1, 1, 1), (0.02, 0.03, 0.05), (-0.05, 0.05)), BODIES["ball"]())
     assert len(everything) > 30
     assert len(alone) < 0.3 * len(everything)

@@ -120,7 +120,7 @@ def trim_on_parameters(patches: Brep, body: CadBody) -> BooleanResult:
     operand = brep_from_shape(body.shape)
 
     def trim_and_build(apart: bool) -> BooleanResult:
-        cut = trim(patches, operand, apart=apart)
+        cut = trim(patches, operand, clear_sides=apart)
         if not len(cut.brep.faces):
             _check_volume_by_sampling(0.0, patches, body)
             return BooleanResult(KernelSolids(()), None, TRIMMED_PATCHES, ())

@@ -1,161 +1,141 @@
-"""Which pieces of the lattice's edges lie in the body: told where they cross it, carried along over patches' corners.
+"""In/out classification of the lattice's edges: the pieces of edges that lie inside the body.
 
-Round a patch the state changes only at vertices in which an arc on the body ends. What no crossing tells about, parts of the
-lattice that are in or out as a whole, is told by one point.
+An intersection with the body's boundary decides the pieces before and behind it. The classification propagates round the
+corners of patches: it changes at a vertex only if an arc on the body's boundary ends there. A component of the lattice without an
+intersection lies inside or outside as a whole, and one point of it is classified by ray casting.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
-from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad._typing import BoolArray, IntArray
 from tpmscad.errors import TrimmingError
-from tpmscad.trimming.intersect.curve_surface import (
-    CurveSegments,
-    CurveSurfaceIntersections,
-    SubSegments,
-    evaluate_segments,
-)
-from tpmscad.trimming.intersect.patch_surface import PatchArcs
-from tpmscad.trimming.operands.patch_sides import PatchSides, read_spline_curves
-from tpmscad.trimming.operands.trimming_body import TrimmingBody
+from tpmscad.trimming.classify.point_membership import points_in_body
+from tpmscad.trimming.classify.propagation import InsideVotes
+from tpmscad.trimming.intersect.arrangement import Arrangement
+from tpmscad.trimming.intersect.curve_surface import evaluate_segments, split_segments
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeClassification:
-    """`inside` (M,): of the pieces of the lattice's edges. `flat` (M,): the body's face that a piece lies on, or -1; such a piece
-    bounds a patch as `on_patch` tells, by patch and side."""
+def split_lattice_edges(a: Arrangement) -> Arrangement:
+    """The arrangement with the lattice's edges split at the body's boundary, and the faces that contain pieces of them."""
+    roots, imprints, points = a.edge_roots, a.imprints, a.body_edge_points
+    r = np.flatnonzero(np.isin(a.vertex_surface_key(a.edge_root_vertex, roots.root_surface), a.keys_on_body))
+    h = np.flatnonzero(imprints.edge[points.curve_index] >= 0)
+    pieces = split_segments(
+        a.edges,
+        np.concatenate([roots.root_segment[r], imprints.edge[points.curve_index[h]]]),
+        np.concatenate([roots.root_parameter[r], points.curve_parameter[h]]),
+        np.concatenate([a.edge_root_vertex[r], points.curve_vertex[h]]),
+    )
+    face = np.full(len(pieces.segment), -1)
+    of_imprint = a.imprint_pieces
+    for i in np.flatnonzero((a.piece_face >= 0) & (imprints.edge[of_imprint.segment] >= 0)).tolist():
+        edge, (low, high) = imprints.edge[of_imprint.segment[i]], of_imprint.span[i]
+        own = np.arange(pieces.first[edge], pieces.first[edge + 1])
+        middle = pieces.span[own].mean(axis=1)
+        inner = own[(middle > low) & (middle < high)]
+        if (face[inner] >= 0).any():
+            raise TrimmingError("an edge of the lattice lies in two faces of the body")
+        face[inner] = a.piece_face[i]
+    return replace(a, edge_pieces=pieces, edge_piece_face=face)
 
-    inside: BoolArray
-    flat: IntArray
-    inside_on_side: dict[tuple[int, int], bool]
 
-
-def classify_lattice_edges(
-    lattice: Brep,
-    sides: PatchSides,
-    body: TrimmingBody,
-    cuts: PatchArcs,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    label_of: dict[tuple[int, int], int],
-    hit: BoolArray,
-    pieces: SubSegments,
-    flat: IntArray,
-    arc_ends: set[tuple[int, int]],
-    strands: CurveSegments,
-    inside_body: Callable[[Array], BoolArray],
-) -> EdgeClassification:
-    """States of all pieces. `label_of`: faces of vertices on surfaces; `hit` (V,); `arc_ends`: by patch, the vertices in which an
-    arc on the body ends. TrimmingError where crossings contradict each other."""
+def classify_lattice_edges(a: Arrangement) -> Arrangement:
+    """The arrangement with its edge pieces classified; TrimmingError if intersections contradict each other."""
+    pieces, face = a.edge_pieces, a.edge_piece_face
     m = len(pieces.segment)
-    before, after = _pieces_at_corners(sides, pieces)  # (F, 4) pieces that end and begin at each corner
+    arc_ends = _collect_arc_end_vertices(a)
+    before, after = _pieces_at_corners(a)
     linked = np.ones(before.shape, bool)
     for f, v in arc_ends:
-        linked[f] &= sides.corner[f] != v
-    linked &= (flat[before] < 0) & (flat[after] < 0)
-    joined = coo_array((np.ones(int(linked.sum()), bool), (before[linked], after[linked])), shape=(m, m))
-    count, component = connected_components(joined, directed=False)
+        linked[f] &= a.operands.sides.corner[f] != v
+    linked &= (face[before] < 0) & (face[after] < 0)
+    votes = InsideVotes.of_links(m, np.column_stack([before[linked], after[linked]]))
+    _vote_from_roots(votes, a)
+    inside_on_side = _vote_from_coincident_sides(votes, a, before, after, arc_ends)
 
-    votes = np.zeros((count, 2), np.int64)
-    _vote_from_roots(votes, component, body, crossings, vertex_of_root, label_of, hit, pieces)
-    on_patch = _vote_from_coincident_sides(
-        votes, component, lattice, sides, body, cuts, pieces, flat, before, after, arc_ends
-    )
-    torn = np.flatnonzero(votes.all(axis=1))
-    if len(torn):
-        piece = np.flatnonzero(component == torn[0])[0]
-        at = evaluate_segments(read_spline_curves(lattice), strands, pieces.segment[[piece]], pieces.span[[piece], 0])[
-            0
-        ]
-        raise TrimmingError(f"crossings disagree on whether the lattice near {at.round(6)} is in the body")
-    silent = np.setdiff1d(np.flatnonzero(~votes.any(axis=1)), component[flat >= 0])
-    if len(silent):
-        first = np.full(count, m)
-        np.minimum.at(first, component, np.arange(m))
-        one = first[silent]
-        votes[silent, 1] = inside_body(
-            evaluate_segments(read_spline_curves(lattice), strands, pieces.segment[one], pieces.span[one].mean(axis=1))
-        )
-    return EdgeClassification(votes[component, 1] > 0, flat, on_patch)
+    torn = votes.find_contradiction()
+    if torn is not None:
+        at = evaluate_segments(a.operands.curves, a.edges, pieces.segment[[torn]], pieces.span[[torn], 0])[0]
+        raise TrimmingError(f"intersections disagree on whether the lattice near {at.round(6)} is inside the body")
+    undecided = np.setdiff1d(votes.undecided_components(), votes.component[face >= 0])
+    if len(undecided):
+        first = np.full(len(votes.count), m)
+        np.minimum.at(first, votes.component, np.arange(m))
+        one = first[undecided]
+        points = evaluate_segments(a.operands.curves, a.edges, pieces.segment[one], pieces.span[one].mean(axis=1))
+        votes.count[undecided, 1] = points_in_body(a.operands.body, a.operands.regions, points)
+    return replace(a, edge_piece_inside=votes.inside(), inside_on_side=inside_on_side)
 
 
-def _pieces_at_corners(sides: PatchSides, pieces: SubSegments) -> tuple[IntArray, IntArray]:
+def _collect_arc_end_vertices(a: Arrangement) -> set[tuple[int, int]]:
+    """(patch, vertex) for every end of an arc on the body's boundary."""
+    pieces, face_of_imprint = a.imprint_pieces, a.imprints.face
+    i = np.flatnonzero((a.piece_face >= 0) & (face_of_imprint[pieces.segment] >= 0))
+    face = face_of_imprint[pieces.segment[i]].tolist()
+    return {*zip(face, pieces.start[i].tolist(), strict=True), *zip(face, pieces.end[i].tolist(), strict=True)}
+
+
+def _pieces_at_corners(a: Arrangement) -> tuple[IntArray, IntArray]:
+    """The pieces that end and that start at each corner of each patch: (F, 4) each."""
+    sides, pieces = a.operands.sides, a.edge_pieces
     first, last = pieces.first[sides.edge], pieces.first[sides.edge + 1] - 1
     begins, ends = np.where(sides.forward, first, last), np.where(sides.forward, last, first)
     return np.roll(ends, 1, axis=1), begins
 
 
-def _vote_from_roots(
-    votes: Array,
-    component: IntArray,
-    body: TrimmingBody,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    label_of: dict[tuple[int, int], int],
-    hit: BoolArray,
-    pieces: SubSegments,
-) -> None:
-    """The states before and after every root on a face of the body, where only one surface is crossed."""
-    rank = np.arange(len(crossings.root)) - np.repeat(crossings.root_start[:-1], np.diff(crossings.root_start))
-    sign = crossings.sign[crossings.root_segment, crossings.root_surface] * (1 - 2 * (rank % 2))
+def _body_vertices(a: Arrangement) -> BoolArray:
+    """Vertices that are points of the body's edges: (V,)."""
+    result = np.zeros(len(a.vertices), bool)
+    result[[*a.body_edge_points.vertex.tolist(), *a.body_edge_points.vertex_of_body_vertex.values()]] = True
+    return result
+
+
+def _vote_from_roots(votes: InsideVotes, a: Arrangement) -> None:
+    """Votes before and behind every root on a face of the body at which only one surface is crossed."""
+    roots, pieces, body = a.edge_roots, a.edge_pieces, a.operands.body
+    on_body_edge = _body_vertices(a)
+    rank = np.arange(len(roots.root_parameter)) - np.repeat(roots.root_start[:-1], np.diff(roots.root_start))
+    sign = roots.initial_sign[roots.root_segment, roots.root_surface] * (1 - 2 * (rank % 2))
     groups: dict[tuple[int, int], list[int]] = {}
-    keys = zip(vertex_of_root.tolist(), crossings.root_surface.tolist(), strict=True)
+    keys = zip(a.edge_root_vertex.tolist(), roots.root_surface.tolist(), strict=True)
     for r, key in enumerate(keys):
-        if key in label_of and not hit[key[0]]:
-            groups.setdefault((int(crossings.root_segment[r]), key[0]), []).append(r)
+        if key in a.vertex_face and not on_body_edge[key[0]]:
+            groups.setdefault((int(roots.root_segment[r]), key[0]), []).append(r)
     for (edge, vertex), members in groups.items():
         if len(members) > 1:
             continue
         r = members[0]
-        inside = int(sign[r]) * int(body.sense[label_of[vertex, int(crossings.root_surface[r])]]) < 0
+        inside = int(sign[r]) * int(body.sense[a.vertex_face[vertex, int(roots.root_surface[r])]]) < 0
         own = range(int(pieces.first[edge]), int(pieces.first[edge + 1]))
         for p in own:
             if pieces.end[p] == vertex and p + 1 in own:
-                votes[component[p], int(inside)] += 1
-                votes[component[p + 1], int(not inside)] += 1
+                votes.add(p, inside)
+                votes.add(p + 1, not inside)
 
 
 def _vote_from_coincident_sides(
-    votes: Array,
-    component: IntArray,
-    lattice: Brep,
-    sides: PatchSides,
-    body: TrimmingBody,
-    cuts: PatchArcs,
-    pieces: SubSegments,
-    flat: IntArray,
-    before: IntArray,
-    after: IntArray,
-    arc_ends: set[tuple[int, int]],
+    votes: InsideVotes, a: Arrangement, before: IntArray, after: IntArray, arc_ends: set[tuple[int, int]]
 ) -> dict[tuple[int, int], bool]:
-    """Patches with a side on a face of the body: whether they lie inside there, and so do the neighbouring sides."""
+    """By (patch, side) for sides in a face of the body, whether the patch is inside there; adjacent sides get its vote."""
+    sides, pieces, face, body = a.operands.sides, a.edge_pieces, a.edge_piece_face, a.operands.body
     result: dict[tuple[int, int], bool] = {}
-    for (f, k), signs in cuts.sign_beside_sides.items():
+    for (f, k), signs in a.arcs.sign_beside_sides.items():
         for side in np.flatnonzero(signs).tolist():
             edge = sides.edge[f, side]
             own = np.arange(pieces.first[edge], pieces.first[edge + 1])
-            own = own[flat[own] >= 0]
-            own = own[body.surface[flat[own]] == k]
+            own = own[face[own] >= 0]
+            own = own[body.surface_of_face[face[own]] == k]
             if len(own) == 0:
                 continue
-            inside = bool(signs[side] * body.sense[flat[own[0]]] < 0)
+            inside = bool(signs[side] * body.sense[face[own[0]]] < 0)
             if result.setdefault((f, side), inside) != inside:
-                raise TrimmingError("a patch's side lies in two faces of the body that disagree")
+                raise TrimmingError("the side of a patch lies in two faces of the body that disagree on the patch")
             for corner, here, there in ((side, after, before), ((side + 1) % 4, before, after)):
                 untouched = (f, int(sides.corner[f, corner])) not in arc_ends
-                if flat[here[f, corner]] >= 0 and flat[there[f, corner]] < 0 and untouched:
-                    votes[component[there[f, corner]], int(inside)] += 1
+                if face[here[f, corner]] >= 0 and face[there[f, corner]] < 0 and untouched:
+                    votes.add(int(there[f, corner]), inside)
     return result
-
-
-def read_edge_segments(lattice: Brep) -> CurveSegments:
-    """All edges of the lattice."""
-    e = lattice.edges
-    return CurveSegments(e.curve, e.motion, e.span, e.start, e.end)

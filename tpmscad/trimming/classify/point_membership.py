@@ -1,4 +1,8 @@
-"""Points in the lattice's solid: the nearest point of its patches tells by which side of it they are on."""
+"""Point membership classification: points inside the trimming body, and points inside the lattice's solid.
+
+A point is in the body if a ray from it crosses the body's faces an odd number of times. The lattice need not be closed, so a
+point is in its solid if it lies on the inner side of the nearest patch, at the foot point of its orthogonal projection.
+"""
 
 from __future__ import annotations
 
@@ -9,33 +13,121 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.operands.implicit_surfaces import MIN_DIVISOR_LENGTH
-from tpmscad.trimming.operands.patch_sides import PatchSides
+from tpmscad.trimming.operands.face_regions import FaceRegion
+from tpmscad.trimming.operands.implicit_surfaces import CONE, CYLINDER, MIN_DIVISOR_LENGTH, PLANE, SPHERE
+from tpmscad.trimming.operands.patch_sides import PatchSides, read_patches
+from tpmscad.trimming.operands.trimming_body import TrimmingBody
+
+UNDECIDED_FRACTION = 1e-3
+"""A ray that passes a face's border at less than this distance, relative to the body, is discarded."""
+
+MAX_RAYS = 20
+"""Rays tried from one point until one passes all borders at a distance."""
+
+RAY_SEED = 7
+"""Seed of the ray directions: results are reproducible."""
+
+REAL_ROOT_TOL = 1e-9
+"""Largest imaginary part of a root that counts as real, relative to its size or to 1."""
+
+ROOT_DISTANCE_FRACTION = 1e-6
+"""Largest distance of a root's point from its surface, relative to the body: it rejects the other nappe of a cone."""
 
 SAMPLES_PER_DIRECTION = 9
-"""Points along u and v of a patch from which the nearest point is searched."""
+"""Samples along u and v of a patch; the nearest one starts the projection."""
 
 MAX_CANDIDATE_PATCHES = 4
-"""Patches from which the search goes on, those with the nearest samples."""
+"""Patches with the nearest samples that a point is projected onto."""
 
 NEWTON_STEPS = 20
-"""Newton steps to the nearest point of a patch."""
+"""Largest number of Newton steps of the orthogonal projection onto a patch."""
+
+NEWTON_STEP_TOL = 1e-13
+"""Step in (u, v) below which the projection has converged."""
 
 BORDER_FRACTION = 1e-6
-"""A nearest point this near to an open border of the lattice, in (u, v), does not tell."""
+"""Distance in (u, v), relative to the patch, below which a foot point lies on the patch's border."""
 
 MAX_SLANT_SINE = 0.1
-"""Unless the point lies straight above it: the sine of the angle to the normal is less than this."""
+"""Sine of the angle to the normal up to which a foot point on an open border still decides."""
+
+
+def points_in_body(body: TrimmingBody, regions: tuple[FaceRegion, ...], points: Array) -> BoolArray:
+    """Points (n, 3) that lie inside the body, by ray casting with the even-odd rule: (n,)."""
+    rng = np.random.default_rng(RAY_SEED)
+    result = np.zeros(len(points), bool)
+    for i, point in enumerate(points):
+        for _ in range(MAX_RAYS):
+            direction = rng.normal(size=3)
+            count = _count_ray_crossings(body, regions, point, direction / np.linalg.norm(direction))
+            if count is not None:
+                result[i] = count % 2 == 1
+                break
+        else:
+            raise TrimmingError(
+                f"the point {point.round(6)} is neither inside nor outside the body: "
+                f"{MAX_RAYS} rays from it pass borders of faces"
+            )
+    return result
+
+
+def _count_ray_crossings(
+    body: TrimmingBody, regions: tuple[FaceRegion, ...], point: Array, direction: Array
+) -> int | None:
+    """The number of faces that a ray crosses; None if it passes too near a border."""
+    count = 0
+    for f, region in enumerate(regions):
+        s = _intersect_line(body, int(body.surface_of_face[f]), point, direction)
+        s = s[s > 0]
+        if len(s) == 0:
+            continue
+        crossings = point + s[:, None] * direction
+        inside = region.contains(crossings)
+        if (region.distance_to_border(crossings) < UNDECIDED_FRACTION * body.size).any():
+            return None
+        count += int(inside.sum())
+    return count
+
+
+def _intersect_line(body: TrimmingBody, k: int, point: Array, direction: Array) -> Array:
+    """Parameters s at which the line point + s direction meets surface k, as roots of a polynomial."""
+    surface = body.surfaces.row(k)
+    kind, axis = int(surface.kind[0]), surface.axis[0]
+    a, b = float(surface.parameter_a[0]), float(surface.parameter_b[0])
+    if kind == PLANE:
+        slope = float(axis @ direction)
+        return np.array([-(axis @ point + a) / slope]) if slope else np.zeros(0)
+    arm = point - surface.point[0]
+    if kind in (CYLINDER, CONE):
+        c = np.tan(a) if kind == CONE else 0.0
+        p, q = arm - (arm @ axis) * axis, direction - (direction @ axis) * axis
+        z, w = float(arm @ axis), float(direction @ axis)
+        coefficients = [
+            q @ q - c**2 * w * w,
+            2 * (p @ q - c**2 * z * w),
+            p @ p - c**2 * z * z - (0.0 if kind == CONE else a * a),
+        ]
+    elif kind == SPHERE:
+        coefficients = [1.0, 2 * (arm @ direction), arm @ arm - a * a]
+    else:  # (|x|^2 + a^2 - b^2)^2 = 4 a^2 (|x|^2 - z^2) on the torus
+        square = np.array([1.0, 2 * (arm @ direction), arm @ arm])
+        z, w = float(arm @ axis), float(direction @ axis)
+        height = np.array([w * w, 2 * z * w, z * z])
+        shifted = square + np.array([0.0, 0.0, a * a - b * b])
+        left = np.polymul(shifted, shifted)
+        coefficients = np.polysub(left, 4 * a * a * (square - height)).tolist()
+    found = np.roots(coefficients)
+    found = found[np.abs(found.imag) < REAL_ROOT_TOL * np.maximum(1.0, np.abs(found))].real
+    points = point + found[:, None] * direction
+    return np.asarray(found[np.abs(surface.value(points[None])[0]) < ROOT_DISTANCE_FRACTION * body.size])
 
 
 def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolArray:
-    """Whether points (n, 3) are in the lattice's solid; TrimmingError where their nearest point is on an open border."""
-    faces = lattice.faces
-    used = np.unique(faces.carrier)
+    """Points (n, 3) that lie in the lattice's solid; TrimmingError if a foot point lies on the lattice's open border."""
+    faces, patches = lattice.faces, read_patches(lattice)
     samples = np.zeros((len(lattice.carriers), SAMPLES_PER_DIRECTION**2, 3))
-    for c in used:
-        patch = lattice.carriers[c]
-        assert isinstance(patch, BSplineSurface)
+    for c in np.unique(faces.carrier).tolist():
+        patch = patches[c]
         (u0, u1), (v0, v1) = patch.domain
         samples[c] = patch.grid(
             np.linspace(u0, u1, SAMPLES_PER_DIRECTION), np.linspace(v0, v1, SAMPLES_PER_DIRECTION)
@@ -52,17 +144,15 @@ def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolAr
         local = faces.motion[near].apply_inverse(point)
         distance = np.linalg.norm(samples[faces.carrier[near]] - local[:, None], axis=2)
         nearest = np.argsort(distance.min(axis=1))[:MAX_CANDIDATE_PATCHES]
-        found = [_project_to_patch(lattice, int(near[j]), local[j], int(distance[j].argmin())) for j in nearest]
+        found = [
+            _project_to_patch(patches[int(faces.carrier[near[j]])], local[j], int(distance[j].argmin()))
+            for j in nearest
+        ]
         f, (_, uv, side, slant) = min(
             ((int(near[j]), x) for j, x in zip(nearest, found, strict=True)), key=lambda x: x[1][0]
         )
-        patch = lattice.carriers[faces.carrier[f]]
-        assert isinstance(patch, BSplineSurface)
-        (u0, u1), (v0, v1) = patch.domain
-        at_side = np.array([uv[1] - v0, u1 - uv[0], v1 - uv[1], uv[0] - u0]) < BORDER_FRACTION * np.array(
-            [v1 - v0, u1 - u0] * 2
-        )
-        if slant > MAX_SLANT_SINE and (at_side & open_edge[sides.edge[f]]).any():
+        on_open_side = _sides_at(patches[int(faces.carrier[f])], uv) & open_edge[sides.edge[f]]
+        if slant > MAX_SLANT_SINE and on_open_side.any():
             raise TrimmingError(
                 f"the lattice's open border is next to {point.round(6)}: pass `inside` to tell solid from void"
             )
@@ -71,10 +161,18 @@ def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolAr
     return result
 
 
-def _project_to_patch(lattice: Brep, face: int, point: Array, start: int) -> tuple[float, Array, float, float]:
-    """Of the patch's point next to a point in its frame: distance, (u, v), the side (> 0 along S_u x S_v), and how slanted."""
-    patch = lattice.carriers[lattice.faces.carrier[face]]
-    assert isinstance(patch, BSplineSurface)
+def _sides_at(patch: BSplineSurface, uv: Array) -> BoolArray:
+    """The sides (4,) of the patch on which (u, v) lies."""
+    (u0, u1), (v0, v1) = patch.domain
+    distance = np.array([uv[1] - v0, u1 - uv[0], v1 - uv[1], uv[0] - u0])
+    return np.asarray(distance < BORDER_FRACTION * np.array([v1 - v0, u1 - u0] * 2))
+
+
+def _project_to_patch(patch: BSplineSurface, point: Array, start: int) -> tuple[float, Array, float, float]:
+    """Orthogonal projection of a point in the patch's frame, from sample `start`.
+
+    Returns the distance, (u, v) of the foot point, the offset along S_u x S_v and the sine of the angle to the normal.
+    """
     low, high = np.array(patch.domain).T
     uv = low + (high - low) * np.array(divmod(start, SAMPLES_PER_DIRECTION)) / (SAMPLES_PER_DIRECTION - 1)
     for _ in range(NEWTON_STEPS):
@@ -86,7 +184,7 @@ def _project_to_patch(lattice: Brep, face: int, point: Array, start: int) -> tup
         definite = bend[0, 0] > 0 and np.linalg.det(bend) > 0
         step = np.linalg.solve(bend if definite else metric, slope)
         new = np.clip(uv - step, low, high)
-        if np.abs(new - uv).max() < 1e-13:
+        if np.abs(new - uv).max() < NEWTON_STEP_TOL:
             break
         uv = new
     gap, normal = point - patch(uv[0], uv[1]), patch.normal(uv[0], uv[1])

@@ -1,39 +1,61 @@
-"""Parameters of points along the body's edges: lines, circles, ellipses and B-splines.
+"""The points in which the body's edges pierce the lattice's boundary: one vertex each, on the edge and on imprints of both faces.
 
-The points in which the body's edges meet the lattice: a vertex each, on the edge and on the tracks of both its faces.
+An imprint on the surface of a face crosses an edge of this face where the edge's separating surface vanishes. The imprints of
+both faces give the same point; the two roots are paired, and Newton's method on the patch and the two surfaces yields the vertex.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
 from tpmscad.brep.conics import TWO_PI
 from tpmscad.errors import TrimmingError
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-from tpmscad.trimming.intersect.curve_surface import CurveSegments, CurveSurfaceIntersections, evaluate_segments
-from tpmscad.trimming.intersect.patch_surface import IntersectionCurves, PatchArcs
+from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.trimming.intersect.arrangement import (
+    Arrangement,
+    BodyEdgeIntersections,
+    CurveSegments,
+    CurveSurfaceIntersections,
+)
+from tpmscad.trimming.intersect.curve_surface import evaluate_segments, intersect_segments, split_segments
 from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
-from tpmscad.trimming.operands.trimming_body import TrimmingBody
 
 SAMPLES_PER_CURVE = 129
-"""Samples along a curve without a closed form, between which the nearest point is found by Newton's method."""
+"""Samples along a curve without a closed form; the nearest one starts Newton's method."""
+
+PROJECTION_STEPS = 8
+"""Newton steps of the orthogonal projection onto a curve."""
+
+MAX_MISMATCH_TOLS = 100.0
+"""Largest distance, in tolerances, between one point found on two imprints: their deviations over the sine of their angle."""
+
+ON_EDGE_SNAPS = 4.0
+"""Distance from an edge, in vertex tolerances, below which a vertex on both of its surfaces lies on the edge."""
+
+END_SNAPS = 2.0
+"""Distance from a vertex of the body, in vertex tolerances, below which a patch passes through it."""
+
+NEWTON_STEPS = 4
+"""Newton steps to a point on a patch and two surfaces, from a start that is off by a few tolerances."""
+
+ARC_PROJECTION_STEPS = 2
+"""Gauss-Newton steps to the parameter of an arc's point next to a vertex."""
 
 
 def project_to_curve(curve: EdgeCurve, span: Array, points: Array) -> tuple[Array, Array]:
-    """Parameters (n,) of the curve's points next to points (n, 3), and how far apart they are.
+    """Orthogonal projection of points (n, 3) onto a curve: parameters (n,) and distances (n,).
 
-    Angles are given as near as possible to the middle of the span.
+    Angles are shifted by periods to within half a turn of the middle of the span.
     """
     if isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2:
         low, high = curve.domain
-        way = curve.poles[1] - curve.poles[0]
-        t = low + (high - low) * ((points - curve.poles[0]) @ way) / float(way @ way)
+        direction = curve.poles[1] - curve.poles[0]
+        t = low + (high - low) * ((points - curve.poles[0]) @ direction) / float(direction @ direction)
     elif isinstance(curve, Circle | Ellipse):
         arm = points - curve.origin
         x, y = arm @ curve.x_axis, arm @ curve.y_axis
@@ -51,7 +73,8 @@ def project_to_curve(curve: EdgeCurve, span: Array, points: Array) -> tuple[Arra
 
 
 def _minimise_distance(curve: EdgeCurve, t: Array, points: Array) -> Array:
-    for _ in range(8):
+    """Newton's method for the foot points, from parameters t (n,)."""
+    for _ in range(PROJECTION_STEPS):
         gap, first, second = curve(t) - points, curve(t, 1), curve(t, 2)
         slope = (gap * first).sum(axis=1)
         bend = (first * first).sum(axis=1) + (gap * second).sum(axis=1)
@@ -61,115 +84,94 @@ def _minimise_distance(curve: EdgeCurve, t: Array, points: Array) -> Array:
     return t
 
 
-MAX_MISMATCH_TOLS = 100.0
-"""The same point found along two tracks differs by their deviations over the sine of their angle: up to this many tolerances."""
+def intersect_body_edges(a: Arrangement) -> Arrangement:
+    """The arrangement with the points of the body's edges, and its imprints split there.
 
-ON_EDGE_SNAPS = 4.0
-"""A vertex on both of an edge's levels that is nearer to the edge than this many snaps lies on it."""
-
-NEWTON_STEPS = 4
-"""Newton steps to a hit, from a point that is off by a few tolerances."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyEdgeIntersections:
-    """Where body edges meet the lattice.
-
-    `edge`, `t`, `vertex` (H,): a vertex inside an edge, at the edge's parameter. `corner`: by vertices of the body, the vertex
-    that is one. `track`, `root`, `root_vertex` (R,): the parameters at which tracks pass hits. `points`: the new vertices.
+    TrimmingError if the imprints of an edge's two faces disagree on their common points.
     """
+    o, body, segments = a.operands, a.operands.body, a.imprints.curve_segments
+    wanted = _select_separating_surfaces(a)
+    roots = intersect_segments(a.curves, segments, body.surfaces, a.on_surface, wanted, o.snap, o.zero_tol)
+    edge, pair, points, parameter = _locate_crossings(a, roots)
+    new = len(a.vertices) + np.arange(len(edge))
+    old_edge, old_vertex, at_body_vertex = _match_existing_vertices(a)
 
-    edge: IntArray
-    t: Array
-    vertex: IntArray
-    corner: dict[int, int]
-    curve_index: IntArray
-    root: Array
-    root_vertex: IntArray
-    points: Array
+    r, end = np.nonzero(pair >= 0)
+    curve_index, passed = roots.root_segment[pair[r, end]], new[r]
+    curve_parameter = parameter[r, end]
+    known = {*old_vertex.tolist(), *at_body_vertex.values()}
+    if known and (a.imprints.edge >= 0).any():
+        more = _pass_on_coincident_edges(a, known)
+        curve_index = np.concatenate([curve_index, np.array([i for i, _, _ in more], np.int64)])
+        curve_parameter = np.concatenate([curve_parameter, np.array([t for _, t, _ in more], float)])
+        passed = np.concatenate([passed, np.array([v for _, _, v in more], np.int64)])
 
-
-def intersect_body_edges(
-    lattice: Brep,
-    body: TrimmingBody,
-    cuts: PatchArcs,
-    tracks: IntersectionCurves,
-    curves: Sequence[BSplineCurve],
-    roots: CurveSurfaceIntersections,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    vertices: Array,
-    on: BoolArray,
-    tol: float,
-    snap: float,
-) -> BodyEdgeIntersections:
-    """All hits. `roots`: of tracks on companions; `crossings`, `vertex_of_root`: of lattice edges; `on` (V, levels).
-
-    TrimmingError where the tracks of an edge's two faces do not agree on the points that they share.
-    """
-    places = evaluate_segments(curves, tracks.curve_segments, roots.root_segment, roots.root)
-    rows: list[tuple[int, float, int]] = []
-    passed: list[tuple[int, float, int]] = []
-    points: list[Array] = []
-    pairs = [_pair_roots(body, tracks, roots, places, e, tol, snap) for e in range(len(body.curves))]
-    edge = np.concatenate([np.zeros(0, np.int64), *(np.full(len(p), e) for e, p in enumerate(pairs))])
-    pair = np.concatenate([np.zeros((0, 2), np.int64), *pairs])
-    if len(pair):
-        own, other = body.levels.of(tracks.surface[roots.root_segment[pair[:, 0]]]), roots.root_surface[pair[:, 0]]
-        start = _evaluate_patch_parameters(cuts, tracks, roots, pair[:, 0])
-        moved = tracks.face[roots.root_segment[pair[:, 0]]] >= 0
-        found = places[pair[:, 0]].copy()
-        face = tracks.face[roots.root_segment[pair[moved, 0]]]
-        found[moved] = _project_to_two_surfaces(
-            lattice, face, start[moved], own.of(np.flatnonzero(moved)), body.levels.of(other[moved])
-        )
-        root = _project_to_arcs(curves, tracks, roots, pair, found)
-        for i, (e, p, x) in enumerate(zip(edge.tolist(), pair, root, strict=True)):
-            vertex = len(vertices) + i
-            rows.append((e, 0.0, vertex))
-            points.append(found[i])
-            passed += [(int(roots.root_segment[r]), float(t), vertex) for r, t in zip(p, x, strict=True) if r >= 0]
-    ends, corner = _match_existing_vertices(body, tracks, crossings, vertex_of_root, vertices, on, snap)
-    rows += ends
-    known = {v for _, _, v in ends} | set(corner.values())
-    flat_of = {(int(e), i) for i, e in enumerate(tracks.edge) if e >= 0}
-    if known and flat_of:
-        passed += _match_coincident_edges(tracks, crossings, vertex_of_root, known)
-    everything = np.vstack([vertices, np.array(points).reshape(-1, 3)])
-    table = np.array([(e, v) for e, _, v in rows], np.int64).reshape(-1, 2)
-    t = np.zeros(len(table))
-    for e in np.unique(table[:, 0]):
-        at = np.flatnonzero(table[:, 0] == e)
-        t[at] = project_to_curve(body.curves[e], body.brep.edges.span[e], everything[table[at, 1]])[0]
-    split = np.array([(a, v) for a, _, v in passed], np.int64).reshape(-1, 2)
-    return BodyEdgeIntersections(
-        edge=table[:, 0],
-        t=t,
-        vertex=table[:, 1],
-        corner=corner,
-        curve_index=split[:, 0],
-        root=np.array([x for _, x, _ in passed], float),
-        root_vertex=split[:, 1],
-        points=np.array(points).reshape(-1, 3),
+    vertices = np.vstack([a.vertices, points])
+    edge, vertex = np.concatenate([edge, old_edge]), np.concatenate([new, old_vertex])
+    edge_parameter = np.zeros(len(edge))
+    for e in np.unique(edge):
+        at = np.flatnonzero(edge == e)
+        edge_parameter[at] = project_to_curve(body.curves[e], body.brep.edges.span[e], vertices[vertex[at]])[0]
+    return replace(
+        a,
+        vertices=vertices,
+        body_edge_points=BodyEdgeIntersections(
+            edge, edge_parameter, vertex, at_body_vertex, curve_index, curve_parameter, passed
+        ),
+        imprint_pieces=split_segments(segments, curve_index, curve_parameter, passed),
     )
 
 
-def _pair_roots(
-    body: TrimmingBody,
-    tracks: IntersectionCurves,
-    roots: CurveSurfaceIntersections,
-    places: Array,
-    edge: int,
-    tol: float,
-    snap: float,
-) -> IntArray:
-    """Roots that are one point of a body edge, on a track of either face; the second is -1 where there is but one track."""
+def _select_separating_surfaces(a: Arrangement) -> BoolArray:
+    """The separating surfaces (T, surfaces) that each imprint may cross.
+
+    Lattice edges in a surface have their intersections with the K surfaces of faces already.
+    """
+    body, imprints = a.operands.body, a.imprints
+    of_surface = np.zeros((body.n_surfaces, len(body.surfaces)), bool)
+    of_surface[body.surface_of_face[body.face_of_use[body.uses]], body.separating_surface] = True
+    wanted = of_surface[imprints.surface]
+    wanted[imprints.edge >= 0, : body.n_surfaces] = False
+    return wanted
+
+
+def _locate_crossings(a: Arrangement, roots: CurveSurfaceIntersections) -> tuple[IntArray, IntArray, Array, Array]:
+    """New points inside the body's edges.
+
+    Returns the edge of each (n,), the pair of roots (n, 2), with -1 for none, the points (n, 3) and the parameters (n, 2) on the
+    two imprints.
+    """
+    body, imprints = a.operands.body, a.imprints
+    places = evaluate_segments(a.curves, imprints.curve_segments, roots.root_segment, roots.root_parameter)
+    pairs = [_pair_roots(a, roots, places, e) for e in range(len(body.curves))]
+    edge = np.concatenate([np.zeros(0, np.int64), *(np.full(len(p), e) for e, p in enumerate(pairs))])
+    pair = np.concatenate([np.zeros((0, 2), np.int64), *pairs])
+    if len(pair) == 0:
+        return edge, pair, np.zeros((0, 3)), np.zeros((0, 2))
+    imprint = roots.root_segment[pair[:, 0]]
+    own, other = body.surfaces.take(imprints.surface[imprint]), roots.root_surface[pair[:, 0]]
+    start = _evaluate_patch_parameters(a, roots, pair[:, 0])
+    on_patch = imprints.face[imprint] >= 0
+    points = places[pair[:, 0]].copy()
+    points[on_patch] = _project_to_two_surfaces(
+        a,
+        imprints.face[imprint[on_patch]],
+        start[on_patch],
+        own.take(np.flatnonzero(on_patch)),
+        body.surfaces.take(other[on_patch]),
+    )
+    return edge, pair, points, _project_to_imprints(a, roots, pair, points)
+
+
+def _pair_roots(a: Arrangement, roots: CurveSurfaceIntersections, places: Array, edge: int) -> IntArray:
+    """Pairs (n, 2) of roots that are one point of a body edge, on imprints of its two faces; -1 if there is one imprint only."""
+    body, imprints, tol = a.operands.body, a.imprints, a.operands.tol
     edges = body.brep.edges
-    surface = body.surface[body.face_of_use[body.uses[edge]]]
+    surface = body.surface_of_face[body.face_of_use[body.uses[edge]]]
     sides = []
     for s in (0, 1):
-        c = body.separating_surface[edge, s]
-        rows = np.flatnonzero((roots.root_surface == c) & (tracks.surface[roots.root_segment] == surface[s]))
+        separating = body.separating_surface[edge, s]
+        rows = np.flatnonzero((roots.root_surface == separating) & (imprints.surface[roots.root_segment] == surface[s]))
         if len(rows):
             span = edges.span[edge]
             t, apart = project_to_curve(body.curves[edge], span, places[rows])
@@ -177,60 +179,58 @@ def _pair_roots(
         sides.append(rows)
     ends = body.brep.vertices[[edges.start[edge], edges.end[edge]]]
     for row in np.concatenate(sides):
-        if np.linalg.norm(places[row] - ends, axis=1).min() < 2 * snap:
-            raise TrimmingError(f"a patch passes a vertex of the body at {places[row].round(6)}, or nearly")
+        if np.linalg.norm(places[row] - ends, axis=1).min() < END_SNAPS * a.operands.snap:
+            raise TrimmingError(
+                f"a patch passes through, or nearly through, the body's vertex at {places[row].round(6)}"
+            )
     if surface[0] == surface[1]:
         return np.column_stack([sides[0], np.full(len(sides[0]), -1)])
-    alone = [
-        row for side in sides for row in side[tracks.face[roots.root_segment[side]] < 0]
-    ]  # lattice edges: no partner
-    result = [(int(row), -1) for row in alone]
-    first, second = (side[tracks.face[roots.root_segment[side]] >= 0] for side in sides)
-    for face in np.unique(tracks.face[roots.root_segment[np.concatenate([first, second])]]):
-        a, b = (side[tracks.face[roots.root_segment[side]] == face] for side in (first, second))
-        if len(a) != len(b):
+    face_of_root = imprints.face[roots.root_segment]
+    result = [(int(row), -1) for side in sides for row in side[face_of_root[side] < 0]]  # lattice edges: no partner
+    first, second = (side[face_of_root[side] >= 0] for side in sides)
+    for face in np.unique(face_of_root[np.concatenate([first, second])]):
+        one, other = (side[face_of_root[side] == face] for side in (first, second))
+        if len(one) != len(other):
             raise TrimmingError(
-                f"the faces of a body's edge see it met {len(a)} and {len(b)} times on one patch, "
-                f"near {places[np.concatenate([a, b])[0]].round(6)}"
+                f"the two faces of a body's edge find {len(one)} and {len(other)} points of it on one patch, "
+                f"near {places[np.concatenate([one, other])[0]].round(6)}"
             )
-        left = set(b.tolist())
-        for i in a.tolist():
+        left = set(other.tolist())
+        for i in one.tolist():
             j = min(left, key=lambda j: float(np.linalg.norm(places[i] - places[j])))
             if np.linalg.norm(places[i] - places[j]) > MAX_MISMATCH_TOLS * tol:
-                raise TrimmingError(f"two cuts on one patch do not meet in one point near {places[i].round(6)}")
+                raise TrimmingError(f"two intersection curves on one patch miss each other near {places[i].round(6)}")
             left.remove(j)
             result.append((i, j))
     return np.array(result, np.int64).reshape(-1, 2)
 
 
-def _evaluate_patch_parameters(
-    cuts: PatchArcs, tracks: IntersectionCurves, roots: CurveSurfaceIntersections, rows: IntArray
-) -> Array:
-    """(u, v) of roots on arcs; zeros on lattice edges: (n, 2)."""
+def _evaluate_patch_parameters(a: Arrangement, roots: CurveSurfaceIntersections, rows: IntArray) -> Array:
+    """(u, v) of roots on arcs, and zeros for roots on lattice edges: (n, 2)."""
     result = np.zeros((len(rows), 2))
     for i, row in enumerate(rows.tolist()):
-        track = roots.root_segment[row]
-        if tracks.face[track] >= 0:
-            result[i] = cuts.fitted_arcs[cuts.cut[track]].pcurve(roots.root[row])
+        imprint = roots.root_segment[row]
+        if a.imprints.face[imprint] >= 0:
+            arc = a.arcs.fitted_arcs[a.arcs.fitted_index[imprint]]
+            result[i] = arc.pcurve(roots.root_parameter[row])
     return result
 
 
 def _project_to_two_surfaces(
-    lattice: Brep, face: IntArray, uv: Array, own: ImplicitSurfaces, other: ImplicitSurfaces
+    a: Arrangement, face: IntArray, uv: Array, own: ImplicitSurfaces, other: ImplicitSurfaces
 ) -> Array:
-    """Points on patches and on two levels each, by Newton's method from (u, v) (m, 2): (m, 3)."""
-    motion = lattice.faces.motion[face]
+    """Points (m, 3) on patches `face` and on two surfaces each, by Newton's method from (u, v) (m, 2)."""
+    faces = a.operands.lattice.faces
+    motion = faces.motion[face]
     first, second = own.in_frames(motion), other.in_frames(motion)
     local = np.empty((len(face), 3))
-    for carrier in np.unique(lattice.faces.carrier[face]):
-        at = np.flatnonzero(lattice.faces.carrier[face] == carrier)
-        patch = lattice.carriers[carrier]
-        assert isinstance(patch, BSplineSurface)
-        a, b = first.of(at), second.of(at)
+    for carrier in np.unique(faces.carrier[face]).tolist():
+        at = np.flatnonzero(faces.carrier[face] == carrier)
+        patch, pair = a.operands.patches[carrier], (first.take(at), second.take(at))
         p = uv[at]
         for _ in range(NEWTON_STEPS):
             point = patch(p[:, 0], p[:, 1])
-            jets = [level.jet(point[:, None], 1) for level in (a, b)]
+            jets = [surface.jet(point[:, None], 1) for surface in pair]
             g = np.stack([j[0][:, 0] for j in jets], axis=1)
             gradient = np.stack([j[1][:, 0] for j in jets], axis=1)
             slope = np.stack([patch(p[:, 0], p[:, 1], *d) for d in ((1, 0), (0, 1))], axis=2)
@@ -239,81 +239,71 @@ def _project_to_two_surfaces(
     return motion.apply(local)
 
 
-def _project_to_arcs(
-    curves: Sequence[BSplineCurve],
-    tracks: IntersectionCurves,
-    roots: CurveSurfaceIntersections,
-    pair: IntArray,
-    points: Array,
-) -> Array:
-    """The parameters (m, 2) of the tracks' points next to the hits: along a track the companion's root is off by more."""
+def _project_to_imprints(a: Arrangement, roots: CurveSurfaceIntersections, pair: IntArray, points: Array) -> Array:
+    """Parameters (n, 2) of the imprints' points nearest to `points`; the roots themselves are less accurate."""
+    segments = a.imprints.curve_segments
     result = np.zeros(pair.shape)
     for side in (0, 1):
         there = np.flatnonzero(pair[:, side] >= 0)
-        strand, t = roots.root_segment[pair[there, side]], roots.root[pair[there, side]]
-        for _ in range(2):
-            along = _evaluate_tangents(curves, tracks.curve_segments, strand, t)
-            gap = points[there] - evaluate_segments(curves, tracks.curve_segments, strand, t)
-            t = t + np.einsum("ni,ni->n", gap, along) / np.einsum("ni,ni->n", along, along)
+        segment, t = roots.root_segment[pair[there, side]], roots.root_parameter[pair[there, side]]
+        for _ in range(ARC_PROJECTION_STEPS):
+            tangent = _evaluate_tangents(a.curves, segments, segment, t)
+            gap = points[there] - evaluate_segments(a.curves, segments, segment, t)
+            t = t + np.einsum("ni,ni->n", gap, tangent) / np.einsum("ni,ni->n", tangent, tangent)
         result[there, side] = t
     return result
 
 
-def _evaluate_tangents(curves: Sequence[BSplineCurve], strands: CurveSegments, index: IntArray, t: Array) -> Array:
-    local = np.array([curves[strands.curve[i]](x, 1) for i, x in zip(index, t, strict=True)]).reshape(-1, 3)
-    return strands.motion[index].apply_to_vectors(local)
+def _evaluate_tangents(curves: Sequence[BSplineCurve], segments: CurveSegments, index: IntArray, t: Array) -> Array:
+    """Derivatives (n, 3) at parameters t (n,) of the segments `index` (n,)."""
+    local = np.array([curves[segments.curve[i]](x, 1) for i, x in zip(index, t, strict=True)]).reshape(-1, 3)
+    return segments.motion[index].apply_to_vectors(local)
 
 
-def _match_existing_vertices(
-    body: TrimmingBody,
-    tracks: IntersectionCurves,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    vertices: Array,
-    on: BoolArray,
-    snap: float,
-) -> tuple[list[tuple[int, float, int]], dict[int, int]]:
-    """Vertices that tracks have anyhow and that lie on body edges: (edge, 0, vertex), and those at the body's vertices."""
-    flat = np.unique(tracks.edge[tracks.edge >= 0])
-    at_flats = vertex_of_root[np.isin(crossings.root_segment, flat)]
-    candidates = np.unique(np.concatenate([tracks.curve_segments.start, tracks.curve_segments.end, at_flats]))
+def _match_existing_vertices(a: Arrangement) -> tuple[IntArray, IntArray, dict[int, int]]:
+    """Existing vertices of imprints that lie inside the body's edges, (n,) and (n,), and those at the body's vertices."""
+    body, imprints, snap = a.operands.body, a.imprints, a.operands.snap
+    coincident = np.unique(imprints.edge[imprints.edge >= 0])
+    on_coincident = a.edge_root_vertex[np.isin(a.edge_roots.root_segment, coincident)]
+    segments = imprints.curve_segments
+    candidates = np.unique(np.concatenate([segments.start, segments.end, on_coincident]))
     edges = body.brep.edges
-    rows: set[tuple[int, float, int]] = set()
-    corner: dict[int, int] = {}
+    found: set[tuple[int, int]] = set()
+    at_body_vertex: dict[int, int] = {}
     for e in range(len(body.curves)):
-        surface = body.surface[body.face_of_use[body.uses[e]]]
+        surface = body.surface_of_face[body.face_of_use[body.uses[e]]]
         on_both = np.zeros(len(candidates), bool)
         for s in (0, 1):
-            on_both |= on[candidates, surface[s]] & on[candidates, body.separating_surface[e, s]]
+            on_both |= a.on_surface[candidates, surface[s]] & a.on_surface[candidates, body.separating_surface[e, s]]
         v = candidates[on_both]
         if len(v) == 0:
             continue
         span = edges.span[e]
-        t, apart = project_to_curve(body.curves[e], span, vertices[v])
+        t, apart = project_to_curve(body.curves[e], span, a.vertices[v])
         ends = (int(edges.start[e]), int(edges.end[e]))
-        to_end = np.stack([np.linalg.norm(vertices[v] - body.brep.vertices[w], axis=1) for w in ends])
+        to_end = np.stack([np.linalg.norm(a.vertices[v] - body.brep.vertices[w], axis=1) for w in ends])
         for i in np.flatnonzero((to_end < ON_EDGE_SNAPS * snap).any(axis=0)):
             w = ends[int(to_end[:, i].argmin())]
-            if corner.setdefault(w, int(v[i])) != v[i]:
+            if at_body_vertex.setdefault(w, int(v[i])) != v[i]:
                 raise TrimmingError(f"several vertices lie at the body's vertex {body.brep.vertices[w]}")
         near = (apart < ON_EDGE_SNAPS * snap + 2 * edges.deviation[e]) & (t > span[0]) & (t < span[1])
         near &= (to_end >= ON_EDGE_SNAPS * snap).all(axis=0)
-        rows |= {(e, 0.0, int(x)) for x in v[near]}
-    return sorted(rows), corner
+        found |= {(e, int(x)) for x in v[near]}
+    edge, vertex = np.array(sorted(found), np.int64).reshape(-1, 2).T
+    return edge, vertex, at_body_vertex
 
 
-def _match_coincident_edges(
-    tracks: IntersectionCurves, crossings: CurveSurfaceIntersections, vertex_of_root: IntArray, hits: set[int]
-) -> list[tuple[int, float, int]]:
-    """Where lattice edges that lie in a surface pass hits at their own roots."""
+def _pass_on_coincident_edges(a: Arrangement, known: set[int]) -> list[tuple[int, float, int]]:
+    """Imprint, parameter and vertex wherever a lattice edge that lies in a surface passes one of the `known` vertices."""
     result = []
     rows: dict[int, list[int]] = {}
-    for r in np.flatnonzero(np.isin(vertex_of_root, list(hits))).tolist():
-        rows.setdefault(int(crossings.root_segment[r]), []).append(r)
-    for i in np.flatnonzero(tracks.edge >= 0).tolist():
+    for r in np.flatnonzero(np.isin(a.edge_root_vertex, list(known))).tolist():
+        rows.setdefault(int(a.edge_roots.root_segment[r]), []).append(r)
+    for i in np.flatnonzero(a.imprints.edge >= 0).tolist():
         seen = set()
-        for r in rows.get(int(tracks.edge[i]), []):
-            if int(vertex_of_root[r]) not in seen:
-                seen.add(int(vertex_of_root[r]))
-                result.append((i, float(crossings.root[r]), int(vertex_of_root[r])))
+        for r in rows.get(int(a.imprints.edge[i]), []):
+            vertex = int(a.edge_root_vertex[r])
+            if vertex not in seen:
+                seen.add(vertex)
+                result.append((i, float(a.edge_roots.root_parameter[r]), vertex))
     return result

@@ -1,8 +1,8 @@
-"""Sections of patches by surfaces as exact curves: moved onto the cut, measured along it, sampled at even parameters. In batches.
+"""Intersections of patches with surfaces as exact curves: projection, arc length, and an even parametrisation. In batches.
 
-The even parameter spreads length and turning evenly, so that a bent curve gets its knots where it bends; past a saddle (a
-focus) it runs like the logarithm of the distance from it. It must be smooth for splines to converge, so it comes from the
-exact points, tangents and curvatures along the cut, not from a coarse path nor from an earlier fit.
+The even parameter distributes arc length and turning angle evenly, so that a curve gets its knots where it bends. Near a saddle
+(a *focus*) it follows the logarithm of the distance from the saddle. Splines converge only if the parameter is smooth; it is
+therefore derived from exact points, tangents and curvatures along the intersection, not from a coarse path or an earlier fit.
 """
 
 from __future__ import annotations
@@ -19,46 +19,52 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.implicit_surfaces import CONE, MIN_DIVISOR_LENGTH, ImplicitSurfaces
 
 TURN_PER_LENGTH_RAD = 4.0
-"""Turning by this angle (radians) counts as much as running the curve's whole length."""
+"""Turning angle, in radians, that has the weight of the curve's whole length."""
 
 FOCUS_GRADING = 0.5
-"""Near a focus the parameter runs by this much times the logarithm of the distance from it."""
+"""Near a focus, the parameter per logarithm of the distance from it."""
 
 NEWTON_STEP_TOL = 1e-9
-"""A Newton step onto the cut that is shorter in (u, v) is the last: its square is what is left."""
+"""Newton step in (u, v) at which a projection has converged: its error is of the order of the square."""
+
+NEWTON_STEPS = 12
+"""Largest number of Newton steps of a projection."""
+
+MIN_SQUARED_SLOPE = 1e-300
+"""Lower bound of squared gradients used as divisors."""
 
 SADDLE_SINE = 1e-7
-"""Sine of the angle between patch and surface below which a curve's end is a saddle."""
+"""Sine of the angle between patch and surface below which the end of a curve is a saddle."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchSurfacePairs:
-    """Sections of n patches of one spline space, with their own poles (n, U, V, 3), by the n rows of `levels`.
+    """n pairs of a patch and a surface; the patches share one spline space and have the poles (n, U, V, 3).
 
-    Points on them are given as (u, v), (n, m, 2). `foci` (n, q, 4): points and radii in model units,
-    infinite if none. A cone's apex is one anyway.
+    Points are given as (u, v): (n, m, 2). `foci` (n, q, 4): points and radii in model units, with infinite radii for padding.
+    The apex of a cone always is a focus.
     """
 
     poles: Array
     space: tuple[Array, Array, int, int]
-    levels: ImplicitSurfaces
+    surfaces: ImplicitSurfaces
     foci: Array
 
-    def of(self, rows: IntArray) -> PatchSurfacePairs:
-        """Some of them."""
+    def take(self, rows: IntArray) -> PatchSurfacePairs:
+        """The pairs of the given rows."""
         return replace(
             self,
             poles=self.poles[rows],
-            levels=self.levels.of(rows),
+            surfaces=self.surfaces.take(rows),
             foci=self.foci[rows],
         )
 
     def without_foci(self) -> PatchSurfacePairs:
-        """The same, spread by length and turning only."""
+        """The pairs without foci: their parameters follow arc length and turning only."""
         return replace(self, foci=np.full_like(self.foci, np.inf))
 
     def jet(self, uv: Array, order: int) -> list[Array]:
-        """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) up to `order`: each (n, m, 3)."""
+        """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) of the patches up to `order`: (n, m, 3) each."""
         knots_u, knots_v, degree_u, degree_v = self.space
         n, m = uv.shape[:2]
         bu = [b.reshape(n, m, -1) for b in design_matrices(knots_u, degree_u, uv[..., 0].ravel(), range(order + 1))]
@@ -69,40 +75,44 @@ class PatchSurfacePairs:
         return [np.einsum("nmv,nmvd->nmd", bv[j], half[i]) for i, j in pairs]
 
     def points(self, uv: Array) -> Array:
+        """Points on the patches: (n, m, 3)."""
         return self.jet(uv, 0)[0]
 
     def project_inner_sites(self, uv: Array) -> Array:
-        """Inner sites (n, m, 2) moved onto the zero curve; near the ends onto what makes the ends exact."""
+        """The sites (n, m, 2) with the inner ones projected onto the intersection.
+
+        If an end is off the surface, the sites near it are projected onto the level that decays from the end's distance to zero.
+        """
         m = uv.shape[1]
-        value = self.levels.value(self.points(uv[:, [0, -1]]))
+        value = self.surfaces.value(self.points(uv[:, [0, -1]]))
         x = np.linspace(0.0, 1.0, m)
         target = value[:, :1] * (1 - x) ** 4 + value[:, 1:] * x**4
         uv, problem, rows = uv.copy(), self, np.arange(len(uv))
-        for _ in range(12):
+        for _ in range(NEWTON_STEPS):
             s, su, sv = problem.jet(uv[rows, 1:-1], 1)
-            g, gradient = problem.levels.jet(s, 1)
+            g, gradient = problem.surfaces.jet(s, 1)
             g = g - target[rows, 1:-1]
             slope = np.stack([np.einsum("nmk,nmk->nm", d, gradient) for d in (su, sv)], axis=2)
-            step = slope * (g / np.maximum((slope**2).sum(axis=2), 1e-300))[..., None]
+            step = slope * (g / np.maximum((slope**2).sum(axis=2), MIN_SQUARED_SLOPE))[..., None]
             uv[rows, 1:-1] -= step
             left = np.abs(step).max(axis=(1, 2), initial=0.0) > NEWTON_STEP_TOL
             if not left.any():
                 break
             if not left.all():
                 rows = rows[left]
-                problem = self.of(rows)
+                problem = self.take(rows)
         return uv
 
-    def along(self, uv: Array) -> tuple[Array, Array, Array, Array]:
-        """Arc length x, d(u, v)/dx, and a parameter s in [0, 1] that spreads length and turning evenly, with ds/dx.
+    def measure_arc_length(self, uv: Array) -> tuple[Array, Array, Array, Array]:
+        """Arc length x, d(u, v)/dx, the even parameter s in [0, 1] and ds/dx at points uv (n, m, 2) on the curves.
 
-        The curvatures k, l of the patch and the surface along the section, at the angle a to each other, turn it at the rate
-        sqrt(k^2 + l^2 - 2 k l cos a) / sin a. All comes from the points themselves, so that the unevenness of a first path
-        leaves no trace. For points uv (n, m, 2) on the curves.
+        Let k and l be the normal curvatures of the patch and the surface along the curve, and a the angle between their normals.
+        The curvature of the curve is sqrt(k^2 + l^2 - 2 k l cos a) / sin a. It is evaluated at the points themselves, so that
+        the result does not depend on how evenly they are placed.
         """
         points, su, sv, suu, suv, svv = self.jet(uv, 2)
-        planar = bool(self.levels.flat.all())
-        across = self.levels.jet(points, 1 if planar else 2)[1:]
+        planar = bool(self.surfaces.is_plane.all())
+        across = self.surfaces.jet(points, 1 if planar else 2)[1:]
         a, b = -(sv * across[0]).sum(axis=2), (su * across[0]).sum(axis=2)  # (u, v) along the curve
         normal = np.cross(su, sv)
         second = (a * a)[..., None] * suu + (2 * a * b)[..., None] * suv + (b * b)[..., None] * svv
@@ -120,17 +130,17 @@ class PatchSurfacePairs:
             slope = np.stack([a, b], axis=2) / speed[..., None]
         chord = np.linalg.norm(np.diff(points, axis=1), axis=2)
         at_saddle = sine < SADDLE_SINE * np.linalg.norm(normal, axis=2)
-        for end, inner, step in ((0, 1, 0), (-1, -2, -1)):  # nothing there points along the curve
+        for end, inner, step in ((0, 1, 0), (-1, -2, -1)):  # both normals are parallel there and give no tangent
             rows = at_saddle[:, end]
             curvature[rows, end] = curvature[rows, inner]
             slope[rows, end] = np.diff(uv, axis=1)[rows, step] / chord[rows, step][:, None]
         middle = 0.5 * (curvature[:, 1:] + curvature[:, :-1])
         chord = chord * (1.0 + (middle * chord) ** 2 / 24.0)
-        curvature[np.isfinite(self.foci[:, 0, 3]) & self.levels.flat] = 0.0
+        curvature[np.isfinite(self.foci[:, 0, 3]) & self.surfaces.is_plane] = 0.0
         density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), curvature / TURN_PER_LENGTH_RAD)
-        apices = np.flatnonzero(self.levels.kind == CONE)
+        apices = np.flatnonzero(self.surfaces.kind == CONE)
         if len(apices):
-            apart = ((points[apices] - self.levels.point[apices, None]) ** 2).sum(axis=2)
+            apart = ((points[apices] - self.surfaces.point[apices, None]) ** 2).sum(axis=2)
             density[apices] = np.sqrt(density[apices] ** 2 + FOCUS_GRADING**2 / np.maximum(apart, MIN_DIVISOR_LENGTH))
         for f in range(self.foci.shape[1]):
             if not np.isfinite(self.foci[:, f, 3]).any():
@@ -138,8 +148,8 @@ class PatchSurfacePairs:
             apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
             density = np.sqrt(density**2 + FOCUS_GRADING**2 / (apart + self.foci[:, f, None, 3] ** 2))
         x = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(chord, axis=1)], axis=1)
-        apart = np.maximum(x[:, 2:] - x[:, :-2], MIN_DIVISOR_LENGTH)  # points on one another are told from their order
-        rise = np.empty_like(density)  # of the density, for the corrected trapezium rule
+        apart = np.maximum(x[:, 2:] - x[:, :-2], MIN_DIVISOR_LENGTH)  # coincident points are kept apart
+        rise = np.empty_like(density)  # derivative of the density, for the corrected trapezoidal rule
         rise[:, 1:-1] = (density[:, 2:] - density[:, :-2]) / apart
         rise[:, [0, -1]] = rise[:, [1, -2]]
         steps = chord * 0.5 * (density[:, 1:] + density[:, :-1])
@@ -149,66 +159,63 @@ class PatchSurfacePairs:
         return x, slope, total / length, density / length
 
     def parametrise(self, uv: Array) -> EvenParametrisation:
-        """The curves through points uv (n, m, 2) on them, with the even parameter."""
-        x, slope, s, density = self.along(uv)
+        """The even parametrisation of the curves through points uv (n, m, 2) on them."""
+        x, slope, s, density = self.measure_arc_length(uv)
         lost = ~(np.diff(s, axis=1) > 0).all(axis=1)  # NaN as well
-        if lost.any():  # hopeless so far: by length, and more points may do
+        if lost.any():  # too few points for turning: arc length alone until there are more
             s[lost] = np.linspace(0.0, 1.0, s.shape[1])
             density[lost] = 1.0 / np.maximum(x[lost, -1:], MIN_DIVISOR_LENGTH)
             if not (np.diff(x, axis=1) > 0).all():
-                raise TrimmingError("the points of a cut curve do not follow each other")
+                raise TrimmingError("the points of an intersection curve are not in ascending order")
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)
-        # x(s) is kept monotone (Fritsch and Carlson's slope limit) where the points are too sparse for a good s
+        # Fritsch and Carlson's slope limit keeps x(s) monotone where the points are sparse
         rate = 1.0 / np.maximum(density, np.maximum(_pad_intervals(secant, 0), _pad_intervals(secant, 1)) / 3.0)
         return EvenParametrisation(uv, x, slope, s, rate)
 
-    def sampled(self, spread: EvenParametrisation, at: Array) -> Array:
+    def evaluate_at(self, even: EvenParametrisation, at: Array) -> Array:
         """Points (n, len(at), 2) on the curves at even parameters."""
-        return self.project_inner_sites(spread.initial_sites(at))
+        return self.project_inner_sites(even.initial_sites(at))
 
-    def resampled(self, uv: Array, at: Array) -> Array:
-        """Points (n, len(at), 2) on the curves at even parameters, from points along them."""
-        return self.sampled(self.parametrise(uv), at)
+    def distances(self, uv: Array) -> Array:
+        """Unsigned distances (n, m) of points (n, m, 2) from their surfaces."""
+        return np.abs(self.surfaces.value(self.points(uv)))
 
-    def off(self, uv: Array) -> Array:
-        """Distances of points (n, m, 2) from their surfaces: (n, m)."""
-        return np.abs(self.levels.value(self.points(uv)))
-
-    def dropped(self, points: Array) -> Array:
-        """Points (n, m, 3) dropped onto their surfaces."""
-        g, gradient = self.levels.jet(points, 1)
+    def project_to_surfaces(self, points: Array) -> Array:
+        """Points (n, m, 3) moved to the nearest points of their surfaces."""
+        g, gradient = self.surfaces.jet(points, 1)
         return points - g[..., None] * gradient
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EvenParametrisation:
-    """Points uv (n, m, 2) along n curves, their arc lengths x, d(u, v)/dx, even parameters s from 0 to 1, and dx/ds."""
+    """Points uv (n, m, 2) along n curves: their arc lengths x, d(u, v)/dx, even parameters s in [0, 1], and dx/ds."""
 
     uv: Array
-    x: Array
+    arc_length: Array
     slope: Array
-    s: Array
-    rate: Array
+    parameter: Array
+    speed: Array
 
-    def of(self, rows: IntArray) -> EvenParametrisation:
-        """Some of the curves."""
-        return EvenParametrisation(self.uv[rows], self.x[rows], self.slope[rows], self.s[rows], self.rate[rows])
+    def take(self, rows: IntArray) -> EvenParametrisation:
+        """The curves of the given rows."""
+        return EvenParametrisation(
+            self.uv[rows], self.arc_length[rows], self.slope[rows], self.parameter[rows], self.speed[rows]
+        )
 
     def initial_sites(self, at: Array) -> Array:
-        """(u, v) at even parameters, near the curves: (n, len(at), 2)."""
-        i, f = _locate_intervals(self.s, at)
+        """(u, v) near the curves at even parameters, by Hermite interpolation: (n, len(at), 2)."""
+        x, speed = self.arc_length, self.speed
+        i, f = _locate_intervals(self.parameter, at)
         row = np.arange(len(self.uv))[:, None]
-        target = _interpolate_hermite(self.s, self.x[..., None], self.rate[..., None], row, i, f)[..., 0]
-        h = self.x[row, i + 1] - self.x[row, i]
-        guess = _interpolate_hermite(
-            self.x, self.uv, self.slope, row, i, np.clip((target - self.x[row, i]) / h, 0.0, 1.0)
-        )
-        guess[:, [0, -1]] = self.uv[:, [0, -1]]
-        return guess
+        target = _interpolate_hermite(self.parameter, x[..., None], speed[..., None], row, i, f)[..., 0]
+        fraction = np.clip((target - x[row, i]) / (x[row, i + 1] - x[row, i]), 0.0, 1.0)
+        sites = _interpolate_hermite(x, self.uv, self.slope, row, i, fraction)
+        sites[:, [0, -1]] = self.uv[:, [0, -1]]
+        return sites
 
 
 def map_foci_to_space(surfaces: Sequence[BSplineSurface], foci: Sequence[Array]) -> Array:
-    """Points and radii in model units (n, q, 4) from (u, v) and radii there, a patch each; filled up with infinite radii."""
+    """Foci as points and radii in model units (n, q, 4), padded by infinite radii, from (u, v) and radii on n patches."""
     result = np.full((len(foci), max(1, max(len(f) for f in foci)), 4), [0.0, 0.0, 0.0, np.inf])
     for i, (surface, own) in enumerate(zip(surfaces, foci, strict=True)):
         if len(own):
@@ -219,12 +226,12 @@ def map_foci_to_space(surfaces: Sequence[BSplineSurface], foci: Sequence[Array])
 
 
 def _pad_intervals(interval: Array, side: int) -> Array:
-    """Values of intervals (n, m - 1) given to the points on their left (0) or right (1), the last one twice: (n, m)."""
+    """Values of intervals (n, m - 1) assigned to the points on their left (0) or right (1): (n, m)."""
     return np.concatenate([interval, interval[:, -1:]] if side == 0 else [interval[:, :1], interval], axis=1)
 
 
 def _locate_intervals(s: Array, at: Array) -> tuple[IntArray, Array]:
-    """Interval and fraction in it of each parameter `at` (k,), row by row of s (n, m) rising from 0 to 1: (n, k)."""
+    """Interval, and fraction of it, of each parameter `at` (k,) in each row of s (n, m), ascending from 0 to 1: (n, k) each."""
     n, m = s.shape
     row = np.arange(n)[:, None]
     i = np.searchsorted((s + 2 * row).ravel(), (at + 2 * row).ravel(), side="right").reshape(n, -1) - 1 - m * row
@@ -233,7 +240,7 @@ def _locate_intervals(s: Array, at: Array) -> tuple[IntArray, Array]:
 
 
 def _interpolate_hermite(x: Array, values: Array, slopes: Array, row: IntArray, i: IntArray, f: Array) -> Array:
-    """Cubic Hermite interpolation at fraction f of interval i: x (n, m), values and slopes (n, m, d) -> (n, k, d)."""
+    """Cubic Hermite interpolation at fraction f of interval i; x (n, m), values and slopes (n, m, d) -> (n, k, d)."""
     h, f = (x[row, i + 1] - x[row, i])[..., None], f[..., None]
     p, q = values[row, i], values[row, i + 1]
     dp, dq = h * slopes[row, i], h * slopes[row, i + 1]

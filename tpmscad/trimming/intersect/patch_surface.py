@@ -1,209 +1,191 @@
-"""Every patch against every surface that it may meet: classes, traced and fitted once, and the arcs they leave on each patch.
+"""Intersection of all patches with the body's surfaces: arcs, traced and fitted once for each congruence class of pairs.
 
-The surface is brought into the primitive's frame. Patches that see it from the same place (to 1e-9 in direction, 1e-10 of the
-patch in distance) are a class; planes seen from either side are one class, turned round.
-
-Tracks: the curves that lattice and body's surfaces have in common, arcs across patches and lattice edges in a surface.
+Each surface is expressed in the local frame of the patch. Pairs with the same carrier and equal surfaces (to 1e-9 in direction
+and 1e-10 of the patch in position) form a class, of which one representative is traced and fitted. Planes that differ in
+orientation only belong to one class.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.intersect import arc_fitting, marching
-from tpmscad.trimming.intersect.curve_surface import ZERO_FRACTION_OF_TOL, CurveSegments, CurveSurfaceIntersections
+from tpmscad.trimming.intersect.arc_fitting import CoarsePath, fit_arcs
+from tpmscad.trimming.intersect.arrangement import (
+    ZERO_FRACTION_OF_TOL,
+    Arrangement,
+    CurveSegments,
+    FittedArc,
+    IntersectionCurves,
+    PatchArcs,
+)
+from tpmscad.trimming.intersect.marching import ArcEnd, Trace
 from tpmscad.trimming.intersect.marching_batched import march_patches
 from tpmscad.trimming.intersect.patch_borders import BorderSide
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
-from tpmscad.trimming.operands.patch_sides import PatchSides
+from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces, group_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchArcs:
-    """What the surfaces do to the patches.
+class _PairClasses:
+    """Candidate pairs (P,) of face and surface in congruence classes (C).
 
-    Arcs, in flat arrays: face, surface, which of `cuts`, +1 or -1 if the surface's negative side is on the left or right of its
-    parameter, start and end vertex along the parameter. `points`: the vertices made here, in order. `side_sign`: by patch and
-    surface the signs next to the patch's sides (4,), where one lies in the surface.
+    `flip` (P,): -1 if the plane's orientation is reversed. `first` (C,): a representative pair of each class. `label` (P,): the
+    class of each pair. `carrier`, `surfaces`, `on_corner`, `borders` (C): of the representatives, in the patch's frame.
     """
 
-    fitted_arcs: tuple[arc_fitting.FittedArc, ...]
     face: IntArray
     surface: IntArray
-    cut: IntArray
-    sense: IntArray
-    start: IntArray
-    end: IntArray
-    points: Array
-    sign_beside_sides: dict[tuple[int, int], IntArray]
-    n_classes: int
+    flip: IntArray
+    first: IntArray
+    label: IntArray
+    carrier: IntArray
+    surfaces: ImplicitSurfaces
+    on_corner: BoolArray
+    borders: list[tuple[BorderSide, ...]]
 
 
-def intersect_patches(
-    brep: Brep,
-    sides: PatchSides,
-    levels: ImplicitSurfaces,
-    near: BoolArray,
-    on: BoolArray,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    first_vertex: int,
-    tol: float,
-) -> PatchArcs:
-    """Trace surfaces on the patches `near` them (F, K). `on` (V, K), `crossings`: the lattice's vertices and edges on them."""
-    faces = brep.faces
-    face, surface = np.nonzero(near)
-    seen = levels.of(surface).in_frames(faces.motion[face])
-    corner_on = on[sides.corner[face], surface[:, None]]
-    side_flat = crossings.sign[sides.edge[face], surface[:, None]] == 0
-    special = corner_on.any(axis=1) | side_flat.any(axis=1)
-    rounded = np.round(seen.axis, 9) + 0.0
-    leading = rounded[np.arange(len(face)), (rounded != 0).argmax(axis=1)]
-    turn = np.where((leading < 0) & ~special & seen.flat, -1, 1)
-    seen = seen.flip_planes(turn)
-    size = max((float(np.ptp(c.poles)) for c in brep.carriers if isinstance(c, BSplineSurface)), default=1.0)
-    key = np.column_stack([faces.carrier[face], seen.key(size), corner_on, side_flat])
-    _, first, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    label = label.ravel()
+def intersect_patches(a: Arrangement) -> Arrangement:
+    """The arrangement with the arcs of all candidate pairs, their curves and the vertices inside patches."""
+    o = a.operands
+    pairs = _group_pairs(a)
+    patches = [o.patches[c] for c in pairs.carrier.tolist()]
+    traces = march_patches(patches, pairs.surfaces, pairs.borders, pairs.on_corner, ZERO_FRACTION_OF_TOL * o.fit_tol)
+    fitted, first_fitted = _fit_all_arcs(a, traces, pairs)
+    arcs, points = _scatter_arcs(a, traces, pairs, fitted, first_fitted)
+    return replace(
+        a,
+        arcs=arcs,
+        curves=(*o.curves, *(arc.curve for arc in fitted)),
+        vertices=np.vstack([a.vertices, points]),
+    ).snap_vertices()
 
-    carrier, seen = faces.carrier[face[first]], seen.of(first)
-    borders = [_collect_borders(brep, sides, crossings, int(face[p]), int(surface[p]), int(turn[p])) for p in first]
-    patches = [patch for patch in (brep.carriers[c] for c in carrier) if isinstance(patch, BSplineSurface)]
-    traces = march_patches(patches, seen, borders, corner_on[first], ZERO_FRACTION_OF_TOL * tol)
-    cuts, first_cut = _fit_all_arcs(brep, traces, carrier, seen, tol)
 
-    side_sign = {
-        (int(face[p]), int(surface[p])): turn[p] * traces[label[p]].sign_beside_side
+def _group_pairs(a: Arrangement) -> _PairClasses:
+    """The congruence classes of the candidate pairs."""
+    o, faces = a.operands, a.operands.lattice.faces
+    face, surface = np.nonzero(o.candidates)
+    surfaces = o.body.surfaces.take(np.arange(o.body.n_surfaces))
+    framed = surfaces.take(surface).in_frames(faces.motion[face])
+    corner_on = a.on_surface[o.sides.corner[face], surface[:, None]]
+    side_coincident = a.edge_roots.initial_sign[o.sides.edge[face], surface[:, None]] == 0
+    degenerate = corner_on.any(axis=1) | side_coincident.any(axis=1)
+    flip = np.where((framed.leading_coordinate() < 0) & ~degenerate & framed.is_plane, -1, 1)
+    framed = framed.flip_planes(flip)
+    size = max((float(np.ptp(patch.poles)) for patch in o.patches.values()), default=1.0)
+    key = np.column_stack([faces.carrier[face], framed.congruence_key(size), corner_on, side_coincident])
+    first, label = group_rows(key)
+    return _PairClasses(
+        face,
+        surface,
+        flip,
+        first,
+        label,
+        faces.carrier[face[first]],
+        framed.take(first),
+        corner_on[first],
+        [_collect_borders(a, int(face[p]), int(surface[p]), int(flip[p])) for p in first],
+    )
+
+
+def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tuple[BorderSide, ...]:
+    """The four sides of a patch as its edges see the surface, whose orientation is multiplied by `flip`."""
+    sides, roots = a.operands.sides, a.edge_roots
+    result = []
+    for edge, forward in zip(sides.edge[face], sides.forward[face], strict=True):
+        low, high = a.edges.span[edge]
+        x = (roots.roots_of(edge, surface) - low) / (high - low)
+        sign = int(roots.initial_sign[edge, surface]) * flip
+        result.append(BorderSide(x, sign) if forward else BorderSide(1.0 - x[::-1], sign * (-1) ** len(x)))
+    return tuple(result)
+
+
+def _fit_all_arcs(a: Arrangement, traces: list[Trace], pairs: _PairClasses) -> tuple[tuple[FittedArc, ...], IntArray]:
+    """The fitted arcs of all classes, in order, and the first one of each class; batched by spline space."""
+    owner = np.repeat(np.arange(len(traces)), [len(trace.arcs) for trace in traces])
+    paths = [CoarsePath(arc.path, trace.foci) for trace in traces for arc in trace.arcs]
+    patches = [a.operands.patches[c] for c in pairs.carrier[owner].tolist()]
+    fitted: list[FittedArc | None] = [None] * len(paths)
+    spaces: dict[tuple[int, int, bytes, bytes, bool], list[int]] = {}
+    for i, s in enumerate(patches):
+        is_plane = bool(pairs.surfaces.is_plane[owner[i]])
+        key = (s.degree_u, s.degree_v, s.knots_u.tobytes(), s.knots_v.tobytes(), is_plane)
+        spaces.setdefault(key, []).append(i)
+    for members in spaces.values():
+        made = fit_arcs(
+            [patches[i] for i in members],
+            pairs.surfaces.take(owner[np.array(members)]),
+            [paths[i] for i in members],
+            a.operands.fit_tol,
+        )
+        for i, arc in zip(members, made, strict=True):
+            fitted[i] = arc
+    return tuple(arc for arc in fitted if arc is not None), np.searchsorted(owner, np.arange(len(traces)))
+
+
+def _scatter_arcs(
+    a: Arrangement, traces: list[Trace], pairs: _PairClasses, fitted: tuple[FittedArc, ...], first_fitted: IntArray
+) -> tuple[PatchArcs, Array]:
+    """The arcs of every pair, from those of its class, and the points of new vertices inside patches (n, 3)."""
+    faces, patches = a.operands.lattice.faces, a.operands.patches
+    face, surface, flip, label = pairs.face, pairs.surface, pairs.flip, pairs.label
+    beside = {
+        (int(face[p]), int(surface[p])): flip[p] * traces[label[p]].sign_beside_side
         for p in np.flatnonzero(np.array([trace.sign_beside_side.any() for trace in traces], bool)[label])
     }
     rows: list[tuple[int, ...]] = []
     points: list[Array] = []
     for p in np.flatnonzero(np.array([len(trace.arcs) > 0 for trace in traces], bool)[label]):
         trace, f, k = traces[label[p]], int(face[p]), int(surface[p])
-        own = first_vertex + len(points)
-        patch = brep.carriers[faces.carrier[f]]
-        assert isinstance(patch, BSplineSurface)
+        first_point = len(a.vertices) + len(points)
         if len(trace.points):
-            local = patch(trace.points[:, 0], trace.points[:, 1])
+            local = patches[int(faces.carrier[f])](trace.points[:, 0], trace.points[:, 1])
             points.extend(faces.motion[f].apply(local))
-        for a, arc in enumerate(trace.arcs):
-            ends = [_find_end_vertex(end, sides, crossings, vertex_of_root, f, k, own) for end in (arc.start, arc.end)]
-            rows.append((f, k, first_cut[label[p]] + a, int(turn[p]), *ends))
-    face, surface, cut, sense, start, end = np.array(rows, np.int64).reshape(-1, 6).T
-    return PatchArcs(
-        cuts, face, surface, cut, sense, start, end, np.array(points).reshape(-1, 3), side_sign, len(first)
-    )
+        for i, arc in enumerate(trace.arcs):
+            ends = [_find_end_vertex(a, end, f, k, first_point) for end in (arc.start, arc.end)]
+            rows.append((f, k, first_fitted[label[p]] + i, int(flip[p]), *ends))
+    table = np.array(rows, np.int64).reshape(-1, 6).T
+    arcs = PatchArcs(fitted, table[0], table[1], table[2], table[3], table[4], table[5], beside, len(pairs.first))
+    return arcs, np.array(points).reshape(-1, 3)
 
 
-def _collect_borders(
-    brep: Brep, sides: PatchSides, crossings: CurveSurfaceIntersections, face: int, surface: int, turn: int
-) -> tuple[BorderSide, ...]:
-    """The four sides of a patch as its edges know them, for the surface turned by `turn`."""
-    result = []
-    for edge, forward in zip(sides.edge[face], sides.forward[face], strict=True):
-        low, high = brep.edges.span[edge]
-        x = (crossings.of(edge, surface) - low) / (high - low)
-        sign = int(crossings.sign[edge, surface]) * turn
-        result.append(BorderSide(x, sign) if forward else BorderSide(1.0 - x[::-1], sign * (-1) ** len(x)))
-    return tuple(result)
-
-
-def _fit_all_arcs(
-    brep: Brep, traces: list[marching.Trace], carrier: IntArray, levels: ImplicitSurfaces, tol: float
-) -> tuple[tuple[arc_fitting.FittedArc, ...], IntArray]:
-    """Curves of all arcs of all classes, in order, and where each class's begin."""
-    owner = np.repeat(np.arange(len(traces)), [len(trace.arcs) for trace in traces])
-    paths = [arc.path for trace in traces for arc in trace.arcs]
-    foci = [trace.foci for trace in traces for _ in trace.arcs]
-    cuts: list[arc_fitting.FittedArc | None] = [None] * len(paths)
-    spaces: dict[tuple[int, int, bytes, bytes, bool], list[int]] = {}
-    patches = []
-    for i, c in enumerate(carrier[owner]):
-        s = brep.carriers[c]
-        assert isinstance(s, BSplineSurface)
-        patches.append(s)
-        key = (s.degree_u, s.degree_v, s.knots_u.tobytes(), s.knots_v.tobytes(), bool(levels.flat[owner[i]]))
-        spaces.setdefault(key, []).append(i)
-    for members in spaces.values():
-        at = np.array(members)
-        fitted = arc_fitting.fit_arcs(
-            [patches[i] for i in members],
-            levels.of(owner[at]),
-            [paths[i] for i in members],
-            [foci[i] for i in members],
-            tol,
-        )
-        for i, cut in zip(members, fitted, strict=True):
-            cuts[i] = cut
-    return tuple(c for c in cuts if c is not None), np.searchsorted(owner, np.arange(len(traces)))
-
-
-def _find_end_vertex(
-    end: marching.ArcEnd,
-    sides: PatchSides,
-    crossings: CurveSurfaceIntersections,
-    vertex_of_root: IntArray,
-    face: int,
-    surface: int,
-    first_point: int,
-) -> int:
-    """The vertex in which an arc of a class ends on one of its patches."""
+def _find_end_vertex(a: Arrangement, end: ArcEnd, face: int, surface: int, first_point: int) -> int:
+    """The vertex at the end of a class's arc on one of its patches."""
     kind, i, j = end
+    sides, roots = a.operands.sides, a.edge_roots
     if kind == "point":
         return first_point + i
     if kind == "corner":
         return int(sides.corner[face, i])
     edge = sides.edge[face, i]
-    pair = crossings.row_of_pair[edge, surface]
-    count = crossings.root_start[pair + 1] - crossings.root_start[pair] if pair >= 0 else 0
+    pair = roots.row_of_pair[edge, surface]
+    count = roots.root_start[pair + 1] - roots.root_start[pair] if pair >= 0 else 0
     if j >= count:
-        raise TrimmingError(f"patches that see surface {surface} from the same place differ on their borders")
-    return int(vertex_of_root[crossings.root_start[pair] + (j if sides.forward[face, i] else count - 1 - j)])
+        raise TrimmingError(f"congruent patches have different intersections with surface {surface} on their borders")
+    return int(a.edge_root_vertex[roots.root_start[pair] + (j if sides.forward[face, i] else count - 1 - j)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class IntersectionCurves:
-    """T curve pieces, the A arcs first; `strands.curve` numbers the lattice's curves, then the cuts'.
-
-    `surface` (T,): where it lies. `face` (T,): the patch of an arc, or -1. `edge` (T,): the lattice edge, or -1 for arcs.
-    `sense` (T,): +1 where the surface's negative side of the patch is on the left of an arc's parameter, else -1; 0 for edges.
-    """
-
-    curve_segments: CurveSegments
-    surface: IntArray
-    face: IntArray
-    edge: IntArray
-    sense: IntArray
-
-    def __len__(self) -> int:
-        return len(self.surface)
-
-
-def collect_intersection_curves(
-    lattice: Brep, cuts: PatchArcs, crossings: CurveSurfaceIntersections
-) -> IntersectionCurves:
-    """The arcs, then every lattice edge that lies in one surface; an edge in two is left to its neighbours."""
-    e, faces = lattice.edges, lattice.faces
-    flat = crossings.sign == 0
-    edge, surface = np.nonzero(flat & (flat.sum(axis=1) == 1)[:, None])
-    arcs, flats = len(cuts.face), len(edge)
-    return IntersectionCurves(
+def collect_imprints(a: Arrangement) -> Arrangement:
+    """The arrangement with its imprints: the arcs, then every lattice edge that lies in exactly one surface."""
+    o, arcs = a.operands, a.arcs
+    e, faces = o.lattice.edges, o.lattice.faces
+    coincident = a.edge_roots.initial_sign == 0
+    edge, surface = np.nonzero(coincident & (coincident.sum(axis=1) == 1)[:, None])
+    n_arcs, n_edges = len(arcs.face), len(edge)
+    imprints = IntersectionCurves(
         curve_segments=CurveSegments(
-            curve=np.concatenate([len(lattice.curves) + cuts.cut, e.curve[edge]]),
-            motion=Motion.concatenate([faces.motion[cuts.face], e.motion[edge]]),
-            span=np.concatenate([np.tile([0.0, 1.0], (arcs, 1)), e.span[edge]]),
-            start=np.concatenate([cuts.start, e.start[edge]]),
-            end=np.concatenate([cuts.end, e.end[edge]]),
+            curve=np.concatenate([len(o.curves) + arcs.fitted_index, e.curve[edge]]),
+            motion=Motion.concatenate([faces.motion[arcs.face], e.motion[edge]]),
+            span=np.concatenate([np.tile([0.0, 1.0], (n_arcs, 1)), e.span[edge]]),
+            start=np.concatenate([arcs.start, e.start[edge]]),
+            end=np.concatenate([arcs.end, e.end[edge]]),
         ),
-        surface=np.concatenate([cuts.surface, surface]),
-        face=np.concatenate([cuts.face, np.full(flats, -1)]),
-        edge=np.concatenate([np.full(arcs, -1), edge]),
-        sense=np.concatenate([cuts.sense, np.zeros(flats, np.int64)]),
+        surface=np.concatenate([arcs.surface, surface]),
+        face=np.concatenate([arcs.face, np.full(n_edges, -1)]),
+        edge=np.concatenate([np.full(n_arcs, -1), edge]),
+        sense=np.concatenate([arcs.sense, np.zeros(n_edges, np.int64)]),
     )
+    return replace(a, imprints=imprints)

@@ -1,8 +1,9 @@
-"""A body made ready to trim by: its surfaces as levels, and for each of its edges what tells that a curve crosses it.
+"""The trimming body prepared for intersection: its implicit surfaces and, for each of its edges, two separating surfaces.
 
-Several faces may lie on one surface. A curve on the surface of a face crosses an edge of this face where the edge's *companion*
-vanishes: the other face's surface, or, where the faces are tangent or of one surface, a *fence*, the surface that stands upright
-on both along the edge: a plane along a line, a plane, cone or cylinder along a circle.
+Several faces may lie on one surface. A curve on the surface of a face crosses an edge of this face where the *separating surface*
+of the edge vanishes. This is the surface of the adjacent face if the two faces meet at an angle. If they are tangent or lie on
+one surface, it is the *normal surface*: the ruled surface of the faces' normals along the edge, a plane along a line, and a
+plane, a cylinder or a cone along a circle.
 """
 
 from __future__ import annotations
@@ -17,38 +18,51 @@ from tpmscad.brep.carriers import Carrier, Circle, EdgeCurve, Plane, Quadric
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-from tpmscad.trimming.operands.implicit_surfaces import CONE, CYLINDER, PLANE, ImplicitSurfaces, build_implicit_surfaces
+from tpmscad.trimming.operands.implicit_surfaces import (
+    CONE,
+    CYLINDER,
+    PLANE,
+    ImplicitSurfaces,
+    build_implicit_surfaces,
+    group_rows,
+)
 
 MIN_FACE_ANGLE_SINE = 0.05
-"""Sine of the angle between two faces above which they meet like crossing surfaces."""
+"""Sine of the angle between two faces above which their surfaces separate each other."""
 
 NORMAL_SURFACE_TOL = 1e-6
-"""How nearly a fence must stand upright on both faces, and hold the edge (in parts of the body)."""
+"""Largest cosine between a normal surface's normal and a face's, and largest distance from the edge relative to the body."""
 
 EDGE_SAMPLE_FRACTIONS = np.linspace(0.02, 0.98, 9)
-"""Where along an edge its faces are looked at, as parts of its span: not at its ends, where an apex may be."""
+"""Fractions of an edge's span where its faces are compared; the ends are avoided, since an apex may lie there."""
+
+MIDDLE_SAMPLE = 4
+"""Index of the middle one of `EDGE_SAMPLE_FRACTIONS`."""
+
+BOX_SAMPLES = 17
+"""Samples along each edge, and along u and v of each curved face, from which bounding boxes are found."""
 
 BOX_MARGIN_FRACTION = 0.05
-"""Boxes about faces are found on samples, and enlarged by this part of their diagonal."""
+"""Enlargement of the sampled bounding boxes, relative to their diagonals."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrimmingBody:
-    """F faces on K surfaces, M edges with two uses each.
+    """A closed body of F faces on K implicit surfaces, with M edges of two uses each.
 
-    `levels`: the K surfaces, then the fences. `carriers` (F): each face's own carrier, in place. `surface`, `sense` (F,): the
-    level a face lies on, and +1 where the level grows out of the solid there, else -1; `turn` (F,): +1 where it grows along
-    S_u x S_v. `curves` (M): the edges' curves, in place. `uses` (M, 2) in the complex; `companion` (M, 2): for each use the
-    level that vanishes on the edge. `boxes` (F, 2, 3): opposite corners of boxes about the faces. `size`: of all.
+    `surfaces`: the K surfaces, then the normal surfaces. `carriers` (F): the carriers of the faces, in global coordinates.
+    `surface_of_face` (F,): the surface of each face. `sense` (F,): +1 if the distance from it grows out of the solid, else -1.
+    `curves` (M): the edges' curves, in global coordinates. `uses` (M, 2): the edge uses of each edge in `brep`.
+    `separating_surface` (M, 2): for each use, the surface that vanishes on the edge. `face_boxes` (F, 2, 3): bounding boxes, low
+    and high corner. `face_of_use`: the face of every edge use. `size`: diagonal of the body's bounding box, or a larger radius.
     """
 
     brep: Brep
-    levels: ImplicitSurfaces
+    surfaces: ImplicitSurfaces
     n_surfaces: int
     carriers: tuple[Plane | Quadric, ...]
-    surface: IntArray
+    surface_of_face: IntArray
     sense: IntArray
-    turn: IntArray
     curves: tuple[EdgeCurve, ...]
     uses: IntArray
     separating_surface: IntArray
@@ -58,7 +72,11 @@ class TrimmingBody:
 
 
 def prepare_trimming_body(brep: Brep) -> TrimmingBody:
-    """The body ready to trim by; InvalidRequest if it is not closed, TrimmingError if its faces or edges are of other kinds."""
+    """The trimming body of a boundary representation.
+
+    InvalidRequest if it is not closed, TrimmingError if a face lies on a spline surface or two faces are tangent along an edge
+    that is neither a line nor a circle.
+    """
     faces, edges = brep.faces, brep.edges
     carriers = tuple(_place_carrier(brep.carriers[c], faces.motion[i]) for i, c in enumerate(faces.carrier))
     curves = tuple(_place_curve(brep.curves[c], edges.motion[i]) for i, c in enumerate(edges.curve))
@@ -71,27 +89,25 @@ def prepare_trimming_body(brep: Brep) -> TrimmingBody:
     uses = order.reshape(-1, 2)
 
     n = len(faces)
-    seen = build_implicit_surfaces(carriers).in_frames(Motion.identity(n))
-    rounded = np.round(seen.axis, 9) + 0.0
-    turn = np.where(seen.flat & (rounded[np.arange(n), (rounded != 0).argmax(axis=1)] < 0), -1, 1)
-    seen = seen.flip_planes(turn)
+    of_face = build_implicit_surfaces(carriers).in_frames(Motion.identity(n))
+    flip = np.where(of_face.is_plane & (of_face.leading_coordinate() < 0), -1, 1)
+    of_face = of_face.flip_planes(flip)
     size = float(np.linalg.norm(np.ptp(brep.vertices, axis=0))) if len(brep.vertices) else 1.0
     size = max([size, *(float(getattr(c, "radius", 0.0)) for c in carriers)])
-    _, first, label = np.unique(seen.key(size), axis=0, return_index=True, return_inverse=True)
+    first, label = group_rows(of_face.congruence_key(size))
     rank = np.argsort(np.argsort(first))
-    levels, surface = seen.of(np.sort(first)), rank[label.ravel()]
-    levels, companion = _choose_separating_surfaces(levels, surface[face[uses]], edges.span, curves, size)
+    surfaces, surface_of_face = of_face.take(np.sort(first)), rank[label]
+    surfaces, separating = _choose_separating_surfaces(surfaces, surface_of_face[face[uses]], edges.span, curves, size)
     return TrimmingBody(
         brep=brep,
-        levels=levels,
+        surfaces=surfaces,
         n_surfaces=len(first),
         carriers=carriers,
-        surface=surface,
-        sense=faces.sense * turn,
-        turn=turn,
+        surface_of_face=surface_of_face,
+        sense=faces.sense * flip,
         curves=curves,
         uses=uses,
-        separating_surface=companion,
+        separating_surface=separating,
         face_boxes=_bound_faces(brep, carriers, curves),
         face_of_use=face,
         size=size,
@@ -109,47 +125,46 @@ def _place_carrier(carrier: Carrier, motion: Motion) -> Plane | Quadric:
 
 
 def _place_curve(curve: EdgeCurve, motion: Motion) -> EdgeCurve:
-    if motion.is_identity():
-        return curve
-    return curve.moved(motion)
+    return curve if motion.is_identity() else curve.moved(motion)
 
 
 def _choose_separating_surfaces(
-    levels: ImplicitSurfaces, surfaces: IntArray, spans: Array, curves: tuple[EdgeCurve, ...], size: float
+    surfaces: ImplicitSurfaces, pairs: IntArray, spans: Array, curves: tuple[EdgeCurve, ...], size: float
 ) -> tuple[ImplicitSurfaces, IntArray]:
-    """Levels with the fences added, and the companions (M, 2) of edges between `surfaces` (M, 2)."""
-    companion = surfaces[:, ::-1].copy()
-    fences: list[ImplicitSurfaces] = []
-    for e, (curve, (low, high), pair) in enumerate(zip(curves, spans, surfaces, strict=True)):
+    """The surfaces with normal surfaces appended, and the separating surfaces (M, 2) of edges between `pairs` (M, 2) of them."""
+    separating = pairs[:, ::-1].copy()
+    appended: list[ImplicitSurfaces] = []
+    for e, (curve, (low, high), pair) in enumerate(zip(curves, spans, pairs, strict=True)):
         t = low + (high - low) * EDGE_SAMPLE_FRACTIONS
         points = curve(t)
-        gradients = levels.of(pair).jet(np.broadcast_to(points, (2, *points.shape)), 1)[1]
+        gradients = surfaces.take(pair).jet(np.broadcast_to(points, (2, *points.shape)), 1)[1]
         sine = np.linalg.norm(np.cross(*gradients), axis=1)
         if pair[0] != pair[1] and sine.min() > MIN_FACE_ANGLE_SINE:
             continue
-        fence = _build_normal_surface(curve, points, curve(t, 1), gradients[0])
-        if fence is not None:
-            value, gradient = (j[0] for j in fence.jet(points[None], 1))
-            upright = np.abs(np.einsum("snk,nk->sn", gradients, gradient)).max()
-            if np.abs(value).max() < NORMAL_SURFACE_TOL * size and upright < max(
+        normal_surface = _build_normal_surface(curve, points, curve(t, 1), gradients[0])
+        if normal_surface is not None:
+            value, gradient = (j[0] for j in normal_surface.jet(points[None], 1))
+            cosine = np.abs(np.einsum("snk,nk->sn", gradients, gradient)).max()
+            if np.abs(value).max() < NORMAL_SURFACE_TOL * size and cosine < max(
                 NORMAL_SURFACE_TOL, 2 * MIN_FACE_ANGLE_SINE if sine.max() > NORMAL_SURFACE_TOL else 0.0
             ):
-                companion[e] = len(levels) + len(fences)
-                fences.append(fence)
+                separating[e] = len(surfaces) + len(appended)
+                appended.append(normal_surface)
                 continue
         if pair[0] == pair[1] or sine.min() < NORMAL_SURFACE_TOL:
             raise TrimmingError(
-                f"faces of the body are tangent along the edge at {points[4].round(6)}, no line nor circle"
+                f"two faces of the body are tangent along the edge at {points[MIDDLE_SAMPLE].round(6)}, "
+                "which is neither a line nor a circle"
             )
-    rows = [levels, *fences]
+    rows = [surfaces, *appended]
     joined = ImplicitSurfaces(
-        *(np.concatenate([getattr(r, name) for r in rows]) for name in ("kind", "point", "axis", "a", "b"))
+        *(np.concatenate([getattr(r, name) for r in rows]) for name in ImplicitSurfaces.__dataclass_fields__)
     )
-    return joined, companion
+    return joined, separating
 
 
 def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, normals: Array) -> ImplicitSurfaces | None:
-    """The surface of the normals along a line or a circle; None along other curves."""
+    """The ruled surface of the normals along a line or a circle; None along other curves."""
     if isinstance(curve, Circle):
         arm = points[0] - curve.origin
         out, up = float(normals[0] @ arm) / curve.radius, float(normals[0] @ curve.normal)
@@ -162,9 +177,9 @@ def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, norm
             CONE, curve.origin + height * curve.normal, -np.sign(height) * curve.normal, float(np.arctan(abs(out / up)))
         )
     if isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2:
-        across = np.cross(normals[4], tangents[4])
+        across = np.cross(normals[MIDDLE_SAMPLE], tangents[MIDDLE_SAMPLE])
         across /= np.linalg.norm(across)
-        return _build_surface_row(PLANE, np.zeros(3), across, -float(across @ points[4]))
+        return _build_surface_row(PLANE, np.zeros(3), across, -float(across @ points[MIDDLE_SAMPLE]))
     return None
 
 
@@ -173,27 +188,43 @@ def _build_surface_row(kind: int, point: Array, axis: Array, a: float) -> Implic
 
 
 def _bound_faces(brep: Brep, carriers: tuple[Plane | Quadric, ...], curves: tuple[EdgeCurve, ...]) -> Array:
-    faces, uses, edges = brep.faces, brep.uses, brep.edges
-    result = np.empty((len(faces), 2, 3))
+    """Bounding boxes (F, 2, 3) of the faces, from samples."""
+    uses, edges = brep.uses, brep.edges
+    result = np.empty((len(brep.faces), 2, 3))
     for f, carrier in enumerate(carriers):
-        own = range(face_use_range(brep, f)[0], face_use_range(brep, f)[1])
         points, uv = [], []
-        for k in own:
-            t = edges.span[uses.edge[k], 0] + np.ptp(edges.span[uses.edge[k]]) * np.linspace(0, 1, 17)
+        for k in range(*face_use_range(brep, f)):
+            span = edges.span[uses.edge[k]]
+            t = span[0] + np.ptp(span) * np.linspace(0, 1, BOX_SAMPLES)
             points.append(curves[uses.edge[k]](t))
             if not isinstance(carrier, Plane):
                 uv.append(brep.pcurves[uses.pcurve[k]](t))
         if uv:
             (u0, v0), (u1, v1) = np.concatenate(uv).min(axis=0), np.concatenate(uv).max(axis=0)
-            u, v = np.meshgrid(np.linspace(u0, u1, 17), np.linspace(v0, v1, 17))
+            u, v = np.meshgrid(np.linspace(u0, u1, BOX_SAMPLES), np.linspace(v0, v1, BOX_SAMPLES))
             points.append(carrier(u, v).reshape(-1, 3))
         low, high = np.concatenate(points).min(axis=0), np.concatenate(points).max(axis=0)
-        swell = BOX_MARGIN_FRACTION * np.linalg.norm(high - low)
-        result[f] = low - swell, high + swell
+        margin = BOX_MARGIN_FRACTION * np.linalg.norm(high - low)
+        result[f] = low - margin, high + margin
     return result
 
 
 def face_use_range(brep: Brep, face: int) -> tuple[int, int]:
-    """The uses of one face: from, to."""
+    """The first edge use of a face, and the one after its last."""
     faces = brep.faces
     return int(faces.use_start[faces.loop_start[face]]), int(faces.use_start[faces.loop_start[face + 1]])
+
+
+def list_face_corners(body: TrimmingBody) -> list[tuple[int, int, int, int]]:
+    """Every corner of every face: the face, the use that ends there, the use that starts there, and the vertex."""
+    brep = body.brep
+    faces, uses, edges = brep.faces, brep.uses, brep.edges
+    result = []
+    for f in range(len(faces)):
+        for loop in range(faces.loop_start[f], faces.loop_start[f + 1]):
+            own = range(faces.use_start[loop], faces.use_start[loop + 1])
+            for i, k in enumerate(own):
+                e = uses.edge[k]
+                w = edges.start[e] if uses.sense[k] > 0 else edges.end[e]
+                result.append((f, own[i - 1], k, int(w)))
+    return result

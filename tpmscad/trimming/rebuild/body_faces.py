@@ -1,7 +1,8 @@
-"""The body's faces inside the lattice's solid: what the trimmed lattice leaves open on each, closed along the body's own edges.
+"""The parts of the body's edges inside the lattice's solid: together with the cap boundary they bound the body's faces there.
 
-Each open edge runs round its wall with the solid on its left. Where such a run ends, it ends on an edge of the body, and the
-solid lies before or behind that point: in and out alternate along the body's edges, and its vertices take their state from them.
+The trimmed lattice is used once along each edge of the cap boundary, and a face of the body must use it the other way. These
+edges run round the part of the face with the solid on their left. Where such a run ends, it ends on an edge of the body, and the
+solid lies before or behind that point. So in and out alternate along the body's edges, and propagate over its vertices.
 """
 
 from __future__ import annotations
@@ -10,22 +11,23 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError
-from tpmscad.trimming.classify.intersection_curves import list_face_corners
-from tpmscad.trimming.intersect.body_edges import BodyEdgeIntersections
-from tpmscad.trimming.operands.trimming_body import TrimmingBody
+from tpmscad.trimming.classify.propagation import InsideVotes
+from tpmscad.trimming.intersect.arrangement import Arrangement
+from tpmscad.trimming.operands.trimming_body import list_face_corners
+
+InLattice = Callable[[Array], BoolArray]
+"""The points (n, 3) that lie in a domain: (n,). Evaluated only for parts of the body's edges that meet no lattice face."""
 
 PROBE_FRACTIONS = (0.5, 0.21, 0.83)
-"""Parts of a piece's span at which it may tell whether it is in the solid."""
+"""Fractions of a piece's span at which it may be probed against the lattice's solid."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CapBoundary:
-    """Edges to be walled: the body's face, edge number, +1 or -1 for the direction of the wall's use, first and last vertex."""
+    """The edges that the body's faces must close: the face, the edge, +1 or -1 for its direction, first and last vertex."""
 
     face: IntArray
     edge: IntArray
@@ -36,7 +38,7 @@ class CapBoundary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodySubEdges:
-    """Pieces of the body's edges that bound the solid: edge, span, vertices; vertex -1 - w stands for vertex w of the body."""
+    """Pieces of the body's edges: edge, span (n, 2), start and end vertex; vertex w of the body has the number V + w."""
 
     edge: IntArray
     span: Array
@@ -44,110 +46,109 @@ class BodySubEdges:
     end: IntArray
 
 
-def select_body_edges(
-    body: TrimmingBody,
-    hits: BodyEdgeIntersections,
-    open_edges: CapBoundary,
-    vertices: Array,
-    in_solid: Callable[[Array], BoolArray],
-) -> BodySubEdges:
-    """Which parts of the body's edges lie in the lattice's solid."""
-    brep = body.brep
-    way = brep.uses.sense * brep.faces.sense[body.face_of_use]  # round the face as seen from outside
-    balance: dict[tuple[int, int], int] = {}  # by face and vertex, runs that start less runs that end
-    for f, a, b in zip(open_edges.face.tolist(), open_edges.start.tolist(), open_edges.end.tolist(), strict=True):
-        balance[f, a] = balance.get((f, a), 0) + 1
-        balance[f, b] = balance.get((f, b), 0) - 1
-    balance = {key: b for key, b in balance.items() if b}
-    rows, first = _split_body_edges(body, hits)
-    one: list[tuple[int, bool]] = []  # piece, whether it is in the solid
-    same: list[tuple[int, int]] = []
-    claimed = set()
+def select_body_edges(a: Arrangement, boundary: CapBoundary, in_lattice: InLattice) -> BodySubEdges:
+    """The pieces of the body's edges that lie in the lattice's solid."""
+    body, brep, points = a.operands.body, a.operands.body.brep, a.body_edge_points
+    balance = _balance_runs(boundary)
+    pieces, first = _split_body_edges(a)
+    links: list[tuple[int, int]] = []
+    known: list[tuple[int, bool]] = []
+    visited = set()
 
-    def turn(face: int, vertex: int | None, before: int, after: int) -> None:
+    def pass_vertex(face: int, vertex: int | None, before: int, after: int) -> None:
+        """Link two consecutive pieces round a face, or classify both where a run of the boundary starts or ends."""
         b = 0 if vertex is None else balance.get((face, vertex), 0)
         if vertex is not None:
-            claimed.add((face, vertex))
+            visited.add((face, vertex))
         if abs(b) > 1:
-            raise TrimmingError(f"several cuts of one face of the body end in {vertices[vertex].round(6)}")
+            at = a.vertices[vertex].round(6)
+            raise TrimmingError(f"several intersection curves on face {face} of the body end at {at}")
         if b == 0:
-            same.append((before, after))
+            links.append((before, after))
         else:
-            one.extend([(before, b > 0), (after, b < 0)])
+            known.extend([(before, b > 0), (after, b < 0)])
 
+    direction = brep.uses.sense * brep.faces.sense[body.face_of_use]  # round the face as seen from outside
     for e in range(len(body.curves)):
         for p in range(first[e], first[e + 1] - 1):
             for k in body.uses[e]:
-                turn(int(body.face_of_use[k]), rows[p][4], *((p, p + 1) if way[k] > 0 else (p + 1, p)))
+                order = (p, p + 1) if direction[k] > 0 else (p + 1, p)
+                pass_vertex(int(body.face_of_use[k]), int(pieces.end[p]), *order)
     for f, before, after, w in list_face_corners(body):
         i, j = (
             _find_end_piece(first, int(brep.uses.edge[use]), bool(brep.uses.sense[use] > 0) == at_end)
             for use, at_end in ((before, True), (after, False))
         )
-        turn(f, hits.corner.get(w), *((i, j) if brep.faces.sense[f] > 0 else (j, i)))
-    if balance.keys() - claimed:
-        f, v = next(iter(balance.keys() - claimed))
-        raise TrimmingError(
-            f"the wall on face {f} of the body does not close at {vertices[v].round(6)}, off every edge"
-        )
+        order = (i, j) if brep.faces.sense[f] > 0 else (j, i)
+        pass_vertex(f, points.vertex_of_body_vertex.get(w), *order)
+    if balance.keys() - visited:
+        f, v = next(iter(balance.keys() - visited))
+        raise TrimmingError(f"the cap on face {f} of the body is open at {a.vertices[v].round(6)}, off every edge")
 
-    n = len(rows)
-    pairs = np.array(same, np.int64).reshape(-1, 2)
-    links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    count, component = connected_components(links, directed=False)
-    votes = np.zeros((count, 2), np.int64)
-    for p, inside in one:
-        votes[component[p], int(inside)] += 1
-    torn = np.flatnonzero(votes.all(axis=1))
-    if len(torn):
-        p = int(np.flatnonzero(component == torn[0])[0])
-        raise TrimmingError(
-            f"in and out do not alternate along the body's edge at {body.curves[rows[p][0]](rows[p][1]).round(6)}"
-        )
-    for c in np.flatnonzero(~votes.any(axis=1)):
-        own = [rows[p] for p in np.flatnonzero(component == c)]
-        points = np.array([body.curves[e](low + x * (high - low)) for x in PROBE_FRACTIONS for e, low, high, *_ in own])
-        votes[c, 1] = _classify_by_probe(in_solid, points)
-    kept = [rows[p] for p in np.flatnonzero(votes[component, 1] > 0)]
-    table = np.array([(e, a, b) for e, _, _, a, _, b in kept], np.int64).reshape(-1, 3)
-    return BodySubEdges(
-        table[:, 0], np.array([(low, high) for _, low, high, _, _, _ in kept]).reshape(-1, 2), table[:, 1], table[:, 2]
-    )
+    votes = InsideVotes.of_links(len(pieces.edge), np.array(links, np.int64).reshape(-1, 2))
+    for p, inside in known:
+        votes.add(p, inside)
+    torn = votes.find_contradiction()
+    if torn is not None:
+        at = body.curves[pieces.edge[torn]](pieces.span[torn, 0]).round(6)
+        raise TrimmingError(f"in and out do not alternate along the body's edge at {at}")
+    for c in votes.undecided_components():
+        own = np.flatnonzero(votes.component == c)
+        probes = [
+            body.curves[pieces.edge[p]](pieces.span[p, 0] + x * (pieces.span[p, 1] - pieces.span[p, 0]))
+            for x in PROBE_FRACTIONS
+            for p in own
+        ]
+        votes.count[c, 1] = _classify_by_probe(in_lattice, np.array(probes))
+    kept = votes.inside()
+    return BodySubEdges(pieces.edge[kept], pieces.span[kept], pieces.start[kept], pieces.end[kept])
 
 
-def _split_body_edges(
-    body: TrimmingBody, hits: BodyEdgeIntersections
-) -> tuple[list[tuple[int, float, float, int, int | None, int]], IntArray]:
-    """All pieces of the body's edges: edge, span, first vertex, the vertex (or None) between it and the next piece, last
-    vertex; and where each edge's begin."""
+def _balance_runs(boundary: CapBoundary) -> dict[tuple[int, int], int]:
+    """By (face, vertex): runs of the cap boundary that start there less runs that end there, where these differ."""
+    balance: dict[tuple[int, int], int] = {}
+    for f, start, end in zip(boundary.face.tolist(), boundary.start.tolist(), boundary.end.tolist(), strict=True):
+        balance[f, start] = balance.get((f, start), 0) + 1
+        balance[f, end] = balance.get((f, end), 0) - 1
+    return {key: b for key, b in balance.items() if b}
+
+
+def _split_body_edges(a: Arrangement) -> tuple[BodySubEdges, IntArray]:
+    """All pieces of the body's edges, and the first piece of each edge."""
+    body, points = a.operands.body, a.body_edge_points
     edges = body.brep.edges
-    rows: list[tuple[int, float, float, int, int | None, int]] = []
+    spans: list[Array] = []
+    ends: list[Array] = []
     first = np.zeros(len(body.curves) + 1, np.int64)
     for e in range(len(body.curves)):
-        own = np.flatnonzero(hits.edge == e)
-        own = own[np.argsort(hits.t[own])]
-        ends = [hits.corner.get(int(w), -1 - int(w)) for w in (edges.start[e], edges.end[e])]
-        t = [float(edges.span[e, 0]), *hits.t[own].tolist(), float(edges.span[e, 1])]
-        v = [ends[0], *hits.vertex[own].tolist(), ends[1]]
+        own = np.flatnonzero(points.edge == e)
+        own = own[np.argsort(points.edge_parameter[own])]
+        corners = [
+            points.vertex_of_body_vertex.get(int(w), len(a.vertices) + int(w)) for w in (edges.start[e], edges.end[e])
+        ]
+        t = np.array([edges.span[e, 0], *points.edge_parameter[own], edges.span[e, 1]])
+        v = np.array([corners[0], *points.vertex[own], corners[1]], np.int64)
         if (np.diff(t) <= 0).any():
-            raise TrimmingError(
-                f"hits along the body's edge at {body.curves[e](t[0]).round(6)} do not follow each other"
-            )
-        rows += [(e, t[i], t[i + 1], v[i], v[i + 1] if i < len(own) else None, v[i + 1]) for i in range(len(own) + 1)]
-        first[e + 1] = len(rows)
-    return rows, first
+            at = body.curves[e](float(t[0])).round(6)
+            raise TrimmingError(f"intersections along the body's edge at {at} are not in ascending order")
+        spans.append(np.column_stack([t[:-1], t[1:]]))
+        ends.append(np.column_stack([v[:-1], v[1:]]))
+        first[e + 1] = first[e] + len(own) + 1
+    start, end = np.concatenate([np.zeros((0, 2), np.int64), *ends]).T
+    edge = np.repeat(np.arange(len(body.curves)), np.diff(first))
+    return BodySubEdges(edge, np.concatenate([np.zeros((0, 2)), *spans]), start, end), first
 
 
 def _find_end_piece(first: IntArray, edge: int, last: bool) -> int:
     return int(first[edge + 1] - 1 if last else first[edge])
 
 
-def _classify_by_probe(in_solid: Callable[[Array], BoolArray], points: Array) -> bool:
-    """Whether points, alike all of them, are in the solid: by the first one that tells."""
+def _classify_by_probe(in_lattice: InLattice, points: Array) -> bool:
+    """Whether points, all inside or all outside, lie in the solid, from the first one that can be classified."""
     failure = None
     for point in points:
         try:
-            return bool(np.asarray(in_solid(point[None])).all())
+            return bool(in_lattice(point[None]).all())
         except TrimmingError as error:
             failure = failure or error
     raise TrimmingError(str(failure))

@@ -70,7 +70,7 @@ def fit_pcurves(
         on_curve, between = points[:, : len(sites)], points[:, len(sites) :]
         uv = _unwrap_parameters(region.carrier, on_curve)
         middle = uv[:, [len(sites) // 2]]
-        poles = inverse @ (uv + (shift_to_period(middle, region.carrier, region.middle) - middle))
+        poles = inverse @ (uv + (shift_to_period(middle, region.carrier, region.reference_parameters) - middle))
         u, v = np.moveaxis(basis @ poles, -1, 0)
         error[rows] = np.linalg.norm(region.carrier(u, v) - between, axis=2).max(axis=1)
         for k in np.flatnonzero(error[rows] < tol + np.abs(region.carrier.distance(between)).max(axis=1)):
@@ -106,7 +106,7 @@ def fit_pcurve(
             _build_graded_space(spans, *close) if graded and close else _build_uniform_space(spans)
         )
         uv = _unwrap_parameters(region.carrier, curve(low + (high - low) * sites))
-        uv = uv + (shift_to_period(uv[len(uv) // 2], region.carrier, region.middle) - uv[len(uv) // 2])
+        uv = uv + (shift_to_period(uv[len(uv) // 2], region.carrier, region.reference_parameters) - uv[len(uv) // 2])
         poles = inverse @ uv
         u, v = (rows @ poles).T
         points = curve(low + (high - low) * checks)

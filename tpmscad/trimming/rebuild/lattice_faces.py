@@ -1,55 +1,54 @@
-"""The lattice's faces inside the body: whole ones as they are, cut ones chained anew from border pieces and arcs."""
+"""The lattice's faces inside the body: whole patches as they are, trimmed ones chained anew from border pieces and arcs."""
 
 from __future__ import annotations
 
+from itertools import starmap
+from typing import NamedTuple
+
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array
 from tpmscad.brep import loops
-from tpmscad.brep.boundary_representation import Brep
-from tpmscad.trimming.classify.lattice_edges import EdgeClassification
-from tpmscad.trimming.intersect.curve_surface import SubSegments
-from tpmscad.trimming.intersect.patch_surface import IntersectionCurves, PatchArcs
-from tpmscad.trimming.operands.patch_sides import PatchSides
-from tpmscad.trimming.operands.trimming_body import TrimmingBody
-
-EdgeUse = tuple[int, int, int]
-"""Edge, +1 or -1 along its parameter, parameter curve (-1 on a plane)."""
-
-FaceLoops = tuple[int, list[list[EdgeUse]]]
-"""A face of the lattice (or another carrier), and its loops."""
+from tpmscad.brep.boundary_representation import Edges
+from tpmscad.trimming.intersect.arrangement import Arrangement
 
 SAMPLES_PER_USE = 8
-"""Points along a use where a loop's area or nesting must be known."""
+"""Samples along an edge use, for the areas and the nesting of loops."""
 
 END_SPAN_FRACTION = 1e-4
-"""Directions at a use's ends are taken over this part of its span."""
+"""Fraction of an edge use's span over which its direction at an end is measured."""
 
 
-def build_lattice_faces(
-    lattice: Brep,
-    sides: PatchSides,
-    body: TrimmingBody,
-    cuts: PatchArcs,
-    tracks: IntersectionCurves,
-    edge_pieces: SubSegments,
-    states: EdgeClassification,
-    track_pieces: SubSegments,
-    label: IntArray,
-) -> list[FaceLoops]:
-    """Faces inside the body. Edges are numbered: the pieces of lattice edges, then those of tracks."""
-    first = edge_pieces.first
-    split = (np.diff(first) > 1) | np.add.reduceat(states.flat >= 0, first[:-1]).astype(bool)
-    n_edges = len(edge_pieces.segment)
-    arcs_of: dict[int, list[EdgeUse]] = {}
-    for j in np.flatnonzero((label >= 0) & (tracks.face[track_pieces.segment] >= 0)).tolist():
-        arc = track_pieces.segment[j]
-        sense = int(tracks.sense[arc]) * int(body.sense[label[j]])
-        use = (n_edges + j, sense, len(lattice.pcurves) + int(cuts.cut[arc]))
-        arcs_of.setdefault(int(tracks.face[arc]), []).append(use)
-    cut = split[sides.edge].any(axis=1)
-    cut[list(arcs_of)] = True
-    whole = np.flatnonzero(~cut & states.inside[first[sides.edge[:, 0]]])
+class EdgeUse(NamedTuple):
+    """An edge, +1 or -1 along its parameter, and a pcurve (-1 on a plane)."""
+
+    edge: int
+    sense: int
+    pcurve: int
+
+
+class FaceLoops(NamedTuple):
+    """A face of the lattice or of the body, and trimming loops on it."""
+
+    face: int
+    loops: list[list[EdgeUse]]
+
+
+def build_lattice_faces(a: Arrangement, edges: Edges) -> list[FaceLoops]:
+    """The lattice's faces inside the body, on the edges of `build_edge_table`."""
+    o, pieces = a.operands, a.edge_pieces
+    sides, first = o.sides, pieces.first
+    split = (np.diff(first) > 1) | np.add.reduceat(a.edge_piece_face >= 0, first[:-1]).astype(bool)
+    arcs_of_face: dict[int, list[EdgeUse]] = {}
+    on_body = (a.piece_face >= 0) & (a.imprints.face[a.imprint_pieces.segment] >= 0)
+    for j in np.flatnonzero(on_body).tolist():
+        arc = a.imprint_pieces.segment[j]
+        sense = int(a.imprints.sense[arc]) * int(o.body.sense[a.piece_face[j]])
+        use = EdgeUse(a.n_edge_pieces + j, sense, len(o.lattice.pcurves) + int(a.arcs.fitted_index[arc]))
+        arcs_of_face.setdefault(int(a.imprints.face[arc]), []).append(use)
+    trimmed = split[sides.edge].any(axis=1)
+    trimmed[list(arcs_of_face)] = True
+    whole = np.flatnonzero(~trimmed & a.edge_piece_inside[first[sides.edge[:, 0]]])
     result: list[FaceLoops] = []
     senses = np.where(sides.forward, 1, -1)
     for f, e, s, p in zip(
@@ -59,54 +58,49 @@ def build_lattice_faces(
         sides.pcurve[whole].tolist(),
         strict=True,
     ):
-        result.append((f, [list(zip(e, s, p, strict=True))]))
-    start = np.concatenate([edge_pieces.start, track_pieces.start])
-    end = np.concatenate([edge_pieces.end, track_pieces.end])
-    span = np.concatenate([edge_pieces.span, track_pieces.span])
-    for f in np.flatnonzero(cut).tolist():
-        border = _collect_kept_border(sides, edge_pieces, states, f)
-        uses = border + arcs_of.get(f, [])
+        result.append(FaceLoops(f, [list(starmap(EdgeUse, zip(e, s, p, strict=True)))]))
+    for f in np.flatnonzero(trimmed).tolist():
+        border = _collect_kept_border(a, f)
+        uses = border + arcs_of_face.get(f, [])
         if uses:
-            result += [(f, face) for face in _chain_patch_faces(lattice, cuts, uses, len(border), start, end, span)]
+            result += [FaceLoops(f, face) for face in _chain_patch_faces(a, uses, len(border), edges)]
     return result
 
 
-def _collect_kept_border(
-    sides: PatchSides, pieces: SubSegments, states: EdgeClassification, face: int
-) -> list[EdgeUse]:
-    """The pieces of a patch's sides that stay, counter-clockwise."""
+def _collect_kept_border(a: Arrangement, face: int) -> list[EdgeUse]:
+    """The pieces of a patch's sides that lie inside the body, counter-clockwise."""
+    sides, pieces = a.operands.sides, a.edge_pieces
     uses = []
     for side in range(4):
         edge, sense = int(sides.edge[face, side]), 1 if sides.forward[face, side] else -1
         numbers = range(int(pieces.first[edge]), int(pieces.first[edge + 1]))
         for i in numbers[::sense]:
-            if states.inside[i] if states.flat[i] < 0 else states.inside_on_side[face, side]:
-                uses.append((i, sense, int(sides.pcurve[face, side])))
+            if a.edge_piece_inside[i] if a.edge_piece_face[i] < 0 else a.inside_on_side[face, side]:
+                uses.append(EdgeUse(i, sense, int(sides.pcurve[face, side])))
     return uses
 
 
-def _chain_patch_faces(
-    lattice: Brep, cuts: PatchArcs, uses: list[EdgeUse], n_border: int, start: Array, end: Array, span: Array
-) -> list[list[list[EdgeUse]]]:
-    """The faces that the uses bound on one patch."""
-    n_pcurves = len(lattice.pcurves)
+def _chain_patch_faces(a: Arrangement, uses: list[EdgeUse], n_border: int, edges: Edges) -> list[list[list[EdgeUse]]]:
+    """The faces that the edge uses bound on one patch."""
+    pcurves = a.operands.lattice.pcurves
 
-    def along(use: EdgeUse, x: Array) -> Array:
-        pcurve = lattice.pcurves[use[2]] if use[2] < n_pcurves else cuts.fitted_arcs[use[2] - n_pcurves].pcurve
-        low, high = span[use[0]]
-        return pcurve(low + (high - low) * (x if use[1] > 0 else 1.0 - x))
+    def evaluate(use: EdgeUse, x: Array) -> Array:
+        i = use.pcurve - len(pcurves)
+        pcurve = pcurves[use.pcurve] if i < 0 else a.arcs.fitted_arcs[i].pcurve
+        low, high = edges.span[use.edge]
+        return pcurve(low + (high - low) * (x if use.sense > 0 else 1.0 - x))
 
     def direction(i: int, at_end: bool) -> Array:
-        p = along(uses[i], np.array([1.0 - END_SPAN_FRACTION, 1.0] if at_end else [0.0, END_SPAN_FRACTION]))
+        p = evaluate(uses[i], np.array([1.0 - END_SPAN_FRACTION, 1.0] if at_end else [0.0, END_SPAN_FRACTION]))
         return p[1] - p[0]
 
-    edge, forward = np.array([u[0] for u in uses]), np.array([u[1] > 0 for u in uses])
-    first = np.where(forward, start[edge], end[edge])
-    last = np.where(forward, end[edge], start[edge])
+    edge, forward = np.array([u.edge for u in uses]), np.array([u.sense > 0 for u in uses])
+    first = np.where(forward, edges.start[edge], edges.end[edge])
+    last = np.where(forward, edges.end[edge], edges.start[edge])
     chained = loops.chain_loops(first, last, direction)
     named = [[uses[i] for i in loop] for loop in chained]
     if len(chained) == 1 and n_border:
         return [named]
     x = np.arange(SAMPLES_PER_USE) / SAMPLES_PER_USE
-    polygons = [np.concatenate([along(use, x) for use in loop]) for loop in named]
+    polygons = [np.concatenate([evaluate(use, x) for use in loop]) for loop in named]
     return [[named[i] for i in face] for face in loops.nest_loops(polygons)]
