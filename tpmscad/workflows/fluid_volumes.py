@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Progress
-from tpmscad.brep.boundary_representation import reverse_faces, select_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
@@ -22,8 +21,7 @@ from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.stage_timer import StageTimer
-from tpmscad.trimming import trim
-from tpmscad.trimming.shared_topology import share_topology
+from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success
 from tpmscad.workflows.certificate import (
     Certificate,
@@ -166,26 +164,26 @@ def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSoli
 
 
 def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
-    """Three trims of the same patches by the same body, put together where they are the same."""
-    whole, origin = brep_and_source_faces(body.shape)
-    regions = {WALL: trim(block.patches, whole)}
-    for name, tag in ((PLUS, "offset+"), (MINUS, "offset-")):
-        regions[name] = trim(reverse_faces(select_faces(block.patches, block.patches.faces_with_tag(tag))), whole)
-    if len({trimmed.report.shifted for trimmed in regions.values()}) > 1:
-        raise TrimmingError("the lattice had to be moved for some of the three domains")
-    for name, trimmed in regions.items():
-        if not len(trimmed.brep.faces):
+    """The three domains rebuilt from one arrangement of the patches and the body."""
+    brep, source_face = brep_and_source_faces(body.shape)
+    patches = block.patches
+    bounds = {
+        WALL: LatticeDomain(np.arange(len(patches.faces)), 1),
+        PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
+        MINUS: LatticeDomain(patches.faces_with_tag("offset-"), -1),
+    }
+    trimmed, _ = trim_domains(patches, brep, list(bounds.values()))
+    for name, domain in zip(bounds, trimmed.breps, strict=True):
+        if not len(domain.faces):
             raise _missing_domain(body, name)
-    complexes = tuple(trimmed.brep for trimmed in regions.values())
-    joined = share_topology(complexes)
-    solids = build_regions(joined.brep, complexes, joined.region_faces)
+    solids = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
     if not all(is_valid(solid) for of in solids for solid in of):
         raise TrimmingError("the kernel's check rejects a domain")
     result = {}
-    for name, brep, of in zip(regions, complexes, solids, strict=True):
-        caps = brep.faces_with_tag("cap")
-        number = origin[brep.faces.carrier[caps] - len(block.patches.carriers)]
-        areas = np.bincount(number, integral_properties.integrate_faces(brep).area[caps])
+    for name, domain, of in zip(bounds, trimmed.breps, solids, strict=True):
+        caps = domain.faces_with_tag("cap")
+        face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
+        areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
         result[name] = DomainSolids(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameters",))
     return result
 
