@@ -1,9 +1,15 @@
-"""Lattices and filled parts in build123d, for builder and algebra mode: `from tpmscad.build123d import Tpms, TpmsInfill`."""
+"""Lattices and filled bodies as build123d parts, in builder and algebra mode.
+
+from tpmscad.build123d import Tpms, TpmsInfill
+
+part = Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
+filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, Self
+from inspect import signature
+from typing import Any, Self, Unpack
 
 from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
 from build123d.build_common import Builder
@@ -11,79 +17,78 @@ from build123d.geometry import to_align_offset
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.workflows import infill, lattice
-from tpmscad.workflows.lattice_request import lattice_size
+from tpmscad.workflows.lattice_request import (
+    INFILL_DEFAULTS,
+    LATTICE_DEFAULTS,
+    InfillOptions,
+    LatticeOptions,
+    lattice_size,
+    with_keywords_of,
+)
 
 __all__ = ["Tpms", "TpmsInfill"]
 
 
 class Tpms(BasePartObject):
-    """A lattice of a minimal surface as a part.
+    """A lattice of a minimal surface as a build123d part.
 
-    Takes the keywords of `tpmscad.lattice`, kept as attributes, and rotation, align and mode as every part object does.
-    What is aligned is the box of `cells` x `cell` that the lattice fills, or that `map` makes of it; the kernel's bounding
-    box of B-splines is larger than the shape. align=None leaves the lattice where `tpmscad.lattice` puts it.
+    Parameters
+    ----------
+    surface : str
+        Name of a surface of the catalogue; see ``tpmscad surfaces``.
+    cell, cells, thickness, offset, volume_fraction, kind, side, reference, boundary, phase, map, tol, progress
+        The keywords of `tpmscad.lattice`.
+    rotation : RotationLike, optional
+        Rotation of the aligned lattice, degrees.
+    align : Align or tuple of Align or None, optional
+        Alignment of the box of `cells` x `cell` that the lattice fills, or of its image under `map`; the kernel's bounding box of
+        B-splines would be too large. None leaves the lattice where `tpmscad.lattice` puts it.
+    mode : Mode, optional
+        Combination mode in a builder.
 
-    `certificate` holds what was measured; look at `certificate.met`. `model` is the lattice before align and rotation.
-    InvalidRequest names what can't be had and what would do.
+    Attributes
+    ----------
+    model : Model
+        The lattice before alignment and rotation.
+    certificate : Certificate
+        What was measured; `certificate.met` says whether the lattice meets the request.
+
+    The parameters are attributes, too, except `progress`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    KernelError
+        If the kernel cannot build the solid.
+
+    Examples
+    --------
+    >>> with BuildPart() as part:
+    ...     Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
     """
 
+    @with_keywords_of(lattice)
     def __init__(
         self,
         surface: str,
         *,
-        cell: float | Sequence[float],
-        cells: int | Sequence[int] = (1, 1, 1),
-        thickness: float | None = None,
-        offset: float | Sequence[float] | None = None,
-        volume_fraction: float | None = None,
-        kind: str = "sheet",
-        side: str = "-",
-        reference: str | None = None,
-        boundary: str = "box",
-        phase: Sequence[float] = (0.0, 0.0, 0.0),
-        map: Callable[[Any], Any] | None = None,
-        tol: float | None = None,
-        progress: Callable[[str, float], None] | None = None,
         rotation: RotationLike = (0, 0, 0),
         align: Align | tuple[Align, Align, Align] | None = Align.CENTER,
         mode: Mode = Mode.ADD,
+        **options: Unpack[LatticeOptions],
     ) -> None:
-        if map is not None and boundary == "natural" and align is not None:
+        given = {**LATTICE_DEFAULTS, **options}
+        if given["map"] is not None and given["boundary"] == "natural" and align is not None:
             raise InvalidRequest("a mapped lattice of natural boundary fills no box to align: give align=None")
         self.surface = surface
-        self.cell = cell
-        self.cells = cells
-        self.thickness = thickness
-        self.offset = offset
-        self.volume_fraction = volume_fraction
-        self.kind = kind
-        self.side = side
-        self.reference = reference
-        self.boundary = boundary
-        self.phase = phase
-        self.map = map
-        self.tol = tol
+        self.__dict__.update({name: value for name, value in given.items() if name != "progress"})
         self.align = align
-        self.model = lattice(
-            surface,
-            cell=cell,
-            cells=cells,
-            thickness=thickness,
-            offset=offset,
-            volume_fraction=volume_fraction,
-            kind=kind,
-            side=side,
-            reference=reference,
-            boundary=boundary,
-            phase=phase,
-            map=map,
-            tol=tol,
-            progress=progress,
-        )
+        self.model = lattice(surface, **options)
         self.certificate = self.model.certificate
-        if map is None:
-            low, high = (0.0, 0.0, 0.0), lattice_size(cell, cells)
-        else:  # the caps lie in the planes of the box, and so do their vertices
+        if given["map"] is None:
+            low, high = (0.0, 0.0, 0.0), lattice_size(given["cell"], given["cells"])
+        else:  # the extreme vertices lie in the caps, hence in the planes of the box
             low, high = (tuple(f(self.model.patches.vertices[:, k]) for k in range(3)) for f in (min, max))
         part = self.model.solid
         part.label = self.model.name
@@ -91,91 +96,83 @@ class Tpms(BasePartObject):
         super().__init__(part, rotation=rotation, align=None, mode=mode)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """A copy of the part, as build123d makes of everything it moves; what was made and measured once is shared."""
+        """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""
         for shared in (self.model, self.certificate, self.map):
             memo[id(shared)] = shared
         return super().__deepcopy__(memo)
 
 
+Tpms.__signature__ = signature(Tpms.__init__).replace(  # the metaclass hides that of __init__
+    parameters=list(signature(Tpms.__init__).parameters.values())[1:], return_annotation=Tpms
+)
+
+
 class TpmsInfill(Part):
-    """A part filled with a lattice: `TpmsInfill(surface, ...)` the part being built, `TpmsInfill(body, surface, ...)` a shape.
+    """A body filled with a lattice, as a build123d part.
 
-    Takes the keywords of `tpmscad.infill`, kept as attributes; rotation turns the lattice, not the part. In a builder the result
-    replaces the part unless mode says otherwise.
+    ``TpmsInfill(surface, ...)`` fills the part being built and replaces it, unless `mode` says otherwise;
+    ``TpmsInfill(body, surface, ...)`` fills a shape.
 
-    `certificate` holds what was measured; look at `certificate.met`. `model` is what `tpmscad.infill` returned.
-    InvalidRequest names what can't be had and what would do.
+    Parameters
+    ----------
+    *body_and_surface
+        The body, if it is not the part being built, and the name of a surface or a field.
+    cell, thickness, offset, volume_fraction, kind, side, reference, phase, rotation, skin, open_faces, tol, progress
+        The keywords of `tpmscad.infill`; `rotation` turns the lattice, not the body.
+    mode : Mode, optional
+        Combination mode in a builder.
+
+    Attributes
+    ----------
+    model : InfillModel
+        What `tpmscad.infill` returned.
+    certificate : Certificate
+        What was measured; `certificate.met` says whether the solid meets the request.
+
+    The parameters are attributes, too, except `progress`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    KernelError
+        If all methods of trimming fail.
+    RuntimeError
+        If it is used in a builder without solids.
+
+    Examples
+    --------
+    >>> filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
     """
 
-    def __init__(
-        self,
-        *body_and_surface: Any,
-        cell: float | Sequence[float] | None = None,
-        thickness: float | None = None,
-        offset: float | Sequence[float] | None = None,
-        volume_fraction: float | None = None,
-        kind: str = "sheet",
-        side: str = "-",
-        reference: str | None = None,
-        phase: Sequence[float] = (0.0, 0.0, 0.0),
-        rotation: Sequence[float] = (0.0, 0.0, 0.0),
-        skin: float | None = None,
-        open_faces: Iterable[Any] = (),
-        tol: float | None = None,
-        progress: Callable[[str, float], None] | None = None,
-        mode: Mode = Mode.REPLACE,
-    ) -> None:
+    @with_keywords_of(infill)
+    def __init__(self, *body_and_surface: Any, mode: Mode = Mode.REPLACE, **options: Unpack[InfillOptions]) -> None:
         context: Builder | None = Builder._get_context("TpmsInfill")
         if not 1 <= len(body_and_surface) <= 2:
             raise InvalidRequest(
                 f"TpmsInfill takes a surface, or a body and a surface, and keywords; not {len(body_and_surface)} values"
             )
-        *given, surface = body_and_surface
+        *given_body, surface = body_and_surface
         if context is not None and not isinstance(context, BuildPart):
             raise RuntimeError(f"{type(context).__name__} has no solids to fill: TpmsInfill applies to BuildPart")
-        body = given[0] if given else context and context._obj
+        body = given_body[0] if given_body else context and context._obj
         if body is None:
             raise InvalidRequest("there is no part to fill: build one first, or give the shape before the surface")
+        options["open_faces"] = tuple(options.get("open_faces", ()))
         self.surface = surface
-        self.cell = cell
-        self.thickness = thickness
-        self.offset = offset
-        self.volume_fraction = volume_fraction
-        self.kind = kind
-        self.side = side
-        self.reference = reference
-        self.phase = phase
-        self.rotation = rotation
-        self.skin = skin
-        self.open_faces = tuple(open_faces)
-        self.tol = tol
+        given = {**INFILL_DEFAULTS, **options}
+        self.__dict__.update({name: value for name, value in given.items() if name != "progress"})
         self.mode = mode
-        self.model = infill(
-            body,
-            surface,
-            cell=cell,
-            thickness=thickness,
-            offset=offset,
-            volume_fraction=volume_fraction,
-            kind=kind,
-            side=side,
-            reference=reference,
-            phase=phase,
-            rotation=rotation,
-            skin=skin,
-            open_faces=self.open_faces,
-            tol=tol,
-            progress=progress,
-        )
+        self.model = infill(body, surface, **options)
         self.certificate = self.model.certificate
         solids = self.model.solid.solids()
         super().__init__(obj=Compound(solids).wrapped, label=self.model.name)
         if context is not None:
-            # Merging faces that lie on one surface ("clean") would look at every pair of thousands, and find none.
+            # clean=False: merging coplanar faces would compare every pair of thousands, and find none to merge
             context._add_to_context(*solids, mode=mode, clean=False)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
-        """A copy of the part, as build123d makes of everything it moves; what was made and measured once is shared."""
+        """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""
         for shared in (self.model, self.certificate, self.surface, self.open_faces):
             memo[id(shared)] = shared
         return super().__deepcopy__(memo)

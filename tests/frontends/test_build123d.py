@@ -43,6 +43,10 @@ def test_the_keywords_are_those_of_lattice_with_rotation_align_and_mode() -> Non
     assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
 
 
+def test_a_shell_that_completes_the_call_sees_every_keyword() -> None:
+    assert list(inspect.signature(Tpms).parameters) == list(inspect.signature(Tpms.__init__).parameters)[1:]
+
+
 def test_every_parameter_becomes_an_attribute_under_its_name(schwarz: Tpms) -> None:
     given = P | {"cells": (1, 1, 1), "kind": "sheet", "phase": (0.0, 0.0, 0.0), "align": bd.Align.CENTER, "map": None}
     assert {name: getattr(schwarz, name) for name in given} == given

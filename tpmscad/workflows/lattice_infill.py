@@ -24,7 +24,7 @@ from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_w
 from tpmscad.workflows.certificate import certify_kernel_solids
 from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
 from tpmscad.workflows.lattice_request import (
-    LATTICE_DEFAULTS,
+    INFILL_DEFAULTS,
     LatticeRequest,
     check_finite,
     resolve_lattice_request,
@@ -193,8 +193,7 @@ def _check_wall_thickness(request: LatticeRequest) -> None:
 
 def _reject_lattice_options(given: Mapping[str, Any]) -> None:
     """InvalidRequest for keywords of a lattice beside a field, which defines the whole shape."""
-    defaults = {**LATTICE_DEFAULTS, "cell": None, "rotation": (0.0, 0.0, 0.0)}
-    extra = [name for name, value in given.items() if not _equals(value, defaults[name])]
+    extra = [name for name, value in given.items() if not _equals(value, INFILL_DEFAULTS[name])]
     if extra:
         raise InvalidRequest(
             f"a field is taken as it is: leave {', '.join(extra)} out, and scale or turn the field itself"

@@ -89,6 +89,23 @@ LATTICE_DEFAULTS: Mapping[str, Any] = {
 }
 """Defaults of the keywords of `lattice`."""
 
+INFILL_DEFAULTS: Mapping[str, Any] = {
+    "cell": None,
+    "thickness": None,
+    "offset": None,
+    "volume_fraction": None,
+    "kind": "sheet",
+    "side": "-",
+    "reference": None,
+    "phase": (0.0, 0.0, 0.0),
+    "rotation": (0.0, 0.0, 0.0),
+    "skin": None,
+    "open_faces": (),
+    "tol": None,
+    "progress": None,
+}
+"""Defaults of the keywords of `infill`."""
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 
