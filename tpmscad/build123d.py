@@ -102,7 +102,9 @@ class Tpms(BasePartObject):
         return super().__deepcopy__(memo)
 
 
-Tpms.__signature__ = signature(Tpms.__init__).replace(  # the metaclass hides that of __init__
+Tpms.__signature__ = signature(
+    Tpms.__init__
+).replace(  # the metaclass hides that of __init__
     parameters=list(signature(Tpms.__init__).parameters.values())[1:], return_annotation=Tpms
 )
 

@@ -1,4 +1,4 @@
-"""Recipes of blends: what `tpmscad.blend` takes, from a TOML file, and the solid of the result.
+"""Recipes of blends: the arguments of `tpmscad.blend` in a TOML file, and the tolerance of the solid.
 
     tol = 0.02
 
@@ -41,24 +41,23 @@ from tpmscad.blending.initial_weights import WEIGHT_NAMES, WeightSpec
 from tpmscad.blending.porous_blending import METHODS, blend
 from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
-from tpmscad.fields.primitive_regions import as_unit_vector as unit
-from tpmscad.recipe.field_kind import read_direction, read_triple
+from tpmscad.fields.primitive_regions import as_unit_vector
+from tpmscad.recipe.field_kind import read_box_corners, read_direction, read_triple
 from tpmscad.recipe.field_reader import make_field_reader
 from tpmscad.recipe.toml_entry import Entry, read_document
 
-RecipeBox = tuple[tuple[float, float, float], tuple[float, float, float]]
-
 FIELD_LIST_KEYS = ("structures", "regions", "blending_regions")
+"""The arrays of fields that a recipe must give."""
 
 _OPERAND_PATTERN = re.compile(r"(structure|region|blending region)s? (\d+)\b")
-"""How the messages of `blend` name what they are about."""
+"""The beginning of a message of `blend` about one of its operands."""
 
 OPTION_READERS: dict[str, Callable[[Entry], Any]] = {
-    "method": lambda entry: entry.text(METHODS),
+    "method": lambda entry: entry.string(METHODS),
     "weight": lambda entry: read_weights(entry),
-    "resolution": lambda entry: tuple(item.whole(2) for item in entry.array_of_length(3, "whole numbers")),
+    "resolution": lambda entry: tuple(item.integer(2) for item in entry.array_of_length(3, "whole numbers")),
     "domain": lambda entry: read_box_corners(entry),
-    "max_iterations": Entry.whole,
+    "max_iterations": Entry.integer,
     "minimum_neck": Entry.positive,
     "max_change": Entry.positive,
     "keep_fraction": Entry.boolean,
@@ -66,11 +65,12 @@ OPTION_READERS: dict[str, Callable[[Entry], Any]] = {
     "drop_intrinsic": Entry.boolean,
     "specks": Entry.boolean,
 }
+"""The keywords of `blend` that a recipe may give, and how each is read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendRecipe:
-    """A blend to be made: its fields, the options of `blend`, the tolerance of the solid (model units)."""
+    """A blend to be computed: its fields, the options of `blend`, and the tolerance of the solid (mm)."""
 
     recipe: Entry
     structures: tuple[Field, ...]
@@ -80,7 +80,7 @@ class BlendRecipe:
     tol: float
 
     def run(self, progress: Progress | None = None) -> BlendResult:
-        """The blend. Raises RecipeError, with the line of the structure or region where it is one's."""
+        """The blend; RecipeError with the line of the structure or region that is invalid."""
         try:
             return blend(self.structures, self.regions, self.blending_regions, **self.options, progress=progress)
         except RecipeError:
@@ -90,7 +90,7 @@ class BlendRecipe:
 
 
 def read_blend_recipe(path: Path) -> BlendRecipe:
-    """The blend of a TOML file. Raises RecipeError with the line of what is wrong."""
+    """The recipe of a TOML file; RecipeError with the line of what is invalid."""
     recipe = read_document(path).table("fields", "tol", *FIELD_LIST_KEYS, *OPTION_READERS)
     read = make_field_reader(recipe)
     structures, regions, blending = (tuple(read(item) for item in recipe[name].items()) for name in FIELD_LIST_KEYS)
@@ -98,23 +98,16 @@ def read_blend_recipe(path: Path) -> BlendRecipe:
     return BlendRecipe(recipe, structures, regions, blending, options, recipe["tol"].positive())
 
 
-def read_box_corners(entry: Entry) -> RecipeBox:
-    """Two corners, each coordinate of the first below that of the second."""
-    low, high = (read_triple(corner) for corner in entry.array_of_length(2, "corners"))
-    if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise entry.error(f"{entry.value} is empty: each coordinate of the first corner must be below the second's")
-    return low, high
-
-
 def read_weights(entry: Entry) -> WeightSpec | list[WeightSpec]:
-    """A weight for all blending regions, or one for each."""
+    """One weight for all blending regions, or an array with one for each."""
     return [_read_weight(item) for item in entry.items()] if isinstance(entry.value, list) else _read_weight(entry)
 
 
 def _read_weight(entry: Entry) -> WeightSpec:
+    """The name of a weight, or a table of a kind of weight."""
     if isinstance(entry.value, str):
-        return entry.text(WEIGHT_NAMES)
-    name = entry.table()["kind"].text(("along", "cylinder", "sphere", "volume"))
+        return entry.string(WEIGHT_NAMES)
+    name = entry.table()["kind"].string(("along", "cylinder", "sphere", "volume"))
     if name == "volume":
         entry.table("kind", "count", "degree")
         count = _read_three_counts(entry.get("count"))
@@ -123,14 +116,14 @@ def _read_weight(entry: Entry) -> WeightSpec:
             if "degree" not in entry.value
             else VolumeWeightSpec(count, _read_three_counts(entry["degree"]) or (3, 3, 3))
         )
-    count, degree = (None if (part := entry.get(key)) is None else part.whole() for key in ("count", "degree"))
+    count, degree = (None if (part := entry.get(key)) is None else part.integer() for key in ("count", "degree"))
     coordinate: LinearCoordinate | CylinderRadius | SphereRadius
     if name == "along":
         entry.table("kind", "direction", "count", "degree")
-        coordinate = LinearCoordinate(unit(read_direction(entry["direction"]), "direction"))
+        coordinate = LinearCoordinate(as_unit_vector(read_direction(entry["direction"]), "direction"))
     elif name == "cylinder":
         entry.table("kind", "center", "axis", "count", "degree")
-        coordinate = CylinderRadius(read_triple(entry["center"]), unit(read_direction(entry["axis"]), "axis"))
+        coordinate = CylinderRadius(read_triple(entry["center"]), as_unit_vector(read_direction(entry["axis"]), "axis"))
     else:
         entry.table("kind", "center", "count", "degree")
         coordinate = SphereRadius(read_triple(entry["center"]))
@@ -138,14 +131,15 @@ def _read_weight(entry: Entry) -> WeightSpec:
 
 
 def _read_three_counts(entry: Entry | None) -> tuple[int, int, int] | None:
+    """Three positive integers, or None for no entry."""
     if entry is None:
         return None
-    x, y, z = (item.whole() for item in entry.array_of_length(3, "whole numbers"))
+    x, y, z = (item.integer() for item in entry.array_of_length(3, "whole numbers"))
     return x, y, z
 
 
 def _locate_error(recipe: Entry, message: str) -> RecipeError:
-    """The error with the line of the structure or region its message begins with, or of the key it begins with."""
+    """The error with the line of the operand or key that the message of `blend` begins with."""
     found = _OPERAND_PATTERN.match(message)
     if found is None:
         first = message.split(" ", 1)[0].rstrip(":")

@@ -1,4 +1,4 @@
-"""What a kind of field is to a recipe: the keys its table may have, and the field made of them."""
+"""Kinds of fields in recipes, and the values that their tables share: points, directions, cell edges and boxes."""
 
 from __future__ import annotations
 
@@ -9,22 +9,27 @@ from tpmscad.fields import Field
 from tpmscad.recipe.toml_entry import Entry
 
 ReadField = Callable[[Entry], Field]
-"""The field of an entry: of a table with a kind, a number, or the name of a field that the recipe defines."""
+"""Function that reads the field of an entry: a table with a kind, a number, or the name of a field that the recipe defines."""
+
+RecipeBox = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Opposite corners of a box, the lower one first, in mm."""
 
 
 @dataclass(frozen=True, slots=True)
 class FieldKind:
-    """The keys of a table of this kind, `kind` itself left out, and the field it makes with a way to read those within."""
+    """The keys that a table of this kind may have beside `kind`, and the function that makes its field."""
 
     keys: tuple[str, ...]
     make: Callable[[Entry, ReadField], Field]
 
 
 def make_kind(keys: str, make: Callable[[Entry, ReadField], Field]) -> FieldKind:
+    """The kind with the keys of a string, separated by spaces."""
     return FieldKind(tuple(keys.split()), make)
 
 
 def read_triple(entry: Entry) -> tuple[float, float, float]:
+    """Three finite numbers, one for each axis."""
     x, y, z = entry.numbers(3)
     return x, y, z
 
@@ -38,10 +43,18 @@ def read_cell_edges(entry: Entry) -> float | tuple[float, float, float]:
 
 
 def read_direction(entry: Entry) -> str | tuple[float, float, float]:
-    """ "x", "-y", ... or a vector."""
+    """A signed axis such as "x" or "-y", or a vector that is not zero."""
     if isinstance(entry.value, str):
-        return entry.text([sign + axis for sign in ("", "-") for axis in "xyz"])
+        return entry.string([sign + axis for sign in ("", "-") for axis in "xyz"])
     vector = read_triple(entry)
     if not any(vector):
-        raise entry.error("the vector has no length")
+        raise entry.error("the vector has length zero")
     return vector
+
+
+def read_box_corners(entry: Entry) -> RecipeBox:
+    """Two corners; RecipeError unless each coordinate of the first lies below that of the second."""
+    low, high = (read_triple(corner) for corner in entry.array_of_length(2, "corners"))
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise entry.error(f"{entry.value} is empty: each coordinate of the first corner must be below the second's")
+    return low, high

@@ -1,4 +1,4 @@
-"""Fields made of others, as tables of a recipe: booleans, sums and products, ramps, and fields that are moved."""
+"""Operations on fields as tables of a recipe: booleans, sums and products, ramps and motions."""
 
 from __future__ import annotations
 
@@ -12,14 +12,17 @@ from tpmscad.recipe.toml_entry import Entry
 
 
 def read_union(entry: Entry, read: ReadField) -> Field:
+    """`of` (an array of fields), rounded if there is a `width`."""
     return _fold_operands(entry, read, fields.union, fields.smooth_union)
 
 
 def read_intersection(entry: Entry, read: ReadField) -> Field:
+    """`of` (an array of fields), rounded if there is a `width`."""
     return _fold_operands(entry, read, fields.intersection, fields.smooth_intersection)
 
 
 def read_difference(entry: Entry, read: ReadField) -> Field:
+    """`of` without the fields of the array `minus`, rounded if there is a `width`."""
     taken = _read_all(entry["minus"], read)
     width = entry.get("width")
     if width is None:
@@ -29,18 +32,22 @@ def read_difference(entry: Entry, read: ReadField) -> Field:
 
 
 def read_complement(entry: Entry, read: ReadField) -> Field:
+    """The complement of `of`."""
     return fields.complement(read(entry["of"]))
 
 
 def read_sum(entry: Entry, read: ReadField) -> Field:
+    """The sum of the fields of the array `of`."""
     return reduce(lambda f, g: f + g, _read_all(entry["of"], read))
 
 
 def read_product(entry: Entry, read: ReadField) -> Field:
+    """The product of the fields of the array `of`."""
     return reduce(lambda f, g: f * g, _read_all(entry["of"], read))
 
 
 def read_linear(entry: Entry, read: ReadField) -> Field:
+    """The linear field `slope` . x + `offset`."""
     offset = entry.get("offset")
     return fields.linear(read_triple(entry["slope"]), 0.0 if offset is None else offset.number())
 
@@ -57,26 +64,30 @@ def read_ramp(entry: Entry, read: ReadField) -> Field:
 
 
 def read_translated(entry: Entry, read: ReadField) -> Field:
+    """`of`, moved by `vector`."""
     return fields.translated(read(entry["of"]), read_triple(entry["vector"]))
 
 
 def read_rotated(entry: Entry, read: ReadField) -> Field:
+    """`of`, turned by `angle` degrees about `axis` through `center`."""
     return fields.rotated(
         read(entry["of"]), read_direction(entry["axis"]), entry["angle"].number(), _read_center(entry)
     )
 
 
 def read_scaled(entry: Entry, read: ReadField) -> Field:
+    """`of`, enlarged by `factor` about `center`."""
     return fields.scaled(read(entry["of"]), entry["factor"].positive(), _read_center(entry))
 
 
 def _read_center(entry: Entry) -> tuple[float, float, float]:
+    """The point `center`, by default the origin."""
     center = entry.get("center")
     return (0.0, 0.0, 0.0) if center is None else read_triple(center)
 
 
 def _read_all(entry: Entry, read: ReadField) -> list[Field]:
-    """The fields of an array, at least one."""
+    """The fields of an array; RecipeError if it is empty."""
     found = [read(item) for item in entry.items()]
     if not found:
         raise entry.error("is empty: at least one field is needed")
@@ -89,6 +100,7 @@ def _fold_operands(
     sharp: Callable[..., Field],
     smooth: Callable[[Field, Field, float], Field],
 ) -> Field:
+    """The fields of `of` combined by `sharp`, or pairwise by `smooth` with the `width` of the table."""
     parts, width = _read_all(entry["of"], read), entry.get("width")
     if width is None:
         return sharp(*parts)

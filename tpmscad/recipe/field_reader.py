@@ -1,4 +1,4 @@
-"""The fields of a recipe: every kind by name, numbers, and the names of fields that the recipe defines under `fields`."""
+"""The fields of a recipe: tables with a kind, numbers, and the names of fields that the recipe defines under `[fields.NAME]`."""
 
 from __future__ import annotations
 
@@ -18,17 +18,21 @@ FIELD_KINDS: dict[str, FieldKind] = {**PERIODIC_KINDS, **STRUCTURE_KINDS, **REGI
 
 @dataclass(frozen=True, slots=True)
 class FieldReader:
-    """Reads fields; `named` are those the recipe defines, `open` the names that are being read (no name may need itself)."""
+    """Function that reads the field of an entry.
+
+    `definitions` are the fields that the recipe defines, `active_names` those being read: no field may be defined by itself.
+    """
 
     definitions: dict[str, Entry]
-    open: tuple[str, ...] = ()
+    active_names: tuple[str, ...] = ()
 
     def __call__(self, entry: Entry) -> Field:
+        """The field of an entry; RecipeError with its line if it is invalid."""
         if isinstance(entry.value, str):
-            return self._named(entry)
+            return self._read_by_name(entry)
         if not isinstance(entry.value, dict):
             return fields.constant(entry.number())
-        kind = FIELD_KINDS[entry["kind"].text(tuple(FIELD_KINDS))]
+        kind = FIELD_KINDS[entry["kind"].string(tuple(FIELD_KINDS))]
         entry.table("kind", *kind.keys)
         try:
             return kind.make(entry, self)
@@ -37,17 +41,18 @@ class FieldReader:
         except InvalidRequest as error:
             raise entry.error(str(error)) from error
 
-    def _named(self, entry: Entry) -> Field:
+    def _read_by_name(self, entry: Entry) -> Field:
+        """The field of a name that the recipe defines."""
         if not self.definitions:
             raise entry.error(f"{entry.value!r} names no field: define it as [fields.{entry.value}], or give a table")
-        name = entry.text(tuple(self.definitions))
-        if name in self.open:
-            raise entry.error(f"the field {name!r} is made of itself: {' -> '.join((*self.open, name))}")
-        return FieldReader(self.definitions, (*self.open, name))(self.definitions[name])
+        name = entry.string(tuple(self.definitions))
+        if name in self.active_names:
+            raise entry.error(f"the field {name!r} is defined by itself: {' -> '.join((*self.active_names, name))}")
+        return FieldReader(self.definitions, (*self.active_names, name))(self.definitions[name])
 
 
 def make_field_reader(recipe: Entry) -> FieldReader:
-    """The reader of a recipe, with the fields that it defines."""
+    """The reader for the fields of a recipe."""
     defined = recipe.get("fields")
     if defined is None:
         return FieldReader({})

@@ -1,7 +1,7 @@
-"""On which line each key of a TOML document stands: what the standard library's parser does not tell.
+"""The line of every key in a TOML document, which the parser of the standard library does not report.
 
-A scanner of documents that `tomllib` has accepted already, so it needs to know where keys and values begin and end, not what is
-allowed. (TOML Kit keeps a document's style, but not where its keys are.)
+The scanner reads documents that `tomllib` has already accepted. It therefore finds where keys and values begin and end, and
+does not check what is allowed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Iterator, Mapping
 
 KeyPath = tuple[str | int, ...]
-"""Keys and places in arrays, from the top: ("structures", 1, "period")."""
+"""Keys and indices in arrays, from the top table: ("structures", 1, "period")."""
 
 _GAP = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
 _SPACE = re.compile(r"[ \t]*")
@@ -26,42 +26,45 @@ _STRINGS = (
 
 
 def find_key_lines(text: str) -> Mapping[KeyPath, int]:
-    """The line, from 1, of every key and of every entry of an array; of a table's header for the table and those above it."""
-    scanner = _Scanner(text)
-    scanner.document()
+    """The line, counted from 1, of every key and array entry; a table has the line of its first header."""
+    scanner = _KeyLineScanner(text)
+    scanner.scan_document()
     return scanner.lines
 
 
-class _Scanner:
+class _KeyLineScanner:
+    """A position in the text, and the lines of the keys found before it."""
+
     def __init__(self, text: str) -> None:
         self.text = text
         self.at = 0
         self.lines: dict[KeyPath, int] = {}
         self._lengths: dict[KeyPath, int] = {}
 
-    def document(self) -> None:
+    def scan_document(self) -> None:
+        """Record the line of every key of the document."""
         table: KeyPath = ()
         self._skip(_GAP)
         while self.at < len(self.text):
             if self._take("[["):
-                parent, last = self._table(self._key())
+                parent, last = self._resolve_header(self._scan_key())
                 array = (*parent, last)
                 index = self._lengths.get(array, 0)
                 self._lengths[array] = index + 1
                 table = (*array, index)
-                self._note(table)
+                self._record_line(table)
                 self._take("]]")
             elif self._take("["):
-                parent, last = self._table(self._key())
+                parent, last = self._resolve_header(self._scan_key())
                 table = (*parent, last)
-                self._note(table)
+                self._record_line(table)
                 self._take("]")
             else:
-                self._pair(table)
+                self._scan_pair(table)
             self._skip(_GAP)
 
-    def _table(self, keys: list[str]) -> tuple[KeyPath, str]:
-        """Where a header points: of the arrays of tables on its way the last entry."""
+    def _resolve_header(self, keys: list[str]) -> tuple[KeyPath, str]:
+        """The path of the table around a header, and its last key; arrays of tables on the way stand for their last entry."""
         path: KeyPath = ()
         for key in keys[:-1]:
             path = (*path, key)
@@ -69,26 +72,26 @@ class _Scanner:
                 path = (*path, self._lengths[path] - 1)
         return path, keys[-1]
 
-    def _pair(self, table: KeyPath) -> None:
-        path = (*table, *self._key())
-        self._note(path)
+    def _scan_pair(self, table: KeyPath) -> None:
+        path = (*table, *self._scan_key())
+        self._record_line(path)
         self._take("=")
         self._skip(_SPACE)
-        self._value(path)
+        self._scan_value(path)
 
-    def _value(self, path: KeyPath) -> None:
+    def _scan_value(self, path: KeyPath) -> None:
         if self._take("["):
-            for index in self._until("]"):
-                self._note((*path, index))
-                self._value((*path, index))
+            for index in self._iterate_items("]"):
+                self._record_line((*path, index))
+                self._scan_value((*path, index))
         elif self._take("{"):
-            for _ in self._until("}"):
-                self._pair(path)
+            for _ in self._iterate_items("}"):
+                self._scan_pair(path)
         elif not any(self._skip(pattern) for pattern in _STRINGS):
             self._skip(_PLAIN)
 
-    def _until(self, end: str) -> Iterator[int]:
-        """Counts the entries up to a closing bracket, standing at each in turn."""
+    def _iterate_items(self, end: str) -> Iterator[int]:
+        """The indices of the entries up to a closing bracket; the position is at each entry in turn."""
         index = 0
         self._skip(_GAP)
         while not self._take(end):
@@ -98,8 +101,8 @@ class _Scanner:
             self._take(",")
             self._skip(_GAP)
 
-    def _key(self) -> list[str]:
-        """A dotted key, the spaces around it skipped."""
+    def _scan_key(self) -> list[str]:
+        """The parts of a dotted key; the spaces around them are skipped."""
         parts = []
         while True:
             self._skip(_SPACE)
@@ -113,12 +116,14 @@ class _Scanner:
             if not self._take("."):
                 return parts
 
-    def _note(self, path: KeyPath) -> None:
+    def _record_line(self, path: KeyPath) -> None:
+        """Record the current line for a path, and for the tables above it that have none yet."""
         line = self.text.count("\n", 0, self.at) + 1
         for length in range(1, len(path) + 1):
             self.lines.setdefault(path[:length], line)
 
     def _skip(self, pattern: re.Pattern[str]) -> bool:
+        """Move past a match of the pattern; False if there is none here."""
         found = pattern.match(self.text, self.at)
         if found is None:
             return False
@@ -126,6 +131,7 @@ class _Scanner:
         return True
 
     def _take(self, token: str) -> bool:
+        """Move past a token; False if it is not here."""
         if not self.text.startswith(token, self.at):
             return False
         self.at += len(token)

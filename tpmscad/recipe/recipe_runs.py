@@ -55,6 +55,7 @@ class BlendRun:
         return cls(run_blend_recipe(recipe, allow_errors=allow_errors, progress=progress), recipe.tol)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
+        """The message of the blend, and its report."""
         return self.result.message, self.result.to_dict()
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
@@ -77,8 +78,10 @@ class SolidRun:
         return cls(read_solid_recipe(path))
 
     def describe(self) -> tuple[str, dict[str, Any]]:
+        """The domain, the tolerance and the volume fraction."""
         return str(self.recipe), self.recipe.to_dict()
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
+        """The solid of the field in its domain, and its report."""
         model = workflows.solidify(self.recipe.field, self.recipe.domain, tol=self.recipe.tol, progress=progress)
         return model, model.certificate.to_dict()

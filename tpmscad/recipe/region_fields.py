@@ -1,4 +1,4 @@
-"""Regions of space as tables of a recipe: boxes, half-spaces, cylinders, spheres, pictures, bodies from STEP files."""
+"""Regions as tables of a recipe: boxes, half-spaces, cylinders, spheres, pictures, bodies from STEP files."""
 
 from __future__ import annotations
 
@@ -10,18 +10,22 @@ from tpmscad.recipe.toml_entry import Entry
 
 
 def read_box(entry: Entry, read: ReadField) -> Field:
+    """The box with the corners `lo` and `hi`, whose coordinates may be infinite."""
     return fields.box(_read_corner(entry["lo"]), _read_corner(entry["hi"]))
 
 
 def read_halfspace(entry: Entry, read: ReadField) -> Field:
+    """The half-space behind `point`, away from `normal`."""
     return fields.halfspace(read_triple(entry["point"]), read_direction(entry["normal"]))
 
 
 def read_sphere(entry: Entry, read: ReadField) -> Field:
+    """The sphere with `center` and `radius`."""
     return fields.sphere(read_triple(entry["center"]), entry["radius"].positive())
 
 
 def read_cylinder(entry: Entry, read: ReadField) -> Field:
+    """The cylinder with `center`, `radius`, `axis` (by default z) and `height` (by default infinite)."""
     axis, height = entry.get("axis"), entry.get("height")
     return fields.cylinder(
         read_triple(entry["center"]),
@@ -32,18 +36,18 @@ def read_cylinder(entry: Entry, read: ReadField) -> Field:
 
 
 def read_image_region(entry: Entry, read: ReadField) -> Field:
-    """The pixels of a picture darker or lighter than a threshold (0 to 1), extruded along an axis; or a .npy stack."""
+    """Pixels of a picture that are darker or lighter than a threshold, extruded along an axis; or the voxels of a .npy array."""
     solid = read_mask(entry)
     count = solid.ndim
     axis = entry.get("axis")
     return fields.image_region(
-        solid, entry["lo"].numbers(count), entry["hi"].numbers(count), axis="z" if axis is None else axis.text("xyz")
+        solid, entry["lo"].numbers(count), entry["hi"].numbers(count), axis="z" if axis is None else axis.string("xyz")
     )
 
 
 def read_body_field(entry: Entry, read: ReadField) -> Field:
-    """The signed distance to the solid of a STEP file, relative to the recipe's folder."""
-    return workflows.body_field(entry["file"].beside())
+    """The signed distance to the solid of a STEP file, whose path is relative to the folder of the recipe."""
+    return workflows.body_field(entry["file"].sibling_file())
 
 
 def _read_corner(entry: Entry) -> tuple[float, ...]:

@@ -1,4 +1,4 @@
-"""Recipes of solids: any field in a box, from a TOML file.
+"""Recipes of solids: a field, a box or a body, and a tolerance in a TOML file.
 
 tol = 0.02
 domain = [[0, 0, 0], [10, 10, 20]]
@@ -18,17 +18,17 @@ from typing import Any
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field, volume_fraction
-from tpmscad.recipe.blend_recipe import RecipeBox, read_box_corners
+from tpmscad.recipe.field_kind import RecipeBox, read_box_corners
 from tpmscad.recipe.field_reader import make_field_reader
 from tpmscad.recipe.toml_entry import Entry, read_document
 
 SAMPLES_PER_AXIS = 48
-"""Per axis, for a first look at the volume fraction: good to a per cent where cells are ten samples wide."""
+"""Samples for the volume fraction of a dry run: accurate to a per cent if a cell is ten samples wide."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidRecipe:
-    """A field to be made a solid in a box or in the body of a STEP file, and the tolerance (model units)."""
+    """A field to be made a solid in a box or in the body of a STEP file, and the tolerance (mm)."""
 
     recipe: Entry
     field: Field
@@ -36,24 +36,24 @@ class SolidRecipe:
     tol: float
 
     def to_dict(self) -> dict[str, Any]:
-        """What can be said before anything is made. Raises RecipeError if the field is not finite in the box."""
+        """Domain, tolerance and, for a box, the volume fraction; RecipeError if the field is not finite in the box."""
         if isinstance(self.domain, Path):
             return {"domain": str(self.domain), "tol": self.tol}
         try:
-            share = volume_fraction(self.field, self.domain, samples=SAMPLES_PER_AXIS)
+            fraction = volume_fraction(self.field, self.domain, samples=SAMPLES_PER_AXIS)
         except InvalidRequest as error:
             raise self.recipe["field"].error(str(error)) from error
-        return {"domain": [list(corner) for corner in self.domain], "tol": self.tol, "volume_fraction": share}
+        return {"domain": [list(corner) for corner in self.domain], "tol": self.tol, "volume_fraction": fraction}
 
     def __str__(self) -> str:
         known = self.to_dict()
         solid = f", about {100 * known['volume_fraction']:.1f} % solid" if "volume_fraction" in known else ""
-        return f"domain {known['domain']}{solid}, to be held within {self.tol:g}"
+        return f"domain {known['domain']}{solid}, tolerance {self.tol:g}"
 
 
 def read_solid_recipe(path: Path) -> SolidRecipe:
-    """The field of a TOML file. Raises RecipeError with the line of what is wrong."""
+    """The recipe of a TOML file; RecipeError with the line of what is invalid."""
     recipe = read_document(path).table("fields", "field", "domain", "tol")
     domain = recipe["domain"]
-    where = domain.beside() if isinstance(domain.value, str) else read_box_corners(domain)
-    return SolidRecipe(recipe, make_field_reader(recipe)(recipe["field"]), where, recipe["tol"].positive())
+    resolved = domain.sibling_file() if isinstance(domain.value, str) else read_box_corners(domain)
+    return SolidRecipe(recipe, make_field_reader(recipe)(recipe["field"]), resolved, recipe["tol"].positive())

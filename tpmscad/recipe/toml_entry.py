@@ -1,4 +1,4 @@
-"""Entries of a TOML document that know where they stand, so that whatever is wrong is told with file, line and key."""
+"""Entries of a TOML document with their positions, so that every error names the file, the line and the key."""
 
 from __future__ import annotations
 
@@ -7,34 +7,34 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 from tpmscad.errors import RecipeError
 from tpmscad.recipe.key_lines import KeyPath, find_key_lines
 
 SUGGESTION_CUTOFF = 0.5
-"""How alike a word is to one that is suggested (difflib's ratio): "tolerance" is to "tol"."""
+"""Least similarity (ratio of difflib) of a suggested word: "tol" is suggested for "tolerance"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A value of the document: a table, an array, a string, a number or a truth value."""
+    """A value of the document (a table, an array, a string, a number or a boolean), its key path and the line of every key."""
 
-    file: FilePath
+    file: Path
     lines: dict[KeyPath, int]
     path: KeyPath
     value: Any
 
     def __getitem__(self, key: str) -> Entry:
-        """The entry of a key of a table that must be there."""
+        """The entry of a key of this table; RecipeError if the key is missing."""
         found = self.get(key)
         if found is None:
             raise self.error(f"the key {key!r} is missing")
         return found
 
     def get(self, key: str) -> Entry | None:
-        """The entry of a key of a table, if there is one."""
+        """The entry of a key of this table, or None."""
         if key not in self.value:
             return None
         return replace(self, path=(*self.path, key), value=self.value[key])
@@ -46,7 +46,7 @@ class Entry:
         return [replace(self, path=(*self.path, k), value=value) for k, value in enumerate(self.value)]
 
     def table(self, *known: str) -> Entry:
-        """Itself, if it is a table that has none but these keys."""
+        """This entry; RecipeError unless it is a table without other keys than `known` (any keys if there are none)."""
         if not isinstance(self.value, dict):
             raise self.error(f"must be a table, not {self.value_text}")
         for key in self.value:
@@ -56,6 +56,7 @@ class Entry:
         return self
 
     def number(self) -> float:
+        """The value as a float; RecipeError if it is not a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
             raise self.error(f"must be a number, not {self.value_text}")
         if not math.isfinite(self.value):
@@ -63,11 +64,13 @@ class Entry:
         return float(self.value)
 
     def positive(self) -> float:
+        """The value as a float; RecipeError if it is not a positive number."""
         if self.number() <= 0:
             raise self.error(f"{self.value:g} must be positive")
         return self.number()
 
-    def whole(self, least: int = 1) -> int:
+    def integer(self, least: int = 1) -> int:
+        """The value; RecipeError if it is not an integer of at least `least`."""
         if isinstance(self.value, bool) or not isinstance(self.value, int):
             raise self.error(f"must be a whole number, not {self.value_text}")
         if self.value < least:
@@ -75,11 +78,13 @@ class Entry:
         return self.value
 
     def boolean(self) -> bool:
+        """The value; RecipeError if it is not true or false."""
         if not isinstance(self.value, bool):
             raise self.error(f"must be true or false, not {self.value_text}")
         return self.value
 
-    def text(self, choices: Sequence[str] = ()) -> str:
+    def string(self, choices: Sequence[str] = ()) -> str:
+        """The value; RecipeError if it is not a string, or not one of `choices` if there are any."""
         if not isinstance(self.value, str):
             raise self.error(f"must be a string, not {self.value_text}")
         if choices and self.value not in choices:
@@ -87,25 +92,26 @@ class Entry:
         return self.value
 
     def numbers(self, count: int) -> tuple[float, ...]:
+        """The values of an array of `count` finite numbers."""
         return tuple(item.number() for item in self.array_of_length(count, "numbers"))
 
     def array_of_length(self, count: int, what: str) -> list[Entry]:
-        """The entries of an array of that length."""
+        """The entries of an array of length `count`; `what` names them in the error."""
         items = self.items()
         if len(items) != count:
             raise self.error(f"must be {count} {what}, not {len(items)}")
         return items
 
-    def beside(self) -> FilePath:
-        """The file of that name, relative to the document's folder."""
-        named = self.file.parent / self.text()
+    def sibling_file(self) -> Path:
+        """The path of an existing file, which this string gives relative to the folder of the document."""
+        named = self.file.parent / self.string()
         if not named.is_file():
             raise self.error(f"there is no file {named}")
         return named
 
     @property
     def value_text(self) -> str:
-        """The value as a few words of a message."""
+        """A short description of the value, for messages."""
         if isinstance(self.value, dict):
             return "a table"
         if isinstance(self.value, list):
@@ -114,31 +120,32 @@ class Entry:
 
     @property
     def key(self) -> str:
-        """Its keys as one would write them: structures[1].period."""
+        """The key path as it is written: structures[1].period."""
         parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in self.path)
         return "".join(parts).removeprefix(".")
 
     def error(self, message: str) -> RecipeError:
-        """What is wrong with this entry."""
+        """A RecipeError with the file, the line and the key of this entry before `message`."""
         known = self.path
         while known and known not in self.lines:
             known = known[:-1]
         where = f"{self.file.name}, line {self.lines[known]}" if known else self.file.name
-        return RecipeError(": ".join(part for part in (", ".join((where, self.key)) if self.key else where, message)))
+        return RecipeError(f"{where}, {self.key}: {message}" if self.key else f"{where}: {message}")
 
 
 def _suggest(word: str, known: Sequence[str]) -> str:
+    """The most similar of the known words, or all of them."""
     near = get_close_matches(word, known, n=1, cutoff=SUGGESTION_CUTOFF)
     return f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(known)}"
 
 
-def read_document(file: FilePath) -> Entry:
-    """The top table of a TOML file. Raises RecipeError for a file that is none."""
+def read_document(file: Path) -> Entry:
+    """The top table of a TOML file; RecipeError if the file is not valid TOML."""
     try:
         text = file.read_text("utf-8")
         values = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise RecipeError(f"{file.name} is not TOML: {error}") from error
     except UnicodeDecodeError as error:
-        raise RecipeError(f"{file.name} is not TOML, which is UTF-8 text: {error}") from error
+        raise RecipeError(f"{file.name} is not TOML, which must be UTF-8 text: {error}") from error
     return Entry(file, dict(find_key_lines(text)), (), values)
