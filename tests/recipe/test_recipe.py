@@ -339,7 +339,9 @@ class TestScaffold:
             "tol = 1\ndomain = [[0, 0, 0], [1, 1, 1]]\n[fields.a]\nkind='complement'\nof='b'\n"
             "[fields.b]\nof='a'\nkind='complement'\n[field]\nkind='complement'\nof='a'\n"
         )
-        with pytest.raises(RecipeError, match=r"line 7, fields\.b\.of: the field 'a' is defined by itself: a -> b -> a"):
+        with pytest.raises(
+            RecipeError, match=r"line 7, fields\.b\.of: the field 'a' is defined by itself: a -> b -> a"
+        ):
             read_solid_recipe(path)
 
     @pytest.mark.parametrize(
