@@ -27,7 +27,7 @@ def test_sides_of_a_wall_that_cross_have_normals_against_the_gradient(part: floa
     beyond = clearly_beyond(outer, inner, 0.2 * off)
     assert (len(beyond) > 0) == crossing
     of_outer, of_inner = (
-        np.array([sample_patches(wall, turn(p)[None]).cosine[0] for p in layer.fit.patches])
+        np.array([sample_patches(wall, turn(p)[None]).min_normal_cosine[0] for p in layer.fit.patches])
         for layer, turn in ((outer, lambda p: p), (inner, lambda p: np.swapaxes(p, 0, 1)))
     )
     for one, others in beyond.items():

@@ -9,7 +9,7 @@ import pytest
 
 from tests.shapes.ball_level_sets import TOL, ball_layer
 from tpmscad.levelset.fit.box_curves import find_crossing_curves, measure_overshoot, sample_box_curves
-from tpmscad.levelset.level_set_fit import LevelSetFit, _classify_failures
+from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures
 
 
 def layer() -> LevelSetFit:
@@ -18,15 +18,15 @@ def layer() -> LevelSetFit:
 
 def test_a_section_that_passes_stays_in_the_box_and_crosses_nothing() -> None:
     made = layer()
-    assert (made.net.plane >= 0).sum() > 4
-    assert measure_overshoot(made.net, sample_box_curves(made.net, made.fit), made.tree).max() <= 0
-    assert not find_crossing_curves(made.net, sample_box_curves(made.net, made.fit)).any()
+    assert (made.network.plane >= 0).sum() > 4
+    assert measure_overshoot(made.network, sample_box_curves(made.network, made.fit), made.tree).max() <= 0
+    assert not find_crossing_curves(made.network, sample_box_curves(made.network, made.fit)).any()
 
 
 @pytest.mark.parametrize("reach", [0.9, 1.1])
 def test_a_curve_bent_across_the_one_opposite_is_told_with_it_and_makes_their_patches_folded(reach: float) -> None:
     made = layer()
-    net, fit = made.net, made.fit
+    net, fit = made.network, made.fit
     on_box = np.flatnonzero(net.plane >= 0)
     middle = np.array([0.5 * (fit.curves[c][0] + fit.curves[c][-1]) for c in on_box])
     one = 0
@@ -39,5 +39,5 @@ def test_a_curve_bent_across_the_one_opposite_is_told_with_it_and_makes_their_pa
     spoilt = replace(fit, curves=curves)
     found = find_crossing_curves(net, sample_box_curves(net, spoilt))
     assert found[on_box[[one, other]]].all() == (reach > 1)
-    folded, _, _ = _classify_failures(net, spoilt, made.measured, made.tree, TOL)
+    folded = classify_failures(net, spoilt, made.quality, made.tree, TOL).folded
     assert folded[(net.curve == on_box[other]).any(axis=1)].all() == (reach > 1)

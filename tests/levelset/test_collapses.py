@@ -125,20 +125,22 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
     polygons = PolygonMesh(mesh)
     surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
     monkeypatch.setattr(collapse_candidates, "MAX_DISTORTION_BEFORE_SMOOTHING", np.inf)
-    numbers = np.array(sorted(polygons.polygon))
+    numbers = np.array(sorted(polygons.corners_of))
     found = collapse_candidates.rank_candidates(polygons, surface, numbers)
     by_arrays = set()
-    for k in range(len(found.number)):
-        start = found.start[k] or CollapseSeed(((int(found.goes[k]), int(found.stays[k])),), (int(found.number[k]),))
-        by_arrays.add((tuple(sorted(start.into)), tuple(sorted(start.removed))))
+    for k in range(len(found.polygon)):
+        start = found.seed[k] or CollapseSeed(((int(found.removed[k]), int(found.kept[k])),), (int(found.polygon[k]),))
+        by_arrays.add((tuple(sorted(start.merges)), tuple(sorted(start.removed))))
         change = plan_edit(polygons, start)
-        if change is None or change.dropped or len(change.into) != 1:
+        if change is None or change.doublets or len(change.merges) != 1:
             continue
         after = PolygonMesh(mesh)
         after.apply(change)
-        around = [f for v in change.into.values() for f in after.around[v]]
-        rows = np.concatenate([after.rows[around], after.rows[after.next - len(change.new) : after.next]])
-        (goes, stays), vertices, up = next(iter(change.into.items())), mesh.vertices.copy(), surface.normals.copy()
+        around = [f for v in change.merges.values() for f in after.polygons_at_vertex[v]]
+        rows = np.concatenate(
+            [after.rows[around], after.rows[after.next_number - len(change.added) : after.next_number]]
+        )
+        (goes, stays), vertices, up = next(iter(change.merges.items())), mesh.vertices.copy(), surface.normals.copy()
         if not mesh.fixed[stays].any() or mesh.fixed[stays].sum() == mesh.fixed[goes].sum():
             middle, reach = vertices[[goes, stays]].mean(axis=0), np.linalg.norm(vertices[goes] - vertices[stays])
             vertices[stays] = project_to_level_set(FIELDS[name], middle[None], mesh.fixed[[stays]], np.array([reach]))[
@@ -148,10 +150,10 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
             up[stays] = slope / np.linalg.norm(slope)
         bad = corner_distortion(vertices, up, mesh.fixed, rows).max()
         if bad < 1.0:
-            assert abs(found.score[k] + collapse_candidates.SCORE_PER_SAVED_PATCH * change.saved - bad) < 0.15
+            assert abs(found.score[k] + collapse_candidates.SCORE_PER_SAVED_PATCH * change.patches_saved - bad) < 0.15
     into = {each for each, _ in by_arrays}
     one_by_one = {
-        tuple(sorted(c.into.items())) for n in numbers.tolist() for c in plan_edits_from(polygons, n) if c.into
+        tuple(sorted(c.merges.items())) for n in numbers.tolist() for c in plan_edits_from(polygons, n) if c.merges
     }
     assert one_by_one <= into
 
@@ -160,9 +162,11 @@ def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
     before = layout("gyroid")
     found = simplify_mesh(before, FIELDS["gyroid"], LO, HI)
     polygons = found.polygons
-    assert [polygons.polygon[f] for f in found.numbers] == [tuple(found.of[list(r)].tolist()) for r in rows(found.mesh)]
+    assert [polygons.corners_of[f] for f in found.polygon_numbers] == [
+        tuple(found.original_vertex[list(r)].tolist()) for r in rows(found.mesh)
+    ]
     for step in reversed(found.history):
-        polygons.undo(step.change, step.numbers, step.old, step.plane)
+        polygons.undo(step)
     assert _state(polygons) == _state(PolygonMesh(before))
 
 
@@ -170,11 +174,11 @@ def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
 def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
     mesh = layout(name)
     polygons = PolygonMesh(mesh)
-    on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.around[v]) == 1]
+    on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.polygons_at_vertex[v]) == 1]
     assert on_edge
     for v in on_edge:
-        (number,) = polygons.around[v]
-        polygon = polygons.polygon[number]
+        (number,) = polygons.polygons_at_vertex[v]
+        polygon = polygons.corners_of[number]
         i = polygon.index(v)
         before, after = polygon[i - 1], polygon[(i + 1) % len(polygon)]
         assert polygons.plan_collapse({before: after}, [number]) is None
@@ -188,22 +192,21 @@ def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draw
     polygons = PolygonMesh(mesh)
     fixed = mesh.fixed.any(axis=1)
     for number, turn in draws:
-        chosen = sorted(polygons.polygon)[number % len(polygons.polygon)]
-        polygon = polygons.polygon[chosen]
+        chosen = sorted(polygons.corners_of)[number % len(polygons.corners_of)]
+        polygon = polygons.corners_of[chosen]
         a, b = polygon[turn % len(polygon)], polygon[(turn + len(polygon) // 2) % len(polygon)]
         if fixed[a] or fixed[b]:
             continue
-        change = polygons.plan_collapse({a: b}, [chosen, polygons.beside.get((b, a), chosen)])
+        change = polygons.plan_collapse({a: b}, [chosen, polygons.polygon_of_half_edge.get((b, a), chosen)])
         if change is None:
             continue
         state = _state(polygons)
-        old, plane = {f: polygons.polygon[f] for f in change.old}, polygons.box_sides(change.old)
         made = polygons.apply(change)
-        assert change.saved > 0
-        polygons.undo(change, made, old, plane)
+        assert change.patches_saved > 0
+        polygons.undo(made)
         assert _state(polygons) == state
         polygons.apply(change)
-    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.corners_of))
     assert euler(after) == euler(mesh)
     assert np.array_equal(
         np.bincount(after.sides[after.sides >= 0], minlength=len(after.side_ends)),
@@ -218,11 +221,11 @@ def test_collapses_at_random_stop_before_the_surface_changes(seed: int) -> None:
     mesh = small(("ball", "schwarz_p", "gyroid")[seed % 3])
     polygons = PolygonMesh(mesh)
     for _ in range(300):
-        chosen = int(rng.choice(sorted(polygons.polygon)))
+        chosen = int(rng.choice(sorted(polygons.corners_of)))
         found = plan_edits_from(polygons, chosen)
         if found:
             polygons.apply(found[rng.integers(len(found))])
-    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+    after, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.corners_of))
     assert len(after.corners) < 0.8 * len(mesh.corners)
     round_each = np.bincount(after.corners[after.corners >= 0])
     inner = ~after.fixed.any(axis=1)
@@ -241,4 +244,9 @@ def small(name: str) -> QuadMesh:
 
 
 def _state(polygons: PolygonMesh) -> tuple[object, ...]:
-    return dict(polygons.polygon), [set(a) for a in polygons.around], dict(polygons.beside), dict(polygons.plane)
+    return (
+        dict(polygons.corners_of),
+        [set(a) for a in polygons.polygons_at_vertex],
+        dict(polygons.polygon_of_half_edge),
+        dict(polygons.plane_of_side),
+    )

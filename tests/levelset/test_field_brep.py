@@ -49,7 +49,7 @@ class TestEverySolid:
 
     def test_keeps_within_tol_and_smooth(self, name: str) -> None:
         solid, _ = made(name)
-        assert max(solid.to_field, solid.from_field) <= TOL
+        assert max(solid.patches_to_field, solid.field_to_patches) <= TOL
         assert solid.jump_deg <= 2.0
         assert solid.jump_p95_deg <= 0.5
 
@@ -78,13 +78,13 @@ def test_patches_lie_on_the_field_at_points_of_their_own() -> None:
         if hasattr(carrier, "poles"):
             value, slope = field.value_and_gradient(carrier(*rng.uniform(0, 1, (2, 20))))
             worst = max(worst, float((np.abs(value) / np.linalg.norm(slope, axis=1)).max()))
-    assert 0 < worst <= 1.2 * solid.to_field
+    assert 0 < worst <= 1.2 * solid.patches_to_field
 
 
 @pytest.mark.slow
 def test_a_thin_sheet_has_as_many_faces_as_a_thick_one() -> None:
     thin = fit_field_solid(fields.sheet(GYROID, -0.03, 0.03), LO, HI, TOL)
-    assert thin.wall == pytest.approx(0.055, rel=0.05)
+    assert thin.min_wall == pytest.approx(0.055, rel=0.05)
     assert abs(len(thin.brep.faces) - len(made("sheet")[0].brep.faces)) <= 0.2 * len(thin.brep.faces)
 
 
@@ -163,8 +163,8 @@ def test_a_field_seen_from_a_box_is_itself_inside_and_continuously_differentiabl
 
 def test_workers_make_the_same_solid_face_by_face() -> None:
     field = FIELDS["rod"][0]
-    with ProcessPoolExecutor(2) as pool, task_runner(pool, field) as work:
-        pooled = fit_field_solid(field, LO, HI, TOL, work=work).brep
+    with ProcessPoolExecutor(2) as pool, task_runner(pool, field) as run_tasks:
+        pooled = fit_field_solid(field, LO, HI, TOL, run_tasks=run_tasks).brep
     serial = made("rod")[0].brep
     assert np.array_equal(pooled.vertices, serial.vertices)
     for one, other in zip(pooled.carriers, serial.carriers, strict=True):

@@ -103,7 +103,15 @@ def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
                 np.abs(a.poles + one.brep.faces.motion.translation[i] - b.poles).max() < 1e-6
             )  # fits amplify round-off, far below tol
     assert measure_solid(one.brep).volume == pytest.approx(measure_solid(other.brep).volume, rel=1e-9)
-    for name in ("to_field", "from_field", "rms", "cosine", "jump_deg", "jump_p95_deg", "curvature_jump"):
+    for name in (
+        "patches_to_field",
+        "field_to_patches",
+        "rms",
+        "min_normal_cosine",
+        "jump_deg",
+        "jump_p95_deg",
+        "curvature_jump",
+    ):
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-4), name
 
 
@@ -145,8 +153,8 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
         monkeypatch.setattr(module, "ITEMS_PER_TASK", 64)
     box = LO, np.array([20.0, 10.0, 10.0])
     serial = fit_field_solid(GYROID, *box, TOL).brep
-    with executor() as pool, task_runner(pool, GYROID) as work:
-        pooled = fit_field_solid(GYROID, *box, TOL, work=work).brep
+    with executor() as pool, task_runner(pool, GYROID) as run_tasks:
+        pooled = fit_field_solid(GYROID, *box, TOL, run_tasks=run_tasks).brep
     assert np.array_equal(pooled.vertices, serial.vertices)
     assert np.array_equal(pooled.faces.carrier, serial.faces.carrier)
     assert np.array_equal(pooled.faces.motion.translation, serial.faces.motion.translation)
@@ -165,7 +173,7 @@ def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(se
     for _ in range(2):
         tree = octree.split_leaves(tree, rng.random(len(tree.size)) < 0.03)
     whole = tile_octree(tree, hi, periods)
-    assert np.allclose(whole.step, tree.step, rtol=1e-12)
+    assert np.allclose(whole.cell_edges, tree.cell_edges, rtol=1e-12)
     for number in rng.integers(0, len(whole.size), 200):
         corner, size = whole.origin[number], whole.size[number]
         inner = np.stack(np.meshgrid(*(np.arange(size),) * 3, indexing="ij"), -1).reshape(-1, 3) + corner
@@ -175,7 +183,7 @@ def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(se
         found = []
         for upper in np.ndindex(2, 2, 2):  # the leaves of the piece that the place stands for
             use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
-            found.append(tree.size[tree.leaf[tuple((within + use * per).T)]])
+            found.append(tree.size[tree.leaf_of_cell[tuple((within + use * per).T)]])
         assert size <= np.min(found)
     assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
 

@@ -11,7 +11,8 @@ from tests.shapes.cut_fields import FIELDS, HI, LO
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.patch_network import build_patch_network, match_networks
-from tpmscad.levelset.quadmesh.smoothing import corner_sines, smooth_mesh
+from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.levelset.quadmesh.vectors import corner_sines
 
 
 def tree_of(seed: int, share: float, counts: tuple[int, int, int] = (5, 6, 4)) -> octree.Octree:
@@ -31,10 +32,10 @@ def uses(mesh: QuadMesh) -> np.ndarray:
 def test_an_octree_fills_its_box_once_and_neighbours_differ_by_at_most_two(seed: int, share: float) -> None:
     tree = tree_of(seed, share)
     assert (tree.size**3).sum() == np.prod(tree.shape)
-    at = np.array(np.unravel_index(np.arange(tree.leaf.size), tree.leaf.shape)).T
-    origin, size = tree.origin[tree.leaf.ravel()], tree.size[tree.leaf.ravel()]
+    at = np.array(np.unravel_index(np.arange(tree.leaf_of_cell.size), tree.leaf_of_cell.shape)).T
+    origin, size = tree.origin[tree.leaf_of_cell.ravel()], tree.size[tree.leaf_of_cell.ravel()]
     assert ((at >= origin) & (at < origin + size[:, None])).all()
-    sizes = tree.size[tree.leaf]
+    sizes = tree.size[tree.leaf_of_cell]
     for step in np.ndindex(3, 3, 3):
         moved = tuple(slice(max(0, d - 1), n + min(0, d - 1)) for d, n in zip(step, sizes.shape, strict=True))
         back = tuple(slice(max(0, 1 - d), n + min(0, 1 - d)) for d, n in zip(step, sizes.shape, strict=True))
@@ -94,7 +95,7 @@ def test_a_net_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
         if where == 1:
             return -1 - curve
         if where == 0 and curve >= net.n_sides:
-            return -1 - int(net.middle_of[curve - net.n_sides])
+            return -1 - int(net.split_curve[curve - net.n_sides])
         return int(net.ends[curve, where // 2])
 
     for corners, curves, senses, pieces in zip(net.corners, net.curve, net.sense, net.piece, strict=True):
@@ -110,19 +111,20 @@ def test_a_split_leaves_the_layout_alone_but_for_what_is_near() -> None:
     tree = octree.uniform_octree(LO, HI, np.array((8, 9, 7)))
     before = smooth_mesh(build_dual_mesh(tree, field), field, LO, HI)
     chosen = np.zeros(len(tree.size), bool)
-    chosen[before.cell[0]] = True
-    after = smooth_mesh(build_dual_mesh(octree.split_leaves(tree, chosen), field), field, LO, HI, before=before)
+    chosen[before.leaf[0]] = True
+    after = smooth_mesh(build_dual_mesh(octree.split_leaves(tree, chosen), field), field, LO, HI, coarser=before)
     moved = ~np.isin(before.vertices[:, 0], after.vertices[:, 0])
     assert 0 < moved.sum() < 0.4 * len(moved)
-    centre = tree.points(tree.origin[before.cell[0]] + 0.5)
-    assert np.linalg.norm(before.vertices[moved] - centre, axis=1).max() < 5 * tree.step.max()
+    centre = tree.points(tree.origin[before.leaf[0]] + 0.5)
+    assert np.linalg.norm(before.vertices[moved] - centre, axis=1).max() < 5 * tree.cell_edges.max()
     net, old = build_patch_network(after, field), build_patch_network(before, field)
     same = match_networks(net, old)
-    assert (same.patch >= 0).sum() > 0.5 * len(old.curve)
-    at = np.flatnonzero(same.patch >= 0)
-    here, there = net.corners[at], old.corners[same.patch[at]]
+    assert (same.previous_patch >= 0).sum() > 0.5 * len(old.curve)
+    at = np.flatnonzero(same.previous_patch >= 0)
+    here, there = net.corners[at], old.corners[same.previous_patch[at]]
     whole = (here >= 0).all(axis=1)
     assert np.array_equal(net.vertices[here[whole]], old.vertices[there[whole]])
     assert np.array_equal(
-        net.vertices[net.ends[same.curve >= 0, 1]], old.vertices[old.ends[same.curve[same.curve >= 0], 1]]
+        net.vertices[net.ends[same.previous_curve >= 0, 1]],
+        old.vertices[old.ends[same.previous_curve[same.previous_curve >= 0], 1]],
     )

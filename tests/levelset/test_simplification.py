@@ -16,7 +16,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.levelset import fit_simplification
 from tpmscad.levelset.brep_assembly import assemble_field_brep
 from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
-from tpmscad.levelset.level_set_fit import LevelSetFit, _classify_failures, fit_level_set
+from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
@@ -31,46 +31,46 @@ def layer() -> tuple[LevelSetFit, np.ndarray]:
 
 def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
     """Polygons by where the tree put their vertices."""
-    start = [tuple(point) for point in mesh.start.tolist()]
+    start = [tuple(point) for point in mesh.start_positions.tolist()]
     return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
 def test_a_layer_that_passes_is_made_of_fewer_patches_that_pass_too() -> None:
-    whole, samples = layer()
-    assert not len(whole.bad)
-    small = simplify_fit(whole, TOL, samples)
-    assert not len(small.bad)
+    whole, _samples = layer()
+    assert not len(whole.bad_leaves)
+    small = simplify_fit(whole)
+    assert not len(small.bad_leaves)
     assert len(small.fit.patches) < 0.7 * len(whole.fit.patches)
-    assert small.measured.of.distance.max() <= TOL
-    assert small.measured.tangent_jump_deg.max() <= 2.0
+    assert small.quality.distance.max() <= TOL
+    assert small.quality.tangent_jump_deg.max() <= 2.0
 
 
 def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     tried = []
 
     def failing(*args: object) -> LevelSetFit:
         tried.append(args)
-        return replace(whole, bad=np.unique(whole.mesh.cell)[:3])
+        return replace(whole, bad_leaves=np.unique(whole.mesh.leaf)[:3])
 
     monkeypatch.setattr(fit_simplification, "fit_level_set", failing)
-    assert simplify_fit(whole, TOL, samples) is whole
+    assert simplify_fit(whole) is whole
     assert 1 < len(tried) <= fit_simplification.MAX_REFITS
 
 
 def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     at = int(np.argmax(whole.mesh.vertices[:, 0]))
-    wanted = {p for p in polygons_of(whole.mesh) if tuple(whole.mesh.start[at]) in p}
+    wanted = {p for p in polygons_of(whole.mesh) if tuple(whole.mesh.start_positions[at]) in p}
     misses = []
 
     def strict(*args: Any) -> LevelSetFit:
         made = fit_level_set(*args)
         misses.append(not wanted <= polygons_of(made.mesh))
-        return replace(made, bad=whole.mesh.cell[[at]]) if misses[-1] else made
+        return replace(made, bad_leaves=whole.mesh.leaf[[at]]) if misses[-1] else made
 
     monkeypatch.setattr(fit_simplification, "fit_level_set", strict)
-    small = simplify_fit(whole, TOL, samples)
+    small = simplify_fit(whole)
     assert misses[0]
     assert wanted <= polygons_of(small.mesh)
     assert len(small.fit.patches) < len(whole.fit.patches)
@@ -79,7 +79,7 @@ def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monk
 def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     asked = []
 
     class Reluctant(EditHistory):
@@ -89,37 +89,37 @@ def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undo
 
     def missing(*args: Any) -> LevelSetFit:
         made = fit_level_set(*args)
-        return replace(made, bad=np.unique(made.mesh.cell)[:2]) if len(asked) < 4 else made
+        return replace(made, bad_leaves=np.unique(made.mesh.leaf)[:2]) if len(asked) < 4 else made
 
     monkeypatch.setattr(fit_simplification, "EditHistory", Reluctant)
     monkeypatch.setattr(fit_simplification, "fit_level_set", missing)
-    small = simplify_fit(whole, TOL, samples)
+    small = simplify_fit(whole)
     assert asked == [1, 2, 3, 4]
     assert len(small.fit.patches) < len(whole.fit.patches)
 
 
 def test_periods_stay_alike() -> None:
     field = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
-    whole, samples = layer()
-    periodic = replace(whole, field=field)
-    assert simplify_fit(periodic, TOL, samples) is periodic
+    whole, _samples = layer()
+    periodic = replace(whole, request=replace(whole.request, field=field))
+    assert simplify_fit(periodic) is periodic
 
 
 def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     mesh = whole.mesh
     polygons = PolygonMesh(mesh)
-    on_box = [n for n, p in polygons.polygon.items() if len(p) == 4 and polygons.box_sides([n])]
+    on_box = [n for n, p in polygons.corners_of.items() if len(p) == 4 and polygons.box_sides([n])]
     for number in on_box[::2]:
-        a, b, c, d = polygons.polygon[number]
-        polygons._take(number)
-        polygons._add((a, b, c))
-        polygons._add((a, c, d))
-    cut, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
+        a, b, c, d = polygons.corners_of[number]
+        polygons._remove(number)
+        polygons._append((a, b, c))
+        polygons._append((a, c, d))
+    cut, _ = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.corners_of))
     volumes = []
     for part in (mesh, cut):
-        made = fit_level_set(BALL, whole.tree, part, TOL, samples)
-        brep = assemble_field_brep([(made.net, made.fit)], [made.fixed], LO, HI, np.zeros((2, 2, 2), bool))
+        made = fit_level_set(whole.request, whole.tree, part)
+        brep = assemble_field_brep([(made.network, made.fit)], [made.fixed], LO, HI, np.zeros((2, 2, 2), bool))
         assert is_closed(brep)
         volumes.append(measure_solid(brep).volume)
     assert len(cut.corners) > len(mesh.corners)
@@ -127,56 +127,58 @@ def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
 
 
 def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
-    whole, net = layer()[0], layer()[0].net
+    whole, net = layer()[0], layer()[0].network
     side = np.flatnonzero(net.plane == 0)
     height = net.vertices[net.ends[side], 1].max(axis=1)
     curve, top = side[height.argmax()], height.max()
     for high, bad in ((top + 0.1, False), (top - 0.3 * TOL, True)):
         tree = replace(whole.tree, hi=np.array([HI[0], high, HI[2]]))
-        _, coarse, _ = _classify_failures(net, whole.fit, whole.measured, tree, TOL)
+        coarse = classify_failures(net, whole.fit, whole.quality, tree, TOL).inaccurate
         assert coarse[(net.curve == curve).any(axis=1)].any() == bad
 
 
 def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
-    one = replace(whole, bad=np.unique(whole.mesh.cell[quads[len(quads) // 2]]))
-    better = merge_failing_polygons(one, TOL, samples)
-    assert not len(better.bad)
+    one = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[quads[len(quads) // 2]]))
+    better = merge_failing_polygons(one)
+    assert not len(better.bad_leaves)
     assert 0 < len(whole.mesh.corners) - len(better.mesh.corners) <= 3
     same = {v.tobytes() for v in whole.mesh.vertices} & {v.tobytes() for v in better.mesh.vertices}
     assert len(same) > 0.5 * len(whole.mesh.vertices)
     monkeypatch.setattr(fit_simplification, "fit_level_set", lambda *_: one)
-    assert merge_failing_polygons(one, TOL, samples) is one
+    assert merge_failing_polygons(one) is one
 
 
 def test_two_places_are_mended_one_after_the_other() -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
-    two = replace(whole, bad=np.unique(whole.mesh.cell[[quads[0], quads[-1]]]))
-    assert len(two.bad) <= fit_simplification.MAX_BAD_LEAVES
-    left = [two.bad]
+    two = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[[quads[0], quads[-1]]]))
+    assert len(two.bad_leaves) <= fit_simplification.MAX_BAD_LEAVES
+    left = [two.bad_leaves]
 
     def strict(*args: Any) -> LevelSetFit:
         made = fit_level_set(*args)
         here = polygons_of(made.mesh)
         bad = [
-            row for row in (quads[0], quads[-1]) if tuple(sorted(map(tuple, whole.mesh.start[row].tolist()))) in here
+            row
+            for row in (quads[0], quads[-1])
+            if tuple(sorted(map(tuple, whole.mesh.start_positions[row].tolist()))) in here
         ]
-        left.append(np.unique(whole.mesh.cell[np.array(bad, int)]))
-        return replace(made, bad=left[-1])
+        left.append(np.unique(whole.mesh.leaf[np.array(bad, int)]))
+        return replace(made, bad_leaves=left[-1])
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fit_simplification, "fit_level_set", strict)
-        assert not len(merge_failing_polygons(two, TOL, samples).bad)
+        assert not len(merge_failing_polygons(two).bad_leaves)
     assert 0 < len(left[1]) < len(left[0])
 
 
 @pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])
 def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) -> None:
-    whole, samples = layer()
+    whole, _samples = layer()
     mesh = whole.mesh
     side = int(np.flatnonzero(~mesh.fixed[mesh.side_ends].any(axis=(1, 2)))[0])
     a, b = mesh.side_ends[side]
@@ -187,9 +189,9 @@ def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) ->
         np.zeros((1, 3), bool),
         mesh.size[[a]],
     )
-    made = fit_level_set(BALL, whole.tree, replace(mesh, vertices=vertices), TOL, samples)
+    made = fit_level_set(whole.request, whole.tree, replace(mesh, vertices=vertices))
     assert ("without length" in made.failure_text) == bad
-    assert not bad or np.isin(mesh.cell[[a, b]], made.bad).all()
+    assert not bad or np.isin(mesh.leaf[[a, b]], made.bad_leaves).all()
     normals = normalize(BALL.gradient(vertices))
     assert (
         corner_distortion(vertices, normals, mesh.fixed, mesh.corners[(mesh.corners == a).any(axis=1)]).max() > 9
@@ -198,14 +200,14 @@ def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) ->
 
 @pytest.mark.parametrize("known", [True, False])
 def test_what_was_wrong_in_an_earlier_layer_is_fitted_again_and_what_was_not_is_kept(known: bool) -> None:
-    whole, samples = layer()
-    at = int(np.flatnonzero((whole.net.corners >= 0).all(axis=1))[7])
+    whole, _samples = layer()
+    at = int(np.flatnonzero((whole.network.corners >= 0).all(axis=1))[7])
     patches = [p.copy() for p in whole.fit.patches]
     patches[at][1:-1, 1:-1] += 0.1
     wrong = np.zeros(len(patches), bool)
     wrong[at] = known
-    spoilt = replace(whole, fit=replace(whole.fit, patches=patches), wrong=wrong)
-    again = fit_level_set(BALL, whole.tree, whole.mesh, TOL, samples, spoilt)
+    spoilt = replace(whole, fit=replace(whole.fit, patches=patches), failing=wrong)
+    again = fit_level_set(whole.request, whole.tree, whole.mesh, spoilt)
     assert np.allclose(again.fit.patches[at], whole.fit.patches[at], atol=1e-9) == known
     same = sum(a is b for a, b in zip(again.fit.patches, patches, strict=True))
     assert len(patches) - 20 < same <= len(patches) - known

@@ -86,9 +86,13 @@ def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_th
 def test_a_side_that_would_come_back_to_where_there_is_one_brings_back_what_made_that_one() -> None:
     wanted = history()
     polygons = wanted._polygons
-    last = max(wanted._made)
-    sides = {(p[k - 1], v) for p in wanted._made[last].old.values() for k, v in enumerate(p)} - set(polygons.beside)
-    assert not wanted._clashing({last})
-    other = next(number for number, by in wanted._by.items() if by != last and number in polygons.polygon)
-    polygons.beside[min(sides)] = other
-    assert wanted._clashing({last}) == {wanted._by[other]}
+    last = max(wanted._applied)
+    sides = {(p[k - 1], v) for p in wanted._applied[last].old_polygons.values() for k, v in enumerate(p)} - set(
+        polygons.polygon_of_half_edge
+    )
+    assert not wanted._conflicting_edits({last})
+    other = next(
+        number for number, by in wanted._edit_that_made.items() if by != last and number in polygons.corners_of
+    )
+    polygons.polygon_of_half_edge[min(sides)] = other
+    assert wanted._conflicting_edits({last}) == {wanted._edit_that_made[other]}

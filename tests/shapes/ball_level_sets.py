@@ -8,7 +8,7 @@ import numpy as np
 
 from tpmscad import fields
 from tpmscad.levelset.boundary_level_sets import sample_level_set
-from tpmscad.levelset.level_set_fit import LevelSetFit, fit_level_set, mesh_level_set
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 
 LO, HI, TOL = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0]), 0.01
@@ -24,4 +24,4 @@ def ball_layer(
     field, tree = fields.sphere(CENTRE, radius), octree.uniform_octree(LO, HI, np.array(counts))
     tree = octree.split_leaves(tree, np.random.default_rng(3).random(len(tree.size)) < share)
     samples = sample_level_set(field, LO, HI, spacing)
-    return fit_level_set(field, tree, mesh_level_set(tree, field)[0], TOL, samples), samples
+    return fit_level_set(FitRequest(field, TOL, samples), tree, mesh_level_set(tree, field)[0]), samples

@@ -1,7 +1,12 @@
-"""The coarsest layout of a level set that passes: uniform leaves first, split where layouts fold or fits miss.
+"""Adaptive search for the coarsest octree on which a level set can be fitted within the tolerance.
 
-A layout is made and looked at in a small part of the time of a fit. So leaves are split first until nothing is folded that no fit
-could save, and only then by what the fit misses. What passes is simplified, where no periods have to stay alike.
+1. *Starts.* Uniform octrees of several leaf sizes are meshed and split a few times where polygons fold. They are ranked by the
+   number of patches that they promise; an octree split by normal cones is the last resort. Of a periodic field a part of the box
+   is searched.
+2. *Unfolding.* A mesh costs a small fraction of a fit, so leaves are split first until no polygon is left that no fit could save.
+3. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
+   reused that passed, until all pass or refinement stalls; then the next start is tried.
+4. *Simplification.* A fit that passes is simplified.
 """
 
 from __future__ import annotations
@@ -15,161 +20,180 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
 from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
-from tpmscad.levelset.level_set_fit import LevelSetFit, fit_level_set, mesh_level_set, split_numbered_leaves
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.periodicity import crop_to_searched_periods, tile_octree
 from tpmscad.levelset.quadmesh.refinement import find_coarse_leaves
-from tpmscad.parallel import TaskRunner, run_serial
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import count_patches
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
-LEAF_SIZE_TIMES_CURVATURE, CURVATURE_QUANTILE = 1.5, 0.7
-"""Size of the first leaves times the curvature that this part of the surface stays below: four leaves to a gyroid's period."""
+LEAF_SIZE_TIMES_CURVATURE = 1.5
+CURVATURE_QUANTILE = 0.7
+"""The first leaf size times this quantile of the level set's curvature: about four leaves to a period of the gyroid."""
+
+CURVATURE_STEP_FRACTION = 1e-3
+"""Step of the finite differences for the curvature, as a fraction of the level set's extent."""
 
 LEAF_SIZE_DIVISORS = (1.0, 0.8, 1.25, 1.6, 2.0)
-"""First layouts tried: leaves per length of the first. How the leaves happen to lie to the surface's necks makes a difference
-of up to a half in the faces that splitting leads to, and layouts are cheap. The first does where nothing has to be split."""
-
-MIN_CONE_COSINE = 0.5
-"""Cosine of the angle that normals in a leaf may make with their mean, in the layout that is tried last."""
-
-MAX_DEPTH, MAX_FINEST_CELLS = 5, 2**27
-"""Greatest refinement of a first leaf: thirty-two to one, or sixteen where the finest grid would have more cells than this (half
-a gigabyte). Four places of a figure of the porous-blending paper stayed folded at sixteen to one, and none at thirty-two."""
+"""Leaf sizes of the starts, as divisors of the first one: the position of the leaves relative to the necks changes the number of
+patches by up to a half."""
 
 PRESPLIT_LEVELS = 3
-"""Levels by which leaves are split that hide crossings or in which normals turn too far, before there is a layout."""
+"""Largest number of splits of a leaf before the first mesh, for hidden crossings or normal cones."""
 
-MAX_MESHES_BEFORE_FIT, MAX_FITS_PER_START, MAX_IDLE_FITS, MAX_STARTS = 8, 12, 2, 5
-"""Layouts before a fit, fits of a first layout, fits without an improvement, and first layouts that are fitted."""
+MIN_CONE_COSINE = 0.5
+"""Cosine of the half-angle of the normal cone of a leaf in the last start."""
 
-TRIAL_MESHES, PATCHES_PER_BAD_LEAF = 2, 30
-"""Layouts after which first ones are compared, and the patches that each leaf still bad will have made in the end: 17 to 62 in
-ten layouts of two blends. With it the first of the fewest patches, or one within 1 %, was found in a quarter of the time."""
+MAX_DEPTH = 5
+MAX_FINEST_CELLS = 2**27
+"""Largest number of splits of a first leaf, one less if the finest grid would have more cells than this (half a gigabyte)."""
+
+MAX_MESHES_BEFORE_FIT = 8
+MAX_FITS_PER_START = 12
+MAX_IDLE_FITS = 2
+MAX_STARTS = 5
+
+TRIAL_MESHES = 2
+"""Meshes of a start before the starts are compared."""
+
+PATCHES_PER_BAD_LEAF = 30
+"""Patches that a leaf still bad when starts are compared is expected to cost in the end."""
 
 MAX_BAD_LEAVES_AT_END = 16
-"""Bad leaves that are mended at most where splitting them has not helped."""
+"""Largest number of bad leaves for which polygons are merged after splitting has stalled."""
 
 MAX_BAD_LEAF_FRACTION = 0.15
-"""Above this share of leaves that the first fit finds bad another layout is tried."""
+"""Largest fraction of leaves that the best fit may find bad before the start is given up."""
 
 SINGULAR_SLOPE_FRACTION = 0.15
-"""Slopes below this part of the usual one are named as the cause of a failure."""
+"""A gradient shorter than this fraction of the median is reported as the cause of a failure."""
 
+N_PLACES_REPORTED = 3
 
-def fit_level_set_adaptively(
-    field: Field, lo: Array, hi: Array, tol: float, samples: Array, probed: bool = False, work: TaskRunner = run_serial
-) -> LevelSetFit:
-    """The coarsest layout of {field = 0} in the box that passes; LayoutError where none does. samples (n, 3) of the surface.
-
-    `probed`: leaves that hide crossings from their corners are split, too, so that nothing the probes see is lost.
-    """
-    best: LevelSetFit | None = None
-    for tree, mesh in _generate_starts(field, lo, hi, _choose_leaf_size(field, samples), probed):
-        found = _refine_from(field, tree, mesh, tol, samples, work)
-        if not len(found.bad):
-            return simplify_fit(found, tol, samples, work)
-        if best is None or found.bad_volume < best.bad_volume:
-            best = found
-    assert best is not None
-    raise LevelSetError(_explain_failure(field, best))
-
-
-def _generate_starts(
-    field: Field, lo: Array, hi: Array, first: float, probed: bool
-) -> Iterator[tuple[Octree, QuadMesh]]:
-    """Layouts to start from, those first that seem to need the fewest patches. Of periodic fields a piece is searched."""
-    found: list[tuple[int, _MeshedTree]] = []
-    seen: set[tuple[int, ...]] = set()
-    end, periods = crop_to_searched_periods(field, lo, hi)
-
-    def whole(piece: _MeshedTree) -> tuple[Octree, QuadMesh]:
-        piece = _split_until_unfolded(field, piece)
-        if periods.any():
-            piece = _split_until_unfolded(field, _MeshedTree.of(tile_octree(piece.tree, hi, periods), field, None))
-        return piece.tree, piece.mesh
-
-    for finer in LEAF_SIZE_DIVISORS:
-        counts = _count_leaves(field, lo, end, first / finer)
-        if tuple(counts) in seen:
-            continue
-        seen.add(tuple(counts))
-        tree = octree.uniform_octree(lo, end, counts)
-        sketch = _split_until_unfolded(
-            field, _MeshedTree.of(_presplit(tree, field, None) if probed else tree, field, None), TRIAL_MESHES
-        )
-        if finer == LEAF_SIZE_DIVISORS[0] and sketch.tree.size.max() == 1 and not len(sketch.bad):
-            yield whole(sketch)
-        else:
-            found.append((_count_patches(sketch.mesh) + PATCHES_PER_BAD_LEAF * len(sketch.bad), sketch))
-    for _, sketch in sorted(found, key=lambda each: each[0])[:MAX_STARTS]:
-        yield whole(sketch)
-    tree = _presplit(octree.uniform_octree(lo, end, _count_leaves(field, lo, end, first)), field, MIN_CONE_COSINE)
-    yield whole(_MeshedTree.of(tree, field, None))
+COUNT_TOL = 1e-6
+MIN_LEAVES_PER_AXIS = 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _MeshedTree:
-    """A tree, its layout, and the leaves that are bad and can be split."""
+    """An octree, its smoothed mesh, and the leaves that are bad and may still be split."""
 
     tree: Octree
     mesh: QuadMesh
-    bad: IntArray
-
-    @staticmethod
-    def of(tree: Octree, field: Field, before: QuadMesh | None) -> _MeshedTree:
-        mesh, bad = mesh_level_set(tree, field, before)
-        return _MeshedTree(tree, mesh, _select_splittable(tree, bad))
+    splittable: IntArray
 
 
-def _split_until_unfolded(field: Field, start: _MeshedTree, layouts: int = MAX_MESHES_BEFORE_FIT) -> _MeshedTree:
-    """The tree split until its layout is worth a fit, `layouts` in all at most."""
-    for _ in range(layouts - 1):
-        if not len(start.bad):
+def fit_level_set_adaptively(
+    request: FitRequest, lo: Array, hi: Array, detect_hidden_crossings: bool = False
+) -> LevelSetFit:
+    """The fit of the level set in the box [lo, hi] on the coarsest mesh that passes; LevelSetError if none does.
+
+    `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, which gives more patches.
+    """
+    best: LevelSetFit | None = None
+    for start in _generate_starts(request, lo, hi, detect_hidden_crossings):
+        fit = _refine_from(request, start)
+        if not len(fit.bad_leaves):
+            return simplify_fit(fit)
+        if best is None or fit.bad_volume < best.bad_volume:
+            best = fit
+    assert best is not None, "there is always a start"
+    raise LevelSetError(_explain_failure(best))
+
+
+def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_crossings: bool) -> Iterator[_MeshedTree]:
+    """Meshes to start from, those first that promise the fewest patches.
+
+    The first leaf size comes before all others if nothing had to be split.
+    """
+    field = request.field
+    end, periods = crop_to_searched_periods(field, lo, hi)
+    size = _choose_leaf_size(field, request.surface_samples)
+    sketches: list[_MeshedTree] = []
+    seen: set[tuple[int, ...]] = set()
+    for divisor in LEAF_SIZE_DIVISORS:
+        counts = _count_leaves(field, lo, end, size / divisor)
+        if tuple(counts) in seen:
+            continue
+        seen.add(tuple(counts))
+        tree = octree.uniform_octree(lo, end, counts)
+        if detect_hidden_crossings:
+            tree = _presplit(tree, field, None)
+        sketch = _split_until_unfolded(field, _mesh_tree(tree, field), TRIAL_MESHES)
+        unsplit = sketch.tree.size.max() == 1 and not len(sketch.splittable)
+        if divisor == LEAF_SIZE_DIVISORS[0] and unsplit:
+            yield _complete_start(field, sketch, hi, periods)
+        else:
+            sketches.append(sketch)
+    for sketch in sorted(sketches, key=_estimate_patches)[:MAX_STARTS]:
+        yield _complete_start(field, sketch, hi, periods)
+    tree = _presplit(octree.uniform_octree(lo, end, _count_leaves(field, lo, end, size)), field, MIN_CONE_COSINE)
+    yield _complete_start(field, _mesh_tree(tree, field), hi, periods)
+
+
+def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
+    """The best fit of those that splitting bad leaves leads to."""
+    fit = merge_failing_polygons(fit_level_set(request, start.tree, start.mesh))
+    best, stalled, fewest = fit, 0, len(fit.bad_leaves)
+    for _ in range(MAX_FITS_PER_START - 1):
+        deeper = _select_splittable(start.tree, fit.bad_leaves)
+        if not len(deeper) or best.bad_fraction > MAX_BAD_LEAF_FRACTION:
             break
-        start = _MeshedTree.of(split_numbered_leaves(start.tree, start.bad), field, start.mesh)
+        refined = _mesh_tree(octree.split_leaves(start.tree, deeper), request.field, start.mesh)
+        start = _split_until_unfolded(request.field, refined)
+        fit = merge_failing_polygons(fit_level_set(request, start.tree, start.mesh, fit))
+        if not len(fit.bad_leaves):
+            return fit
+        # a split may turn larger neighbouring leaves bad, so fewer bad leaves count as progress, too
+        improved = fit.bad_volume < best.bad_volume
+        stalled = 0 if improved or len(fit.bad_leaves) < fewest else stalled + 1
+        fewest = min(fewest, len(fit.bad_leaves))
+        if improved:
+            best = fit
+        elif stalled == MAX_IDLE_FITS:
+            break
+    return merge_failing_polygons(best, MAX_BAD_LEAVES_AT_END)
+
+
+def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _MeshedTree:
+    """An octree with its mesh, which reuses the vertices of the mesh of a coarser octree."""
+    mesh, bad = mesh_level_set(tree, field, coarser)
+    return _MeshedTree(tree, mesh, _select_splittable(tree, bad))
+
+
+def _split_until_unfolded(field: Field, start: _MeshedTree, max_meshes: int = MAX_MESHES_BEFORE_FIT) -> _MeshedTree:
+    """The octree split where polygons are hopeless, until its mesh is worth a fit."""
+    for _ in range(max_meshes - 1):
+        if not len(start.splittable):
+            break
+        start = _mesh_tree(octree.split_leaves(start.tree, start.splittable), field, start.mesh)
     return start
 
 
-def _count_patches(mesh: QuadMesh) -> int:
-    """How many patches a mesh makes: triangles are cut in three."""
-    return len(mesh.corners) + 2 * int(np.count_nonzero(mesh.corners[:, 3] < 0))
+def _complete_start(field: Field, sketch: _MeshedTree, hi: Array, periods: IntArray) -> _MeshedTree:
+    """A sketch split until its mesh is worth a fit, and of a periodic field repeated through the box."""
+    start = _split_until_unfolded(field, sketch)
+    if not periods.any():
+        return start
+    return _split_until_unfolded(field, _mesh_tree(tile_octree(start.tree, hi, periods), field))
 
 
-def _refine_from(
-    field: Field, tree: Octree, mesh: QuadMesh, tol: float, samples: Array, work: TaskRunner
-) -> LevelSetFit:
-    """The best layer of those that splitting leads to from a first layout."""
-    best = layer = merge_failing_polygons(
-        fit_level_set(field, tree, mesh, tol, samples, None, work), tol, samples, work
-    )
-    idle, least = 0, len(layer.bad)
-    for _ in range(MAX_FITS_PER_START - 1):
-        deeper = _select_splittable(tree, layer.bad)
-        if not len(deeper) or best.bad_fraction > MAX_BAD_LEAF_FRACTION:
-            break
-        made = _split_until_unfolded(field, _MeshedTree.of(split_numbered_leaves(tree, deeper), field, mesh))
-        tree, mesh = made.tree, made.mesh
-        layer = merge_failing_polygons(fit_level_set(field, tree, mesh, tol, samples, layer, work), tol, samples, work)
-        if not len(layer.bad):
-            return layer
-        # beside what a split cures larger leaves may turn bad: those few are cured in their turn
-        idle = 0 if layer.bad_volume < best.bad_volume or len(layer.bad) < least else idle + 1
-        least = min(least, len(layer.bad))
-        if layer.bad_volume < best.bad_volume:
-            best = layer
-        elif idle == MAX_IDLE_FITS:
-            break
-    return merge_failing_polygons(best, tol, samples, work, MAX_BAD_LEAVES_AT_END)
+def _estimate_patches(sketch: _MeshedTree) -> int:
+    """Number of patches that a sketch promises."""
+    return int(count_patches(sketch.mesh.corners).sum()) + PATCHES_PER_BAD_LEAF * len(sketch.splittable)
 
 
 def _select_splittable(tree: Octree, leaves: IntArray) -> IntArray:
+    """Those of the leaves that are above the greatest depth."""
     first = np.prod(tree.shape / tree.size.max())
     depth = MAX_DEPTH if first * 8**MAX_DEPTH <= MAX_FINEST_CELLS else MAX_DEPTH - 1
     return leaves[tree.size[leaves] * 2**depth > tree.size.max()]
 
 
 def _presplit(tree: Octree, field: Field, cosine: float | None) -> Octree:
+    """The octree split where it is too coarse by `find_coarse_leaves`."""
     for _ in range(PRESPLIT_LEVELS):
         flagged = find_coarse_leaves(tree, field, cosine) & (tree.size * 2 ** (PRESPLIT_LEVELS + 1) > tree.size.max())
         if not flagged.any():
@@ -178,42 +202,46 @@ def _presplit(tree: Octree, field: Field, cosine: float | None) -> Octree:
     return tree
 
 
-def _explain_failure(field: Field, layer: LevelSetFit) -> str:
-    where = layer.tree.points(layer.tree.origin[layer.bad] + 0.5 * layer.tree.size[layer.bad][:, None])
-    gradient = field.gradient(where)
-    slope = np.linalg.norm(gradient, axis=1)
-    size = layer.tree.size[layer.bad][:, None] * layer.tree.step
-    at_box = (where - size < layer.tree.lo) | (where + size > layer.tree.hi)
-    level = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
-    usual = np.median(np.linalg.norm(field.gradient(layer.net.vertices), axis=1))
-    places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in where[np.argsort(slope)][:3])
-    if slope.min() < SINGULAR_SLOPE_FRACTION * usual:
-        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
-    elif (at_box.any(axis=1) & (level < SINGULAR_SLOPE_FRACTION * usual)).any():
-        cause = "the surface touches the box there without crossing it: move the domain or change the level"
-    else:
-        cause = "the surface turns too fast for the depth allowed: use a looser tol, or a smoother field"
-    return f"{len(where)} places could not be fitted within the request ({layer.failure_text}), near {places}; {cause}"
-
-
 def _choose_leaf_size(field: Field, samples: Array) -> float:
-    """The size of leaf for the curvature of most of the surface."""
-    step = 1e-3 * float(np.ptp(samples, axis=0).max())
-    slope = field.gradient(samples)
-    length = np.linalg.norm(slope, axis=1, keepdims=True)
-    normal = slope / np.maximum(length, 1e-300)
+    """Leaf size for the curvature of most of the level set, by differences of the gradient at samples (n, 3) of it."""
+    step = CURVATURE_STEP_FRACTION * float(np.ptp(samples, axis=0).max())
+    gradient = field.gradient(samples)
+    norm = np.linalg.norm(gradient, axis=1, keepdims=True)
+    normal = gradient / np.maximum(norm, MIN_DIVISOR)
     hessian = np.stack(
         [(field.gradient(samples + step * e) - field.gradient(samples - step * e)) / (2 * step) for e in np.eye(3)], -1
     )
-    across = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    bend = across @ hessian @ across / np.maximum(length, 1e-300)[..., None]
-    return LEAF_SIZE_TIMES_CURVATURE / float(np.quantile(np.linalg.norm(bend, ord=2, axis=(1, 2)), CURVATURE_QUANTILE))
+    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    curvature = tangential @ hessian @ tangential / np.maximum(norm, MIN_DIVISOR)[..., None]
+    return LEAF_SIZE_TIMES_CURVATURE / float(
+        np.quantile(np.linalg.norm(curvature, ord=2, axis=(1, 2)), CURVATURE_QUANTILE)
+    )
 
 
 def _count_leaves(field: Field, lo: Array, hi: Array, size: float) -> IntArray:
-    """Leaves along each axis, none longer than size; a whole number to a period, so that periods are laid out alike."""
+    """Number of leaves (3,) along each axis, none longer than `size`, a whole number of them to a period."""
     leaf = np.full(3, size)
     periods = field.periods()
     if periods is not None:
-        leaf = np.array(periods) / np.ceil(np.array(periods) / size - 1e-6)
-    return np.maximum(2, np.ceil((hi - lo) / leaf - 1e-6)).astype(np.int64)
+        leaf = np.array(periods) / np.ceil(np.array(periods) / size - COUNT_TOL)
+    return np.maximum(MIN_LEAVES_PER_AXIS, np.ceil((hi - lo) / leaf - COUNT_TOL)).astype(np.int64)
+
+
+def _explain_failure(fit: LevelSetFit) -> str:
+    """Where a fit fails, why, and what to change, as an error message."""
+    field, tree, bad = fit.request.field, fit.tree, fit.bad_leaves
+    centre, size = tree.leaf_centres(bad), tree.size[bad][:, None] * tree.cell_edges
+    gradient = field.gradient(centre)
+    slope = np.linalg.norm(gradient, axis=1)
+    at_box = (centre - size < tree.lo) | (centre + size > tree.hi)
+    slope_in_box_face = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
+    singular = SINGULAR_SLOPE_FRACTION * np.median(np.linalg.norm(field.gradient(fit.network.vertices), axis=1))
+    flattest = centre[np.argsort(slope)][:N_PLACES_REPORTED]
+    places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in flattest)
+    if slope.min() < singular:
+        cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
+    elif (at_box.any(axis=1) & (slope_in_box_face < singular)).any():
+        cause = "the surface touches the box there without crossing it: move the domain or change the level"
+    else:
+        cause = "the surface turns too fast for the depth allowed: use a looser tol, or a smoother field"
+    return f"{len(bad)} places could not be fitted within the request ({fit.failure_text}), near {places}; {cause}"

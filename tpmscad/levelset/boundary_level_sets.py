@@ -1,31 +1,57 @@
-"""A field taken apart into the level sets that bound its solid, each laid out by itself.
+"""The level sets that bound a solid: decomposition of a field into them, samples of each, and the distance between them.
 
-The solid of an intersection is bounded by parts of both level sets, and where these never meet inside the box (the two walls of a
-sheet) each is whole: {max(f, g) = 0} is {f = 0} and {g = 0} side by side. So a thin wall costs what a thick one does. Level sets
-that meet make an edge, which patches that join smoothly can't follow.
-
-Points of a level set in a box, found along the lines of a grid; where the field jumps there is none, and that is said.
+The solid of max(f, g) is bounded by parts of {f = 0} and {g = 0}. If the two never meet inside the box, as the two walls of a
+sheet, the boundary is both of them entirely, and each can be meshed and fitted by itself: a thin wall then needs no more patches
+than a thick one. Level sets that meet form a sharp edge, which smoothly joined patches cannot follow; such a field is rejected.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+
+MIN_WALL_TOLS = 2
+"""Least distance between two level sets, in tolerances."""
+
+SAMPLE_STEP_FRACTION = 0.5
+"""Largest Newton step of a sample, in spacings of the sampling grid."""
+
+SAMPLE_TOL_FRACTION = 1e-6
+"""Distance from the level set, in spacings, within which a sample has converged."""
+
+JUMP_HALVINGS = 40
+JUMP_FRACTION = 1e-3
+"""A sign change is a jump of the field if after this number of bisections its height is still this fraction of the first one."""
+
+CORNER_TOL_FRACTION = 1e-2
+"""A level set closer to a corner of the box than this fraction of the tolerance is shifted."""
+
+MAX_SHIFT_FRACTION = 0.1
+MAX_VOLUME_CHANGE_FRACTION = 3e-4
+"""Largest shift of a level set, as a fraction of the tolerance, and largest change of the solid's volume by it, as a fraction."""
+
+CROSSINGS_PER_AREA = 1.5
+"""Crossings of a surface with the lines of a grid per squared grid step of its area: the mean of |nx| + |ny| + |nz| over
+directions."""
 
 
 def decompose_level_sets(field: Field) -> tuple[Field, ...]:
-    """The fields whose level sets bound the solid of `field`."""
+    """The fields, in order, of which `field` is the minimum or maximum."""
     if isinstance(field, MinMaxField):
         return (*decompose_level_sets(field.first), *decompose_level_sets(field.second))
     return (field,)
 
 
 def replace_level_sets(field: Field, parts: tuple[Field, ...]) -> Field:
-    """`field` with its layers, as `layers` takes them apart, replaced by others."""
+    """`field` with the fields of `decompose_level_sets` replaced by others."""
     if isinstance(field, MinMaxField):
         n = len(decompose_level_sets(field.first))
         return MinMaxField(
@@ -35,88 +61,124 @@ def replace_level_sets(field: Field, parts: tuple[Field, ...]) -> Field:
 
 
 def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array], tol: float) -> float:
-    """The least distance between the layers, to first order, at `points` (n, 3) of each; LayoutError unless above 2 tol.
+    """The least distance between the level sets, to first order, at `points` (n, 3) of each.
 
-    On {f = 0} the whole field must vanish, too: elsewhere that part of the level set does not bound the solid.
+    LevelSetError if it is not above 2 tol, or if `field` does not vanish all over each level set, which then bounds the solid in
+    part only.
     """
     least = np.inf
     for i, part in enumerate(parts):
         if len(parts) == 1 or not len(points[i]):
             continue
-        off = np.abs(field(points[i])) / np.linalg.norm(part.gradient(points[i]), axis=1)
-        if off.max() > tol:
+        distance = np.abs(field(points[i])) / np.linalg.norm(part.gradient(points[i]), axis=1)
+        if distance.max() > tol:
             raise LevelSetError(
-                f"two surfaces cross near {_format_point(points[i][off.argmax()])}: an edge that smooth patches can't follow; "
-                "round it (fields.smooth_intersection, smooth_union) or cut the solid by the kernel instead"
+                f"two surfaces cross near {_format_point(points[i][distance.argmax()])}: an edge that smooth patches can't "
+                "follow; round it (fields.smooth_intersection, smooth_union) or cut the solid by the kernel instead"
             )
         for other in (o for j, o in enumerate(parts) if j != i):
-            value, slope = other.value_and_gradient(points[i])
-            wall = np.abs(value) / np.maximum(np.linalg.norm(slope, axis=1), 1e-300)
+            value, gradient = other.value_and_gradient(points[i])
+            wall = np.abs(value) / np.maximum(np.linalg.norm(gradient, axis=1), MIN_DIVISOR)
             least = min(least, float(wall.min()))
-            if least <= 2 * tol:
+            if least <= MIN_WALL_TOLS * tol:
                 raise LevelSetError(
-                    f"the wall is {wall.min():.3g} thick near {_format_point(points[i][wall.argmin()])}, which tol {tol:g} can't "
-                    f"tell from none: use a tol below {wall.min() / 2:.2g}, or a thicker wall"
+                    f"the wall is {wall.min():.3g} thick near {_format_point(points[i][wall.argmin()])}, too thin for tol "
+                    f"{tol:g}: use a tol below {wall.min() / 2:.2g}, or a thicker wall"
                 )
     return least
 
 
-def _format_point(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.5g}" for x in point) + ")"
-
-
-JUMP_HALVINGS, JUMP_FRACTION = 40, 1e-3
-"""Where a step between grid points still has this part of its height after so many halvings, the field jumps."""
-
-
 def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Array:
-    """Points of {field = 0} in the box: where it crosses the lines of a grid of about that spacing, shifted off every layout.
+    """Points (n, 3) of {field = 0} in the box, from its crossings with the lines of a grid of about this spacing.
 
-    LayoutError where the field jumps from one sign to the other: it has no level set there to follow.
+    LevelSetError where the sign changes in a jump of the field, which has no level set there.
     """
     counts = np.maximum(2, np.ceil((hi - lo) / spacing)).astype(int) + 1
     axes = [np.linspace(low, high, n) for low, high, n in zip(lo, hi, counts, strict=True)]
+    points, bracket = _project_line_crossings(field, axes, spacing)
+    inside = ((points >= lo) & (points <= hi)).all(axis=1)
+    value, gradient = field.value_and_gradient(points)
+    converged = np.abs(value) <= SAMPLE_TOL_FRACTION * spacing * np.linalg.norm(gradient, axis=1)
+    _check_no_jump(field, bracket[~converged])
+    return points[inside & converged]
+
+
+def shift_level_off_corners(
+    field: Field, part: LinearExtension, points: Array, lo: Array, hi: Array, tol: float, spacing: float
+) -> tuple[LinearExtension, str | None]:
+    """The part of `field` with its level shifted by at most a tenth of tol if it passes through a corner of the box, and a note.
+
+    `points` (n, 3) are its samples with this spacing. The shift is limited by the change of the solid's volume, too.
+    """
+    corners = box_corners(lo, hi).reshape(-1, 3)
+    value, gradient = part.value_and_gradient(corners)
+    near = np.abs(value) < CORNER_TOL_FRACTION * tol * np.linalg.norm(gradient, axis=1)
+    if not (near.any() and len(points)):
+        return part, None
+    volume_per_area = _estimate_volume_per_area(field, points, lo, hi, spacing)
+    distance = min(MAX_SHIFT_FRACTION * tol, MAX_VOLUME_CHANGE_FRACTION * volume_per_area)
+    shift = distance * float(np.linalg.norm(part.gradient(points), axis=1).min())
+    where = ", ".join(f"{x:g}" for x in corners[near][0])
+    note = f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}"
+    return replace(part, field=part.field + shift), note
+
+
+def box_corners(lo: Array, hi: Array) -> Array:
+    """Corners (2, 2, 2, 3) of the box [lo, hi]."""
+    return np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1)
+
+
+def _project_line_crossings(field: Field, axes: list[Array], spacing: float) -> tuple[Array, Array]:
+    """Crossings (n, 3) of the level set with grid lines, projected across the lines, and the grid points (n, 2, 3) round them."""
     values = field.on_grid(*axes)
-    found, brackets = [], []
+    crossings, brackets = [], []
     for axis in range(3):
-        swapped = np.moveaxis(values, axis, 0)
-        i, j, k = np.nonzero((swapped[:-1] > 0) != (swapped[1:] > 0))
-        f0, f1 = swapped[i, j, k], swapped[i + 1, j, k]
+        along = np.moveaxis(values, axis, 0)
+        i, j, k = np.nonzero((along[:-1] > 0) != (along[1:] > 0))
+        f0, f1 = along[i, j, k], along[i + 1, j, k]
         b, c = (a for a in range(3) if a != axis)
         points = np.empty((len(i), 3))
         points[:, axis] = axes[axis][i] + f0 / (f0 - f1) * (axes[axis][i + 1] - axes[axis][i])
         points[:, b], points[:, c] = axes[b][j], axes[c][k]
         fixed = np.ones(points.shape, bool)
         fixed[:, axis] = False
-        found.append(project_to_level_set(field, points, fixed, np.full(len(points), 0.5 * spacing)))
+        max_step = np.full(len(points), SAMPLE_STEP_FRACTION * spacing)
+        crossings.append(project_to_level_set(field, points, fixed, max_step))
         low, high = points.copy(), points.copy()
         low[:, axis], high[:, axis] = axes[axis][i], axes[axis][i + 1]
         brackets.append(np.stack([low, high], axis=1))
-    points, bracket = np.concatenate(found), np.concatenate(brackets)
-    inside = ((points >= lo) & (points <= hi)).all(axis=1)
-    value, slope = field.value_and_gradient(points)
-    converged = np.abs(value) <= 1e-6 * spacing * np.linalg.norm(slope, axis=1)
-    _check_no_jump(field, bracket[~converged])
-    return points[inside & converged]
+    return np.concatenate(crossings), np.concatenate(brackets)
 
 
 def _check_no_jump(field: Field, bracket: Array) -> None:
-    """LayoutError where the field's sign changes between points (n, 2, 3) without its value passing zero."""
+    """LevelSetError if bisection between points (n, 2, 3) of opposite sign ends at a jump of the field."""
     if not len(bracket):
         return
     low, high = bracket[:, 0], bracket[:, 1]
     first, last = field(low), field(high)
-    wide, below = np.abs(last - first), first > 0
+    height, positive = np.abs(last - first), first > 0
     for _ in range(JUMP_HALVINGS):
         middle = 0.5 * (low + high)
-        same = (field(middle) > 0) == below
+        same: BoolArray = (field(middle) > 0) == positive
         low, high = np.where(same[:, None], middle, low), np.where(same[:, None], high, middle)
     first, last = field(low), field(high)
     jump = np.abs(last - first)
-    if (jump > JUMP_FRACTION * wide).any():
-        worst = int((jump / np.maximum(wide, 1e-300)).argmax())
-        where = ", ".join(f"{x:.5g}" for x in low[worst])
+    if (jump > JUMP_FRACTION * height).any():
+        worst = int((jump / np.maximum(height, MIN_DIVISOR)).argmax())
         raise LevelSetError(
-            f"the field jumps from {first[worst]:.3g} to {last[worst]:.3g} at ({where}): it must be continuous in the domain; "
-            "of a blend, keep the domain within the regions, and the border between them within the blending region"
+            f"the field jumps from {first[worst]:.3g} to {last[worst]:.3g} at {_format_point(low[worst])}: it must be "
+            "continuous in the domain; of a blend, keep the domain within the regions, and the border between them within the "
+            "blending region"
         )
+
+
+def _estimate_volume_per_area(field: Field, points: Array, lo: Array, hi: Array, spacing: float) -> float:
+    """Rough ratio of the solid's volume to the area of a level set with these samples (n, 3), for `shift_level_off_corners`."""
+    axes = [np.linspace(a, b, max(2, int(np.ceil((b - a) / spacing))) + 1) for a, b in zip(lo, hi, strict=True)]
+    volume = float(np.mean(field.on_grid(*axes) < 0) * np.prod(hi - lo))
+    step_squared = float(np.prod([axis[1] - axis[0] for axis in axes]) ** (2 / 3))
+    return volume / (len(points) * step_squared / CROSSINGS_PER_AREA)
+
+
+def _format_point(point: Array) -> str:
+    return "(" + ", ".join(f"{x:.5g}" for x in point) + ")"

@@ -1,184 +1,318 @@
-"""Fitted layouts and the caps of their box as one patch complex.
+"""Assembly of fitted level sets and the caps of their box into one boundary representation.
 
-Each layout is a level set of its own with the void on its outside (a sheet has two); the box's faces close what they leave open.
+Each level set is bounded by the void on its outer side (a sheet has two of them); the faces of the box close what they leave
+open. The tables of edges, faces and edge uses are made for each level set at once, then extended by the edges of the box in the
+solid and by the planar caps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
-from tpmscad.levelset.caps import LOOP_PARAMETERS, CapEdges, chain_cap_loops, find_solid_box_edges, make_box_plane
+from tpmscad.brep.carriers import Plane
+from tpmscad.levelset.caps import (
+    LOOP_PARAMETERS,
+    BoxEdgeSegments,
+    CapEdges,
+    chain_cap_loops,
+    find_solid_box_edges,
+    make_box_plane,
+)
 from tpmscad.levelset.fit.network_fit import NetworkFit
-from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
+from tpmscad.levelset.quadmesh.patch_network import FIRST_HALF, SECOND_HALF, WHOLE, PatchNetwork
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 
 TAGS = ("surface", "cap")
-CURVE_SPANS = ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0))
+
+CURVE_SPANS = np.array([(0.0, 1.0), (0.0, 0.5), (0.5, 1.0)])
+"""Parameter span of a curve that each of its pieces, WHOLE, FIRST_HALF or SECOND_HALF, covers."""
+
+_SIDE_KINDS = (((0.0, 1.0), (0.0, 1.0)), ((0.0, 0.5), (0.0, 1.0)), ((0.5, 1.0), (0.0, 1.0)),
+          ((0.0, 0.5), (0.0, 0.5)), ((0.5, 1.0), (0.5, 1.0)))  # fmt: skip
+"""Span of the edge's curve, and part of the patch side that lies on it, for each kind of edge use: the whole side on the whole
+curve, the whole side on either half of a curve, and either half of a side on its half of the curve."""
+
+_HALF_SIDE_KIND = 2
+"""Kind of the use by half a side, less the piece of the curve."""
+
+_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _EdgeTable:
+    """Edges (n,): curve, first and last vertex, translation (n, 3) and span (n, 2) of the curve."""
+
+    curve: IntArray
+    start: IntArray
+    end: IntArray
+    shift: Array
+    span: Array
+
+    @staticmethod
+    def concatenate(tables: Sequence[_EdgeTable]) -> _EdgeTable:
+        """The rows of the tables, one after another."""
+        return _EdgeTable(
+            np.concatenate([t.curve for t in tables]),
+            np.concatenate([t.start for t in tables]),
+            np.concatenate([t.end for t in tables]),
+            np.concatenate([t.shift for t in tables]),
+            np.concatenate([t.span for t in tables]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _LevelSetTables:
+    """What one level set contributes, with the numbers that it has in the whole Brep.
+
+    `vertices` and which of their coordinates lie `on_box` (V, 3); `curves` and `carriers` of originals; `edges`; `carrier` (Q,)
+    and `shift` (Q, 3) of faces; `uses` (n, 3): edge, sense and parameter curve; `n_uses` (Q,) of each face; `open_edges` in faces
+    of the box.
+    """
+
+    vertices: Array
+    on_box: BoolArray
+    curves: list[BSplineCurve]
+    carriers: list[BSplineSurface]
+    edges: _EdgeTable
+    carrier: IntArray
+    shift: Array
+    uses: IntArray
+    n_uses: IntArray
+    open_edges: CapEdges
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Caps:
+    """Planar caps (f,): plane and number of loops of each; edge and sense (n, 2) of uses, and their number in each loop."""
+
+    planes: list[Plane]
+    plane: list[int]
+    n_loops: list[int]
+    uses: IntArray
+    n_uses: list[int]
 
 
 def assemble_field_brep(
-    layers: Sequence[tuple[PatchNetwork, NetworkFit]],
+    level_sets: Sequence[tuple[PatchNetwork, NetworkFit]],
     fixed: Sequence[BoolArray],
     lo: Array,
     hi: Array,
     corner_solid: BoolArray,
 ) -> Brep:
-    """The complex that the layers and the box's faces bound. fixed: which coordinates of each net's vertices lie on the box.
+    """The Brep bounded by the level sets and the faces of the box [lo, hi].
 
-    Curves and patches that are copies in a layer's fit are in the complex once, and placed.
+    `fixed`: coordinates (V, 3) of each network's vertices that lie on the box. `corner_solid` (2, 2, 2): corners of the box in
+    the solid. Translated copies share the carriers and curves of their originals.
     """
-    carriers: list[BSplineSurface] = []
-    curves: list[BSplineCurve] = []
-    edge_rows: list[tuple[int, int, int]] = []
-    vertices, spans = [], []
-    face_carrier: list[int] = []
-    edge_shift, face_shift = [], []
-    use_rows: list[tuple[int, int, int]] = []
-    use_start = [0]
-    open_rows: list[tuple[int, int, int, int, int]] = []
-    on_box = []
-    pcurves = [_side_pcurve(s, w, span, part) for s in range(4) for w in (1, -1) for span, part in _SIDE_KINDS]
-    n_vertices = 0
-    for (net, fit), fix in zip(layers, fixed, strict=True):
-        split = np.zeros(len(net.ends), bool)
-        split[net.curve[net.piece > 0]] = True
-        middle = np.full(len(net.ends), -1)
-        middle[split] = n_vertices + len(net.vertices) + np.arange(np.count_nonzero(split))
-        vertices += [net.vertices] + [
-            bernstein_basis(len(fit.curves[c]) - 1, np.array([0.5])) @ fit.curves[c] for c in np.flatnonzero(split)
-        ]
-        on_box += [fix, np.zeros((np.count_nonzero(split), 3), bool)]
-        start = n_vertices + net.ends[:, 0]
-        start[net.n_sides :] = middle[net.middle_of]
-        end = n_vertices + net.ends[:, 1]
-        first_edge = np.full((len(net.ends), 3), -1)
-        number_of = np.full(len(net.ends), -1)
-        own = fit.copies.original_curves
-        number_of[own] = len(curves) + np.arange(np.count_nonzero(own))
-        for poles in (fit.curves[c] for c in np.flatnonzero(own)):
-            curves.append(BSplineCurve(poles, np.repeat([0.0, 1.0], len(poles)), len(poles) - 1))
-        for c in range(len(net.ends)):
-            number = number_of[fit.copies.curve[c]]
-            for piece in (1, 2) if split[c] else (0,):
-                first_edge[c, piece] = len(edge_rows)
-                begin = middle[c] if piece == 2 else start[c]
-                stop = middle[c] if piece == 1 else end[c]
-                edge_rows.append((number, begin, stop))
-                edge_shift.append(fit.copies.curve_shift[c])
-                spans.append(CURVE_SPANS[piece])
-        owner_sense = np.zeros(len(net.ends), np.int64)
-        carrier_of = np.full(len(net.curve), -1)
-        own = fit.copies.original_patches
-        carrier_of[own] = len(carriers) + np.arange(np.count_nonzero(own))
-        for poles in (fit.patches[q] for q in np.flatnonzero(own)):
-            p, r = poles.shape[0] - 1, poles.shape[1] - 1
-            carriers.append(BSplineSurface(poles, np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], r + 1), p, r))
-        face_carrier += carrier_of[fit.copies.patch].tolist()
-        face_shift.append(fit.copies.patch_shift)
-        for q in range(len(net.curve)):
-            for s in range(4):
-                c, w, piece = int(net.curve[q, s]), int(net.sense[q, s]), int(net.piece[q, s])
-                owner_sense[c] = w
-                if piece or not split[c]:
-                    use_rows.append((first_edge[c, piece], w, _pcurve_index(s, w, piece)))
-                else:
-                    for half in (1, 2) if w > 0 else (2, 1):
-                        use_rows.append((first_edge[c, half], w, _pcurve_index(s, w, 2 + half)))
-            use_start.append(len(use_rows))
-        for c in np.flatnonzero(net.plane >= 0):
-            w = -owner_sense[c]
-            for number in first_edge[c][first_edge[c] >= 0]:
-                _, a, b = edge_rows[number]
-                open_rows.append((net.plane[c], number, w, *((a, b) if w > 0 else (b, a))))
-        n_vertices += len(net.vertices) + int(np.count_nonzero(split))
+    tables: list[_LevelSetTables] = []
+    for (network, fit), on_box in zip(level_sets, fixed, strict=True):
+        tables.append(_tabulate_level_set(network, fit, on_box, tables))
+    curves = [curve for t in tables for curve in t.curves]
+    carriers = [carrier for t in tables for carrier in t.carriers]
 
-    points = np.vstack(vertices)
-    rim, corners = find_solid_box_edges(points, np.vstack(on_box), corner_solid, lo, hi)
-    points = np.vstack([points, corners])
-    for (a, b), planes, senses in zip(rim.ends, rim.plane, rim.sense, strict=True):
-        number = len(edge_rows)
-        length = float(np.linalg.norm(points[b] - points[a]))
-        edge_rows.append((len(curves), a, b))
-        edge_shift.append(np.zeros(3))
-        spans.append((0.0, length))
-        curves.append(line_segment(points[a], points[b], (0.0, length)))
-        for plane, w in zip(planes, senses, strict=True):
-            open_rows.append((plane, number, w, *((a, b) if w > 0 else (b, a))))
+    vertices, on_box = np.vstack([t.vertices for t in tables]), np.vstack([t.on_box for t in tables])
+    box_edges, corners = find_solid_box_edges(vertices, on_box, corner_solid, lo, hi)
+    vertices = np.vstack([vertices, corners])
+    n_edges = sum(len(t.edges.curve) for t in tables)
+    edges_of_box, lines = _tabulate_box_edges(box_edges, vertices, len(curves))
+    edges, curves = _EdgeTable.concatenate([*(t.edges for t in tables), edges_of_box]), curves + lines
+    numbers = np.repeat(n_edges + np.arange(len(lines)), 2)
+    open_box_edges = _orient_open_edges(box_edges.plane.ravel(), numbers, box_edges.sense.ravel(), edges)
+    open_edges = CapEdges.concatenate([*(t.open_edges for t in tables), open_box_edges])
+    caps = _make_caps(open_edges, _sample_edges(open_edges, edges, curves), lo, hi)
 
-    n_patches, n_splines = len(face_carrier), len(carriers)
-    table = np.array(open_rows, np.int64).reshape(-1, 5)
-    open_edges = CapEdges(*table.T)
-    polylines = np.array([edge_shift[e] + _polyline(curves[edge_rows[e][0]], spans[e], w) for e, w in table[:, 1:3]])
-    loop_start = list(range(n_patches + 1))
-    planes = []
-    for index in range(6):
-        at = np.flatnonzero(open_edges.plane == index)
-        if not len(at):
-            continue
-        plane = make_box_plane(index, lo, hi)
-        for face in chain_cap_loops(plane, open_edges, at, polylines[at]):
-            face_carrier.append(n_splines + len(planes))
-            face_shift.append(np.zeros((1, 3)))
-            for loop in face:
-                use_rows += [(e, w, -1) for e, w in loop]
-                use_start.append(len(use_rows))
-            loop_start.append(len(use_start) - 1)
-        planes.append(plane)
-    edge = np.array(edge_rows, np.int64).reshape(-1, 3)
-    uses = np.array(use_rows, np.int64).reshape(-1, 3)
-    n_faces, n_edges = len(face_carrier), len(edge)
+    n_patches, n_caps = sum(len(t.carrier) for t in tables), len(caps.plane)
+    uses = np.concatenate([*(t.uses for t in tables), np.column_stack([caps.uses, np.full(len(caps.uses), -1)])])
+    n_uses = np.concatenate([*(t.n_uses for t in tables), np.array(caps.n_uses, np.int64)])
+    n_loops = np.concatenate([np.ones(n_patches, np.int64), np.array(caps.n_loops, np.int64)])
     return Brep(
-        carriers=(*carriers, *planes),
+        carriers=(*carriers, *caps.planes),
         curves=tuple(curves),
-        pcurves=tuple(pcurves),
-        vertices=points,
+        pcurves=tuple(_side_pcurve(s, w, span, part) for s in range(4) for w in (1, -1) for span, part in _SIDE_KINDS),
+        vertices=vertices,
         edges=Edges(
-            curve=edge[:, 0],
-            motion=Motion.translations(np.array(edge_shift, float).reshape(-1, 3)),
-            span=np.array(spans, float).reshape(-1, 2),
-            start=edge[:, 1],
-            end=edge[:, 2],
-            deviation=np.zeros(n_edges),
+            curve=edges.curve,
+            motion=Motion.translations(edges.shift),
+            span=edges.span,
+            start=edges.start,
+            end=edges.end,
+            deviation=np.zeros(len(edges.curve)),
         ),
         uses=EdgeUses(uses[:, 0], uses[:, 1], uses[:, 2]),
         faces=Faces(
-            carrier=np.array(face_carrier, np.int64),
-            motion=Motion.translations(np.concatenate(face_shift)),
-            sense=np.ones(n_faces, np.int64),
-            tag=(np.arange(n_faces) >= n_patches).astype(np.int64),
-            loop_start=np.array(loop_start, np.int64),
-            use_start=np.array(use_start, np.int64),
+            carrier=np.concatenate([*(t.carrier for t in tables), len(carriers) + np.array(caps.plane, np.int64)]),
+            motion=Motion.translations(np.concatenate([*(t.shift for t in tables), np.zeros((n_caps, 3))])),
+            sense=np.ones(n_patches + n_caps, np.int64),
+            tag=np.repeat([0, 1], [n_patches, n_caps]),
+            loop_start=_starts(n_loops),
+            use_start=_starts(n_uses),
         ),
         tags=TAGS,
     )
 
 
-_SIDE_KINDS = (((0.0, 1.0), (0.0, 1.0)), ((0.0, 0.5), (0.0, 1.0)), ((0.5, 1.0), (0.0, 1.0)),
-          ((0.0, 0.5), (0.0, 0.5)), ((0.5, 1.0), (0.5, 1.0)))  # fmt: skip
-"""A curve's span and the part of the patch's side (along the curve) that lies on it: whole on whole, whole side on either half of
-a curve, either half of a side on its half."""
+def _tabulate_level_set(
+    network: PatchNetwork, fit: NetworkFit, fixed: BoolArray, previous: Sequence[_LevelSetTables]
+) -> _LevelSetTables:
+    """The tables of one level set, numbered after those of the previous ones."""
+    first_vertex = sum(len(t.vertices) for t in previous)
+    n_curves, n_vertices = len(network.ends), len(network.vertices)
+    split = np.zeros(n_curves, bool)
+    split[network.curve[network.piece != WHOLE]] = True
+    midpoints = [
+        bernstein_basis(len(fit.curves[c]) - 1, np.array([0.5])) @ fit.curves[c] for c in np.flatnonzero(split)
+    ]
+    middle = np.full(n_curves, -1)
+    middle[split] = first_vertex + n_vertices + np.arange(len(midpoints))
 
-_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    edges, first_edge = _tabulate_edges(network, fit, split, middle, first_vertex, previous)
+    original = fit.copies.original_patches
+    carrier = np.full(len(network.curve), -1)
+    carrier[original] = sum(len(t.carriers) for t in previous) + np.arange(np.count_nonzero(original))
+    uses, n_uses = _tabulate_uses(network, split, first_edge)
+    return _LevelSetTables(
+        vertices=np.vstack([network.vertices, *midpoints]),
+        on_box=np.vstack([fixed, np.zeros((len(midpoints), 3), bool)]),
+        curves=[_bezier_curve(fit.curves[c]) for c in np.flatnonzero(fit.copies.original_curves)],
+        carriers=[_bezier_surface(fit.patches[q]) for q in np.flatnonzero(original)],
+        edges=edges,
+        carrier=carrier[fit.copies.patch],
+        shift=fit.copies.patch_shift,
+        uses=uses,
+        n_uses=n_uses,
+        open_edges=_find_open_edges(network, split, first_edge, edges),
+    )
 
 
-def _pcurve_index(side: int, sense: int, kind: int) -> int:
-    return (2 * side + (sense < 0)) * len(_SIDE_KINDS) + kind
+def _tabulate_edges(
+    network: PatchNetwork,
+    fit: NetworkFit,
+    split: BoolArray,
+    middle: IntArray,
+    first_vertex: int,
+    previous: Sequence[_LevelSetTables],
+) -> tuple[_EdgeTable, IntArray]:
+    """The edges of the curves, two of each curve that is split in the middle, and each curve's first edge (C,)."""
+    start, end = first_vertex + network.ends[:, 0], first_vertex + network.ends[:, 1]
+    start[network.n_sides :] = middle[network.split_curve]
+    original = fit.copies.original_curves
+    number = np.full(len(split), -1)
+    number[original] = sum(len(t.curves) for t in previous) + np.arange(np.count_nonzero(original))
+    n_edges = 1 + split
+    first = np.cumsum(n_edges) - n_edges
+    curve = np.repeat(np.arange(len(split)), n_edges)
+    piece = np.where(split[curve], FIRST_HALF + np.arange(len(curve)) - first[curve], WHOLE)
+    edges = _EdgeTable(
+        curve=number[fit.copies.curve[curve]],
+        start=np.where(piece == SECOND_HALF, middle[curve], start[curve]),
+        end=np.where(piece == FIRST_HALF, middle[curve], end[curve]),
+        shift=fit.copies.curve_shift[curve],
+        span=CURVE_SPANS[piece],
+    )
+    return edges, sum(len(t.edges.curve) for t in previous) + first
+
+
+def _tabulate_uses(network: PatchNetwork, split: BoolArray, first_edge: IntArray) -> tuple[IntArray, IntArray]:
+    """Edge uses (n, 3) of all patches, side by side counter-clockwise, and their number (Q,) in each patch.
+
+    A side on the whole of a split curve uses both of its edges.
+    """
+    curve, sense, piece = network.curve.ravel(), network.sense.ravel(), network.piece.ravel()
+    both = (piece == WHOLE) & split[curve]
+    count = 1 + both
+    row = np.repeat(np.arange(len(curve)), count)
+    step = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    half = np.where(sense[row] > 0, FIRST_HALF + step, SECOND_HALF - step)
+    used_piece = np.where(both[row], half, piece[row])
+    edge = first_edge[curve[row]] + (used_piece == SECOND_HALF)
+    kind = np.where(both[row], _HALF_SIDE_KIND + half, piece[row])
+    pcurve = (2 * (row % 4) + (sense[row] < 0)) * len(_SIDE_KINDS) + kind
+    return np.column_stack([edge, sense[row], pcurve]), count.reshape(-1, 4).sum(axis=1)
+
+
+def _find_open_edges(network: PatchNetwork, split: BoolArray, first_edge: IntArray, edges: _EdgeTable) -> CapEdges:
+    """The edges in faces of the box, oriented against their patches."""
+    sense_of_patch = np.zeros(len(split), np.int64)
+    sense_of_patch[network.curve.ravel()] = network.sense.ravel()
+    curve = np.repeat(np.arange(len(split)), 1 + split)
+    rows = np.flatnonzero(network.plane[curve] >= 0)
+    curve, offset = curve[rows], int(first_edge[0]) if len(first_edge) else 0
+    sense = -sense_of_patch[curve]
+    a, b = edges.start[rows], edges.end[rows]
+    return CapEdges(network.plane[curve], offset + rows, sense, np.where(sense > 0, a, b), np.where(sense > 0, b, a))
+
+
+def _tabulate_box_edges(
+    segments: BoxEdgeSegments, vertices: Array, first_curve: int
+) -> tuple[_EdgeTable, list[BSplineCurve]]:
+    """The edges of the segments of the box's edges in the solid, and their lines, parametrised by length."""
+    start, end = segments.ends.T
+    length = np.array([float(np.linalg.norm(vertices[b] - vertices[a])) for a, b in segments.ends])
+    lines = [line_segment(vertices[a], vertices[b], (0.0, s)) for a, b, s in zip(start, end, length, strict=True)]
+    span = np.column_stack([np.zeros(len(length)), length])
+    return _EdgeTable(first_curve + np.arange(len(lines)), start, end, np.zeros((len(lines), 3)), span), lines
+
+
+def _orient_open_edges(plane: IntArray, edge: IntArray, sense: IntArray, edges: _EdgeTable) -> CapEdges:
+    """Open edges (n,) with their first and last vertex in the direction of the sense."""
+    a, b = edges.start[edge], edges.end[edge]
+    return CapEdges(plane, edge, sense, np.where(sense > 0, a, b), np.where(sense > 0, b, a))
+
+
+def _sample_edges(open_edges: CapEdges, edges: _EdgeTable, curves: Sequence[BSplineCurve]) -> Array:
+    """Points (n, m, 3) along the open edges, in the direction of their sense."""
+    polylines = []
+    for e, sense in zip(open_edges.edge, open_edges.sense, strict=True):
+        start, end = edges.span[e]
+        points = curves[edges.curve[e]](start + (end - start) * LOOP_PARAMETERS)
+        polylines.append(edges.shift[e] + (points if sense > 0 else points[::-1]))
+    return np.array(polylines)
+
+
+def _make_caps(open_edges: CapEdges, polylines: Array, lo: Array, hi: Array) -> _Caps:
+    """The planar faces that the open edges bound in the six faces of the box."""
+    planes: list[Plane] = []
+    plane_of_cap, n_loops, n_uses = [], [], []
+    uses: list[tuple[int, int]] = []
+    for index in range(6):
+        rows = np.flatnonzero(open_edges.plane == index)
+        if not len(rows):
+            continue
+        plane = make_box_plane(index, lo, hi)
+        for face in chain_cap_loops(plane, open_edges, rows, polylines[rows]):
+            plane_of_cap.append(len(planes))
+            n_loops.append(len(face))
+            for loop in face:
+                uses += loop
+                n_uses.append(len(loop))
+        planes.append(plane)
+    return _Caps(planes, plane_of_cap, n_loops, np.array(uses, np.int64).reshape(-1, 2), n_uses)
+
+
+def _starts(counts: IntArray) -> IntArray:
+    """First entries (n + 1,) of groups with these numbers of entries (n,)."""
+    return np.concatenate([[0], np.cumsum(counts)])
+
+
+def _bezier_curve(poles: Array) -> BSplineCurve:
+    return BSplineCurve(poles, np.repeat([0.0, 1.0], len(poles)), len(poles) - 1)
+
+
+def _bezier_surface(poles: Array) -> BSplineSurface:
+    p, q = poles.shape[0] - 1, poles.shape[1] - 1
+    return BSplineSurface(poles, np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], q + 1), p, q)
 
 
 def _side_pcurve(side: int, sense: int, span: tuple[float, float], part: tuple[float, float]) -> BSplineCurve:
-    """The parameter curve of a part of a side, on the span of the edge's curve and run along it."""
+    """The parameter curve of a part of a patch side, over the span of the edge's curve and in its direction."""
     a, b = _CORNERS[side], _CORNERS[(side + 1) % 4]
     if sense < 0:
         a, b = b, a
     return line_segment(a + part[0] * (b - a), a + part[1] * (b - a), span)
-
-
-def _polyline(curve: BSplineCurve, span: tuple[float, float], sense: int) -> Array:
-    points = curve(span[0] + (span[1] - span[0]) * LOOP_PARAMETERS)
-    return points if sense > 0 else points[::-1]

@@ -1,9 +1,10 @@
-"""A layer that passes, made again with fewer patches: its layout simplified, and changes undone where the fit then misses.
+"""Fits with fewer patches: simplification of a mesh whose fit passes, and removal of polygons whose patches keep failing.
 
-A layer of which very few patches miss, with the polygons there merged into those beside them.
+`simplify_fit` simplifies the mesh of a fit that passes and fits it again. Where patches then fail, the edits of the mesh near
+them are undone, at first the latest ones and then deeper and farther ones, until all patches pass.
 
-Where the surface all but grazes the box, slivers along the box stay folded however finely leaves are split: the section turns,
-and the sliver's other side does not follow. Without the sliver nothing has to.
+`merge_failing_polygons` is for fits of which very few leaves are bad. Where the level set almost grazes the box, slivers along
+the box stay folded however finely the leaves are split. Merging a sliver into its neighbour removes the failing patch.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import BoolArray, IntArray
 from tpmscad.levelset.level_set_fit import P95_TANGENT_JUMP_DEG, LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -23,97 +24,101 @@ from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MeshEdit, Poly
 from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edits_from
 from tpmscad.levelset.quadmesh.smoothing import dilate_vertices, smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import close_triangles
-from tpmscad.parallel import TaskRunner, run_serial
 
 MAX_REFITS = 20
-"""Layouts fitted at most. All but the first are fitted again only where changes were undone."""
+"""Largest number of simplified meshes that are fitted; all but the first are fitted again only where edits were undone."""
+
+MAX_BAD_LEAVES = 8
+"""Largest number of bad leaves for which polygons are merged."""
+
+MAX_FAILED_MERGES = 6
+"""Largest number of merges in a row that do not reduce the number of bad leaves."""
+
+SMOOTHED_RINGS = 2
+SMOOTHING_SWEEPS = 40
+"""Rings of polygons round a merge that are smoothed, and the number of sweeps."""
 
 
-def simplify_fit(layer: LevelSetFit, tol: float, samples: Array, work: TaskRunner = run_serial) -> LevelSetFit:
-    """The layer of a simplified layout that passes, too, or else the layer itself.
-
-    Layers of periodic fields stay as they are: their periods are alike.
-    """
-    if layer.field.periods() is not None:
-        return layer
-    simple = simplify_mesh(layer.mesh, layer.field, layer.tree.lo, layer.tree.hi)
-    if not simple.history:
-        return layer
-    history = EditHistory(layer.mesh, simple, layer.field, layer.tree.lo, layer.tree.hi)
-    missed_before = np.zeros(len(layer.tree.size), np.int64)
-    found = layer
+def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
+    """Fit of a simplified mesh that passes, or else `fit` itself, as for periodic fields, whose periods stay congruent."""
+    request, tree = fit.request, fit.tree
+    if request.field.periods() is not None:
+        return fit
+    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi)
+    if not simplified.history:
+        return fit
+    history = EditHistory(fit.mesh, simplified, request.field, tree.lo, tree.hi)
+    times_bad = np.zeros(len(tree.size), np.int64)
+    refit = fit
     for _ in range(MAX_REFITS):
         mesh, numbers = history.mesh()
-        found = fit_level_set(layer.field, layer.tree, mesh, tol, samples, found, work)
-        if not len(found.bad):
-            jump = found.measured.tangent_jump_deg
-            return found if not len(jump) or np.percentile(jump, 95) <= P95_TANGENT_JUMP_DEG else layer
-        missed_before[found.bad] += 1
-        undone = False
-        for levels in np.unique(missed_before[found.bad]).tolist():
-            leaves = found.bad[missed_before[found.bad] == levels]
-            bad = numbers[_select_polygons_near_leaves(mesh, layer.tree, leaves)].tolist()
-            # where nothing is left to undo that near, what misses is undone from further away
-            reached = next((n for n in range(levels, MAX_REFITS + 1) if history.undo(bad, n)), None)
-            if reached is not None:
-                missed_before[leaves], undone = reached, True
-        if not undone:
+        refit = fit_level_set(request, tree, mesh, refit)
+        if not len(refit.bad_leaves):
+            jump = refit.quality.tangent_jump_deg
+            return refit if not len(jump) or np.percentile(jump, 95) <= P95_TANGENT_JUMP_DEG else fit
+        if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
             break
-    return layer
+    return fit
+
+
+def merge_failing_polygons(fit: LevelSetFit, max_bad_leaves: int = MAX_BAD_LEAVES) -> LevelSetFit:
+    """The fit with polygons of its few bad leaves merged away one by one, if the result passes, or else `fit` itself."""
+    if fit.request.field.periods() is not None or not 0 < len(fit.bad_leaves) <= max_bad_leaves:
+        return fit
+    best, merges, tries = fit, _candidate_merges(fit), MAX_FAILED_MERGES
+    while len(best.bad_leaves) and tries and (edit := next(merges, None)) is not None:
+        merged = fit_level_set(fit.request, fit.tree, _apply_merge(best, edit), best)
+        tries -= 1
+        if len(merged.bad_leaves) < len(best.bad_leaves):
+            best, merges, tries = merged, _candidate_merges(merged), MAX_FAILED_MERGES
+    return fit if len(best.bad_leaves) else best
+
+
+def _undo_near(
+    history: EditHistory, mesh: QuadMesh, numbers: IntArray, tree: Octree, bad_leaves: IntArray, times_bad: IntArray
+) -> bool:
+    """Undo edits near bad leaves, the deeper the more often a leaf was bad; whether any was undone. Updates `times_bad` (N,).
+
+    Where nothing is left to undo at that depth, a greater one is tried.
+    """
+    times_bad[bad_leaves] += 1
+    undone = False
+    for depth in np.unique(times_bad[bad_leaves]).tolist():
+        leaves = bad_leaves[times_bad[bad_leaves] == depth]
+        failing = numbers[_select_polygons_near_leaves(mesh, tree, leaves)].tolist()
+        reached = next((n for n in range(depth, MAX_REFITS + 1) if history.undo(failing, n)), None)
+        if reached is not None:
+            times_bad[leaves], undone = reached, True
+    return undone
 
 
 def _select_polygons_near_leaves(mesh: QuadMesh, tree: Octree, leaves: IntArray) -> BoolArray:
-    """Polygons (Q,) of which all vertices are from these leaves, or else some, or else those round the nearest vertices."""
-    there = np.isin(mesh.cell, leaves)
+    """Polygons (Q,) with all vertices from these leaves, or else with some, or else at the vertices nearest to them."""
+    chosen = np.isin(mesh.leaf, leaves)
     corners = close_triangles(mesh.corners)
-    whole = np.asarray(there[corners].all(axis=1))
-    if whole.any():
-        return whole
-    if not there.any():
-        there[cKDTree(mesh.vertices).query(tree.points(tree.origin[leaves] + 0.5 * tree.size[leaves][:, None]))[1]] = (
-            True
-        )
-    return np.asarray(there[corners].any(axis=1))
+    inside = np.asarray(chosen[corners].all(axis=1))
+    if inside.any():
+        return inside
+    if not chosen.any():
+        chosen[cKDTree(mesh.vertices).query(tree.leaf_centres(leaves))[1]] = True
+    return np.asarray(chosen[corners].any(axis=1))
 
 
-MAX_BAD_LEAVES, MAX_FAILED_MERGES = 8, 6
-"""Bad leaves at most, and mergers fitted in turn that leave as many; patches that are not near them are not fitted again."""
-
-SMOOTHED_RINGS, SMOOTHING_SWEEPS = 2, 40
-"""Polygons round a merger that are relaxed, and sweeps."""
-
-
-def merge_failing_polygons(
-    layer: LevelSetFit, tol: float, samples: Array, work: TaskRunner = run_serial, few: int = MAX_BAD_LEAVES
-) -> LevelSetFit:
-    """The layer with polygons of its bad leaves, if these are `few`, merged away one by one, where that passes; else itself."""
-    if layer.field.periods() is not None or not 0 < len(layer.bad) <= few:
-        return layer
-    found, ahead, left = layer, _candidate_merges(layer), MAX_FAILED_MERGES
-    while len(found.bad) and left and (change := next(ahead, None)) is not None:
-        result = fit_level_set(layer.field, layer.tree, _apply_merge(found, change), tol, samples, found, work)
-        left -= 1
-        if len(result.bad) < len(found.bad):
-            found, ahead, left = result, _candidate_merges(result), MAX_FAILED_MERGES
-    return layer if len(found.bad) else found
+def _candidate_merges(fit: LevelSetFit) -> Iterator[MeshEdit]:
+    """Edits that remove a polygon all of whose vertices are from bad leaves."""
+    polygons = PolygonMesh(fit.mesh)
+    is_bad = np.isin(fit.mesh.leaf, fit.bad_leaves)
+    numbers = [number for number, corners in polygons.corners_of.items() if is_bad[list(corners)].all()]
+    return (edit for number in numbers for edit in plan_edits_from(polygons, number))
 
 
-def _candidate_merges(layer: LevelSetFit) -> Iterator[MeshEdit]:
-    """Changes that take away a polygon all of whose vertices are of bad leaves."""
-    found = PolygonMesh(layer.mesh)
-    near = np.isin(layer.mesh.cell, layer.bad)
-    at = [number for number, polygon in found.polygon.items() if near[list(polygon)].all()]
-    return (change for number in at for change in plan_edits_from(found, number))
-
-
-def _apply_merge(layer: LevelSetFit, change: MeshEdit) -> QuadMesh:
-    """The layer's layout with a change made, relaxed round it."""
-    mesh, tree = layer.mesh, layer.tree
+def _apply_merge(fit: LevelSetFit, edit: MeshEdit) -> QuadMesh:
+    """The fit's mesh with an edit applied, smoothed round it."""
+    mesh, tree = fit.mesh, fit.tree
     polygons = PolygonMesh(mesh)
-    polygons.apply(change)
+    polygons.apply(edit)
     free = np.zeros(len(mesh.vertices), bool)
-    free[list(change.vertices)] = True
-    small, of = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.polygon))
-    return smooth_vertices(
-        small, dilate_vertices(small, free[of], SMOOTHED_RINGS), layer.field, tree.lo, tree.hi, SMOOTHING_SWEEPS
-    )
+    free[list(edit.vertices)] = True
+    merged, ids = extract_mesh(polygons, mesh.vertices, mesh.size, sorted(polygons.corners_of))
+    free = dilate_vertices(merged, free[ids], SMOOTHED_RINGS)
+    return smooth_vertices(merged, free, fit.request.field, tree.lo, tree.hi, SMOOTHING_SWEEPS)

@@ -1,4 +1,10 @@
-"""One level set laid out on an octree, fitted and measured: what passes, and which leaves are too coarse for the rest."""
+"""One level set, meshed on an octree, fitted and measured: the patches that fail, and the leaves that are too coarse for them.
+
+A patch fails if it is folded, if it is farther from the level set than the tolerance (or leaves the box), or if it meets another
+patch at too large an angle. The degrees of failing patches are raised, from 5 to 7 and 9. Leaves of patches that still fail are
+reported as bad, for the search (`adaptive_search`) to split. A fit of a refined or simplified mesh reuses the curves and patches
+of the previous one between the same vertices.
+"""
 
 from __future__ import annotations
 
@@ -8,232 +14,304 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.fit import fit_quality
 from tpmscad.levelset.fit.box_curves import find_crossing_curves, measure_overshoot, sample_box_curves
-from tpmscad.levelset.fit.fit_quality import measure_distances_to_patches as missed_by
-from tpmscad.levelset.fit.network_fit import NetworkFit, fit_network
-from tpmscad.levelset.quadmesh import octree
+from tpmscad.levelset.fit.fit_quality import FitQuality, PreviousQuality, measure_distances_to_patches, measure_fit
+from tpmscad.levelset.fit.network_fit import NetworkFit, WarmStart, fit_network
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.patch_network import NetworkMatch, PatchNetwork, build_patch_network, match_networks
 from tpmscad.levelset.quadmesh.periodicity import find_translated_copies, snap_translated_vertices
-from tpmscad.levelset.quadmesh.smoothing import corner_sines, smooth_mesh
-from tpmscad.levelset.quadmesh.vectors import normalize
+from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.levelset.quadmesh.vectors import corner_sines, normalize
 from tpmscad.parallel import TaskRunner, run_serial
 
 PATCH_DEGREES = (5, 7, 9)
+"""Degrees of curves and patches, the first for all and the others for those that fail."""
 
 MAX_TANGENT_JUMP_DEG = 2.0
-MIN_NORMAL_COSINE = 0.95
-"""Least cosine of a patch's normal with the gradient: far from folded. No two sides of a wall can cross and both have it."""
-
-MIN_CORNER_SINE, MIN_CORNER_NORMAL_COSINE = 0.02, -0.8
-"""Polygons with a corner of a lesser sine, or two corners whose normals have a lesser cosine, are not worth a fit."""
-
-MIN_SIDE_FRACTION = 1e-3
-"""Sides are at least this part of the leaves at their ends. Vertices that polygons pull out of the box come to rest on others."""
-
-MIN_SECTION_NORMAL_COSINE = -0.3
-"""Least cosine between the normals of the surface's section with the box at the ends of a side."""
+"""Largest angle between the normals of two patches along their joint."""
 
 P95_TANGENT_JUMP_DEG = 0.5
-"""Tangent jump that at most one joint in twenty may exceed; degrees are raised beside those that do."""
+"""Tangent jump that at most one joint in twenty may exceed; the degrees of patches at joints beyond it are raised."""
+
+P95_MARGIN = 0.8
+"""Fraction of P95_TANGENT_JUMP_DEG above which degrees are raised."""
+
+MIN_NORMAL_COSINE = 0.95
+"""Least cosine of the angle between a patch's normal and the gradient. Two sides of a wall that both satisfy it cannot cross."""
 
 MAX_OVERSHOOT_FRACTION = 1e-3
-"""Part of tol by which sides in the box's faces may leave them between their ends: beyond that caps cross themselves."""
+"""Largest overshoot of a curve in a face of the box, as a fraction of the tolerance: caps with larger ones intersect
+themselves."""
 
 MAX_FAILING_FRACTION = 0.1
-"""Above this share of failing patches higher degrees are not tried: the layout is too coarse."""
+"""Largest fraction of failing patches for which higher degrees are tried: with more of them the mesh is too coarse."""
+
+MIN_CORNER_SINE = 0.02
+MIN_CORNER_NORMAL_COSINE = -0.8
+"""Least signed corner sine of a polygon that is fitted at all, and least cosine between the normals at two of its corners."""
+
+MIN_BOX_SECTION_COSINE = -0.3
+"""Least cosine between the normals of the surface's section with the box at the two ends of a side."""
+
+MIN_SIDE_FRACTION = 1e-3
+"""Least length of a side in sizes of the leaves at its ends: vertices that are pulled out of the box may come to rest on
+others."""
+
+MAX_SAMPLE_DISTANCE_RATIO = 4.0
+"""Samples of the level set are projected with more starts if they are farther from the patches than this multiple of the distance
+from the patches to the level set."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitRequest:
+    """What is to be fitted: {field = 0} within `tol` in both directions, tested at `surface_samples` (n, 3) of it."""
+
+    field: Field
+    tol: float
+    surface_samples: Array
+    run_tasks: TaskRunner = run_serial
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchFailures:
+    """Patches (Q,) that are folded, that are inaccurate or leave the box, and that are not smooth with their other neighbours."""
+
+    folded: BoolArray
+    inaccurate: BoolArray
+    rough: BoolArray
+
+    @property
+    def failing(self) -> BoolArray:
+        """Patches (Q,) that fail for any reason."""
+        return self.folded | self.inaccurate | self.rough
+
+    def describe(self) -> str:
+        """How many patches fail for each reason."""
+        reasons = ((self.folded, "folded"), (self.inaccurate, "too far off"), (self.rough, "not smooth"))
+        return ", ".join(f"{np.count_nonzero(mask)} {word}" for mask, word in reasons if mask.any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LevelSetFit:
-    """One level set, fitted and measured; `bad` leaves of its tree are too coarse, and `why` says what was seen there."""
+    """A fitted and measured level set.
 
-    field: Field
+    `failing` (Q,) marks patches that fail, `sample_distances` (n,) are the distances from the request's samples to the patches
+    (empty if patches fail), `bad_leaves` are too coarse, and `failure_text` says why.
+    """
+
+    request: FitRequest
     tree: Octree
     mesh: QuadMesh
-    net: PatchNetwork
+    network: PatchNetwork
     fit: NetworkFit
-    measured: fit_quality.FitQuality
-    wrong: BoolArray
-    """Patches (Q,) that are folded, too far off or not smooth."""
-    missed: Array
-    bad: IntArray
+    quality: FitQuality
+    failing: BoolArray
+    sample_distances: Array
+    bad_leaves: IntArray
     failure_text: str
 
     @property
     def bad_volume(self) -> float:
-        """The volume of the bad leaves: their number grows with every split."""
-        return float((self.tree.size[self.bad] ** 3).sum() * np.prod(self.tree.step))
+        """Volume of the bad leaves, which a split does not raise, unlike their number."""
+        return float((self.tree.size[self.bad_leaves] ** 3).sum() * np.prod(self.tree.cell_edges))
 
     @property
     def bad_fraction(self) -> float:
-        return len(self.bad) / max(1, len(np.unique(self.net.cell)))
+        """Number of bad leaves relative to the number of leaves with patches."""
+        return len(self.bad_leaves) / max(1, len(np.unique(self.network.leaf)))
 
     @property
     def fixed(self) -> BoolArray:
-        """Which coordinates of the net's vertices (V, 3) lie on the box."""
-        fixed = np.zeros((len(self.net.vertices), 3), bool)
+        """Coordinates (V, 3) of the network's vertices that lie on the box."""
+        fixed = np.zeros((len(self.network.vertices), 3), bool)
         fixed[: len(self.mesh.fixed)] = self.mesh.fixed
         return fixed
 
 
-def mesh_level_set(tree: Octree, field: Field, before: QuadMesh | None = None) -> tuple[QuadMesh, IntArray]:
-    """The relaxed layout on a tree, and the leaves whose polygons no fit could save: turned over, or two sides in one.
+@dataclass(frozen=True, slots=True, eq=False)
+class _FittedNetwork:
+    """A network, its fit and quality, and the degrees of its curves (C,) and patches (Q,)."""
 
-    `before`: the layout of a coarser tree, of which vertices are kept where the tree has not changed.
+    network: PatchNetwork
+    fit: NetworkFit
+    quality: FitQuality
+    curve_degree: IntArray
+    patch_degree: IntArray
+
+
+def mesh_level_set(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> tuple[QuadMesh, IntArray]:
+    """The smoothed mesh on an octree, and the leaves of polygons that no fit could save.
+
+    `coarser` is the mesh of a coarser octree, of which vertices are reused where the octree has not changed.
     """
-    mesh = snap_translated_vertices(
-        smooth_mesh(build_dual_mesh(tree, field), field, tree.lo, tree.hi, before=before), field, tree
-    )
-    slope = field.gradient(mesh.vertices)
-    normal = normalize(slope)
+    mesh = smooth_mesh(build_dual_mesh(tree, field), field, tree.lo, tree.hi, coarser=coarser)
+    mesh = snap_translated_vertices(mesh, field, tree)
+    gradient = field.gradient(mesh.vertices)
+    normal = normalize(gradient)
     bad = [_find_degenerate_leaves(mesh)]
-    three = mesh.corners[:, 3] < 0
-    for corners in (mesh.corners[~three], mesh.corners[three][:, :3]):
+    triangular = mesh.corners[:, 3] < 0
+    for corners in (mesh.corners[~triangular], mesh.corners[triangular][:, :3]):
         if len(corners):
-            wrong = corner_sines(mesh.vertices, corners, normal) < MIN_CORNER_SINE
-            each = normal[corners]
-            wrong |= (each @ np.swapaxes(each, 1, 2)).min(axis=2) < MIN_CORNER_NORMAL_COSINE
-            bad.append(mesh.cell[corners[wrong]])
-    bad.append(mesh.cell[mesh.side_ends[_find_turning_box_sides(mesh, slope)]].ravel())
+            hopeless = corner_sines(mesh.vertices, corners, normal) < MIN_CORNER_SINE
+            at_corners = normal[corners]
+            cosine = (at_corners @ np.swapaxes(at_corners, 1, 2)).min(axis=2)
+            bad.append(mesh.leaf[corners[hopeless | (cosine < MIN_CORNER_NORMAL_COSINE)]])
+    bad.append(mesh.leaf[mesh.side_ends[_find_turning_box_sides(mesh, gradient)]].ravel())
     return mesh, np.unique(np.concatenate(bad))
 
 
-def _find_turning_box_sides(mesh: QuadMesh, slope: Array) -> IntArray:
-    """Sides on the box along which the surface's section turns too far."""
-    on_box = np.flatnonzero(mesh.side_plane >= 0)
-    inside = slope[mesh.side_ends[on_box]]
-    inside[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
-    inside = normalize(inside)
-    return on_box[np.einsum("si,si->s", inside[:, 0], inside[:, 1]) < MIN_SECTION_NORMAL_COSINE]
-
-
 def fit_level_set(
-    field: Field,
-    tree: Octree,
-    mesh: QuadMesh,
-    tol: float,
-    samples: Array,
-    before: LevelSetFit | None = None,
-    work: TaskRunner = run_serial,
+    request: FitRequest, tree: Octree, mesh: QuadMesh, previous: LevelSetFit | None = None
 ) -> LevelSetFit:
-    """Fit a layout; degrees are raised where patches miss, then what still misses names its leaves.
+    """Fit and measure a mesh of the level set, raising the degrees of failing patches.
 
-    `before`: an earlier layer; patches between the same vertices as one of its own that was not wrong are not fitted again.
+    Patches of a `previous` fit between the same vertices are reused unless they failed.
     """
-    net = build_patch_network(mesh, field)
-    curve_degree, patch_degree = np.full(len(net.ends), PATCH_DEGREES[0]), np.full(len(net.curve), PATCH_DEGREES[0])
-    if before is None:
-        net, copies = find_translated_copies(net, field, tree)
-        fit = fit_network(net, field, curve_degree, patch_degree, work=work, copies=copies)
-        measured = fit_quality.measure_fit(net, fit, field, work=work)
-    else:
-        same = _drop_failing(match_networks(net, before.net), net, before)
-        old_curves, old_patches = same.curve[same.curve >= 0], same.patch[same.patch >= 0]
-        known, done = same.curve >= 0, same.patch >= 0
-        net, copies = find_translated_copies(net, field, tree, (known, done))
-        curves, patches = [np.empty(0)] * len(known), [np.empty(0)] * len(done)
-        for i, k in zip(np.flatnonzero(known), old_curves, strict=True):
-            curves[i] = before.fit.curves[k]
-        for i, k in zip(np.flatnonzero(done), old_patches, strict=True):
-            patches[i] = before.fit.patches[k]
-        curve_degree[known] = [len(before.fit.curves[k]) - 1 for k in old_curves]
-        patch_degree[done] = [min(before.fit.patches[k].shape[:2]) - 1 for k in old_patches]
-        curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
-        fit = fit_network(
-            net, field, curve_degree, patch_degree, (NetworkFit(curves, patches, copies), ~known, ~done), work
-        )
-        measured = fit_quality.measure_fit(
-            net, fit, field, fit_quality.PreviousQuality(before.measured, ~done, same.patch, same.curve), work
-        )
+    network = build_patch_network(mesh, request.field)
+    fitted = _fit_cold(request, tree, network) if previous is None else _fit_warm(request, tree, network, previous)
     for degree in PATCH_DEGREES[1:]:
-        folded, coarse, rough = _classify_failures(net, fit, measured, tree, tol)
-        weak = folded | coarse | rough
-        many = weak.mean() > MAX_FAILING_FRACTION
-        weak |= _find_patches_at_steep_joints(net, measured)
-        if many or not weak.any():
+        weak = _select_weak_patches(request, tree, fitted)
+        if not weak.any():
             break
-        weak = copies.patches_with_copies(weak)
-        patch_degree = np.where(weak, degree, patch_degree)
-        raised = np.zeros(len(net.ends), bool)
-        raised[net.curve[weak].ravel()] = True
-        raised = copies.curves_with_copies(raised)
-        curve_degree = np.where(raised, degree, curve_degree)
-        raised[net.n_sides :] |= raised[net.middle_of]
-        changed = weak | raised[net.curve].any(axis=1)
-        fit = fit_network(net, field, curve_degree, patch_degree, (fit, raised, changed), work)
-        of_same = fit_quality.PreviousQuality(measured, changed, np.arange(len(net.curve)), np.arange(len(net.ends)))
-        measured = fit_quality.measure_fit(net, fit, field, of_same, work)
-    folded, coarse, rough = _classify_failures(net, fit, measured, tree, tol)
-    wrong, missed = folded | coarse | rough, np.zeros(0)
-    leaves = np.unique(net.cell[wrong])
-    why = ", ".join(
-        f"{np.count_nonzero(m)} {word}"
-        for m, word in ((folded, "folded"), (coarse, "too far off"), (rough, "not smooth"))
-        if m.any()
-    )
+        fitted = _raise_degree(request, fitted, weak, degree)
+    return _find_bad_leaves(request, tree, mesh, fitted)
+
+
+def classify_failures(
+    network: PatchNetwork, fit: NetworkFit, quality: FitQuality, tree: Octree, tol: float
+) -> PatchFailures:
+    """The patches that fail, by reason; a tangent jump at a folded or inaccurate patch is that patch's failure only."""
+    box_curves = sample_box_curves(network, fit)
+    leaving = measure_overshoot(network, box_curves, tree) > MAX_OVERSHOOT_FRACTION * tol
+    crossing = find_crossing_curves(network, box_curves)
+    folded = (quality.min_normal_cosine < MIN_NORMAL_COSINE) | crossing[network.curve].any(axis=1)
+    inaccurate = (quality.distance > tol) | leaving[network.curve].any(axis=1)
+    steep = np.zeros(len(network.ends), bool)
+    steep[quality.curve[quality.tangent_jump_deg > MAX_TANGENT_JUMP_DEG]] = True
+    steep[network.curve[folded | inaccurate].ravel()] = False
+    return PatchFailures(folded, inaccurate, np.asarray(steep[network.curve].any(axis=1)))
+
+
+def _fit_cold(request: FitRequest, tree: Octree, network: PatchNetwork) -> _FittedNetwork:
+    """The network fitted with the lowest degree."""
+    field, run_tasks = request.field, request.run_tasks
+    curve_degree = np.full(len(network.ends), PATCH_DEGREES[0])
+    patch_degree = np.full(len(network.curve), PATCH_DEGREES[0])
+    network, copies = find_translated_copies(network, field, tree)
+    fit = fit_network(network, field, curve_degree, patch_degree, run_tasks=run_tasks, copies=copies)
+    return _FittedNetwork(network, fit, measure_fit(network, fit, field, None, run_tasks), curve_degree, patch_degree)
+
+
+def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous: LevelSetFit) -> _FittedNetwork:
+    """The network fitted with the lowest degree, except what is reused of a previous fit, with its degree."""
+    field, run_tasks = request.field, request.run_tasks
+    match = _drop_failing(match_networks(network, previous.network), network, previous)
+    keep_curves, keep_patches = match.previous_curve >= 0, match.previous_patch >= 0
+    network, copies = find_translated_copies(network, field, tree, (keep_curves, keep_patches))
+    curves, patches = [np.empty(0)] * len(keep_curves), [np.empty(0)] * len(keep_patches)
+    curve_degree = np.full(len(curves), PATCH_DEGREES[0])
+    patch_degree = np.full(len(patches), PATCH_DEGREES[0])
+    for i in np.flatnonzero(keep_curves):
+        curves[i] = previous.fit.curves[match.previous_curve[i]]
+        curve_degree[i] = len(curves[i]) - 1
+    for i in np.flatnonzero(keep_patches):
+        patches[i] = previous.fit.patches[match.previous_patch[i]]
+        patch_degree[i] = min(patches[i].shape[:2]) - 1
+    curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
+    warm_start = WarmStart(NetworkFit(curves, patches, copies), ~keep_curves, ~keep_patches)
+    fit = fit_network(network, field, curve_degree, patch_degree, warm_start, run_tasks)
+    known = PreviousQuality(previous.quality, ~keep_patches, match.previous_patch, match.previous_curve)
+    return _FittedNetwork(network, fit, measure_fit(network, fit, field, known, run_tasks), curve_degree, patch_degree)
+
+
+def _select_weak_patches(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> BoolArray:
+    """Patches (Q,) whose degrees are worth raising: those that fail or have steep joints, and none if too many fail."""
+    network, quality = fitted.network, fitted.quality
+    failing = classify_failures(network, fitted.fit, quality, tree, request.tol).failing
+    if failing.mean() > MAX_FAILING_FRACTION:
+        return np.zeros(len(failing), bool)
+    return failing | _find_patches_at_steep_joints(network, quality)
+
+
+def _raise_degree(request: FitRequest, fitted: _FittedNetwork, weak: BoolArray, degree: int) -> _FittedNetwork:
+    """The network with weak patches (Q,), their copies and their sides fitted again with a degree."""
+    network, copies = fitted.network, fitted.fit.copies
+    weak = copies.patches_with_copies(weak)
+    patch_degree = np.where(weak, degree, fitted.patch_degree)
+    refit = np.zeros(len(network.ends), bool)
+    refit[network.curve[weak].ravel()] = True
+    refit = copies.curves_with_copies(refit)
+    curve_degree = np.where(refit, degree, fitted.curve_degree)
+    refit[network.n_sides :] |= refit[network.split_curve]
+    changed = weak | refit[network.curve].any(axis=1)
+    warm_start = WarmStart(fitted.fit, refit, changed)
+    fit = fit_network(network, request.field, curve_degree, patch_degree, warm_start, request.run_tasks)
+    itself = np.arange(len(network.curve)), np.arange(len(network.ends))
+    known = PreviousQuality(fitted.quality, changed, *itself)
+    quality = measure_fit(network, fit, request.field, known, request.run_tasks)
+    return _FittedNetwork(network, fit, quality, curve_degree, patch_degree)
+
+
+def _find_bad_leaves(request: FitRequest, tree: Octree, mesh: QuadMesh, fitted: _FittedNetwork) -> LevelSetFit:
+    """The fit with the leaves of failing patches, or else of samples too far from the patches, and of degenerate sides."""
+    network, fit, quality = fitted.network, fitted.fit, fitted.quality
+    failures = classify_failures(network, fit, quality, tree, request.tol)
+    failing, text = failures.failing, failures.describe()
+    leaves, distances = np.unique(network.leaf[failing]), np.zeros(0)
     if not len(leaves):
-        missed = missed_by(fit, samples, min(tol, 4 * float(measured.of.distance.max())))
-        leaves = np.unique(_locate_leaves(tree, samples[missed > tol]))
-        why = f"{len(leaves)} parts of the surface missed" if len(leaves) else why
+        samples = request.surface_samples
+        expected = MAX_SAMPLE_DISTANCE_RATIO * float(quality.distance.max())
+        distances = measure_distances_to_patches(fit, samples, min(request.tol, expected))
+        leaves = np.unique(_locate_leaves(tree, samples[distances > request.tol]))
+        text = f"{len(leaves)} parts of the surface missed" if len(leaves) else text
     degenerate = _find_degenerate_leaves(mesh)
     if len(degenerate):
         leaves = np.union1d(leaves, degenerate)
-        why = "edges without length, or two between the same vertices" + (f", {why}" if why else "")
-    return LevelSetFit(field, tree, mesh, net, fit, measured, wrong, missed, leaves, why)
+        text = "edges without length, or two between the same vertices" + (f", {text}" if text else "")
+    return LevelSetFit(request, tree, mesh, network, fit, quality, failing, distances, leaves, text)
 
 
-def split_numbered_leaves(tree: Octree, leaves: IntArray) -> Octree:
-    """The tree with the leaves of these numbers split."""
-    chosen = np.zeros(len(tree.size), bool)
-    chosen[leaves] = True
-    return octree.split_leaves(tree, chosen)
+def _drop_failing(match: NetworkMatch, network: PatchNetwork, previous: LevelSetFit) -> NetworkMatch:
+    """The match without the curves that bound a failing patch of the previous fit, and without the patches beside these.
+
+    Such patches are fitted from the lowest degree again: they may pass with their new neighbours, and degree elevations that did
+    not help are discarded.
+    """
+    spoilt = np.zeros(len(previous.network.ends) + 1, bool)  # the last one stands for curves without a match
+    spoilt[previous.network.curve[previous.failing].ravel()] = True
+    curve = np.where(spoilt[match.previous_curve], -1, match.previous_curve)
+    curve[network.n_sides + np.flatnonzero(curve[network.split_curve] < 0)] = -1
+    return NetworkMatch(curve, np.where((curve[network.curve] < 0).any(axis=1), -1, match.previous_patch))
 
 
-def _classify_failures(
-    net: PatchNetwork, fit: NetworkFit, measured: fit_quality.FitQuality, tree: Octree, tol: float
-) -> tuple[BoolArray, BoolArray, BoolArray]:
-    """Patches (Q,) that are folded, too far off or beyond the box, or meet another of the rest with a kink."""
-    sections = sample_box_curves(net, fit)
-    leaving = measure_overshoot(net, sections, tree) > MAX_OVERSHOOT_FRACTION * tol
-    folded = (measured.of.cosine < MIN_NORMAL_COSINE) | find_crossing_curves(net, sections)[net.curve].any(axis=1)
-    coarse = (measured.of.distance > tol) | leaving[net.curve].any(axis=1)
-    steep = np.zeros(len(net.ends), bool)
-    steep[measured.curve[measured.tangent_jump_deg > MAX_TANGENT_JUMP_DEG]] = True
-    steep[net.curve[folded | coarse].ravel()] = False  # the kink is theirs, not their neighbours'
-    return folded, coarse, np.asarray(steep[net.curve].any(axis=1))
+def _find_patches_at_steep_joints(network: PatchNetwork, quality: FitQuality) -> BoolArray:
+    """Patches (Q,) at joints beyond the typical tangent jump, if the 95th percentile of all joints is near or beyond it."""
+    steep, jump = np.zeros(len(network.ends), bool), quality.tangent_jump_deg
+    if len(jump) and np.percentile(jump, 95) > P95_MARGIN * P95_TANGENT_JUMP_DEG:
+        steep[quality.curve[jump > P95_TANGENT_JUMP_DEG]] = True
+    return np.asarray(steep[network.curve].any(axis=1))
 
 
-def _drop_failing(same: NetworkMatch, net: PatchNetwork, before: LevelSetFit) -> NetworkMatch:
-    """What is kept of an earlier layer without the sides of its wrong patches: with what is round these now they may well pass
-    as they are first fitted, and degrees that were raised in vain stay behind."""
-    spoilt = np.zeros(len(before.net.ends) + 1, bool)
-    spoilt[before.net.curve[before.wrong].ravel()] = True
-    curve = np.where(spoilt[same.curve], -1, same.curve)
-    on_spoilt = np.flatnonzero(curve[net.middle_of] < 0)
-    curve[net.n_sides + on_spoilt] = -1
-    return NetworkMatch(curve, np.where((curve[net.curve] < 0).any(axis=1), -1, same.patch))
-
-
-def _find_patches_at_steep_joints(net: PatchNetwork, measured: fit_quality.FitQuality) -> BoolArray:
-    """Patches (Q,) beside the steeper joints, where too many are above the typical."""
-    steep = np.zeros(len(net.ends), bool)
-    if len(measured.tangent_jump_deg) and np.percentile(measured.tangent_jump_deg, 95) > 0.8 * P95_TANGENT_JUMP_DEG:
-        steep[measured.curve[measured.tangent_jump_deg > P95_TANGENT_JUMP_DEG]] = True
-    return np.asarray(steep[net.curve].any(axis=1))
+def _find_turning_box_sides(mesh: QuadMesh, gradient: Array) -> IntArray:
+    """Sides on the box along which the surface's section with the box turns too far, by the gradient (V, 3)."""
+    on_box = np.flatnonzero(mesh.side_plane >= 0)
+    normal = gradient[mesh.side_ends[on_box]]
+    normal[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
+    normal = normalize(normal)
+    return on_box[np.einsum("si,si->s", normal[:, 0], normal[:, 1]) < MIN_BOX_SECTION_COSINE]
 
 
 def _find_degenerate_leaves(mesh: QuadMesh) -> IntArray:
-    """Leaves of the ends of sides that join the same two vertices as another, or have next to no length."""
+    """Leaves at the ends of sides that join the same two vertices as another side, or have next to no length."""
     ends = np.sort(mesh.side_ends, axis=1)
     _, index, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     length = np.linalg.norm(mesh.vertices[ends[:, 0]] - mesh.vertices[ends[:, 1]], axis=1)
-    odd = (count[index.ravel()] > 1) | (length < MIN_SIDE_FRACTION * mesh.size[ends].min(axis=1))
-    return np.unique(mesh.cell[ends[odd]])
+    degenerate = (count[index.ravel()] > 1) | (length < MIN_SIDE_FRACTION * mesh.size[ends].min(axis=1))
+    return np.unique(mesh.leaf[ends[degenerate]])
 
 
 def _locate_leaves(tree: Octree, points: Array) -> IntArray:
-    cell = np.clip(((points - tree.lo) / tree.step).astype(int), 0, tree.shape - 1)
-    return tree.leaf[tuple(cell.T)].astype(np.int64)
+    """The leaf (n,) that contains each point (n, 3)."""
+    cell = np.clip(((points - tree.lo) / tree.cell_edges).astype(int), 0, tree.shape - 1)
+    return tree.leaf_of_cell[tuple(cell.T)].astype(np.int64)

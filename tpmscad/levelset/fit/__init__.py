@@ -1,1 +1,8 @@
-"""Fits to a level set: boundary curves, patches, and the quality of the result."""
+"""Least-squares fit of a patch network to a level set, and the measurement of the result.
+
+- `least_squares`: batched normal equations with direction-dependent weights (tangent-distance minimisation).
+- `network_curves`: Bezier curves on the level set between given points.
+- `network_fit`: all curves of a network, then all patches, joined with tangent continuity through the field's gradient.
+- `fit_quality`: distances, normals and continuity of a fit, and the distances from the level set back to it.
+- `box_curves`: the curves in the faces of the box, which bound its caps: whether they leave the box or cross.
+"""

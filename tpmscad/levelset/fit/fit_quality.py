@@ -1,6 +1,12 @@
-"""What a fit of a level set is worth, measured on it: distances along the field's gradient, normals and joints of every patch.
+"""Measured quality of a fit: its distance from the level set in both directions, folds, and continuity across curves.
 
-What the patches of a fit miss: how far points of the level set are from their feet on the patches.
+- From the patches to the level set: |f| / |grad f|, the distance to first order, on a grid of samples of every patch.
+- From the level set to the patches: the distance of samples of the level set from their foot points (orthogonal projections).
+- Folds: the least cosine of the angle between a patch's normal and the gradient.
+- Joints: along every half of a curve that two patches share, the largest angle between their normals and the largest difference
+  of their curvature tensors, in the Frobenius norm (`brep.edge_continuity` takes the spectral norm).
+
+Copies share the measurements of their originals. What a previous quality holds of unchanged patches and joints is reused.
 """
 
 from __future__ import annotations
@@ -13,146 +19,221 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.levelset.fit.network_fit import NetworkFit
-from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
-from tpmscad.parallel import ITEMS_PER_TASK, TaskRunner, run_serial
+from tpmscad.levelset.fit.network_fit import ITEMS_PER_TASK, NetworkFit
+from tpmscad.levelset.quadmesh.patch_network import WHOLE, PatchNetwork
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.parallel import TaskRunner, run_serial, split_batches
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 PATCH_SAMPLES = 13
-"""Samples along each parameter of a patch, borders included."""
+"""Samples along each parameter of a patch, the sides included."""
 
 HALF_SIDE_SAMPLES = 17
-"""Samples along half a side: joints are measured half by half, so that a side meets the two beyond a T-vertex."""
+"""Samples along half a side. Joints are measured by halves, since a side may meet two others beyond a T-vertex."""
+
+SIDE_PARTS = (slice(None, HALF_SIDE_SAMPLES), slice(HALF_SIDE_SAMPLES - 1, None), slice(None, None, 2))
+"""Samples of a side that lie on half a curve: its first half, its second half, or all of a side that is half a curve itself."""
+FIRST_PART, SECOND_PART, WHOLE_SIDE = 0, 1, 2
+
+JOINTS_PER_BATCH = 4096
+"""Joints measured at once, which takes 70 MB."""
+
+FOOT_POINT_STEPS = 6
+"""Gauss-Newton steps of an orthogonal projection onto a patch."""
+
+NEAREST_SAMPLES = (3, 24)
+"""Number of nearest patch samples used as starts of the projection, first try and retry. Near an oblique patch side the nearest
+samples may all belong to the neighbouring patch."""
+
+RETRY_FRACTION = 0.5
+"""Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchSamples:
-    """Patches sampled: greatest and mean square distance (Q,), least cosine of the normal with the gradient (Q,), where the
-    distance is greatest (Q, 3), and along their sides normals and curvature tensors: those of patch q are normals[row[q]], of
-    (R, 4, m, 3), and bends[row[q]], of (R, 4, m, 3, 3); copies share theirs.
+    """Measurements of R patches.
+
+    `distance`, `mean_square_distance`, `min_normal_cosine` (R,): largest and mean square distance from the level set, and least
+    cosine of the normal with the gradient. `side_normals` (R, 4, m, 3), `side_curvatures` (R, 4, m, 3, 3): unit normals and
+    curvature tensors along the sides, counter-clockwise.
     """
 
     distance: Array
-    square: Array
-    cosine: Array
-    where: Array
-    row: IntArray
-    normals: Array
-    bends: Array
+    mean_square_distance: Array
+    min_normal_cosine: Array
+    side_normals: Array
+    side_curvatures: Array
+
+    def arrays(self) -> tuple[Array, ...]:
+        """All arrays, in the order of the fields."""
+        return (
+            self.distance,
+            self.mean_square_distance,
+            self.min_normal_cosine,
+            self.side_normals,
+            self.side_curvatures,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FitQuality:
-    """What each patch is worth, and per half side (n,) of the net's curves, `half` of them being twice the curve and 0 or 1,
-    rising: tangent jump in degrees, curvature jump and greatest curvature.
+    """Quality of all Q patches and n joints of a network.
+
+    `samples` holds the measurements of the originals, `row` (Q,) which of them is each patch's. `half_curve` (n,), rising, is the
+    half of a curve that a joint lies on: 2 * curve, + 1 for the second half. The other arrays (n,) hold the largest tangent jump
+    in degrees, the largest curvature jump and the largest curvature along it.
     """
 
-    of: PatchSamples
-    half: IntArray
+    samples: PatchSamples
+    row: IntArray
+    half_curve: IntArray
     tangent_jump_deg: Array
-    bend: Array
-    curvature: Array
+    curvature_jump: Array
+    max_curvature: Array
 
     @property
     def curve(self) -> IntArray:
-        return self.half // 2
+        """The curve (n,) of each joint."""
+        return self.half_curve // 2
+
+    @property
+    def distance(self) -> Array:
+        """Largest distance (Q,) of each patch from the level set."""
+        return self.samples.distance[self.row]
+
+    @property
+    def mean_square_distance(self) -> Array:
+        """Mean square distance (Q,) of each patch from the level set."""
+        return self.samples.mean_square_distance[self.row]
+
+    @property
+    def min_normal_cosine(self) -> Array:
+        """Least cosine (Q,) of the angle between each patch's normal and the gradient."""
+        return self.samples.min_normal_cosine[self.row]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreviousQuality:
-    """Measures of an earlier net: which of its patches and curves each of a net's is, (Q,) and (C,), -1 for none, and which
-    patches have changed, those that were none among them."""
+    """Quality of a previous network, and the `patch` (Q,) and `curve` (C,) of it that each of a network's is, -1 for none.
 
-    measured: FitQuality
+    `changed` (Q,) marks the patches to be measured again, among them all that are -1.
+    """
+
+    quality: FitQuality
     changed: BoolArray
     patch: IntArray
     curve: IntArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Joints:
+    """Joints (n,) by rising `half_curve`, with the two patches (n, 2) and the two sides (n, 8) that meet there.
+
+    A side is four numbers: row of the samples, side, whether it runs against the curve, part of the side.
+    """
+
+    half_curve: IntArray
+    patches: IntArray
+    sides: IntArray
+
+
 def measure_fit(
-    net: PatchNetwork,
+    network: PatchNetwork,
     fit: NetworkFit,
     field: Field,
-    before: PreviousQuality | None = None,
-    work: TaskRunner = run_serial,
+    previous: PreviousQuality | None = None,
+    run_tasks: TaskRunner = run_serial,
 ) -> FitQuality:
-    """Measure every patch and every joint inside the box; what is known from `before` is not measured again."""
-    own, copies = np.flatnonzero(fit.copies.original_patches), fit.copies
-    row = np.searchsorted(own, copies.patch)
-    m, count = 2 * HALF_SIDE_SAMPLES - 1, len(own)
-    of = PatchSamples(
-        distance=np.empty(count),
-        square=np.empty(count),
-        cosine=np.empty(count),
-        where=np.empty((count, 3)),
-        row=np.arange(count),
-        normals=np.empty((count, 4, m, 3)),
-        bends=np.empty((count, 4, m, 3, 3)),
-    )
-    wanted = own
-    if before is not None:
-        old = np.flatnonzero(~before.changed[own])
-        known, patch = before.measured.of, before.patch[own[old]]
-        for array, values in zip(_per_patch_arrays(of), _per_patch_arrays(known), strict=True):
-            array[old] = values[patch]
-        of.normals[old], of.bends[old] = known.normals[known.row[patch]], known.bends[known.row[patch]]
-        wanted = own[before.changed[own]]
-    parts = [
-        at[i : i + ITEMS_PER_TASK] for _, at in group_by_degree(fit, wanted) for i in range(0, len(at), ITEMS_PER_TASK)
-    ]
-    done = work(sample_patches, [(field, np.stack([fit.patches[i] for i in part])) for part in parts])
-    for part, found in zip(parts, done, strict=True):
-        for array, values in zip(
-            (*_per_patch_arrays(of), of.normals, of.bends),
-            (*_per_patch_arrays(found), found.normals, found.bends),
-            strict=True,
-        ):
-            array[row[part]] = values
-    of = PatchSamples(
-        of.distance[row], of.square[row], of.cosine[row], of.where[row] + copies.patch_shift, row, of.normals, of.bends
-    )
-    return FitQuality(of, *_measure_joints(net, of, before))
-
-
-def _per_patch_arrays(of: PatchSamples) -> tuple[Array, ...]:
-    return of.distance, of.square, of.cosine, of.where
+    """Measure every patch, and every joint inside the box, except those known from a previous quality."""
+    originals = np.flatnonzero(fit.copies.original_patches)
+    row = np.searchsorted(originals, fit.copies.patch)
+    samples, numbers = _empty_samples(len(originals)), originals
+    if previous is not None:
+        known, kept = previous.quality, np.flatnonzero(~previous.changed[originals])
+        known_rows = known.row[previous.patch[originals[kept]]]
+        for array, values in zip(samples.arrays(), known.samples.arrays(), strict=True):
+            array[kept] = values[known_rows]
+        numbers = originals[previous.changed[originals]]
+    batches = [batch for _, group in group_by_degree(fit, numbers) for batch in split_batches(group, ITEMS_PER_TASK)]
+    measured = run_tasks(sample_patches, [(field, np.stack([fit.patches[i] for i in batch])) for batch in batches])
+    for batch, found in zip(batches, measured, strict=True):
+        for array, values in zip(samples.arrays(), found.arrays(), strict=True):
+            array[row[batch]] = values
+    return FitQuality(samples, row, *_measure_joints(_find_joints(network, row), samples, previous))
 
 
 def sample_patches(field: Field, poles: Array) -> PatchSamples:
-    """Measures of patches of one degree, poles (n, p + 1, q + 1, 3)."""
+    """Measurements of patches of one degree, poles (n, p + 1, q + 1, 3)."""
     t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     bu, bv, du, dv = bernstein_basis(p, t), bernstein_basis(q, t), bernstein_basis(p, t, 1), bernstein_basis(q, t, 1)
     points = evaluate_bezier_patches(bu, poles, bv)
     normal = np.cross(evaluate_bezier_patches(du, poles, bv), evaluate_bezier_patches(bu, poles, dv))
-    value, slope = field.value_and_gradient(points)
-    steep = np.linalg.norm(slope, axis=-1)
-    d = np.abs(value) / np.maximum(steep, 1e-300)
+    value, gradient = field.value_and_gradient(points)
+    gradient_norm = np.linalg.norm(gradient, axis=-1)
+    distance = np.abs(value) / np.maximum(gradient_norm, MIN_DIVISOR)
     if isinstance(field, LinearExtension):
-        # beyond the box there is no solid: borders that leave it between their ends are off by as much
-        d += np.maximum(np.maximum(field.lo - points, points - field.hi).max(axis=-1), 0.0)
-    length = np.linalg.norm(normal, axis=-1) * steep
+        # the solid ends at the box: a side that bulges out of it is off by as much
+        distance += np.maximum(np.maximum(field.lo - points, points - field.hi).max(axis=-1), 0.0)
+    norms = np.linalg.norm(normal, axis=-1) * gradient_norm
+    cosine = np.einsum("nki,nki->nk", normal, gradient) / np.maximum(norms, MIN_DIVISOR)
     sides = [_evaluate_side(poles, s) for s in range(4)]
     return PatchSamples(
-        distance=d.max(axis=1),
-        square=(d**2).mean(axis=1),
-        cosine=(np.einsum("nki,nki->nk", normal, slope) / np.maximum(length, 1e-300)).min(axis=1),
-        where=points[np.arange(len(poles)), d.argmax(axis=1)],
-        row=np.arange(len(poles)),
-        normals=np.stack([n for n, _ in sides], axis=1),
-        bends=np.stack([b for _, b in sides], axis=1),
+        distance=distance.max(axis=1),
+        mean_square_distance=(distance**2).mean(axis=1),
+        min_normal_cosine=cosine.min(axis=1),
+        side_normals=np.stack([normals for normals, _ in sides], axis=1),
+        side_curvatures=np.stack([curvatures for _, curvatures in sides], axis=1),
     )
 
 
 def group_by_degree(fit: NetworkFit, patches: IntArray | None = None) -> list[tuple[tuple[int, int], IntArray]]:
-    """The degrees that occur among the patches (all of the fit's if None), each with the patches that have them."""
-    of = np.arange(len(fit.patches)) if patches is None else patches
-    each = np.array([fit.patches[i].shape[:2] for i in of]) - 1
-    return [((int(p), int(q)), of[(each == (p, q)).all(axis=1)]) for p, q in np.unique(each, axis=0)]
+    """Pairs of degrees that occur among the patches (all of the fit's if None), each with the patches that have them."""
+    numbers = np.arange(len(fit.patches)) if patches is None else patches
+    degrees = np.array([fit.patches[i].shape[:2] for i in numbers]) - 1
+    return [((int(p), int(q)), numbers[(degrees == (p, q)).all(axis=1)]) for p, q in np.unique(degrees, axis=0)]
+
+
+def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> Array:
+    """Distances (n,) from points of the level set to the patches, exact where they are below half of `tol`."""
+    t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
+    groups = group_by_degree(fit)
+    samples, owner = [], []
+    for (p, q), numbers in groups:
+        poles = np.stack([fit.patches[i] for i in numbers])
+        samples.append(evaluate_bezier_patches(bernstein_basis(p, t), poles, bernstein_basis(q, t)).reshape(-1, 3))
+        owner.append(np.repeat(numbers, PATCH_SAMPLES**2))
+    patch = np.concatenate(owner)
+    u, v = (np.tile(g.ravel(), len(fit.patches)) for g in np.meshgrid(t, t, indexing="ij"))
+    tree = cKDTree(np.concatenate(samples))
+    best = np.full(len(points), np.inf)
+    for count in NEAREST_SAMPLES:
+        chosen = np.flatnonzero(best > RETRY_FRACTION * tol)
+        if not len(chosen):
+            break
+        _, nearest = tree.query(points[chosen], k=count)
+        for start in nearest.T:
+            for (p, q), numbers in groups:
+                rows = np.flatnonzero(np.isin(patch[start], numbers))
+                if len(rows):
+                    at = start[rows]
+                    poles = np.stack([fit.patches[j] for j in numbers])[np.searchsorted(numbers, patch[at])]
+                    distance = _foot_point_distances(poles, points[chosen[rows]], u[at], v[at], p, q)
+                    best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
+    return best
+
+
+def _empty_samples(count: int) -> PatchSamples:
+    m = 2 * HALF_SIDE_SAMPLES - 1
+    shapes = ((count,), (count,), (count,), (count, 4, m, 3), (count, 4, m, 3, 3))
+    return PatchSamples(*(np.empty(shape) for shape in shapes))
 
 
 def _evaluate_side(poles: Array, side: int) -> tuple[Array, Array]:
-    """Unit normals (n, m, 3) and curvature tensors (n, m, 3, 3) along a side, run counter-clockwise."""
+    """Unit normals (n, m, 3) and curvature tensors (n, m, 3, 3) along a side, counter-clockwise.
+
+    The tensor is the second fundamental form as a symmetric matrix in space, zero along the normal.
+    """
     t = np.linspace(0.0, 1.0, 2 * HALF_SIDE_SAMPLES - 1)
     end = np.array([1.0 if side in (1, 2) else 0.0])
     u, v = (t, end) if side in (0, 2) else (end, t)
@@ -162,140 +243,100 @@ def _evaluate_side(poles: Array, side: int) -> tuple[Array, Array]:
         for i, j in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
     }  # fmt: skip
     normal = np.cross(d[1, 0], d[0, 1])
-    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-300)
+    normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), MIN_DIVISOR)
     tangents = np.stack([d[1, 0], d[0, 1]], axis=-1)
-    first = np.swapaxes(tangents, -1, -2) @ tangents
-    dual = tangents @ _invert_symmetric_2x2(first)
-    second = np.empty(first.shape)
+    first_form = np.swapaxes(tangents, -1, -2) @ tangents
+    dual = tangents @ _invert_symmetric_2x2(first_form)
+    second_form = np.empty(first_form.shape)
     for (i, j), key in (((0, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 0), (1, 1)), ((1, 1), (0, 2))):
-        second[..., i, j] = np.einsum("nmi,nmi->nm", d[key], normal)
-    bend = dual @ second @ np.swapaxes(dual, -1, -2)
-    return (normal, bend) if side in (0, 1) else (normal[:, ::-1], bend[:, ::-1])
+        second_form[..., i, j] = np.einsum("nmi,nmi->nm", d[key], normal)
+    curvature = dual @ second_form @ np.swapaxes(dual, -1, -2)
+    return (normal, curvature) if side in (0, 1) else (normal[:, ::-1], curvature[:, ::-1])
 
 
-def _invert_symmetric_2x2(first: Array) -> Array:
-    """Inverses of symmetric 2 x 2 matrices, large but finite where there is none: folded patches are measured, too."""
-    a, b, c = first[..., 0, 0], first[..., 0, 1], first[..., 1, 1]
+def _invert_symmetric_2x2(matrix: Array) -> Array:
+    """Inverses of symmetric matrices (..., 2, 2), large but finite for singular ones: degenerate patches have them."""
+    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
     adjugate = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
     return adjugate / np.maximum(a * c - b * b, 1e-12 * (a + c) ** 2 + 1e-100)[..., None, None]
 
 
-SIDE_SLICES = (slice(None, HALF_SIDE_SAMPLES), slice(HALF_SIDE_SAMPLES - 1, None), slice(None, None, 2))
-"""Of a side's samples: either half, or all of a side that is half of a curve."""
-
-JOINTS_PER_BATCH = 4096
-"""Joints measured at once: 70 MB."""
+def _find_joints(network: PatchNetwork, row: IntArray) -> _Joints:
+    """The halves of curves on which two patches meet, by the row (Q,) of each patch in the samples."""
+    halves, patches, sides = [], [], []
+    for piece in (0, 1, 2):
+        q, s = np.nonzero(network.piece == piece)
+        for half, part in ((0, FIRST_PART), (1, SECOND_PART)) if piece == WHOLE else ((piece - 1, WHOLE_SIDE),):
+            halves.append(2 * network.curve[q, s] + half)
+            patches.append(q)
+            sides.append(np.column_stack([row[q], s, network.sense[q, s] < 0, np.full(len(q), part)]))
+    half, patch, side = np.concatenate(halves), np.concatenate(patches), np.concatenate(sides)
+    order = np.argsort(half, kind="stable")
+    first = np.flatnonzero(half[order][:-1] == half[order][1:])
+    a, b = order[first], order[first + 1]
+    return _Joints(half[a], np.column_stack([patch[a], patch[b]]), np.column_stack([side[a], side[b]]))
 
 
 def _measure_joints(
-    net: PatchNetwork, of: PatchSamples, before: PreviousQuality | None
+    joints: _Joints, samples: PatchSamples, previous: PreviousQuality | None
 ) -> tuple[IntArray, Array, Array, Array]:
-    """Jumps across the half sides that two patches share; those between copies of the same two sides are measured once."""
-    keys, sides, patches = [], [], []
-    for piece in (0, 1, 2):
-        q, s = np.nonzero(net.piece == piece)
-        for half, part in ((0, 0), (1, 1)) if piece == 0 else ((piece - 1, 2),):
-            keys.append(2 * net.curve[q, s] + half)
-            patches.append(q)
-            sides.append(np.column_stack([of.row[q], s, net.sense[q, s] < 0, np.full(len(q), part)]))
-    key, side = np.concatenate(keys), np.concatenate(sides)
-    order = np.argsort(key, kind="stable")
-    pair = np.flatnonzero(key[order][:-1] == key[order][1:])
-    a, b = order[pair], order[pair + 1]
-    halves, joints = key[a], np.empty((3, len(a)))
-    new = np.ones(len(a), bool)
-    if before is not None:
-        patch, curve = np.concatenate(patches), before.curve[halves // 2]
-        new = before.changed[patch[a]] | before.changed[patch[b]] | (curve < 0)
-        known = np.searchsorted(before.measured.half, 2 * curve[~new] + halves[~new] % 2)
-        joints[:, ~new] = [
-            m[known] for m in (before.measured.tangent_jump_deg, before.measured.bend, before.measured.curvature)
-        ]
-        a, b = a[new], b[new]
-    distinct, index = np.unique(np.column_stack([side[a], side[b]]), axis=0, return_inverse=True)
-    found = np.empty((3, len(distinct)))
+    """Half curves and jumps of the joints as in FitQuality; joints of copies of the same two sides are measured once."""
+    jumps, new = np.empty((3, len(joints.half_curve))), np.ones(len(joints.half_curve), bool)
+    if previous is not None:
+        known, curve = previous.quality, previous.curve[joints.half_curve // 2]
+        new = previous.changed[joints.patches].any(axis=1) | (curve < 0)
+        rows = np.searchsorted(known.half_curve, 2 * curve[~new] + joints.half_curve[~new] % 2)
+        jumps[:, ~new] = [m[rows] for m in (known.tangent_jump_deg, known.curvature_jump, known.max_curvature)]
+    distinct, index = np.unique(joints.sides[new], axis=0, return_inverse=True)
+    measured = np.empty((3, len(distinct)))
     for start in range(0, len(distinct), JOINTS_PER_BATCH):
-        rows = distinct[start : start + JOINTS_PER_BATCH]
-        one, other = (_gather_side_samples(of, rows[:, k : k + 4]) for k in (0, 4))
-        sine = np.linalg.norm(np.cross(one[0], other[0]), axis=-1)
-        angle = np.arctan2(sine, np.einsum("nmi,nmi->nm", one[0], other[0]))
-        size = np.maximum(*(np.linalg.norm(k, axis=(-2, -1)) for k in (one[1], other[1])))
-        found[:, start : start + JOINTS_PER_BATCH] = (
-            np.degrees(angle).max(axis=1),
-            np.linalg.norm(one[1] - other[1], axis=(-2, -1)).max(axis=1),
-            size.max(axis=1),
-        )
-    joints[:, new] = found[:, index.ravel()]
-    return halves, *joints
+        batch = slice(start, start + JOINTS_PER_BATCH)
+        measured[:, batch] = _measure_jumps(samples, distinct[batch])
+    jumps[:, new] = measured[:, index.ravel()]
+    return joints.half_curve, *jumps
 
 
-def _gather_side_samples(of: PatchSamples, sides: IntArray) -> tuple[Array, Array]:
-    """Normals (n, m, 3) and curvature tensors (n, m, 3, 3) along parts of sides: rows (row, side, whether run back, part)."""
-    n, k = np.empty((len(sides), HALF_SIDE_SAMPLES, 3)), np.empty((len(sides), HALF_SIDE_SAMPLES, 3, 3))
-    for back in (0, 1):
-        for part, samples in enumerate(SIDE_SLICES):
-            at = np.flatnonzero((sides[:, 2] == back) & (sides[:, 3] == part))
-            row, side = sides[at, 0], sides[at, 1]
-            for array, values in ((n, of.normals), (k, of.bends)):
-                found = values[row, side]
-                array[at] = (found[:, ::-1] if back else found)[:, samples]
-    return n, k
+def _measure_jumps(samples: PatchSamples, sides: IntArray) -> tuple[Array, Array, Array]:
+    """Largest tangent jump in degrees, curvature jump and curvature (n,) along joints between pairs of sides (n, 8)."""
+    (normal, curvature), (normal_across, curvature_across) = (
+        _gather_side_samples(samples, sides[:, k : k + 4]) for k in (0, 4)
+    )
+    sine = np.linalg.norm(np.cross(normal, normal_across), axis=-1)
+    angle = np.arctan2(sine, np.einsum("nmi,nmi->nm", normal, normal_across))
+    size = np.maximum(*(np.linalg.norm(k, axis=(-2, -1)) for k in (curvature, curvature_across)))
+    jump = np.linalg.norm(curvature - curvature_across, axis=(-2, -1))
+    return np.degrees(angle).max(axis=1), jump.max(axis=1), size.max(axis=1)
 
 
-FOOT_POINT_STEPS = 6
-"""Newton steps of a foot on a patch."""
-
-NEAREST_SAMPLES = (3, 24)
-"""Samples from whose patches the nearest foot is taken, and for points that miss with them: near a side that runs askew the
-nearest samples may all be of patches beyond it."""
-
-
-def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> Array:
-    """Distances (n,) from points of the level set to their feet on the patches; those above half of tol with more care."""
-    t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
-    samples, owner = [], []
-    for (p, q), at in group_by_degree(fit):
-        samples.append(
-            evaluate_bezier_patches(
-                bernstein_basis(p, t), np.stack([fit.patches[i] for i in at]), bernstein_basis(q, t)
-            ).reshape(-1, 3)
-        )
-        owner.append(np.repeat(at, PATCH_SAMPLES**2))
-    patch = np.concatenate(owner)
-    u, v = (np.tile(g.ravel(), len(fit.patches)) for g in np.meshgrid(t, t, indexing="ij"))
-    tree = cKDTree(np.concatenate(samples))
-    best = np.full(len(points), np.inf)
-    for count in NEAREST_SAMPLES:
-        chosen = np.flatnonzero(best > 0.5 * tol)
-        if not len(chosen):
-            break
-        _, near = tree.query(points[chosen], k=count)
-        for k in range(count):
-            i = near[:, k]
-            for (p, q), at in group_by_degree(fit):
-                rows = np.flatnonzero(np.isin(patch[i], at))
-                if len(rows):
-                    poles = np.stack([fit.patches[j] for j in at])[np.searchsorted(at, patch[i[rows]])]
-                    distance = _foot_point_distances(poles, points[chosen[rows]], u[i[rows]], v[i[rows]], p, q)
-                    best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
-    return best
+def _gather_side_samples(samples: PatchSamples, sides: IntArray) -> tuple[Array, Array]:
+    """Normals (n, m, 3) and curvature tensors (n, m, 3, 3) along sides (n, 4) of `_Joints`, in the curve's direction."""
+    normals = np.empty((len(sides), HALF_SIDE_SAMPLES, 3))
+    curvatures = np.empty((len(sides), HALF_SIDE_SAMPLES, 3, 3))
+    for against in (0, 1):
+        for part, chosen in enumerate(SIDE_PARTS):
+            rows = np.flatnonzero((sides[:, 2] == against) & (sides[:, 3] == part))
+            patch, side = sides[rows, 0], sides[rows, 1]
+            for array, values in ((normals, samples.side_normals), (curvatures, samples.side_curvatures)):
+                along = values[patch, side]
+                array[rows] = (along[:, ::-1] if against else along)[:, chosen]
+    return normals, curvatures
 
 
 def _foot_point_distances(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Array:
-    """Distances from points to patches, one each, from starting parameters: feet kept on the patches."""
+    """Distances (n,) from points to their foot points on patches, one each, from starting parameters.
+
+    The Gauss-Newton steps are kept inside the patch: a parameter that would leave it stays, and the other takes its own best
+    step.
+    """
     for _ in range(FOOT_POINT_STEPS):
-        bu, bv, du, dv = (
-            bernstein_basis(p, u),
-            bernstein_basis(q, v),
-            bernstein_basis(p, u, 1),
-            bernstein_basis(q, v, 1),
-        )
-        across = np.einsum("nijx,nj->nix", poles, bv)
-        residual = points - np.einsum("ni,nix->nx", bu, across)
-        xu, xv = np.einsum("ni,nix->nx", du, across), np.einsum("ni,nijx,nj->nx", bu, poles, dv, optimize=True)
+        bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
+        du, dv = bernstein_basis(p, u, 1), bernstein_basis(q, v, 1)
+        rows = np.einsum("nijx,nj->nix", poles, bv)
+        residual = points - np.einsum("ni,nix->nx", bu, rows)
+        xu, xv = np.einsum("ni,nix->nx", du, rows), np.einsum("ni,nijx,nj->nx", bu, poles, dv, optimize=True)
         a, b, c = (np.einsum("nx,nx->n", f, g) for f, g in ((xu, xu), (xu, xv), (xv, xv)))
         ru, rv = np.einsum("nx,nx->n", xu, residual), np.einsum("nx,nx->n", xv, residual)
-        determinant = np.maximum(a * c - b * b, 1e-300)
+        determinant = np.maximum(a * c - b * b, MIN_DIVISOR)
         step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
         stuck_u, stuck_v = (u + step_u < 0) | (u + step_u > 1), (v + step_v < 0) | (v + step_v > 1)
         step_v, step_u = np.where(stuck_u, rv / c, step_v), np.where(stuck_v, ru / a, step_u)

@@ -1,4 +1,4 @@
-"""Curves fitted to a level set between points of it, all of a degree at once."""
+"""Bezier curves fitted to a level set between two of its points, all of one degree at once."""
 
 from __future__ import annotations
 
@@ -9,78 +9,86 @@ from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
+    MAX_STEP_OF_CHORD,
+    PROJECTION_STEPS,
     TANGENTIAL_WEIGHT,
     NormalEquations,
     project_curves_to_level_set,
     unit_normals,
 )
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bernstein_basis
 
 CURVE_TANGENT_WEIGHT = 1.0
 END_TANGENT_WEIGHT = 1e3
+"""Weights of the residuals by which tangents leave the level set: along the curve, and at its ends."""
 
 MIN_CLEARANCE_FRACTION = 0.3
-"""Curves that would leave the box keep this part of their ends' distance from its faces: where the surface grazes a face, the
-straight way between two vertices leads beyond it, across the surface's section there."""
+"""A curve that would leave the box keeps at least this fraction of its chord's distance from the faces. Where the level set
+grazes a face, the shortest way between two vertices leads beyond the face."""
 
 
 def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree: int) -> Array:
-    """Curves on the level set between points (n, 3) of it, in planes of the box where coordinates are `fixed`: (n, p + 1, 3)."""
+    """Poles (n, p + 1, 3) of curves on the level set from `start` to `end` (n, 3), in planes of the box where `fixed` (n, 3)."""
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
-    reach = 0.3 * np.linalg.norm(end - start, axis=1)
-    straight = start[:, None] + t[:, None] * (end - start)[:, None]
-    points = straight
+    max_step = MAX_STEP_OF_CHORD * np.linalg.norm(end - start, axis=1)
+    chord = start[:, None] + t[:, None] * (end - start)[:, None]
+    points = chord
     for _ in range(2):
-        points = _resample_by_arc_length(_project_interior_points(field, points, straight, fixed, reach), t)
-    points = _project_interior_points(field, points, straight, fixed, reach)
+        points = _resample_by_arc_length(_project_interior_points(field, points, chord, fixed, max_step), t)
+    points = _project_interior_points(field, points, chord, fixed, max_step)
 
-    values, slopes = bernstein_basis(degree, t), bernstein_basis(degree, t, 1)
-    share = np.arange(degree + 1)[:, None] / degree
-    poles = (1 - share) * start[:, None] + share * end[:, None]
+    values, derivatives = bernstein_basis(degree, t), bernstein_basis(degree, t, 1)
+    fraction = np.arange(degree + 1)[:, None] / degree
+    poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
     inner = slice(1, degree)
     for turn in range(FIT_PASSES):
         if turn:
-            points = _project_interior_points(field, values @ poles, straight, fixed, reach)
+            points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
         normal = unit_normals(field, points, fixed)
-        slope = slopes @ poles
+        tangent = derivatives @ poles
         system = NormalEquations(degree - 1, len(start))
-        system.near(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
-        system.along(slopes[:, inner], normal, -slope, CURVE_TANGENT_WEIGHT / len(t))
-        system.along(slopes[[0, -1]][:, inner], normal[:, [0, -1]], -slope[:, [0, -1]], END_TANGENT_WEIGHT)
-        poles[:, inner] += system.solved()
+        system.add_point_rows(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
+        system.add_normal_rows(derivatives[:, inner], normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
+        ends = [0, -1]
+        system.add_normal_rows(derivatives[ends][:, inner], normal[:, ends], -tangent[:, ends], END_TANGENT_WEIGHT)
+        poles[:, inner] += system.solve()
     rows, axis = np.nonzero(fixed)
     poles[rows, :, axis] = start[rows, axis][:, None]
     return poles
 
 
 def _resample_by_arc_length(points: Array, t: Array) -> Array:
-    """Polylines (n, m, 3) resampled at fractions t of their length."""
+    """Polylines (n, m, 3) resampled at fractions t of their lengths."""
     step = np.linalg.norm(np.diff(points, axis=1), axis=2)
-    along = np.concatenate([np.zeros((len(points), 1)), np.cumsum(step, axis=1)], axis=1)
-    along /= np.maximum(along[:, -1:], 1e-300)
-    at = np.clip((along[:, None, :] <= t[None, :, None]).sum(axis=2) - 1, 0, points.shape[1] - 2)
-    low, high = np.take_along_axis(along, at, 1), np.take_along_axis(along, at + 1, 1)
-    s = ((t - low) / np.maximum(high - low, 1e-300))[..., None]
-    start, end = (np.take_along_axis(points, k[..., None], 1) for k in (at, at + 1))
+    arc = np.concatenate([np.zeros((len(points), 1)), np.cumsum(step, axis=1)], axis=1)
+    arc /= np.maximum(arc[:, -1:], MIN_DIVISOR)
+    segment = np.clip((arc[:, None, :] <= t[None, :, None]).sum(axis=2) - 1, 0, points.shape[1] - 2)
+    low, high = np.take_along_axis(arc, segment, 1), np.take_along_axis(arc, segment + 1, 1)
+    s = ((t - low) / np.maximum(high - low, MIN_DIVISOR))[..., None]
+    start, end = (np.take_along_axis(points, k[..., None], 1) for k in (segment, segment + 1))
     return (1 - s) * start + s * end
 
 
-def _project_interior_points(field: Field, points: Array, straight: Array, fixed: BoolArray, reach: Array) -> Array:
-    """Points of curves (n, m, 3) but for their ends brought onto the surface, in the box where there is one."""
+def _project_interior_points(field: Field, points: Array, chord: Array, fixed: BoolArray, max_step: Array) -> Array:
+    """Points of curves (n, m, 3) projected onto the level set, except their ends; kept inside the box of a `LinearExtension`.
+
+    Points that leave the box, or come too near to its faces, are moved back and projected parallel to the faces they crossed.
+    """
     result = points.copy()
-    result[:, 1:-1] = project_curves_to_level_set(field, points[:, 1:-1], fixed, reach)
+    result[:, 1:-1] = project_curves_to_level_set(field, points[:, 1:-1], fixed, max_step)
     if not isinstance(field, LinearExtension):
         return result
     lo, hi = np.array(field.lo), np.array(field.hi)
     leaving = np.flatnonzero(((result < lo) | (result > hi))[:, 1:-1].any(axis=(1, 2)))
-    low, high = (b + MIN_CLEARANCE_FRACTION * (straight[leaving] - b) for b in (lo, hi))
+    low, high = (b + MIN_CLEARANCE_FRACTION * (chord[leaving] - b) for b in (lo, hi))
     out = (result[leaving] < low) | (result[leaving] > high)
     out[:, [0, -1]] = False
-    row, at = np.nonzero(out.any(axis=2))
+    row, k = np.nonzero(out.any(axis=2))
     if len(row):
-        moved = np.clip(result[leaving[row], at], low[row, at], high[row, at])
-        result[leaving[row], at] = project_to_level_set(
-            field, moved, fixed[leaving[row]] | out[row, at], reach[leaving[row]], 8
-        )
+        curve = leaving[row]
+        moved = np.clip(result[curve, k], low[row, k], high[row, k])
+        held = fixed[curve] | out[row, k]
+        result[curve, k] = project_to_level_set(field, moved, held, max_step[curve], PROJECTION_STEPS)
     return result

@@ -1,13 +1,16 @@
-"""Curves and patches of a net fitted to a level set, all at once, joining with tangent continuity through the field's gradient.
+"""Bezier curves and patches of a network fitted to a level set, joined with tangent continuity (G1) through the field's gradient.
 
-A curve is fitted first, with the field's normals along it: its ends tangent to the surface, its own tangent orthogonal to the
-normals. The patches on both sides take its poles and are asked, in the same least squares that place their inner poles, to have a
-derivative across the border orthogonal to the same normals; so they meet smoothly though neither knows the other. Distances
-along the normal count fully, along the surface (where a point of the patch lies matters little) with the weight `SLIDE`.
+1. Each curve is fitted with the field's normals along it: its tangent is orthogonal to the normals, most strictly at its ends.
+2. Each patch takes the poles of its four curves as its sides. Its inner poles minimise the distance of the patch from the level
+   set and the component along the same normals of the derivative across each side. Two patches thus have the same tangent planes
+   along a common curve, although neither depends on the other.
+
+All items of one degree are fitted in batches, which may run in parallel.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +19,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
+    MAX_STEP_OF_CHORD,
     TANGENTIAL_WEIGHT,
     NormalEquations,
     project_curves_to_level_set,
@@ -24,128 +28,183 @@ from tpmscad.levelset.fit.least_squares import (
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
-from tpmscad.parallel import ITEMS_PER_TASK, TaskRunner, run_serial
+from tpmscad.parallel import TaskRunner, run_serial, split_batches
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches, side_pole_matrix
 
 CROSS_TANGENT_WEIGHT = 1.0
+"""Weight of the cross-boundary derivative's component along the normal."""
+
+ITEMS_PER_TASK = 256
+"""Curves or patches fitted in one task: a few tenths of a second."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkFit:
-    """Bezier poles on [0, 1]: `curves[i]` (p + 1, 3) and `patches[i]` (p + 1, q + 1, 3); copies are moved, not fitted."""
+    """Bezier poles of all curves, (p + 1, 3) each, and patches, (p + 1, q + 1, 3) each; copies are translated originals."""
 
     curves: list[Array]
     patches: list[Array]
     copies: TranslatedCopies
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class WarmStart:
+    """An earlier fit, and masks of its curves (C,) and patches (Q,) that are to be fitted again; the others are reused."""
+
+    fit: NetworkFit
+    refit_curves: BoolArray
+    refit_patches: BoolArray
+
+
 def fit_network(
-    net: PatchNetwork,
+    network: PatchNetwork,
     field: Field,
     curve_degree: IntArray,
     patch_degree: IntArray,
-    before: tuple[NetworkFit, BoolArray, BoolArray] | None = None,
-    work: TaskRunner = run_serial,
+    warm_start: WarmStart | None = None,
+    run_tasks: TaskRunner = run_serial,
     copies: TranslatedCopies | None = None,
 ) -> NetworkFit:
-    """Fit every curve with its degree (C,), then every patch with its degree (Q,), raised where its sides' are higher.
+    """Fit every curve with its degree (C,), then every patch with its degree (Q,) or those of its sides where they are higher.
 
-    `before`: an earlier fit of the net, and the curves (C,) and patches (Q,) of it to be fitted anew; the others are kept.
-    `copies`: what repeats in the net (nothing if neither is given); copies must have the degrees of what they are copies of.
+    `copies` are those of the warm start by default, and none without one; a copy must have the degree of its original.
     """
-    copies = copies or (before[0].copies if before else no_copies(len(net.ends), len(net.curve)))
-    curves = list(before[0].curves) if before else [np.empty(0)] * len(net.ends)
-    anew = copies.original_curves & (before[1] if before else True)
-    main, spokes = np.flatnonzero(anew[: net.n_sides]), net.n_sides + np.flatnonzero(anew[net.n_sides :])
-    of_copies = np.flatnonzero(~copies.original_curves)
-    group_copies = of_copies[of_copies < net.n_sides], of_copies[of_copies >= net.n_sides]
-    start = net.vertices[net.ends[:, 0]]
-    end = net.vertices[net.ends[:, 1]]
-    for group in (main, spokes):
-        if group is spokes and len(spokes):
-            start[spokes] = [_curve_midpoint(curves[c]) for c in net.middle_of[spokes - net.n_sides]]
-        for degree in np.unique(curve_degree[group]):
-            at = group[curve_degree[group] == degree]
-            fixed = np.zeros((len(net.ends), 3), bool)
-            on_box = at[net.plane[at] >= 0]
-            fixed[on_box, net.plane[on_box] // 2] = True
-            parts = _split_into_tasks(at)
-            done = work(fit_curves, [(field, start[part], end[part], fixed[part], int(degree)) for part in parts])
-            for part, found in zip(parts, done, strict=True):
-                for i, poles in zip(part, found, strict=True):
-                    curves[i] = poles.copy()  # Dask hands out arrays in read-only memory, which scipy refuses
-        for i in group_copies[group is spokes]:
-            curves[i] = curves[copies.curve[i]] + copies.curve_shift[i]
-
-    side_degree = curve_degree[net.curve]
-    degrees = np.stack(
-        [np.maximum(patch_degree, side_degree[:, 0::2].max(1)), np.maximum(patch_degree, side_degree[:, 1::2].max(1))],
-        1,
-    )
-    patches = list(before[0].patches) if before else [np.empty(0)] * len(net.curve)
-    wanted = np.flatnonzero(copies.original_patches & (before[2] if before else True))
-    tasks, parts = [], []
-    for degree_u, degree_v in np.unique(degrees[wanted], axis=0):
-        for part in _split_into_tasks(wanted[(degrees[wanted] == (degree_u, degree_v)).all(axis=1)]):
-            border = [_collect_side_poles(net, curves, part, s, int((degree_u, degree_v)[s % 2])) for s in range(4)]
-            tasks.append((field, border, net.plane[net.curve[part]] < 0))
-            parts.append(part)
-    for part, found in zip(parts, work(fit_patches, tasks), strict=True):
-        for i, poles in zip(part, found, strict=True):
-            patches[i] = poles.copy()
-    for i in np.flatnonzero(~copies.original_patches):
-        patches[i] = patches[copies.patch[i]] + copies.patch_shift[i]
+    n_curves, n_patches = len(network.ends), len(network.curve)
+    if warm_start is None:
+        copies = copies or no_copies(n_curves, n_patches)
+        nothing = NetworkFit([np.empty(0)] * n_curves, [np.empty(0)] * n_patches, copies)
+        warm_start = WarmStart(nothing, np.ones(n_curves, bool), np.ones(n_patches, bool))
+    copies = copies or warm_start.fit.copies
+    curves = _fit_network_curves(network, field, curve_degree, warm_start, copies, run_tasks)
+    patches = _fit_network_patches(network, field, curves, curve_degree, patch_degree, warm_start, copies, run_tasks)
     return NetworkFit(curves, patches, copies)
 
 
-def _split_into_tasks(numbers: IntArray) -> list[IntArray]:
-    return [numbers[i : i + ITEMS_PER_TASK] for i in range(0, len(numbers), ITEMS_PER_TASK)]
-
-
 def fit_patches(field: Field, border: list[Array], joined: BoolArray) -> Array:
-    """Patches between their four borders, each (n, degree + 1, 3) run counter-clockwise: (n, p + 1, q + 1, 3).
+    """Poles (n, p + 1, q + 1, 3) of patches with four given sides, each (n, degree + 1, 3), counter-clockwise.
 
-    `joined` (n, 4): sides across which the surface goes on; on the others, in the box's faces, nothing is asked of the slope.
+    `joined` (n, 4): sides with a patch beyond. On the others, in the faces of the box, the cross-boundary derivative is free.
     """
     poles = _interpolate_coons(border)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
     inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
-    size = np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
+    sides = [_cross_boundary_bases(p, q, side) for side in range(4)]
+    max_step = MAX_STEP_OF_CHORD * np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
     free = np.zeros((len(poles), 3), bool)
     for _ in range(FIT_PASSES):
-        # corrections are solved for, not poles: small next to the coordinates, they keep all their digits
+        # the unknowns are corrections of the poles: small next to the coordinates, they keep all their digits
         points = evaluate_bezier_patches(bu, poles, bv)
-        target = project_curves_to_level_set(field, points, free, 0.3 * size)
+        target = project_curves_to_level_set(field, points, free, max_step)
         system = NormalEquations((p - 1) * (q - 1), len(poles))
-        system.near(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
-        for side, inside in enumerate(joined.T):
-            basis, slope, normal = _build_cross_rows(field, poles, side)
-            system.along(basis, normal * inside[:, None, None], -slope, CROSS_TANGENT_WEIGHT / np.sqrt(len(basis)))
-        poles[:, 1:-1, 1:-1] += system.solved().reshape(len(poles), p - 1, q - 1, 3)
+        system.add_point_rows(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
+        for side, has_neighbour in zip(sides, joined.T, strict=True):
+            derivative = evaluate_bezier_patches(side.derivative[0], poles, side.derivative[1])
+            normal = unit_normals(field, evaluate_bezier_patches(side.point[0], poles, side.point[1]))
+            normal = normal * has_neighbour[:, None, None]
+            system.add_normal_rows(side.inner, normal, -derivative, CROSS_TANGENT_WEIGHT / np.sqrt(len(side.inner)))
+        poles[:, 1:-1, 1:-1] += system.solve().reshape(len(poles), p - 1, q - 1, 3)
     return poles
 
 
-def _build_cross_rows(field: Field, poles: Array, side: int) -> tuple[Array, Array, Array]:
-    """Along a side: the inner poles' part in the derivative across it (m, inner), that derivative and the normals (n, m, 3)."""
-    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+@dataclass(frozen=True, slots=True, eq=False)
+class _SideBases:
+    """Bernstein bases at parameters along one side of patches, between its ends.
+
+    `derivative`, `point`: the pair of bases along u and v of the cross-boundary derivative and of the point; `inner` (m,
+    unknowns): the part of the inner poles in the derivative.
+    """
+
+    inner: Array
+    derivative: tuple[Array, Array]
+    point: tuple[Array, Array]
+
+
+def _cross_boundary_bases(p: int, q: int, side: int) -> _SideBases:
+    """The bases of a side of patches of degrees p and q; sides are numbered counter-clockwise from v = 0."""
     along, across = (p, q) if side in (0, 2) else (q, p)
     t = np.linspace(0.0, 1.0, along + 5)[1:-1]
-    values = bernstein_basis(along, t)
-    slope = bernstein_basis(across, np.array([1.0 if side in (1, 2) else 0.0]), 1)
-    ends = bernstein_basis(across, np.array([1.0 if side in (1, 2) else 0.0]))
+    end = np.array([1.0 if side in (1, 2) else 0.0])
+    values, slope, value = bernstein_basis(along, t), bernstein_basis(across, end, 1), bernstein_basis(across, end)
     if side in (0, 2):
-        basis = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
-        across_it, points = evaluate_bezier_patches(values, poles, slope), evaluate_bezier_patches(values, poles, ends)
-    else:
-        basis = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
-        across_it, points = evaluate_bezier_patches(slope, poles, values), evaluate_bezier_patches(ends, poles, values)
-    return basis.reshape(len(t), -1), across_it, unit_normals(field, points)
+        inner = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
+        return _SideBases(inner.reshape(len(t), -1), (values, slope), (values, value))
+    inner = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
+    return _SideBases(inner.reshape(len(t), -1), (slope, values), (value, values))
+
+
+def _fit_network_curves(
+    network: PatchNetwork,
+    field: Field,
+    degree: IntArray,
+    warm_start: WarmStart,
+    copies: TranslatedCopies,
+    run_tasks: TaskRunner,
+) -> list[Array]:
+    """All curves: the sides of polygons first, then the spokes, which begin at midpoints of sides."""
+    curves = list(warm_start.fit.curves)
+    refit, is_spoke = copies.original_curves & warm_start.refit_curves, np.arange(len(curves)) >= network.n_sides
+    start, end = network.vertices[network.ends[:, 0]], network.vertices[network.ends[:, 1]]
+    on_box = np.flatnonzero(network.plane >= 0)
+    fixed = np.zeros((len(curves), 3), bool)
+    fixed[on_box, network.plane[on_box] // 2] = True
+    for group in (~is_spoke, is_spoke):
+        numbers = np.flatnonzero(refit & group)
+        for c in numbers[is_spoke[numbers]]:
+            start[c] = _curve_midpoint(curves[network.split_curve[c - network.n_sides]])
+        batches = [
+            (batch, int(d))
+            for d in np.unique(degree[numbers])
+            for batch in split_batches(numbers[degree[numbers] == d], ITEMS_PER_TASK)
+        ]
+        tasks = [(field, start[batch], end[batch], fixed[batch], d) for batch, d in batches]
+        for i, poles in _numbered_results([batch for batch, _ in batches], run_tasks(fit_curves, tasks)):
+            curves[i] = poles
+        for i in np.flatnonzero(~copies.original_curves & group):
+            curves[i] = curves[copies.curve[i]] + copies.curve_shift[i]
+    return curves
+
+
+def _fit_network_patches(
+    network: PatchNetwork,
+    field: Field,
+    curves: list[Array],
+    curve_degree: IntArray,
+    patch_degree: IntArray,
+    warm_start: WarmStart,
+    copies: TranslatedCopies,
+    run_tasks: TaskRunner,
+) -> list[Array]:
+    """All patches between fitted curves, with degrees no lower than those of their sides."""
+    side_degree = curve_degree[network.curve]
+    degree_u = np.maximum(patch_degree, side_degree[:, 0::2].max(1))
+    degree_v = np.maximum(patch_degree, side_degree[:, 1::2].max(1))
+    degrees = np.stack([degree_u, degree_v], 1)
+    patches = list(warm_start.fit.patches)
+    numbers = np.flatnonzero(copies.original_patches & warm_start.refit_patches)
+    tasks, batches = [], []
+    for pair in np.unique(degrees[numbers], axis=0):
+        for batch in split_batches(numbers[(degrees[numbers] == pair).all(axis=1)], ITEMS_PER_TASK):
+            border = [_collect_side_poles(network, curves, batch, s, int(pair[s % 2])) for s in range(4)]
+            tasks.append((field, border, network.plane[network.curve[batch]] < 0))
+            batches.append(batch)
+    for i, poles in _numbered_results(batches, run_tasks(fit_patches, tasks)):
+        patches[i] = poles
+    for i in np.flatnonzero(~copies.original_patches):
+        patches[i] = patches[copies.patch[i]] + copies.patch_shift[i]
+    return patches
+
+
+def _numbered_results(batches: list[IntArray], results: list[Array]) -> Iterator[tuple[int, Array]]:
+    """The number of each item in the batches with its poles."""
+    for batch, poles_of_batch in zip(batches, results, strict=True):
+        for i, poles in zip(batch, poles_of_batch, strict=True):
+            yield i, poles.copy()  # arrays from Dask are in read-only memory, which scipy does not accept
 
 
 def _interpolate_coons(border: list[Array]) -> Array:
-    """The poles of the bilinearly blended Coons patches of four borders run counter-clockwise: (n, p + 1, q + 1, 3)."""
+    """Poles (n, p + 1, q + 1, 3) of the bilinearly blended Coons patches with these sides, counter-clockwise."""
     low, high = border[0][:, :, None], border[2][:, ::-1, None]
     left, right = border[3][:, None, ::-1], border[1][:, None]
     s = np.linspace(0.0, 1.0, low.shape[1])[:, None, None]
@@ -157,13 +216,14 @@ def _interpolate_coons(border: list[Array]) -> Array:
     return np.asarray(poles)
 
 
-def _collect_side_poles(net: PatchNetwork, curves: list[Array], patches: IntArray, side: int, degree: int) -> Array:
-    """The poles of one side of patches, run counter-clockwise and raised to the degree: (n, degree + 1, 3)."""
+def _collect_side_poles(network: PatchNetwork, curves: list[Array], patches: IntArray, side: int, degree: int) -> Array:
+    """Poles (n, degree + 1, 3) of one side of patches, counter-clockwise, from their curves by degree elevation."""
     result = np.empty((len(patches), degree + 1, 3))
     for row, patch in enumerate(patches):
-        own = curves[net.curve[patch, side]]
-        matrix = side_pole_matrix(len(own) - 1, degree, int(net.piece[patch, side]), int(net.sense[patch, side]))
-        result[row] = own if matrix is None else matrix @ own
+        poles = curves[network.curve[patch, side]]
+        piece, sense = int(network.piece[patch, side]), int(network.sense[patch, side])
+        matrix = side_pole_matrix(len(poles) - 1, degree, piece, sense)
+        result[row] = poles if matrix is None else matrix @ poles
     return result
 
 

@@ -1,8 +1,9 @@
-"""The corners of an octree's leaves, and the minimal faces and edges between them.
+"""Minimal faces and edges of an octree, and the segments of the level set on them.
 
-Pairs of the edges that a level set crosses, on the minimal faces of an octree.
-
-An ambiguous face is decided by the sign at its centre, which the cells on both sides see alike.
+A face or edge of a leaf is minimal if no neighbouring leaf subdivides it. Where the level set crosses a minimal face, the crossed
+edges of the face are joined in pairs: each pair is one segment of the level set's trace on the face (as in marching squares). A
+face with four or more crossed edges is ambiguous. The sign of the field at its centre decides, which both neighbouring leaves see
+alike; so the segments of all faces fit together.
 """
 
 from __future__ import annotations
@@ -11,41 +12,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.octree import CHILD_OFFSETS, Octree
 
 FACE_AXES = ((1, 2), (2, 0), (0, 1))
 """In-plane axes (b, c) of a face normal to axis a, so that (a, b, c) is right-handed."""
 
+HALF_PLANE_OF_INWARD_AXIS = np.array([[-1, -1], [1, 3], [2, 0]])
+"""Number of the half-plane round an edge that contains a face: row 1 or 2 if the face extends along the edge's axis b or c,
+column 0 or 1 if it extends in the negative or positive direction."""
+
 
 class OctreeNodes:
-    """The corners of leaves: which finest nodes they are, and the field's values there."""
+    """The corners of an octree's leaves (nodes) with the field's values; nodes are named by flat index on the finest grid.
+
+    `ids` (n,) are the sorted flat indices of the nodes, `is_node` the mask over all grid positions, `values` (n,) the field.
+    """
 
     def __init__(self, tree: Octree, field: Field) -> None:
         self.shape = tree.shape + 1
-        corner = (tree.origin[:, None] + tree.size[:, None, None] * _CORNER_OFFSETS).reshape(-1, 3)
-        self.ids = np.unique(self.flat(corner))
-        self.present = np.zeros(int(np.prod(self.shape)), bool)
-        self.present[self.ids] = True
-        self.values = field(tree.points(self.position(self.ids)))
+        corner = (tree.origin[:, None] + tree.size[:, None, None] * CHILD_OFFSETS).reshape(-1, 3)
+        self.ids = np.unique(self.flat_index(corner))
+        self.is_node = np.zeros(int(np.prod(self.shape)), bool)
+        self.is_node[self.ids] = True
+        self.values = field(tree.points(self.grid_index(self.ids)))
 
-    def flat(self, position: IntArray) -> IntArray:
+    def flat_index(self, position: IntArray) -> IntArray:
+        """Flat indices (...) of grid positions (..., 3)."""
         return (position[..., 0] * self.shape[1] + position[..., 1]) * self.shape[2] + position[..., 2]
 
-    def position(self, flat: IntArray) -> IntArray:
+    def grid_index(self, flat: IntArray) -> IntArray:
+        """Grid positions (..., 3) of flat indices (...)."""
         return np.stack(np.unravel_index(flat, tuple(self.shape)), axis=-1)
 
-    def value(self, flat: IntArray) -> Array:
+    def value_at(self, flat: IntArray) -> Array:
+        """Field values at the nodes of these flat indices."""
         return self.values[np.searchsorted(self.ids, flat)]
-
-
-_CORNER_OFFSETS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MinimalFaces:
-    """Minimal faces: the lowest node, normal axis, size, and the leaves below and above (-1 outside the box)."""
+    """Minimal faces: lowest node (F, 3), normal axis (F,), size (F,), and the leaves below and above (F,), -1 outside the box."""
 
     origin: IntArray
     axis: IntArray
@@ -54,7 +62,23 @@ class MinimalFaces:
     above: IntArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CrossedEdgePairs:
+    """Pairs of crossed edges on minimal faces, one row for each segment of the level set's trace.
+
+    `edge` (L, 2): keys of the two edges, 3 * flat index of the lower node + axis. `half_plane` (L, 2): number of the half-plane
+    round each edge that contains the face. `cell` (L, 2): leaves below and above, -1 outside. `plane` (L,): face of the box, 2 *
+    axis + upper, or -1 inside.
+    """
+
+    edge: IntArray
+    half_plane: IntArray
+    cell: IntArray
+    plane: IntArray
+
+
 def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
+    """All minimal faces: the faces of leaves without a node at their centre."""
     rows = []
     for axis, (b, c) in enumerate(FACE_AXES):
         for upper in (0, 1):
@@ -63,8 +87,8 @@ def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
             centre = origin.copy()
             centre[:, b] += tree.size // 2
             centre[:, c] += tree.size // 2
-            whole = (tree.size == 1) | ~nodes.present[nodes.flat(centre)]
-            rows.append(np.column_stack([origin, np.full(len(origin), axis), tree.size])[whole])
+            minimal = (tree.size == 1) | ~nodes.is_node[nodes.flat_index(centre)]
+            rows.append(np.column_stack([origin, np.full(len(origin), axis), tree.size])[minimal])
     faces = np.unique(np.concatenate(rows), axis=0)
     origin, axis, size = faces[:, :3], faces[:, 3], faces[:, 4]
     sides = []
@@ -76,99 +100,112 @@ def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
 
 
 def find_leaves(tree: Octree, cell: IntArray) -> IntArray:
-    """The leaf of finest cells (..., 3), -1 outside the box."""
+    """Leaf numbers (...) of finest cells (..., 3), -1 outside the box."""
     outside = ((cell < 0) | (cell >= tree.shape)).any(axis=-1)
     i, j, k = np.moveaxis(np.clip(cell, 0, tree.shape - 1), -1, 0)
-    return np.where(outside, -1, tree.leaf[i, j, k])
+    return np.where(outside, -1, tree.leaf_of_cell[i, j, k])
 
 
 def minimal_edge_lengths(nodes: OctreeNodes, start: IntArray, axis: IntArray) -> IntArray:
-    """The length of the minimal edge from each node along an axis: up to the next node that is present."""
+    """Lengths (n,) of the minimal edges that begin at grid positions (n, 3) and run along `axis` (n,) to the next node."""
     length = np.zeros(len(start), np.int64)
     step = 1
     rows = np.arange(len(start))
     while (length == 0).any():
-        at = start.copy()
-        at[rows, axis] = np.minimum(at[rows, axis] + step, nodes.shape[axis] - 1)
-        found = (length == 0) & nodes.present[nodes.flat(at)]
-        length[found] = step
+        end = start.copy()
+        end[rows, axis] = np.minimum(end[rows, axis] + step, nodes.shape[axis] - 1)
+        reached = (length == 0) & nodes.is_node[nodes.flat_index(end)]
+        length[reached] = step
         step *= 2
     return length
 
 
-HALF_PLANE_OF_DIRECTION = {(2, 1): 0, (1, -1): 1, (2, -1): 2, (1, 1): 3}
-"""The half-plane that a face lies in: (1 for b or 2 for c, direction)."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CrossedEdgePairs:
-    """Pairs of crossed edges on minimal faces: edge keys, half-planes round each edge and leaves (L, 2) each, plane (L,)."""
-
-    edge: IntArray
-    half_plane: IntArray
-    cell: IntArray
-    plane: IntArray
-
-
 def pair_crossed_edges(tree: Octree, nodes: OctreeNodes, field: Field, faces: MinimalFaces) -> CrossedEdgePairs:
-    count = len(faces.axis)
-    ring = np.empty((count, 8, 3), np.int64)
-    for axis, (b, c) in enumerate(FACE_AXES):
-        at = np.flatnonzero(faces.axis == axis)
-        corner = np.repeat(faces.origin[at][:, None], 4, axis=1)
-        size = faces.size[at][:, None]
-        corner[:, :, b] += size * np.array([0, 1, 1, 0])
-        corner[:, :, c] += size * np.array([0, 0, 1, 1])
-        ring[at, 0::2] = corner
-        ring[at, 1::2] = (corner + np.roll(corner, -1, axis=1)) // 2
-    flat = nodes.flat(ring)
-    hanging = nodes.present[flat[:, 1::2]] & (faces.size > 1)[:, None]
-    solid = np.empty((count, 8), bool)
-    solid[:, 0::2] = nodes.value(flat[:, 0::2]) <= 0
-    solid[:, 1::2] = np.where(
-        hanging, nodes.value(np.where(hanging, flat[:, 1::2], flat[:, 0::2])) <= 0, solid[:, 0::2]
-    )
+    """The segments of {field = 0} on minimal faces, each as the pair of crossed edges that it joins."""
+    ring = _face_rings(faces)
+    flat = nodes.flat_index(ring)
+    hanging = nodes.is_node[flat[:, 1::2]] & (faces.size > 1)[:, None]
+    solid = _ring_signs(nodes, flat, hanging)
     crossed = solid != np.roll(solid, -1, axis=1)
 
-    busy = np.flatnonzero(crossed.any(axis=1))
-    solid, crossed, hanging, flat = solid[busy], crossed[busy], hanging[busy], flat[busy]
-    axis = faces.axis[busy]
-    centre = solid[:, 0].copy()
-    many = np.flatnonzero(crossed.sum(axis=1) > 2)
-    middle = (ring[busy[many], 0] + ring[busy[many], 4]) / 2
-    centre[many] = field(tree.points(middle)) <= 0
+    rows = np.flatnonzero(crossed.any(axis=1))
+    ring, flat, hanging, solid, crossed = ring[rows], flat[rows], hanging[rows], solid[rows], crossed[rows]
+    axis = faces.axis[rows]
+    in_plane = np.array(FACE_AXES)[axis]
+    edge_axis = in_plane[:, [0, 0, 1, 1, 0, 0, 1, 1]]
+    key = 3 * _lower_edge_nodes(flat, hanging) + edge_axis
 
-    # the edge in slot j: between ring nodes j and j + 1, or between the corners where the middle is no node
+    face, slots = _pair_slots(solid, crossed, _centre_signs(tree, field, ring, solid, crossed))
+    half_plane = _half_planes(in_plane[face], edge_axis[face[:, None], slots], slots)
+    below, above = faces.below[rows][face], faces.above[rows][face]
+    plane = np.where(below < 0, 2 * axis[face], np.where(above < 0, 2 * axis[face] + 1, -1))
+    return CrossedEdgePairs(key[face[:, None], slots], half_plane, np.stack([below, above], axis=1), plane)
+
+
+def _face_rings(faces: MinimalFaces) -> IntArray:
+    """Grid positions (F, 8, 3) round each face: its corners at even, the midpoints of its sides at odd places."""
+    ring = np.empty((len(faces.axis), 8, 3), np.int64)
+    for axis, (b, c) in enumerate(FACE_AXES):
+        rows = np.flatnonzero(faces.axis == axis)
+        corner = np.repeat(faces.origin[rows][:, None], 4, axis=1)
+        size = faces.size[rows][:, None]
+        corner[:, :, b] += size * np.array([0, 1, 1, 0])
+        corner[:, :, c] += size * np.array([0, 0, 1, 1])
+        ring[rows, 0::2] = corner
+        ring[rows, 1::2] = (corner + np.roll(corner, -1, axis=1)) // 2
+    return ring
+
+
+def _ring_signs(nodes: OctreeNodes, flat: IntArray, hanging: BoolArray) -> BoolArray:
+    """Whether each ring position (F, 8) is solid; a midpoint that is no hanging node (F, 4) repeats the corner before it."""
+    solid = np.empty(flat.shape, bool)
+    solid[:, 0::2] = nodes.value_at(flat[:, 0::2]) <= 0
+    at_middle = nodes.value_at(np.where(hanging, flat[:, 1::2], flat[:, 0::2])) <= 0
+    solid[:, 1::2] = np.where(hanging, at_middle, solid[:, 0::2])
+    return solid
+
+
+def _centre_signs(tree: Octree, field: Field, ring: IntArray, solid: BoolArray, crossed: BoolArray) -> BoolArray:
+    """Whether the centre of each face (F,) counts as solid: by the field for ambiguous faces, else by the first corner."""
+    centre = solid[:, 0].copy()
+    ambiguous = np.flatnonzero(crossed.sum(axis=1) > 2)
+    middle = (ring[ambiguous, 0] + ring[ambiguous, 4]) / 2
+    centre[ambiguous] = field(tree.points(middle)) <= 0
+    return centre
+
+
+def _lower_edge_nodes(flat: IntArray, hanging: BoolArray) -> IntArray:
+    """Flat index (F, 8) of the lower end of the edge in each slot.
+
+    Slot j lies between ring positions j and j + 1; without a hanging node the whole side of the face is the edge of both its
+    slots.
+    """
     begin = flat.copy()
     begin[:, 1::2] = np.where(hanging, flat[:, 1::2], flat[:, 0::2])
-    key_node = np.minimum(begin, np.roll(flat, -1, axis=1))
-    key_node[:, 0::2] = np.minimum(flat[:, 0::2], flat[:, 1::2])
-    in_plane = np.array(FACE_AXES)[axis]
-    slot_axis = in_plane[:, [0, 0, 1, 1, 0, 0, 1, 1]]
-    key = 3 * key_node + slot_axis
+    lower = np.minimum(begin, np.roll(flat, -1, axis=1))
+    lower[:, 0::2] = np.minimum(flat[:, 0::2], flat[:, 1::2])
+    return lower
 
+
+def _pair_slots(solid: BoolArray, crossed: BoolArray, centre: BoolArray) -> tuple[IntArray, IntArray]:
+    """Pairs of crossed slots: the face (L,) and the two slots (L, 2).
+
+    A pair starts at a crossed slot behind which the ring differs from the centre, and ends at the next crossed slot.
+    """
     starts = crossed & (np.roll(solid, -1, axis=1) != centre[:, None])
-    f, j = np.nonzero(starts)
-    partner = np.full(len(f), -1)
-    for ahead in range(1, 8):
-        k = (j + ahead) % 8
-        partner = np.where((partner < 0) & crossed[f, k], k, partner)
-    slots = np.stack([j, partner], axis=1)
+    face, first = np.nonzero(starts)
+    partner = np.full(len(face), -1)
+    for steps in range(1, 8):
+        slot = (first + steps) % 8
+        partner = np.where((partner < 0) & crossed[face, slot], slot, partner)
+    return face, np.stack([first, partner], axis=1)
+
+
+def _half_planes(in_plane: IntArray, edge_axis: IntArray, slots: IntArray) -> IntArray:
+    """Number (L, 2) of the half-plane round each edge that contains the face with in-plane axes (L, 2)."""
     # inward directions of the four sides of a face: +c, -b, -c, +b, with (b, c) the face's own axes
-    half_plane = np.empty((len(f), 2), np.int64)
-    for end in (0, 1):
-        side = slots[:, end] // 2
-        inward_axis = in_plane[f, np.array([1, 0, 1, 0])[side]]
-        direction = np.array([1, -1, -1, 1])[side]
-        position = (inward_axis - slot_axis[f, slots[:, end]]) % 3  # 1: b, 2: c of the edge
-        table = np.array(
-            [
-                [-1, -1],
-                [HALF_PLANE_OF_DIRECTION[1, -1], HALF_PLANE_OF_DIRECTION[1, 1]],
-                [HALF_PLANE_OF_DIRECTION[2, -1], HALF_PLANE_OF_DIRECTION[2, 1]],
-            ]
-        )
-        half_plane[:, end] = table[position, (direction > 0).astype(int)]
-    below, above = faces.below[busy][f], faces.above[busy][f]
-    plane = np.where(below < 0, 2 * axis[f], np.where(above < 0, 2 * axis[f] + 1, -1))
-    return CrossedEdgePairs(key[f[:, None], slots], half_plane, np.stack([below, above], axis=1), plane)
+    side = slots // 2
+    inward_axis = np.take_along_axis(in_plane, np.array([1, 0, 1, 0])[side], axis=1)
+    upwards = np.array([1, 0, 0, 1])[side]
+    axis_of_edge = (inward_axis - edge_axis) % 3  # 1: the edge's axis b, 2: its axis c
+    return HALF_PLANE_OF_INWARD_AXIS[axis_of_edge, upwards]

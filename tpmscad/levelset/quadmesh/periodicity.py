@@ -1,13 +1,13 @@
-"""What repeats in the layout of a periodic field: curves and patches that are translates of others by whole periods.
+"""Translated copies in meshes of periodic fields, and octrees of periodic fields made from a part of the box.
 
-Leaves are a whole number to a period, so layouts repeat where nothing else is near: the box, or leaves split for its sake.
-Vertices whose surroundings are translates of each other, RINGS polygons deep, are put in the same place of their periods; then
-one curve or patch of all those that are translates is fitted and measured, and the others are it, moved.
+*Translated copies.* Where a whole number of leaves fits a period, the mesh repeats except near the box and near leaves split for
+its sake. Vertices whose neighbourhoods are translates of each other, `MATCHED_RINGS` rings deep, are moved to the same place of
+their periods. Of all curves or patches that are translates of each other by whole periods one is then fitted and measured; the
+others are this one, translated. Neighbourhoods are compared by hashes of their quantised positions, refined ring by ring (colour
+refinement in the manner of Weisfeiler and Leman), with the mixing function of splitmix64 (Steele, Lea and Flood 2014).
 
-Trees of periodic fields searched for in a piece of the box and repeated through it.
-
-Which leaves have to be split shows in two periods along each axis, one at either end of the box; those between are split where
-either is.
+*Octrees.* Which leaves must be split shows in two periods along each axis, one at either end of the box. A long box is therefore
+searched in a part with two periods, and a leaf between its ends is split where either end is.
 """
 
 from __future__ import annotations
@@ -26,23 +26,28 @@ from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 
 MATCHED_RINGS = 3
-"""Polygons to each side of a vertex that must be translates of others': so far from the box, sweeps of the relaxation leave
+"""Rings of polygons round two vertices that must be translates of each other. At that distance from the box smoothing leaves
 translates a hundredth of a leaf apart."""
 
 TICKS_PER_PERIOD = 1 << 26
-"""Places along a period that are told apart: round-off stays far below one, and nothing is laid out that finely."""
+"""Quantised positions per period: far finer than any mesh, far coarser than round-off."""
 
 TICK_OFFSET = 0.37
-"""Ticks begin beside all fractions of a period that leaves end on."""
+"""Offset of the quantisation, so that no fraction of a period at which leaves end lies on the limit between two ticks."""
 
 WHOLE_LEAVES_RTOL = 1e-9
-"""Relative: how far a number of leaves may be from a period."""
+"""Relative tolerance on a whole number of leaves per period."""
+
+SEARCHED_PERIODS = 2
+"""Periods along an axis of the part of the box that is searched."""
+
+WHOLE_PERIODS_RTOL = 1e-9
+"""Relative tolerance on a whole number of periods in the box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TranslatedCopies:
-    """Curve i is curve `curve[i]` moved by `curve_shift[i]`, (C,) and (C, 3), patches likewise; those that are no copies are
-    their own, not moved."""
+    """Curve i is curve `curve[i]` translated by `curve_shift[i]`, patches likewise; an original is itself, not shifted."""
 
     curve: IntArray
     curve_shift: Array
@@ -51,166 +56,113 @@ class TranslatedCopies:
 
     @property
     def original_curves(self) -> BoolArray:
-        """Curves (C,) that are no copies."""
+        """Mask (C,) of curves that are originals."""
         return np.asarray(self.curve == np.arange(len(self.curve)))
 
     @property
     def original_patches(self) -> BoolArray:
-        """Patches (Q,) that are no copies."""
+        """Mask (Q,) of patches that are originals."""
         return np.asarray(self.patch == np.arange(len(self.patch)))
 
     def curves_with_copies(self, chosen: BoolArray) -> BoolArray:
-        """The chosen curves (C,) and all that are copies of the same."""
+        """The chosen curves (C,) and all other copies of their originals."""
         return np.asarray(np.bincount(self.curve, chosen, len(self.curve))[self.curve] > 0)
 
     def patches_with_copies(self, chosen: BoolArray) -> BoolArray:
-        """The chosen patches (Q,) and all that are copies of the same."""
+        """The chosen patches (Q,) and all other copies of their originals."""
         return np.asarray(np.bincount(self.patch, chosen, len(self.patch))[self.patch] > 0)
 
 
-def no_copies(curves: int, patches: int) -> TranslatedCopies:
-    """Of a net in which nothing repeats."""
-    return TranslatedCopies(np.arange(curves), np.zeros((curves, 3)), np.arange(patches), np.zeros((patches, 3)))
+def no_copies(n_curves: int, n_patches: int) -> TranslatedCopies:
+    """Copies of a network in which every curve and patch is an original."""
+    curves, patches = np.arange(n_curves), np.arange(n_patches)
+    return TranslatedCopies(curves, np.zeros((n_curves, 3)), patches, np.zeros((n_patches, 3)))
 
 
 def snap_translated_vertices(mesh: QuadMesh, field: Field, tree: Octree) -> QuadMesh:
-    """The mesh with the vertices of translated surroundings in the same place of their periods, the innermost one's."""
-    period = _find_whole_periods(field, tree)
-    if not period.any():
-        return mesh
-    place, cell = _quantise_positions(mesh.start, tree.lo, period)
-    upper = mesh.fixed & (mesh.start > 0.5 * (tree.lo + tree.hi))
-    name = _hash_rows(
-        np.column_stack([place, mesh.fixed, upper, np.rint(mesh.size / tree.step.min())]).astype(np.uint64)
-    )
-    valid = mesh.corners >= 0
-    for _ in range(MATCHED_RINGS):
-        around = np.where(valid, name[mesh.corners], np.uint64(0)).sum(axis=1, dtype=np.uint64)
-        total = np.zeros(len(name), np.uint64)
-        for k in range(4):
-            np.add.at(total, mesh.corners[valid[:, k], k], _splitmix64(around[valid[:, k]]))
-        name = _splitmix64(name + _splitmix64(total))
-    outside = np.abs(mesh.start - 0.5 * (tree.lo + tree.hi)).max(axis=1)
-    first = _first_occurrences(name, np.lexsort([outside, name]))
-    shift = (cell - cell[first]) * period
-    return replace(mesh, vertices=np.where(first[:, None] == np.arange(len(first))[:, None], mesh.vertices,
-                                           mesh.vertices[first] + shift))  # fmt: skip
+    """The mesh with vertices of congruent neighbourhoods moved to the same place of their periods.
 
-
-def find_translated_copies(
-    net: PatchNetwork, field: Field, tree: Octree, known: tuple[BoolArray, BoolArray] | None = None
-) -> tuple[PatchNetwork, TranslatedCopies]:
-    """The net with vertices that are translates of each other exactly so, and its copies.
-
-    `known`: curves (C,) and patches (Q,) that are fitted already, of which copies are made rather than of others.
+    Of the vertices that are translates of each other, the one nearest the centre of the box gives the place.
     """
     period = _find_whole_periods(field, tree)
     if not period.any():
-        return net, no_copies(len(net.ends), len(net.curve))
-    known = known or (np.zeros(len(net.ends), bool), np.zeros(len(net.curve), bool))
-    place, cell = _quantise_positions(net.vertices, tree.lo, period)
-    vertex = _first_equal_rows(place)
-    moved = cell - cell[vertex]
-    net = replace(net, vertices=np.where((moved != 0).any(axis=1)[:, None], net.vertices[vertex] + moved * period,
-                                         net.vertices))  # fmt: skip
-
-    main = slice(None, net.n_sides)
-    a, b = net.ends[main].T
-    curve = np.arange(len(net.ends))
-    at = np.zeros((len(net.ends), 3), np.int64)
-    at[main] = moved[a]
-    rows = np.column_stack([vertex[a], vertex[b], moved[b] - moved[a], net.plane[main]])
-    curve[main] = _first_equal_rows(rows, known[0][main])
-    if len(net.middle_of):
-        end = net.ends[net.n_sides :, 1]
-        at[net.n_sides :] = at[net.middle_of]
-        rows = np.column_stack([curve[net.middle_of], vertex[end], moved[end] - at[net.middle_of]])
-        curve[net.n_sides :] = net.n_sides + _first_equal_rows(rows, known[0][net.n_sides :])
-
-    beside = (at[net.curve[:, 1:]] - at[net.curve[:, :1]]).reshape(-1, 9)
-    patch = _first_equal_rows(np.column_stack([curve[net.curve], beside, net.sense, net.piece]), known[1])
-    first = at[net.curve[:, 0]]
-    return net, TranslatedCopies(curve, (at - at[curve]) * period, patch, (first - first[patch]) * period)
+        return mesh
+    ticks, cell = _quantise_positions(mesh.start_positions, tree.lo, period)
+    upper = mesh.fixed & (mesh.start_positions > 0.5 * (tree.lo + tree.hi))
+    size = np.rint(mesh.size / tree.cell_edges.min())
+    name = _hash_rows(np.column_stack([ticks, mesh.fixed, upper, size]).astype(np.uint64))
+    valid = mesh.corners >= 0
+    for _ in range(MATCHED_RINGS):
+        of_polygon = np.where(valid, name[mesh.corners], np.uint64(0)).sum(axis=1, dtype=np.uint64)
+        total = np.zeros(len(name), np.uint64)
+        for k in range(4):
+            np.add.at(total, mesh.corners[valid[:, k], k], _splitmix64(of_polygon[valid[:, k]]))
+        name = _splitmix64(name + _splitmix64(total))
+    from_centre = np.abs(mesh.start_positions - 0.5 * (tree.lo + tree.hi)).max(axis=1)
+    first = _first_occurrences(name, np.lexsort([from_centre, name]))
+    is_first = first[:, None] == np.arange(len(first))[:, None]
+    shift = (cell - cell[first]) * period
+    return replace(mesh, vertices=np.where(is_first, mesh.vertices, mesh.vertices[first] + shift))
 
 
-def _find_whole_periods(field: Field, tree: Octree) -> Array:
-    """The field's periods where they are whole numbers of the tree's leaves and less than the box, 0 along other axes: (3,)."""
-    periods = field.periods()
-    if periods is None:
-        return np.zeros(3)
-    p = np.array(periods, float)
-    first = tree.step * tree.size.max()
-    cells = np.maximum(1.0, np.rint(p / first))
-    return np.where((np.abs(cells * first - p) <= WHOLE_LEAVES_RTOL * p) & (p < tree.hi - tree.lo), p, 0.0)
+def find_translated_copies(
+    network: PatchNetwork, field: Field, tree: Octree, fitted: tuple[BoolArray, BoolArray] | None = None
+) -> tuple[PatchNetwork, TranslatedCopies]:
+    """The network with congruent vertices translated exactly, and the copies among its curves and patches.
 
+    `fitted`: masks (C,) and (Q,) of curves and patches that are fitted already and are preferred as originals.
+    """
+    period = _find_whole_periods(field, tree)
+    if not period.any():
+        return network, no_copies(len(network.ends), len(network.curve))
+    fitted = fitted or (np.zeros(len(network.ends), bool), np.zeros(len(network.curve), bool))
+    ticks, cell = _quantise_positions(network.vertices, tree.lo, period)
+    vertex = _first_equal_rows(ticks)
+    shift = cell - cell[vertex]
+    shifted = (shift != 0).any(axis=1)[:, None]
+    vertices = np.where(shifted, network.vertices[vertex] + shift * period, network.vertices)
+    network = replace(network, vertices=vertices)
 
-def _quantise_positions(points: Array, lo: Array, period: Array) -> tuple[IntArray, IntArray]:
-    """Ticks within the period and the period's number, (n, 3) each; no axis without a period is split."""
-    size = np.where(period > 0, period, 1.0)
-    ticks = np.floor((points - lo) / size * TICKS_PER_PERIOD + TICK_OFFSET).astype(np.int64)
-    cell = np.where(period > 0, ticks // TICKS_PER_PERIOD, 0)
-    return ticks - cell * TICKS_PER_PERIOD, cell
+    sides, spokes = slice(None, network.n_sides), slice(network.n_sides, None)
+    a, b = network.ends[sides].T
+    curve = np.arange(len(network.ends))
+    position = np.zeros((len(network.ends), 3), np.int64)  # period of a curve's start, less that of its original vertex
+    position[sides] = shift[a]
+    rows = np.column_stack([vertex[a], vertex[b], shift[b] - shift[a], network.plane[sides]])
+    curve[sides] = _first_equal_rows(rows, fitted[0][sides])
+    if len(network.split_curve):
+        end = network.ends[spokes, 1]
+        position[spokes] = position[network.split_curve]
+        rows = np.column_stack([curve[network.split_curve], vertex[end], shift[end] - position[network.split_curve]])
+        curve[spokes] = network.n_sides + _first_equal_rows(rows, fitted[0][spokes])
 
-
-def _first_equal_rows(rows: IntArray, preferred: BoolArray | None = None) -> IntArray:
-    """For each row the number of the first equal one, of the preferred ones if there are any: (n,)."""
-    name = _hash_rows(rows.astype(np.uint64))
-    last = np.zeros(len(rows), bool) if preferred is None else ~preferred
-    first = _first_occurrences(name, np.lexsort([last, name]))
-    same = (rows[first] == rows).all(axis=1)  # names may collide, if rarely
-    return np.where(same, first, np.arange(len(rows)))
-
-
-def _first_occurrences(name: NDArray[np.uint64], order: IntArray) -> IntArray:
-    """For each item the first in `order`, which sorts by name, of the same name."""
-    begins = np.concatenate([[True], name[order][1:] != name[order][:-1]]) if len(order) else np.zeros(0, bool)
-    first = np.empty(len(order), np.int64)
-    first[order] = order[begins][np.cumsum(begins) - 1]
-    return first
-
-
-def _hash_rows(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """A number for each row (n, k), equal rows' equal."""
-    name = np.zeros(len(rows), np.uint64)
-    for column in rows.T:
-        name = _splitmix64(name + column)
-    return name
-
-
-def _splitmix64(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Bits spread over all places (the finalizer of splitmix64)."""
-    x = x + np.uint64(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return x ^ (x >> np.uint64(31))
-
-
-SEARCHED_PERIODS = 2
-"""Periods that are searched along an axis."""
-
-WHOLE_PERIODS_RTOL = 1e-9
-"""Relative: how far a number of periods may be from the box."""
+    between = (position[network.curve[:, 1:]] - position[network.curve[:, :1]]).reshape(-1, 9)
+    rows = np.column_stack([curve[network.curve], between, network.sense, network.piece])
+    patch = _first_equal_rows(rows, fitted[1])
+    first = position[network.curve[:, 0]]
+    curve_shift, patch_shift = (position - position[curve]) * period, (first - first[patch]) * period
+    return network, TranslatedCopies(curve, curve_shift, patch, patch_shift)
 
 
 def crop_to_searched_periods(field: Field, lo: Array, hi: Array) -> tuple[Array, IntArray]:
-    """The upper corner of the piece that is searched, and the number of periods (3,) of the box along axes where it is less; 0
-    along the others."""
+    """Upper corner of the part to search, and the periods (3,) of the whole box along axes where it is longer, else 0."""
     periods = field.periods()
     if periods is None or min(periods) <= 0:
         return hi, np.zeros(3, np.int64)
     count = (hi - lo) / np.array(periods)
     number = np.rint(count).astype(np.int64)
-    less = (np.abs(count - number) <= WHOLE_PERIODS_RTOL * count) & (number > SEARCHED_PERIODS)
-    return np.where(less, lo + SEARCHED_PERIODS * (hi - lo) / np.maximum(number, 1), hi), np.where(less, number, 0)
+    shorter = (np.abs(count - number) <= WHOLE_PERIODS_RTOL * count) & (number > SEARCHED_PERIODS)
+    end = np.where(shorter, lo + SEARCHED_PERIODS * (hi - lo) / np.maximum(number, 1), hi)
+    return end, np.where(shorter, number, 0)
 
 
 def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
-    """The tree of a piece repeated through the box up to `hi`, with so many `periods` along axes where they are not 0.
+    """The octree of a part of the box repeated up to `hi`, with `periods` (3,) in the box along axes where that is not 0.
 
-    The tree's largest leaves must be a whole number to a period; 2:1 balance may split a few leaves more.
+    A whole number of the largest leaves must fit a period. 2:1 balance may split a few leaves more than the part has.
     """
-    size = tree.size[tree.leaf]
-    sources = []
+    size = tree.size[tree.leaf_of_cell]
+    sources = []  # for each axis the cells of the part that stand for those of the box, from either end
     for n, count in zip(size.shape, periods.tolist(), strict=True):
         one = np.arange(n // SEARCHED_PERIODS if count else n)
         if count:
@@ -220,14 +172,66 @@ def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
             sources.append((one, one))
     wanted = np.minimum.reduce([size[np.ix_(*choice)] for choice in product(*sources)])
     largest = int(tree.size.max())
-    whole = octree.uniform_octree(tree.lo, hi, np.array(wanted.shape) // largest)
+    tiled = octree.uniform_octree(tree.lo, hi, np.array(wanted.shape) // largest)
     fine = [np.arange(n) for n in wanted.shape]
     while True:
-        ratio = wanted.shape[0] // whole.leaf.shape[0]
-        of = whole.leaf[np.ix_(*(i // ratio for i in fine))]
-        least = np.full(len(whole.size), largest)
-        np.minimum.at(least, of.ravel(), wanted.ravel())
-        chosen = whole.size * ratio > least
+        ratio = wanted.shape[0] // tiled.leaf_of_cell.shape[0]
+        leaf = tiled.leaf_of_cell[np.ix_(*(i // ratio for i in fine))]
+        least = np.full(len(tiled.size), largest)
+        np.minimum.at(least, leaf.ravel(), wanted.ravel())
+        chosen = tiled.size * ratio > least
         if not chosen.any():
-            return whole
-        whole = octree.split_leaves(whole, chosen)
+            return tiled
+        tiled = octree.split_leaves(tiled, chosen)
+
+
+def _find_whole_periods(field: Field, tree: Octree) -> Array:
+    """The field's periods (3,) that hold a whole number of leaves and are shorter than the box; 0 along other axes."""
+    periods = field.periods()
+    if periods is None:
+        return np.zeros(3)
+    p = np.array(periods, float)
+    largest = tree.cell_edges * tree.size.max()
+    leaves = np.maximum(1.0, np.rint(p / largest))
+    return np.where((np.abs(leaves * largest - p) <= WHOLE_LEAVES_RTOL * p) & (p < tree.hi - tree.lo), p, 0.0)
+
+
+def _quantise_positions(points: Array, lo: Array, period: Array) -> tuple[IntArray, IntArray]:
+    """Ticks within the period and the period's number, (n, 3) each; an axis without a period is one period."""
+    size = np.where(period > 0, period, 1.0)
+    ticks = np.floor((points - lo) / size * TICKS_PER_PERIOD + TICK_OFFSET).astype(np.int64)
+    cell = np.where(period > 0, ticks // TICKS_PER_PERIOD, 0)
+    return ticks - cell * TICKS_PER_PERIOD, cell
+
+
+def _first_equal_rows(rows: IntArray, preferred: BoolArray | None = None) -> IntArray:
+    """Number (n,) of the first row equal to each row, of the preferred rows if any of them is."""
+    name = _hash_rows(rows.astype(np.uint64))
+    last = np.zeros(len(rows), bool) if preferred is None else ~preferred
+    first = _first_occurrences(name, np.lexsort([last, name]))
+    same = (rows[first] == rows).all(axis=1)  # hashes may collide, if rarely
+    return np.where(same, first, np.arange(len(rows)))
+
+
+def _first_occurrences(name: NDArray[np.uint64], order: IntArray) -> IntArray:
+    """For each item (n,) the first one of the same name in `order`, which sorts by name."""
+    begins = np.concatenate([[True], name[order][1:] != name[order][:-1]]) if len(order) else np.zeros(0, bool)
+    first = np.empty(len(order), np.int64)
+    first[order] = order[begins][np.cumsum(begins) - 1]
+    return first
+
+
+def _hash_rows(rows: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Hash (n,) of each row (n, k)."""
+    name = np.zeros(len(rows), np.uint64)
+    for column in rows.T:
+        name = _splitmix64(name + column)
+    return name
+
+
+def _splitmix64(x: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The finaliser of splitmix64, which spreads the bits of x over all places."""
+    x = x + np.uint64(0x9E3779B97F4A7C15)
+    x = (x ^ (x >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    x = (x ^ (x >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return x ^ (x >> np.uint64(31))

@@ -1,4 +1,8 @@
-"""Vectors by component, (3, ...): several times as fast as the same along the last axis of many short vectors."""
+"""Vector algebra on arrays with the components first, (3, ...), and corner look-ups of polygon meshes.
+
+Many short vectors are processed several times faster with the components along the first axis than along the last one.
+`normalize` and the arguments named `vertices` or `corners` keep the usual layout, (..., 3) and (Q, n).
+"""
 
 from __future__ import annotations
 
@@ -7,61 +11,67 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 
 MIN_DIVISOR = 1e-300
-"""Lengths are at least this where something is divided by them: vectors of no length stay so."""
+"""Least divisor of a normalisation: a vector of length zero stays zero."""
 
 
 def normalize(vectors: Array) -> Array:
-    """Vectors (..., 3) of length one."""
+    """Unit vectors along `vectors` (..., 3), components last."""
     return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), MIN_DIVISOR))
 
 
 def dot(a: Array, b: Array) -> Array:
+    """Scalar products of vectors (3, ...): (...)."""
     return np.asarray(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
 
 
 def cross(a: Array, b: Array) -> Array:
+    """Cross products of vectors (3, ...): (3, ...)."""
     return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
 def length(a: Array) -> Array:
+    """Lengths of vectors (3, ...): (...)."""
     return np.asarray(np.sqrt(dot(a, a)))
 
 
 def roll_next(a: Array) -> Array:
-    """What comes after each of the last axis, round."""
+    """Cyclic successor of each entry along the last axis."""
     return np.concatenate([a[..., 1:], a[..., :1]], axis=-1)
 
 
 def roll_previous(a: Array) -> Array:
-    """What comes before each of the last axis, round."""
+    """Cyclic predecessor of each entry along the last axis."""
     return np.concatenate([a[..., -1:], a[..., :-1]], axis=-1)
 
 
 def sines_between_sides(side: Array, size: Array, normals: Array) -> Array:
-    """Sines (Q, n) of the corners of polygons with sides (3, Q, n) of these lengths; negative where a corner is turned over."""
+    """Signed sines (Q, n) of the corner angles of polygons with sides (3, Q, n) of lengths (Q, n); negative if reversed.
+
+    A corner is reversed if the normal of its two sides opposes the surface normal (3, Q, n) there.
+    """
     return np.asarray(
         dot(cross(side, -roll_previous(side)), normals) / np.maximum(size * roll_previous(size), MIN_DIVISOR)
     )
 
 
 def corner_sines(vertices: Array, corners: IntArray, normals: Array) -> Array:
-    """Sines of the corner angles of polygons (Q, n) of vertices (V, 3), negative where a corner is turned over: (Q, n)."""
+    """Signed sines (Q, n) of the corner angles of polygons (Q, n); `vertices` and `normals` are (V, 3)."""
     points = gather(vertices, corners)
     side = roll_next(points) - points
     return sines_between_sides(side, length(side), gather(normals, corners))
 
 
 def next_corner(corners: IntArray) -> IntArray:
-    """The corner after each in polygons (Q, 4), triangles with a last -1; of what is no corner the first."""
+    """Successor of each corner in polygons (Q, 4), triangles padded with -1; the entry of the padding is the first corner."""
     after = np.roll(corners, -1, axis=1)
     return np.where(after < 0, corners[:, :1], after)
 
 
 def close_triangles(corners: IntArray) -> IntArray:
-    """Polygons (Q, 4) with the first corner of triangles in the place of their last -1."""
+    """Polygons (Q, 4) in which the padding -1 of triangles is replaced by their first corner."""
     return np.where(corners < 0, corners[:, :1], corners)
 
 
 def gather(vectors: Array, corners: IntArray) -> Array:
-    """Those of vectors (V, 3) at corners (...), by component: (3, ...)."""
+    """Rows of `vectors` (V, 3) at `corners` (...), components first: (3, ...)."""
     return np.take(np.ascontiguousarray(vectors.T), corners, axis=1)

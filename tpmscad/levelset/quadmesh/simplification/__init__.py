@@ -1,1 +1,12 @@
-"""Simplification of a quadrilateral mesh by collapses, ranked, applied greedily, and undone where a fit misses."""
+"""Simplification of a quad mesh by local collapses, greedily and best first, with edits that can be undone.
+
+Sources: Daniels, Silva, Shepherd and Cohen, "Quadrilateral mesh simplification", 2008 (polychord collapses); Tarini, Pietroni,
+Cignoni, Panozzo and Puppo, "Practical quad mesh simplification", 2010 (diagonal collapses, doublet removal).
+
+- `polygon_mesh`: mutable mesh with half-edge look-up; plans, applies and undoes edits that keep the topology.
+- `vertex_stars`: the polygons round each vertex in arrays, for rating many collapses at once.
+- `diagonal_collapses`, `strip_collapses`: candidate collapses of the two kinds and their rating.
+- `collapse_candidates`: all candidates of a set of polygons, ranked.
+- `greedy_simplification`: rounds of non-overlapping collapses, smoothing and verification.
+- `edit_history`: undoes edits round polygons whose patches a fit rejects.
+"""

@@ -1,4 +1,4 @@
-"""Changes of a layout with how good the polygons would be that they leave."""
+"""Candidate collapses of a mesh, ranked by the shape of the polygons that they leave and the patches that they save."""
 
 from __future__ import annotations
 
@@ -18,70 +18,77 @@ from tpmscad.levelset.quadmesh.simplification.strip_collapses import (
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, build_vertex_stars
 
 MAX_DISTORTION_BEFORE_SMOOTHING = 1.25
-"""Changes are tried that are worse than the limits by this before vertices are relaxed."""
+"""Largest distortion that a candidate may leave: smoothing brings it below 1 in many cases."""
 
 SCORE_PER_SAVED_PATCH = 0.05
-"""What a patch less counts, in the same measure."""
+"""Reward for each saved patch, in units of distortion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Changes (n,) by the number of the polygon they start from, the better the lower their score. `start` is None for
-    diagonals of that polygon, from the vertex that goes to that which stays; of others these are two that they touch."""
+    """n candidate collapses; a lower score is better.
 
-    number: IntArray
-    goes: IntArray
-    stays: IntArray
+    `polygon` (n,): the polygon from which the collapse starts. `removed`, `kept` (n,): the ends of its diagonal, or of another
+    collapse two vertices that it touches. `seed`: the seed of a strip or edge collapse, None for a diagonal.
+    """
+
+    polygon: IntArray
+    removed: IntArray
+    kept: IntArray
     score: Array
-    start: tuple[CollapseSeed | None, ...]
+    seed: tuple[CollapseSeed | None, ...]
 
     @staticmethod
-    def none() -> Candidates:
-        empty = np.zeros(0, np.int64)
-        return Candidates(empty, empty, empty, np.zeros(0), ())
+    def empty() -> Candidates:
+        """No candidates."""
+        no_rows = np.zeros(0, np.int64)
+        return Candidates(no_rows, no_rows, no_rows, np.zeros(0), ())
 
-    def order(self) -> IntArray:
-        """From the best to the worst."""
-        return np.lexsort((self.stays, self.goes, self.number, self.score))
+    def ranking(self) -> IntArray:
+        """Indices from the best to the worst score; ties are broken by the numbers involved."""
+        return np.lexsort((self.kept, self.removed, self.polygon, self.score))
 
-    def kept(self, mask: BoolArray) -> Candidates:
-        at = np.flatnonzero(mask)
-        start = tuple(self.start[k] for k in at.tolist())
-        return Candidates(self.number[at], self.goes[at], self.stays[at], self.score[at], start)
+    def select(self, mask: BoolArray) -> Candidates:
+        """The candidates where `mask` (n,) is true."""
+        rows = np.flatnonzero(mask)
+        seed = tuple(self.seed[k] for k in rows.tolist())
+        return Candidates(self.polygon[rows], self.removed[rows], self.kept[rows], self.score[rows], seed)
 
-    def drop_indices(self, places: Sequence[int]) -> Candidates:
-        """Without those at these places."""
-        mask = np.ones(len(self.number), bool)
-        mask[list(places)] = False
-        return self.kept(mask)
+    def drop_indices(self, indices: Sequence[int]) -> Candidates:
+        """All candidates except those of these indices."""
+        mask = np.ones(len(self.polygon), bool)
+        mask[list(indices)] = False
+        return self.select(mask)
 
-    def drop_stale(self, alive: IntArray, numbers: IntArray) -> Candidates:
-        """Without those of other polygons than the ones alive, and those of these numbers."""
-        return self.kept(np.isin(self.number, alive) & ~np.isin(self.number, numbers))
+    def drop_stale(self, alive: IntArray, requeued: IntArray) -> Candidates:
+        """The candidates whose polygon is alive and not queued to be rated again."""
+        return self.select(np.isin(self.polygon, alive) & ~np.isin(self.polygon, requeued))
 
     def combine(self, more: Candidates) -> Candidates:
-        arrays = ((self.number, more.number), (self.goes, more.goes), (self.stays, more.stays))
-        number, goes, stays = (np.concatenate(pair) for pair in arrays)
-        return Candidates(number, goes, stays, np.concatenate([self.score, more.score]), self.start + more.start)
+        """These candidates followed by `more`."""
+        pairs = ((self.polygon, more.polygon), (self.removed, more.removed), (self.kept, more.kept))
+        polygon, removed, kept = (np.concatenate(pair) for pair in pairs)
+        return Candidates(polygon, removed, kept, np.concatenate([self.score, more.score]), self.seed + more.seed)
 
 
 def rank_candidates(polygons: PolygonMesh, surface: SurfaceVertices, numbers: IntArray) -> Candidates:
-    """The changes that start from the polygons of these numbers."""
+    """The candidate collapses that start from the polygons of these numbers."""
     if not len(numbers):
-        return Candidates.none()
-    around = build_vertex_stars(polygons.rows, len(surface.vertices))
-    found = rate_diagonal_collapses(around, surface, numbers)
-    score = found.bad - SCORE_PER_SAVED_PATCH * found.saved
-    across = Candidates(found.number, found.goes, found.stays, score, (None,) * len(score)).kept(
-        found.bad <= MAX_DISTORTION_BEFORE_SMOOTHING
+        return Candidates.empty()
+    stars = build_vertex_stars(polygons.rows, len(surface.vertices))
+    found = rate_diagonal_collapses(stars, surface, numbers)
+    score = found.distortion - SCORE_PER_SAVED_PATCH * found.patches_saved
+    diagonals = Candidates(found.polygon, found.removed, found.kept, score, (None,) * len(score)).select(
+        found.distortion <= MAX_DISTORTION_BEFORE_SMOOTHING
     )
-    held, rows = np.asarray(surface.fixed.any(axis=1)), polygons.rows[numbers]
-    from_sides = numbers[(rows[:, 3] < 0) | ((held[rows] & held[np.roll(rows, -1, axis=1)]).any(axis=1))]
-    starts = {start: number for number in from_sides.tolist() for start in find_strip_seeds(polygons, number)}
-    if not starts:
-        return across
-    touched = np.array([start.into[0] if start.into else start.shared_edge for start in starts])
-    bad, saved = rate_strip_collapses(around, surface, list(starts))
-    number = np.array(list(starts.values()))
-    along = Candidates(number, touched[:, 0], touched[:, 1], bad - SCORE_PER_SAVED_PATCH * saved, tuple(starts))
-    return across.combine(along.kept(bad <= MAX_DISTORTION_BEFORE_SMOOTHING))
+    on_box, rows = np.asarray(surface.fixed.any(axis=1)), polygons.rows[numbers]
+    has_box_side = (on_box[rows] & on_box[np.roll(rows, -1, axis=1)]).any(axis=1)
+    starts = numbers[(rows[:, 3] < 0) | has_box_side]
+    seeds = {seed: number for number in starts.tolist() for seed in find_strip_seeds(polygons, number)}
+    if not seeds:
+        return diagonals
+    touched = np.array([seed.merges[0] if seed.merges else seed.shared_edge for seed in seeds])
+    distortion, saved = rate_strip_collapses(stars, surface, list(seeds))
+    score = distortion - SCORE_PER_SAVED_PATCH * saved
+    strips = Candidates(np.array(list(seeds.values())), touched[:, 0], touched[:, 1], score, tuple(seeds))
+    return diagonals.combine(strips.select(distortion <= MAX_DISTORTION_BEFORE_SMOOTHING))

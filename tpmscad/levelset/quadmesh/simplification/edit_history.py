@@ -1,7 +1,8 @@
-"""A simplified layout in which changes are undone again, here and there, where its patches can't be fitted.
+"""Edits of a simplified mesh, of which those near polygons that a fit rejects can be undone.
 
-A change can be undone once those are that came after it on the same polygons. What comes back has its vertices where they were
-and is relaxed with what is round it; polygons that are asked for again when they have come back keep them.
+An edit can be undone only after the later edits of the polygons that it made. Polygons that come back have their vertices at the
+original positions, and the vertices round them are smoothed. Polygons that are rejected again after they came back keep the
+original positions exactly.
 """
 
 from __future__ import annotations
@@ -17,88 +18,103 @@ from tpmscad.levelset.quadmesh.simplification.greedy_simplification import Simpl
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import extract_mesh
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 
-RINGS_AROUND_UNDONE, SWEEPS_AFTER_UNDO = 2, 40
-"""Polygons round what has come back that are relaxed, and sweeps."""
+RINGS_AROUND_UNDONE = 2
+SWEEPS_AFTER_UNDO = 40
+"""Rings of polygons round restored ones that are smoothed, and the number of sweeps."""
 
 
 class EditHistory:
-    """The changes of a simplified layout that still stand. It takes over the polygons of what it is made of."""
+    """The edits of a simplified mesh that still stand; it takes over and changes the polygons of `simplified`."""
 
-    def __init__(self, original: QuadMesh, simple: SimplifiedMesh, field: Field, lo: Array, hi: Array) -> None:
+    def __init__(self, original: QuadMesh, simplified: SimplifiedMesh, field: Field, lo: Array, hi: Array) -> None:
         self._original, self._field, self._lo, self._hi = original, field, lo, hi
-        self._polygons = simple.polygons
+        self._polygons = simplified.polygons
         self._vertices, self._size = original.vertices.copy(), original.size.copy()
-        self._vertices[simple.of], self._size[simple.of] = simple.mesh.vertices, simple.mesh.size
-        self._made = dict(enumerate(simple.history))
-        self._by = {number: i for i, made in self._made.items() for number in made.numbers}
-        self._before = {number: i for i, made in self._made.items() for number in made.old}
-        self._held = np.zeros(len(original.vertices), bool)
+        ids = simplified.original_vertex
+        self._vertices[ids], self._size[ids] = simplified.mesh.vertices, simplified.mesh.size
+        self._applied = dict(enumerate(simplified.history))
+        self._edit_that_made = {number: i for i, each in self._applied.items() for number in each.new_numbers}
+        self._edit_that_removed = {number: i for i, each in self._applied.items() for number in each.old_polygons}
+        self._pinned = np.zeros(len(original.vertices), bool)
 
     def mesh(self) -> tuple[QuadMesh, IntArray]:
-        """The layout as it is now, and the number of each of its polygons (Q,)."""
-        numbers = sorted(self._polygons.polygon)
+        """The present mesh, and the number of each of its polygons (Q,)."""
+        numbers = sorted(self._polygons.corners_of)
         return extract_mesh(self._polygons, self._vertices, self._size, numbers)[0], np.array(numbers, np.int64)
 
     def undo(self, numbers: Iterable[int], levels: int) -> bool:
-        """Undo what made the polygons of these numbers, and those within `levels` - 1 of them, and of these that come back as
-        often again. False where all of it had come back before, to where it was."""
-        polygon, around = self._polygons.polygon, self._polygons.around
-        region = {n for n in numbers if n in polygon}
-        came_back = {v for n in region if n not in self._by for v in polygon[n]}
+        """Undo the edits that made the polygons of these numbers, and what surrounds them the deeper the higher `levels` is.
+
+        The region grows by `levels` - 1 rings, and edits are undone `levels` generations back. False if nothing changes: all
+        these polygons are original ones at their original positions.
+        """
+        corners_of, at_vertex = self._polygons.corners_of, self._polygons.polygons_at_vertex
+        region = {n for n in numbers if n in corners_of}
+        came_back = {v for n in region if n not in self._edit_that_made for v in corners_of[n]}
         for _ in range(levels - 1):
-            region |= {f for n in region for v in polygon[n] for f in around[v]}
+            region |= {f for n in region for v in corners_of[n] for f in at_vertex[v]}
         chosen: set[int] = set()
         for _ in range(levels):
-            chosen |= self._with_later({self._by[n] for n in region if n in self._by} - chosen)
-            region |= {n for i in chosen for n in self._made[i].old}
-        while clashing := self._clashing(chosen) - chosen:
-            chosen |= self._with_later(clashing)
+            makers = {self._edit_that_made[n] for n in region if n in self._edit_that_made}
+            chosen |= self._dependents_of(makers - chosen)
+            region |= {n for i in chosen for n in self._applied[i].old_polygons}
+        while conflicting := self._conflicting_edits(chosen) - chosen:
+            chosen |= self._dependents_of(conflicting)
         for i in sorted(chosen, reverse=True):
-            made = self._made.pop(i)
-            self._polygons.undo(made.change, made.numbers, made.old, made.plane)
-            region |= set(made.old)
-            for number in made.numbers:
-                del self._by[number]
-            for number in made.old:
-                del self._before[number]
-        back = list({v for n in region if n in polygon for v in polygon[n]})
-        hold = [v for v in (came_back if chosen else back) if not any(n in self._by for n in around[v])]
-        if not chosen and self._held[hold].all():
+            region |= self._undo_edit(i)
+        restored = list({v for n in region if n in corners_of for v in corners_of[n]})
+        candidates = came_back if chosen else restored
+        pin = [v for v in candidates if not any(n in self._edit_that_made for n in at_vertex[v])]
+        if not chosen and self._pinned[pin].all():
             return False
-        self._held[hold] = True
-        self._vertices[back], self._size[back] = self._original.vertices[back], self._original.size[back]
-        self._relax(set(back))
+        self._pinned[pin] = True
+        self._vertices[restored], self._size[restored] = (
+            self._original.vertices[restored],
+            self._original.size[restored],
+        )
+        self._smooth_around(set(restored))
         return True
 
-    def _with_later(self, chosen: Iterable[int]) -> set[int]:
-        """Changes with those that came after them on the same polygons."""
+    def _undo_edit(self, i: int) -> set[int]:
+        """Undo one edit; the numbers of the polygons that come back."""
+        applied = self._applied.pop(i)
+        self._polygons.undo(applied)
+        for number in applied.new_numbers:
+            del self._edit_that_made[number]
+        for number in applied.old_polygons:
+            del self._edit_that_removed[number]
+        return set(applied.old_polygons)
+
+    def _dependents_of(self, chosen: Iterable[int]) -> set[int]:
+        """The chosen edits and all later edits of the polygons that they made."""
         found: set[int] = set()
-        ahead = list(chosen)
-        while ahead:
-            i = ahead.pop()
+        stack = list(chosen)
+        while stack:
+            i = stack.pop()
             if i not in found:
                 found.add(i)
-                ahead += [self._before[n] for n in self._made[i].numbers if n in self._before]
+                made = self._applied[i].new_numbers
+                stack += [self._edit_that_removed[n] for n in made if n in self._edit_that_removed]
         return found
 
-    def _clashing(self, chosen: set[int]) -> set[int]:
-        """Changes by which sides came about that those of polygons that are to come back would be once more."""
-        gone = {n for i in chosen for n in self._made[i].numbers}
-        back = {n: polygon for i in chosen for n, polygon in self._made[i].old.items() if n not in gone}
-        edges = ((p[k - 1], v) for p in back.values() for k, v in enumerate(p))
-        owners = {self._polygons.beside.get(edge, -1) for edge in edges} - gone
-        return {self._by[n] for n in owners if n in self._by}
+    def _conflicting_edits(self, chosen: set[int]) -> set[int]:
+        """Edits that made a half-edge which the polygons restored by undoing the chosen edits would have, too."""
+        gone = {n for i in chosen for n in self._applied[i].new_numbers}
+        restored = {n: p for i in chosen for n, p in self._applied[i].old_polygons.items() if n not in gone}
+        edges = ((p[k - 1], v) for p in restored.values() for k, v in enumerate(p))
+        owners = {self._polygons.polygon_of_half_edge.get(edge, -1) for edge in edges} - gone
+        return {self._edit_that_made[n] for n in owners if n in self._edit_that_made}
 
-    def _relax(self, near: set[int]) -> None:
-        polygon, around = self._polygons.polygon, self._polygons.around
+    def _smooth_around(self, near: set[int]) -> None:
+        """Smooth the vertices within RINGS_AROUND_UNDONE rings of `near` that are not pinned."""
+        corners_of, at_vertex = self._polygons.corners_of, self._polygons.polygons_at_vertex
         for _ in range(RINGS_AROUND_UNDONE):
-            near = {w for v in near for f in around[v] for w in polygon[f]}
+            near = {w for v in near for f in at_vertex[v] for w in corners_of[f]}
         free = np.zeros(len(self._vertices), bool)
         free[list(near)] = True
-        free &= ~self._held
-        touched = sorted({f for v in np.flatnonzero(free).tolist() for f in around[v]})
+        free &= ~self._pinned
+        touched = sorted({f for v in np.flatnonzero(free).tolist() for f in at_vertex[v]})
         if touched:
-            part, of = extract_mesh(self._polygons, self._vertices, self._size, touched)
-            self._vertices[of] = smooth_vertices(
-                part, free[of], self._field, self._lo, self._hi, SWEEPS_AFTER_UNDO
-            ).vertices
+            part, ids = extract_mesh(self._polygons, self._vertices, self._size, touched)
+            smoothed = smooth_vertices(part, free[ids], self._field, self._lo, self._hi, SWEEPS_AFTER_UNDO)
+            self._vertices[ids] = smoothed.vertices

@@ -1,10 +1,12 @@
-"""Layouts with fewer patches: polygons merged for as long as what is left is shaped well enough to be fitted.
+"""Greedy simplification of a quad mesh: collapses, best first, while all polygons stay well shaped.
 
-A layout's patches are given by where its octree had to be fine: near necks, in 2:1 transitions, and in triangles, which count
-three. Merging takes vertices into others (`changes`): along a diagonal of a quadrilateral, along a side of a triangle, or along
-a strip of quadrilaterals between triangles or sides on the box. In every round the changes that leave the best polygons are made
-wherever they are out of each other's way, the vertices near them are relaxed on the surface, and those after which a polygon is
-worse than the limits, and worse than before, are taken back.
+The octree has small leaves near necks and in 2:1 transitions, and a triangle becomes three patches, so the dual mesh has more
+patches than the surface needs. In every round
+
+1. the polygons whose surroundings changed are rated again for candidate collapses,
+2. a maximal set of non-overlapping candidates is selected, best score first,
+3. these are applied and the vertices near them smoothed on the level set,
+4. an edit is undone if a polygon near it is beyond the limits of `quality` and worse than the worst one before.
 """
 
 from __future__ import annotations
@@ -25,180 +27,208 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertice
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import next_corner, normalize
 
-SWEEPS_PER_ROUND, FINAL_SWEEPS = 5, 60
-"""Sweeps of the relaxation after a round, and of all vertices in the end. Ten in a round left as many patches."""
+SWEEPS_PER_ROUND = 5
+FINAL_SWEEPS = 60
+"""Smoothing sweeps near the edits of a round, and over the whole mesh at the end."""
 
-MAX_REQUEUES, MAX_ROUNDS_PER_QUEUE = 10, 4
-"""Times that polygons are looked at again whose surroundings have moved, and rounds from one to the next."""
+MAX_ROUNDS_PER_QUEUE = 4
+MAX_REQUEUES = 10
+"""Rounds before the polygons whose surroundings moved are rated again, and how often that is done."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SimplifiedMesh:
-    """A mesh, and how it came about.
+    """A simplified mesh and the edits that led to it.
 
-    `of` (V',): which of the original's vertices the mesh's are, and `numbers` (Q,) which of the `polygons`. `history`: the
-    changes made, in order; polygons numbered below the original's count are the original's, row by row.
+    `original_vertex` (V',) and `polygon_numbers` (Q,) number the mesh's vertices in the original and its polygons in `polygons`.
+    `history` holds the edits in order; polygons numbered below the original's count are the original's, row by row.
     """
 
     mesh: QuadMesh
-    of: IntArray
-    numbers: IntArray
+    original_vertex: IntArray
+    polygon_numbers: IntArray
     polygons: PolygonMesh
     history: tuple[AppliedEdit, ...]
 
 
 def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array) -> SimplifiedMesh:
-    """The mesh with polygons merged."""
-    work = _Simplification(mesh, field, lo, hi)
+    """The mesh of {field = 0} in the box [lo, hi] with polygons merged."""
+    state = _Simplification(mesh, field, lo, hi)
     for _ in range(MAX_REQUEUES):
         for _ in range(MAX_ROUNDS_PER_QUEUE):
-            if not work.round():
+            if not state.run_round():
                 break
-        if not work.refreshed():
+        if not state.requeue_stale():
             break
-    polygons = work.polygons
-    numbers = sorted(polygons.polygon)
-    small, of = extract_mesh(polygons, work.vertices, work.size(polygons.rows[numbers]), numbers)
-    last = smooth_vertices(small, np.ones(len(of), bool), field, lo, hi, FINAL_SWEEPS)
-    best = last if max_corner_distortion(last, field) <= max(1.0, max_corner_distortion(small, field)) else small
-    return SimplifiedMesh(best, of, np.array(numbers, np.int64), polygons, tuple(work.history))
+    polygons = state.polygons
+    numbers = sorted(polygons.corners_of)
+    small, ids = extract_mesh(polygons, state.vertices, state.vertex_sizes(polygons.rows[numbers]), numbers)
+    smoothed = smooth_vertices(small, np.ones(len(ids), bool), field, lo, hi, FINAL_SWEEPS)
+    limit = max(1.0, max_corner_distortion(small, field))
+    best = smoothed if max_corner_distortion(smoothed, field) <= limit else small
+    return SimplifiedMesh(best, ids, np.array(numbers, np.int64), polygons, tuple(state.history))
 
 
-EditNeighbourhood = tuple[MeshEdit, set[int]]
-"""A change with the vertices that are relaxed with it."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _SelectedEdit:
+    """An edit, the index of its candidate, and the vertices that are smoothed after it."""
+
+    candidate: int
+    edit: MeshEdit
+    neighbourhood: set[int]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _NearbyPolygons:
+    """Polygons in the neighbourhoods of n edits: numbers (m,), corners (m, 4), and incidences (k,) of polygons and edits."""
+
+    numbers: IntArray
+    rows: IntArray
+    polygon: IntArray
+    edit: IntArray
+
+    def max_of_edits(self, distortion: Array, count: int) -> Array:
+        """The largest of the distortions (m,) near each edit, (count,)."""
+        return segment_max(distortion[self.polygon], self.edit, count)
 
 
 class _Simplification:
-    """A mesh in the course of its simplification."""
+    """The state of a simplification: mesh, vertex positions, candidates and the polygons to be rated again."""
 
     def __init__(self, mesh: QuadMesh, field: Field, lo: Array, hi: Array) -> None:
         self.field, self.lo, self.hi = field, lo, hi
         self.polygons = PolygonMesh(mesh)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
-        self.leaf = mesh.size.copy()
+        self.leaf_size = mesh.size.copy()
         self.normals = normalize(field.gradient(self.vertices))
-        self.known = Candidates.none()
-        self.dirty = set(self.polygons.polygon)
+        self.candidates = Candidates.empty()
+        self.queue = set(self.polygons.corners_of)
         self.stale: set[int] = set()
         self.history: list[AppliedEdit] = []
 
-    def refreshed(self) -> bool:
-        """Polygons whose surroundings have moved are looked at once more; whether there are any."""
-        self.dirty |= self.stale
+    def requeue_stale(self) -> bool:
+        """Re-queue polygons whose neighbourhood moved; whether the queue is not empty."""
+        self.queue |= self.stale
         self.stale = set()
-        return bool(self.dirty)
+        return bool(self.queue)
 
-    def round(self) -> int:
-        """One round of changes; how many were tried."""
+    def run_round(self) -> int:
+        """Rate the queue, apply the best candidates and keep what passes; the number of edits that were tried."""
         alive = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
-        dirty = np.array(sorted(self.dirty.intersection(self.polygons.polygon)), np.int64)
-        self.dirty = set()
+        queue = np.array(sorted(self.queue.intersection(self.polygons.corners_of)), np.int64)
+        self.queue = set()
         surface = SurfaceVertices(self.field, self.vertices, self.normals, self.fixed)
-        self.known = self.known.drop_stale(alive, dirty).combine(rank_candidates(self.polygons, surface, dirty))
-        places, chosen, impossible = self._chosen()
-        if not chosen:
+        ranked = rank_candidates(self.polygons, surface, queue)
+        self.candidates = self.candidates.drop_stale(alive, queue).combine(ranked)
+        selected, infeasible = self._select_independent()
+        if not selected:
             return 0
-        kept = self._tried(chosen)
-        self.known = self.known.drop_indices(impossible + [k for k, fine in zip(places, kept, strict=True) if not fine])
-        return len(chosen)
+        kept = self._apply_and_verify(selected)
+        failed = [each.candidate for each, passes in zip(selected, kept, strict=True) if not passes]
+        self.candidates = self.candidates.drop_indices(infeasible + failed)
+        return len(selected)
 
-    def _chosen(self) -> tuple[list[int], list[EditNeighbourhood], list[int]]:
-        """The best of the known changes that are out of each other's way: their places, and they with the vertices near them;
-        and the places of those that have turned out impossible."""
-        polygons, known = self.polygons, self.known
+    def vertex_sizes(self, rows: IntArray) -> Array:
+        """Length scale (V,) of each vertex: its leaf's, or its shortest side in polygons `rows` (Q, 4) if that is longer."""
+        start, end = rows[rows >= 0], next_corner(rows)[rows >= 0]
+        side = np.linalg.norm(self.vertices[start] - self.vertices[end], axis=1)
+        shortest = np.full(len(self.vertices), np.inf)
+        np.minimum.at(shortest, np.concatenate([start, end]), np.concatenate([side, side]))
+        return np.maximum(self.leaf_size, np.where(np.isfinite(shortest), shortest, 0.0))
+
+    def _select_independent(self) -> tuple[list[_SelectedEdit], list[int]]:
+        """Greedy maximal set of non-overlapping candidates, best score first, and the indices of infeasible ones."""
+        polygons, known = self.polygons, self.candidates
         taken: set[int] = set()
-        places: list[int] = []
-        chosen: list[EditNeighbourhood] = []
-        impossible: list[int] = []
-        goes, stays, number = known.goes.tolist(), known.stays.tolist(), known.number.tolist()
-        for k in known.order().tolist():
-            v, w = goes[k], stays[k]
-            if v in taken or w in taken or not taken.isdisjoint(polygons.polygon[number[k]]):
+        selected: list[_SelectedEdit] = []
+        infeasible: list[int] = []
+        removed, kept, number = known.removed.tolist(), known.kept.tolist(), known.polygon.tolist()
+        for k in known.ranking().tolist():
+            v, w = removed[k], kept[k]
+            if v in taken or w in taken or not taken.isdisjoint(polygons.corners_of[number[k]]):
                 continue
-            start = known.start[k] or CollapseSeed(((v, w),), (number[k],))
-            ends = {v for pair in start.into for v in pair}
-            beside = {f for v in ends for f in polygons.around[v]}.union(start.removed)
-            if any(not taken.isdisjoint(polygons.polygon.get(f, ())) for f in beside):
+            seed = known.seed[k] or CollapseSeed(((v, w),), (number[k],))
+            ends = {v for pair in seed.merges for v in pair}
+            near = {f for v in ends for f in polygons.polygons_at_vertex[v]}.union(seed.removed)
+            if any(not taken.isdisjoint(polygons.corners_of.get(f, ())) for f in near):
                 continue
-            change = plan_edit(polygons, start)
-            if change is None:
-                impossible.append(k)
+            edit = plan_edit(polygons, seed)
+            if edit is None:
+                infeasible.append(k)
                 continue
-            free = self._near(change)
-            if not taken.isdisjoint(free):
+            neighbourhood = self._smoothed_neighbourhood(edit)
+            if not taken.isdisjoint(neighbourhood):
                 continue
-            taken |= free
-            places.append(k)
-            chosen.append((change, free))
-        return places, chosen, impossible
+            taken |= neighbourhood
+            selected.append(_SelectedEdit(k, edit, neighbourhood))
+        return selected, infeasible
 
-    def _near(self, change: MeshEdit) -> set[int]:
-        """The vertices that are relaxed with a change: its own, and those round what its vertices go into."""
-        free = change.vertices
-        for v in set(change.into.values()):
-            for f in self.polygons.around[v]:
-                free.update(self.polygons.polygon[f])
-        return free
+    def _smoothed_neighbourhood(self, edit: MeshEdit) -> set[int]:
+        """Vertices that are smoothed after an edit: its own, and the one-rings of the vertices that others merge into."""
+        vertices = edit.vertices
+        for v in set(edit.merges.values()):
+            for f in self.polygons.polygons_at_vertex[v]:
+                vertices.update(self.polygons.corners_of[f])
+        return vertices
 
-    def _tried(self, chosen: Sequence[EditNeighbourhood]) -> BoolArray:
-        """Make these changes, and take back those that leave polygons too bad; which of them (n,) are kept."""
-        polygons, before = self.polygons, self.vertices.copy()
-        old_normals = self.normals.copy()
-        owner = np.full(len(before), -1)
-        for i, (_, near) in enumerate(chosen):
-            owner[list(near)] = i
-        count = len(chosen)
-        numbers, rows, which = self._touched(owner)
-        was = segment_max(self._bad(rows)[which[0]], which[1], count)
-        done: list[AppliedEdit] = []
-        for change, _ in chosen:
-            kept = {f: polygons.polygon[f] for f in change.old}
-            planes = polygons.box_sides(change.old)
-            for v, w in change.into.items():
-                if polygons.fixed[v] == polygons.fixed[w]:
-                    self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
-            done.append(AppliedEdit(change, polygons.apply(change), kept, planes))
-        numbers, rows, which = self._touched(owner)
-        part, of = extract_mesh(polygons, self.vertices, self.size(rows), numbers)
-        free = owner[of] >= 0
-        relaxed = smooth_vertices(part, free, self.field, self.lo, self.hi, SWEEPS_PER_ROUND, self.normals[of])
-        self.vertices[of] = relaxed.vertices
-        self.normals[of[free]] = normalize(self.field.gradient(relaxed.vertices[free]))
-        fine = segment_max(self._bad(rows)[which[0]], which[1], count) <= np.maximum(1.0, was)
-        polygon, by = which[0][fine[which[1]]], which[1][fine[which[1]]]
-        seen, place = np.unique(polygon, return_inverse=True)
-        missed = interior_distortion(self.field, self.vertices, self.normals, self.fixed, rows[seen])
-        fine &= segment_max(missed[place.ravel()], by, count) <= np.maximum(1.0, was)
-        for i, undo in enumerate(done):
-            change = undo.change
-            if fine[i]:
-                self.dirty.update(f for v in change.into.values() for f in polygons.around[v])
-                self.dirty.update(undo.numbers)
-                self.history.append(undo)
-                continue
-            polygons.undo(change, undo.numbers, undo.old, undo.plane)
-        undone = np.flatnonzero(~fine[owner] & (owner >= 0))
-        self.vertices[undone], self.normals[undone] = before[undone], old_normals[undone]
-        self.stale.update(numbers[which[0][fine[which[1]]]].tolist())
-        return fine
+    def _apply_and_verify(self, selected: Sequence[_SelectedEdit]) -> BoolArray:
+        """Apply the edits, smooth round them, and undo those that leave a polygon of too poor shape; which (n,) are kept."""
+        vertices_before, normals_before = self.vertices.copy(), self.normals.copy()
+        owner = np.full(len(self.vertices), -1)
+        for i, each in enumerate(selected):
+            owner[list(each.neighbourhood)] = i
+        count, near = len(selected), self._polygons_near(owner)
+        before = near.max_of_edits(self._distortion(near.rows), count)
+        applied = [self._apply(each.edit) for each in selected]
+        near = self._polygons_near(owner)
+        self._smooth(near, owner)
+        passes = self._passes(near, np.maximum(1.0, before))
+        for kept, each in zip(passes, applied, strict=True):
+            if kept:
+                merged = each.edit.merges.values()
+                self.queue.update(f for v in merged for f in self.polygons.polygons_at_vertex[v])
+                self.queue.update(each.new_numbers)
+                self.history.append(each)
+            else:
+                self.polygons.undo(each)
+        undone = np.flatnonzero(~passes[owner] & (owner >= 0))
+        self.vertices[undone], self.normals[undone] = vertices_before[undone], normals_before[undone]
+        self.stale.update(near.numbers[near.polygon[passes[near.edit]]].tolist())
+        return passes
 
-    def _touched(self, owner: IntArray) -> tuple[IntArray, IntArray, tuple[IntArray, IntArray]]:
-        """Polygons with a corner that has an owner: their numbers, their corners, and which of them belong to which owner."""
+    def _apply(self, edit: MeshEdit) -> AppliedEdit:
+        """Apply an edit and move each pair of merged vertices with equally many fixed coordinates to its midpoint."""
+        applied = self.polygons.apply(edit)
+        for v, w in edit.merges.items():
+            if self.polygons.n_fixed[v] == self.polygons.n_fixed[w]:
+                self.vertices[w] = 0.5 * (self.vertices[v] + self.vertices[w])
+        return applied
+
+    def _smooth(self, near: _NearbyPolygons, owner: IntArray) -> None:
+        """Smooth the vertices that have an owner."""
+        part, ids = extract_mesh(self.polygons, self.vertices, self.vertex_sizes(near.rows), near.numbers)
+        free = owner[ids] >= 0
+        smoothed = smooth_vertices(part, free, self.field, self.lo, self.hi, SWEEPS_PER_ROUND, self.normals[ids])
+        self.vertices[ids] = smoothed.vertices
+        self.normals[ids[free]] = normalize(self.field.gradient(smoothed.vertices[free]))
+
+    def _passes(self, near: _NearbyPolygons, limit: Array) -> BoolArray:
+        """Whether all polygons near each edit (n,) are within its limit, by their corners and the surface between them."""
+        passes = near.max_of_edits(self._distortion(near.rows), len(limit)) <= limit
+        polygon, edit = near.polygon[passes[near.edit]], near.edit[passes[near.edit]]
+        measured, index = np.unique(polygon, return_inverse=True)
+        inside = interior_distortion(self.field, self.vertices, self.normals, self.fixed, near.rows[measured])
+        return passes & (segment_max(inside[index.ravel()], edit, len(limit)) <= limit)
+
+    def _polygons_near(self, owner: IntArray) -> _NearbyPolygons:
+        """The polygons with a corner that has an owner (V,), the number of an edit or -1."""
         numbers = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
         rows = self.polygons.rows[numbers]
-        by = np.where(rows >= 0, owner[rows], -1)
-        touched = (by >= 0).any(axis=1)
-        numbers, rows, by = numbers[touched], rows[touched], by[touched]
-        q, i = np.nonzero(by >= 0)
-        return numbers, rows, (q, by[q, i])
+        edit = np.where(rows >= 0, owner[rows], -1)
+        touched = (edit >= 0).any(axis=1)
+        numbers, rows, edit = numbers[touched], rows[touched], edit[touched]
+        polygon, slot = np.nonzero(edit >= 0)
+        return _NearbyPolygons(numbers, rows, polygon, edit[polygon, slot])
 
-    def size(self, rows: IntArray) -> Array:
-        """A length for each vertex: of its leaf, or of its shortest side in these polygons where that has become longer."""
-        start, end = rows[rows >= 0], next_corner(rows)[rows >= 0]
-        long = np.linalg.norm(self.vertices[start] - self.vertices[end], axis=1)
-        shortest = np.full(len(self.vertices), np.inf)
-        np.minimum.at(shortest, np.concatenate([start, end]), np.concatenate([long, long]))
-        return np.maximum(self.leaf, np.where(np.isfinite(shortest), shortest, 0.0))
-
-    def _bad(self, rows: IntArray) -> Array:
+    def _distortion(self, rows: IntArray) -> Array:
         return corner_distortion(self.vertices, self.normals, self.fixed, rows)

@@ -1,11 +1,9 @@
-"""Whether the polygons round the vertices of a layout are one fan each, and as many as are wanted.
+"""Mutable polygon mesh with half-edge look-up, and the edits that simplify it without a change of topology.
 
-Polygons of a layout that can be merged: vertices collapsed into others, sides taken out, the surface's topology kept.
-
-Every simplification is a set of vertices that go into others (Tarini et al., "Practical quad mesh simplification", 2010: the
-collapse of a diagonal; Daniels et al., "Quadrilateral mesh simplification", 2008: the collapse of a strip), after which corners
-where only two polygons meet are taken out. A change is made only if the mesh stays a two-manifold without two sides between the
-same vertices and its sides on the box stay there.
+Every simplification merges vertices into others: along a diagonal of a quadrilateral (Tarini et al. 2010) or across a strip of
+quadrilaterals (Daniels et al. 2008). The removal of the edge between two triangles is the only other edit. Doublets, inner
+vertices of valence two, are removed with the edit that makes them. An edit is planned only if the mesh stays a two-manifold with
+at most one edge between two vertices, with allowed valences and with the same boundary on the box.
 """
 
 from __future__ import annotations
@@ -20,169 +18,226 @@ from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.vectors import next_corner
 
 Polygon = tuple[int, ...]
+"""Vertices of a polygon, counter-clockwise as seen from the void."""
 
-MIN_VALENCE, MAX_VALENCE = 3, 7
-"""Polygons round a vertex inside the box."""
+HalfEdge = tuple[int, int]
+"""An edge of a polygon as its first and second vertex."""
 
+MIN_VALENCE = 3
+MAX_VALENCE = 7
+"""Limits on the number of polygons round a vertex; the lower one holds inside the box only."""
 
-def is_valence_allowed(count: int, inside: bool) -> bool:
-    """Whether so many polygons are wanted round a vertex."""
-    return count <= MAX_VALENCE and (count >= MIN_VALENCE or not inside)
-
-
-def is_manifold_vertex(vertex: int, polygons: Iterable[Polygon], inside: bool) -> bool:
-    """Whether polygons follow each other round a vertex: all the way inside, from side to side on the box."""
-    following = {}
-    for polygon in polygons:
-        i = polygon.index(vertex)
-        following[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
-    first = set(following) - set(following.values())
-    if len(first) > 1 or bool(first) == inside:
-        return False
-    at = start = next(iter(first)) if first else next(iter(following))
-    for _ in following:
-        at = following.get(at, -1)
-    return at not in following if first else at == start and len(set(following.values())) == len(following)
-
-
-__all__ = ["AppliedEdit", "MeshEdit", "Polygon", "PolygonMesh", "extract_mesh"]
+PATCHES_PER_TRIANGLE = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshEdit:
-    """Polygons by number that go, polygons that come, which vertices went `into` which, those that were `dropped` as
-    only two polygons met there, and the patches saved."""
+    """A planned edit: polygons removed by number and added by corners, vertices merged into others, doublets, patches saved."""
 
-    old: tuple[int, ...]
-    new: tuple[Polygon, ...]
-    into: dict[int, int]
-    dropped: set[int]
-    saved: int
+    removed: tuple[int, ...]
+    added: tuple[Polygon, ...]
+    merges: dict[int, int]
+    doublets: set[int]
+    patches_saved: int
 
     @property
     def vertices(self) -> set[int]:
-        """What the change touches: corners of the polygons that come, and the vertices that go."""
-        return {v for polygon in self.new for v in polygon} | set(self.into) | self.dropped
+        """Corners of the added polygons and the vertices that vanish."""
+        return {v for polygon in self.added for v in polygon} | set(self.merges) | self.doublets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AppliedEdit:
-    """A change that was made, and what it takes to undo it: the numbers of its new polygons, its old ones, and their sides on
-    the box with their planes. Changes whose `old` polygons are among these numbers have to be undone before it."""
+    """An edit with all that its inverse needs: new numbers, old polygons by number, and the planes of their sides on the box.
 
-    change: MeshEdit
-    numbers: list[int]
-    old: dict[int, Polygon]
-    plane: dict[tuple[int, int], int]
+    Edits that removed one of the new polygons must be undone first.
+    """
+
+    edit: MeshEdit
+    new_numbers: list[int]
+    old_polygons: dict[int, Polygon]
+    old_box_sides: dict[HalfEdge, int]
+
+
+def is_valence_allowed(count: int, inside: bool) -> bool:
+    """Whether a vertex may have this number of polygons round it."""
+    return count <= MAX_VALENCE and (count >= MIN_VALENCE or not inside)
+
+
+def is_manifold_vertex(vertex: int, polygons: Iterable[Polygon], inside: bool) -> bool:
+    """Whether the polygons round a vertex form one disk (inside the box) or one half-disk (on the box)."""
+    next_neighbour = {}
+    for polygon in polygons:
+        i = polygon.index(vertex)
+        next_neighbour[polygon[(i + 1) % len(polygon)]] = polygon[i - 1]
+    first = set(next_neighbour) - set(next_neighbour.values())
+    if len(first) > 1 or bool(first) == inside:
+        return False
+    current = start = next(iter(first)) if first else next(iter(next_neighbour))
+    for _ in next_neighbour:
+        current = next_neighbour.get(current, -1)
+    if first:
+        return current not in next_neighbour
+    return current == start and len(set(next_neighbour.values())) == len(next_neighbour)
+
+
+def count_patches(corners: IntArray) -> IntArray:
+    """Patches (...) that polygons (..., 4), triangles padded with -1, become: one, or three for a triangle."""
+    return np.where(corners[..., 3] < 0, PATCHES_PER_TRIANGLE, 1)
 
 
 class PolygonMesh:
-    """The polygons of a mesh by number, with what is around each vertex; changed in place. `rows` has the corners by
-    number, -1 last in triangles and throughout where there is none."""
+    """The polygons of a mesh by number, with their half-edges and the polygons round each vertex; edited in place.
+
+    `corners_of[number]` are a polygon's corners, `polygons_at_vertex[v]` the numbers round a vertex, `polygon_of_half_edge[a, b]`
+    the polygon on the left of an edge. `rows` (N, 4) holds the corners as an array, -1 in the last place of triangles and
+    throughout where a number is unused. `n_fixed[v]` counts the fixed coordinates of a vertex; `plane_of_side[a, b]`, a < b, is
+    the face of the box.
+    """
 
     def __init__(self, mesh: QuadMesh) -> None:
         self.mesh = mesh
-        self.fixed = mesh.fixed.sum(axis=1).tolist()
-        self.polygon: dict[int, Polygon] = {}
-        self.around: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
-        self.beside: dict[tuple[int, int], int] = {}
-        self.next = 0
+        self.n_fixed = mesh.fixed.sum(axis=1).tolist()
+        self.corners_of: dict[int, Polygon] = {}
+        self.polygons_at_vertex: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
+        self.polygon_of_half_edge: dict[HalfEdge, int] = {}
+        self.next_number = 0
         self.rows = np.full((2 * len(mesh.corners), 4), -1)
         on_box = mesh.side_plane >= 0
-        self.plane = {
+        self.plane_of_side = {
             (min(a, b), max(a, b)): int(p)
             for (a, b), p in zip(mesh.side_ends[on_box].tolist(), mesh.side_plane[on_box], strict=True)
         }
         for row in mesh.corners.tolist():
-            self._add(tuple(row) if row[3] >= 0 else tuple(row[:3]))
+            self._append(tuple(row) if row[3] >= 0 else tuple(row[:3]))
 
-    def _add(self, polygon: Polygon) -> int:
-        number, self.next = self.next, self.next + 1
-        self._put(number, polygon)
-        return number
+    def plan_collapse(self, merges: dict[int, int], vanishing: Iterable[int]) -> MeshEdit | None:
+        """The edit that merges vertices into others.
 
-    def _put(self, number: int, polygon: Polygon) -> None:
-        self.polygon[number] = polygon
-        if number >= len(self.rows):
-            self.rows = np.concatenate([self.rows, np.full(self.rows.shape, -1)])
-        self.rows[number, : len(polygon)] = polygon
-        for i, v in enumerate(polygon):
-            self.around[v].add(number)
-            self.beside[polygon[i - 1], v] = number
-
-    def _take(self, number: int) -> None:
-        polygon = self.polygon.pop(number)
-        self.rows[number] = -1
-        for i, v in enumerate(polygon):
-            self.around[v].discard(number)
-            del self.beside[polygon[i - 1], v]
-
-    def plan_collapse(self, into: dict[int, int], vanishing: Iterable[int]) -> MeshEdit | None:
-        """What it takes that vertices go into others; None where more than the `vanishing` polygons would go with them, or the
-        mesh would not stay what it is."""
+        None if a polygon outside `vanishing` would degenerate, or if the result would not be a two-manifold with the same
+        boundary.
+        """
         expected = set(vanishing)
-        old = {f for v in into for f in self.around[v]}
-        new: list[Polygon] = []
-        for number in sorted(old):
-            corners = [into.get(v, v) for v in self.polygon[number]]
+        removed = {f for v in merges for f in self.polygons_at_vertex[v]}
+        added: list[Polygon] = []
+        for number in sorted(removed):
+            corners = [merges.get(v, v) for v in self.corners_of[number]]
             corners = [v for i, v in enumerate(corners) if v != corners[i - 1]]
             if len(corners) < 3 or len(set(corners)) < len(corners):
                 if number not in expected:
                     return None
             else:
-                new.append(tuple(corners))
-        return self._checked(old, new, into)
+                added.append(tuple(corners))
+        return self._validate_edit(removed, added, merges)
 
-    def joined(self, one: int, other: int, a: int, b: int) -> MeshEdit | None:
-        """The triangles `one` and `other` made a quadrilateral: their side from a to b taken out."""
-        (c,), (d,) = ([v for v in self.polygon[number] if v not in (a, b)] for number in (one, other))
-        return self._checked({one, other}, [(a, d, b, c)], {})
+    def plan_edge_removal(self, one: int, other: int, a: int, b: int) -> MeshEdit | None:
+        """The edit that joins two triangles to a quadrilateral by removing their edge from a to b; None if it is not valid."""
+        (c,), (d,) = ([v for v in self.corners_of[number] if v not in (a, b)] for number in (one, other))
+        return self._validate_edit({one, other}, [(a, d, b, c)], {})
 
-    def _checked(self, old: set[int], new: list[Polygon], into: dict[int, int]) -> MeshEdit | None:
-        dropped: set[int] = set()
-        if not self._without_doublets(old, new, dropped):
+    def apply(self, edit: MeshEdit) -> AppliedEdit:
+        """Apply an edit that was planned for the mesh as it is."""
+        old_polygons, old_box_sides = {f: self.corners_of[f] for f in edit.removed}, self.box_sides(edit.removed)
+        for a, b in self._half_edges_on_box(edit.removed):
+            plane = self.plane_of_side.pop((min(a, b), max(a, b)))
+            c, d = edit.merges.get(a, a), edit.merges.get(b, b)
+            if c != d:
+                self.plane_of_side[min(c, d), max(c, d)] = plane
+        for number in edit.removed:
+            self._remove(number)
+        return AppliedEdit(edit, [self._append(polygon) for polygon in edit.added], old_polygons, old_box_sides)
+
+    def undo(self, applied: AppliedEdit) -> None:
+        """Undo an applied edit; its new polygons must still be there."""
+        for a, b in self._half_edges_on_box(applied.new_numbers):
+            del self.plane_of_side[min(a, b), max(a, b)]
+        for number in applied.new_numbers:
+            self._remove(number)
+        for number, polygon in applied.old_polygons.items():
+            self._insert(number, polygon)
+        self.plane_of_side.update(applied.old_box_sides)
+
+    def box_sides(self, numbers: Iterable[int]) -> dict[HalfEdge, int]:
+        """Sides of these polygons on the box, the lesser vertex first, with their planes."""
+        edges = self._half_edges_on_box(numbers)
+        return {(min(e), max(e)): self.plane_of_side[min(e), max(e)] for e in edges}
+
+    def _append(self, polygon: Polygon) -> int:
+        number, self.next_number = self.next_number, self.next_number + 1
+        self._insert(number, polygon)
+        return number
+
+    def _insert(self, number: int, polygon: Polygon) -> None:
+        self.corners_of[number] = polygon
+        if number >= len(self.rows):
+            self.rows = np.concatenate([self.rows, np.full(self.rows.shape, -1)])
+        self.rows[number, : len(polygon)] = polygon
+        for i, v in enumerate(polygon):
+            self.polygons_at_vertex[v].add(number)
+            self.polygon_of_half_edge[polygon[i - 1], v] = number
+
+    def _remove(self, number: int) -> None:
+        polygon = self.corners_of.pop(number)
+        self.rows[number] = -1
+        for i, v in enumerate(polygon):
+            self.polygons_at_vertex[v].discard(number)
+            del self.polygon_of_half_edge[polygon[i - 1], v]
+
+    def _validate_edit(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> MeshEdit | None:
+        """The edit with its doublets removed, or None if it is not valid or saves no patch; extends `removed` and `added`."""
+        doublets: set[int] = set()
+        if not self._remove_doublets(removed, added, doublets):
             return None
-        edges = [(polygon[i - 1], v) for polygon in new for i, v in enumerate(polygon)]
-        here = set(edges)
-        if len(here) < len(edges) or any(self.beside.get(e, -1) not in old and e in self.beside for e in edges):
+        if not (
+            self._keeps_edges_manifold(removed, added, merges) and self._keeps_vertices_valid(removed, added, merges)
+        ):
             return None
-        kept = set()
-        for number in old:
-            polygon = self.polygon[number]
+        saved = sum(_patch_count(self.corners_of[f]) for f in removed) - sum(map(_patch_count, added))
+        return MeshEdit(tuple(sorted(removed)), tuple(added), merges, doublets, saved) if saved > 0 else None
+
+    def _keeps_edges_manifold(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> bool:
+        """Whether every half-edge occurs once after the edit, and the boundary on the box is the image of the old one."""
+        half_edges = self.polygon_of_half_edge
+        edges = [(polygon[i - 1], v) for polygon in added for i, v in enumerate(polygon)]
+        distinct = set(edges)
+        if len(distinct) < len(edges) or any(half_edges.get(e, -1) not in removed and e in half_edges for e in edges):
+            return False
+        boundary = set()
+        for number in removed:
+            polygon = self.corners_of[number]
             for i, v in enumerate(polygon):
-                if (v, polygon[i - 1]) not in self.beside:
-                    kept.add((into.get(polygon[i - 1], polygon[i - 1]), into.get(v, v)))
-        kept = {(a, b) for a, b in kept if a != b}
-        opened = {(a, b) for a, b in edges if (b, a) not in here and self.beside.get((b, a), -1) in old | {-1}}
-        if opened != kept:
-            return None
-        count: dict[int, int] = {}
-        for polygon in new:
-            for v in polygon:
-                count[v] = count.get(v, 0) + 1
-        if not all(is_valence_allowed(n + len(self.around[v] - old), not self.fixed[v]) for v, n in count.items()):
-            return None
-        for v in set(into.values()) & set(count):
-            beside = [p for p in new if v in p] + [self.polygon[f] for f in self.around[v] - old]
-            if not is_manifold_vertex(v, beside, not self.fixed[v]):
-                return None
-        saved = sum(_patch_count(self.polygon[f]) for f in old) - sum(map(_patch_count, new))
-        return MeshEdit(tuple(sorted(old)), tuple(new), into, dropped, saved) if saved > 0 else None
+                if (v, polygon[i - 1]) not in half_edges:
+                    boundary.add((merges.get(polygon[i - 1], polygon[i - 1]), merges.get(v, v)))
+        boundary = {(a, b) for a, b in boundary if a != b}
+        opened = {(a, b) for a, b in edges if (b, a) not in distinct and half_edges.get((b, a), -1) in removed | {-1}}
+        return opened == boundary
 
-    def _without_doublets(self, old: set[int], new: list[Polygon], dropped: set[int]) -> bool:
-        """Polygons joined where only two meet at an inner vertex, in place; False where that leaves nothing."""
-        while new:
-            inside: dict[int, int] = {}
-            for polygon in new:
-                for v in polygon:
-                    inside[v] = inside.get(v, 0) + 1
-            odd = [v for v, n in inside.items() if not self.fixed[v] and n + len(self.around[v] - old) == 2]
+    def _keeps_vertices_valid(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> bool:
+        """Whether the corners of the added polygons have allowed valences, and merged vertices a disk or half-disk round them."""
+        count = _count_corners(added)
+        for v, n in count.items():
+            if not is_valence_allowed(n + len(self.polygons_at_vertex[v] - removed), not self.n_fixed[v]):
+                return False
+        for v in set(merges.values()) & set(count):
+            star = [p for p in added if v in p] + [self.corners_of[f] for f in self.polygons_at_vertex[v] - removed]
+            if not is_manifold_vertex(v, star, not self.n_fixed[v]):
+                return False
+        return True
+
+    def _remove_doublets(self, removed: set[int], added: list[Polygon], doublets: set[int]) -> bool:
+        """Join the two polygons at each doublet, in place; False if a joined polygon degenerates or none is left."""
+        while added:
+            count = _count_corners(added)
+            odd = [
+                v
+                for v, n in count.items()
+                if not self.n_fixed[v] and n + len(self.polygons_at_vertex[v] - removed) == 2
+            ]
             if not odd:
                 break
             v = min(odd)
-            one, other = [list(p) for p in new if v in p] + [
-                list(self.polygon[f]) for f in sorted(self.around[v] - old)
-            ]
+            untouched = sorted(self.polygons_at_vertex[v] - removed)
+            one, other = [list(p) for p in added if v in p] + [list(self.corners_of[f]) for f in untouched]
             i, k = one.index(v), other.index(v)
             first, second = one[i + 1 :] + one[:i], other[k + 1 :] + other[:k]
             corners = first + second[1:-1]
@@ -190,78 +245,62 @@ class PolygonMesh:
                 return False
             if len(corners) < 3 or len(set(corners)) < len(corners):
                 return False
-            old |= self.around[v]
-            new[:] = [p for p in new if v not in p] + [tuple(corners)]
-            dropped.add(v)
-        return bool(new)
+            removed |= self.polygons_at_vertex[v]
+            added[:] = [p for p in added if v not in p] + [tuple(corners)]
+            doublets.add(v)
+        return bool(added)
 
-    def apply(self, change: MeshEdit) -> list[int]:
-        """Make a change that `collapsed` or `joined` gave for the mesh as it is; the numbers of the new polygons."""
-        for a, b in _box_side_list(change.old, self):
-            plane = self.plane.pop((min(a, b), max(a, b)))
-            c, d = change.into.get(a, a), change.into.get(b, b)
-            if c != d:
-                self.plane[min(c, d), max(c, d)] = plane
-        for number in change.old:
-            self._take(number)
-        return [self._add(polygon) for polygon in change.new]
-
-    def undo(
-        self, change: MeshEdit, numbers: list[int], before: dict[int, Polygon], plane: dict[tuple[int, int], int]
-    ) -> None:
-        """Take a change back: `before` are its old polygons, `plane` their sides on the box."""
-        for a, b in _box_side_list(numbers, self):
-            del self.plane[min(a, b), max(a, b)]
+    def _half_edges_on_box(self, numbers: Iterable[int]) -> list[HalfEdge]:
+        """Half-edges of these polygons that have no opposite and whose ends lie on the box."""
+        edges, n_fixed, half_edges = [], self.n_fixed, self.polygon_of_half_edge
         for number in numbers:
-            self._take(number)
-        for number, polygon in before.items():
-            self._put(number, polygon)
-        self.plane.update(plane)
-
-    def box_sides(self, numbers: Iterable[int]) -> dict[tuple[int, int], int]:
-        """Sides of these polygons on the box, with their planes."""
-        return {(min(e), max(e)): self.plane[min(e), max(e)] for e in _box_side_list(numbers, self)}
-
-
-def _box_side_list(numbers: Iterable[int], polygons: PolygonMesh) -> list[tuple[int, int]]:
-    found, fixed, beside = [], polygons.fixed, polygons.beside
-    for number in numbers:
-        polygon = polygons.polygon[number]
-        a = polygon[-1]
-        for b in polygon:
-            if fixed[a] and fixed[b] and (b, a) not in beside:
-                found.append((a, b))
-            a = b
-    return found
-
-
-def _patch_count(polygon: Polygon) -> int:
-    return 1 if len(polygon) == 4 else 3
+            polygon = self.corners_of[number]
+            a = polygon[-1]
+            for b in polygon:
+                if n_fixed[a] and n_fixed[b] and (b, a) not in half_edges:
+                    edges.append((a, b))
+                a = b
+        return edges
 
 
 def extract_mesh(
     polygons: PolygonMesh, vertices: Array, size: Array, numbers: Iterable[int]
 ) -> tuple[QuadMesh, IntArray]:
-    """The mesh of polygons of these numbers, and which of all vertices its own are. Sides run as the first mesh's do."""
+    """The quad mesh of the polygons of these numbers, and the original number (V',) of each of its vertices.
+
+    Sides keep the directions that they have in the original mesh.
+    """
     corners = polygons.rows[np.fromiter(numbers, np.int64)]
     present = corners >= 0
-    of, place = np.unique(corners[present], return_inverse=True)
+    ids, renumbered = np.unique(corners[present], return_inverse=True)
     small = np.full(corners.shape, -1)
-    small[present] = place.ravel()
+    small[present] = renumbered.ravel()
     one, other = small[present], next_corner(small)[present]
-    keys = np.minimum(one, other) * len(of) + np.maximum(one, other)
-    keys, number, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    ends = np.stack(np.divmod(keys, max(1, len(of))), axis=1)
+    keys = np.minimum(one, other) * len(ids) + np.maximum(one, other)
+    keys, side, uses = np.unique(keys, return_inverse=True, return_counts=True)
+    ends = np.stack(np.divmod(keys, max(1, len(ids))), axis=1)
     sides = np.full(corners.shape, -1)
-    sides[present] = number.ravel()
+    sides[present] = side.ravel()
     plane = np.full(len(ends), -1)
     mesh = polygons.mesh
-    on_box = mesh.fixed[of].any(axis=1)
+    on_box = mesh.fixed[ids].any(axis=1)
     open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
-    known = polygons.plane
-    plane[open_sides] = [known.get((a, b), -1) for a, b in of[ends[open_sides]].tolist()]
+    plane[open_sides] = [polygons.plane_of_side.get((a, b), -1) for a, b in ids[ends[open_sides]].tolist()]
     count = len(mesh.vertices)
-    turned = np.isin(of[ends] @ [1, count], mesh.side_ends @ [count, 1])
+    turned = np.isin(ids[ends] @ [1, count], mesh.side_ends @ [count, 1])
     ends[turned] = ends[turned, ::-1]
-    own = (vertices[of], mesh.start[of], mesh.fixed[of], mesh.cell[of], size[of])
-    return QuadMesh(*own, small, sides, ends, plane), of
+    of_vertices = (vertices[ids], mesh.start_positions[ids], mesh.fixed[ids], mesh.leaf[ids], size[ids])
+    return QuadMesh(*of_vertices, small, sides, ends, plane), ids
+
+
+def _count_corners(polygons: Iterable[Polygon]) -> dict[int, int]:
+    """Number of these polygons round each of their vertices, in the order of first occurrence."""
+    count: dict[int, int] = {}
+    for polygon in polygons:
+        for v in polygon:
+            count[v] = count.get(v, 0) + 1
+    return count
+
+
+def _patch_count(polygon: Polygon) -> int:
+    return 1 if len(polygon) == 4 else PATCHES_PER_TRIANGLE

@@ -1,9 +1,11 @@
-"""The changes of a layout that start from one of its polygons: diagonals, sides of triangles, and strips.
+"""Collapses that start from a triangle or from a side on the box: single edges, strips of quadrilaterals, and triangle pairs.
 
-How good a layout's polygons would be after changes that start from its triangles and from sides on the box.
+A strip (polychord) collapse merges the ends of opposite edges along a chain of quadrilaterals between two triangles or sides on
+the box (Daniels et al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit.
 
-Corners where a change leaves only two polygons are taken out with it: which polygons come of that, and whether all that a change
-leaves is a surface, is known when it is made. Here polygons at such corners are left out.
+There are two ways to find collapses. `plan_edits_from` plans those of one polygon exactly; it is the reference for
+`rate_strip_collapses`, which rates many seeds at once in arrays and treats doublets approximately: it leaves the polygons at a
+doublet out of the rating, since their union is known only once the edit is planned.
 """
 
 from __future__ import annotations
@@ -15,172 +17,180 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.quadmesh.quality import corner_distortion
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MeshEdit, PolygonMesh
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MeshEdit, PolygonMesh, count_patches
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars, segment_max
 
 MAX_STRIP_QUADS = 8
-"""Quadrilaterals of the longest strips that are collapsed."""
+"""Largest number of quadrilaterals in a strip."""
 
 
 @dataclass(frozen=True, slots=True)
 class CollapseSeed:
-    """What a change starts with: vertices that go `into` others, or none where the side `joint` between two triangles is taken
-    out; and the polygons, by number, that are `gone` with it at least."""
+    """What defines a collapse: vertex merges (from, into), and the polygons, by number, that vanish with them at least.
 
-    into: tuple[tuple[int, int], ...]
+    Without merges the two removed polygons are triangles that lose their `shared_edge`.
+    """
+
+    merges: tuple[tuple[int, int], ...]
     removed: tuple[int, ...]
     shared_edge: tuple[int, int] = (-1, -1)
 
 
-def plan_edit(polygons: PolygonMesh, start: CollapseSeed) -> MeshEdit | None:
-    """The change that starts so, or None where it can't be made, or no longer."""
-    if any(number not in polygons.polygon for number in start.removed):
+def plan_edit(polygons: PolygonMesh, seed: CollapseSeed) -> MeshEdit | None:
+    """The edit of a seed, or None if it is not valid, or no longer so."""
+    if any(number not in polygons.corners_of for number in seed.removed):
         return None
-    if start.into:
-        return polygons.plan_collapse(dict(start.into), start.removed)
-    one, other = start.removed
-    return polygons.joined(one, other, *start.shared_edge)
+    if seed.merges:
+        return polygons.plan_collapse(dict(seed.merges), seed.removed)
+    one, other = seed.removed
+    return polygons.plan_edge_removal(one, other, *seed.shared_edge)
 
 
 def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
-    """What may be collapsed or joined that starts from the polygon of that number.
+    """All valid edits that start from one polygon, planned exactly one by one.
 
-    Of a quadrilateral its diagonals, and the strips from its sides on the box; of a triangle its sides with other triangles,
-    taken out or collapsed, those with quadrilaterals, which become triangles, and the strips from its sides.
+    From a quadrilateral: the collapses of its diagonals, and of the strips that begin at its sides on the box. From a triangle:
+    the removal of edges to other triangles, and the collapses of its edges and of the strips that begin at them.
     """
-    polygon = polygons.polygon[number]
-    found = []
+    polygon = polygons.corners_of[number]
+    seeds = []
     if len(polygon) == 4:
         for a, c in ((polygon[0], polygon[2]), (polygon[1], polygon[3])):
-            into = _collapse_direction(polygons, a, c, False)
-            if into is not None:
-                found.append(CollapseSeed((into,), (number,)))
-    starts = [*found, *find_strip_seeds(polygons, number)]
-    return [change for change in (plan_edit(polygons, start) for start in starts) if change is not None]
+            merge = _collapse_direction(polygons, a, c, False)
+            if merge is not None:
+                seeds.append(CollapseSeed((merge,), (number,)))
+    seeds += find_strip_seeds(polygons, number)
+    return [edit for edit in (plan_edit(polygons, seed) for seed in seeds) if edit is not None]
 
 
 def find_strip_seeds(polygons: PolygonMesh, number: int) -> list[CollapseSeed]:
-    """The changes that may start from that polygon but for its diagonals."""
-    polygon = polygons.polygon[number]
-    found: list[CollapseSeed] = []
+    """Seeds of all collapses that start from a polygon, except its diagonals."""
+    polygon = polygons.corners_of[number]
+    seeds: list[CollapseSeed] = []
     for i, v in enumerate(polygon):
         u = polygon[i - 1]
-        other = polygons.beside.get((v, u), -1)
+        other = polygons.polygon_of_half_edge.get((v, u), -1)
         if len(polygon) == 3:
-            if other >= 0 and len(polygons.polygon[other]) == 3:
-                found.append(CollapseSeed((), (number, other), (u, v)))
-            found += _grow_strips(polygons, [], [number], u, v)
+            if other >= 0 and len(polygons.corners_of[other]) == 3:
+                seeds.append(CollapseSeed((), (number, other), (u, v)))
+            seeds += _grow_strips(polygons, (), number, u, v)
         elif other < 0:
-            into = _collapse_direction(polygons, u, v, True)
-            if into is not None:
-                found += _grow_strips(polygons, [into], [number], polygon[(i + 1) % 4], polygon[(i + 2) % 4])
-    return found
+            merge = _collapse_direction(polygons, u, v, True)
+            if merge is not None:
+                seeds += _grow_strips(polygons, (merge,), number, polygon[(i + 1) % 4], polygon[(i + 2) % 4])
+    return seeds
 
 
 def _grow_strips(
-    polygons: PolygonMesh, into: list[tuple[int, int]], gone: list[int], u: int, v: int
+    polygons: PolygonMesh, first: tuple[tuple[int, int], ...], number: int, u: int, v: int
 ) -> list[CollapseSeed]:
-    """Collapses of the side u to v and of those opposite, one after another, up to a triangle or the box.
+    """Seeds of the strip that crosses the edge from u to v and the edges opposite, up to a triangle or the box.
 
-    `into` and `gone`: the side on the box and the quadrilateral that a strip starts with, or nothing and a triangle.
+    The strip begins with polygon `number`: a triangle, or a quadrilateral with the merge `first` of its side on the box.
     """
-    found: list[CollapseSeed] = []
-    start = len(into)
-    used = {v for pair in into for v in pair}
+    seeds: list[CollapseSeed] = []
+    merges, removed = list(first), [number]
+    used = {v for pair in merges for v in pair}
     for _ in range(MAX_STRIP_QUADS):
-        other = polygons.beside.get((v, u), -1)
-        step = _collapse_direction(polygons, u, v, other < 0)
-        if step is None or u in used or v in used or other in gone:
+        other = polygons.polygon_of_half_edge.get((v, u), -1)
+        merge = _collapse_direction(polygons, u, v, other < 0)
+        if merge is None or u in used or v in used or other in removed:
             break
         used |= {u, v}
-        into.append(step)
+        merges.append(merge)
         if other < 0:
-            found.append(CollapseSeed(tuple(into), tuple(gone)))
+            seeds.append(CollapseSeed(tuple(merges), tuple(removed)))
             break
-        corners = polygons.polygon[other]
+        corners = polygons.corners_of[other]
         if len(corners) == 3:
-            found.append(CollapseSeed(tuple(into), (*gone, other)))
+            seeds.append(CollapseSeed(tuple(merges), (*removed, other)))
             break
-        if len(gone) == 1 and not start:
-            found.append(CollapseSeed(tuple(into), tuple(gone)))
-        gone.append(other)
+        if len(removed) == 1 and not first:
+            seeds.append(CollapseSeed(tuple(merges), tuple(removed)))
+        removed.append(other)
         i = corners.index(v)
         v, u = corners[i - 1], corners[(i + 2) % 4]
-    return found
+    return seeds
 
 
 def _collapse_direction(polygons: PolygonMesh, a: int, b: int, on_box: bool) -> tuple[int, int] | None:
-    """Which of two vertices goes into the other: towards the box and its edges, and along the box only."""
-    one, other = polygons.fixed[a], polygons.fixed[b]
+    """The merge (from, into) of two vertices, towards the one with more fixed coordinates.
+
+    None for two vertices on the box that no side on the box joins, and for two on edges of the box.
+    """
+    one, other = polygons.n_fixed[a], polygons.n_fixed[b]
     if one and other and (not on_box or one + other == 4):
         return None
     return (a, b) if (other, b) > (one, a) else (b, a)
 
 
 def rate_strip_collapses(
-    stars: VertexStars, surface: SurfaceVertices, starts: Sequence[CollapseSeed]
+    stars: VertexStars, surface: SurfaceVertices, seeds: Sequence[CollapseSeed]
 ) -> tuple[Array, IntArray]:
-    """How bad the worst polygon becomes, infinite where it goes with others than are to, and the patches saved: (n,) each."""
-    count, vertices, number = len(starts), len(surface.vertices), len(stars.rows)
-    of = np.repeat(np.arange(count), [len(start.into) for start in starts])
-    goes, stays = np.array([pair for start in starts for pair in start.into], np.int64).reshape(-1, 2).T
-    gone_of = np.repeat(np.arange(count), [len(start.removed) for start in starts])
-    gone = np.array([polygon for start in starts for polygon in start.removed], np.int64)
+    """Distortion of the worst polygon after each collapse, and the number of patches saved: (n,) each.
 
-    owner, polygon, _ = stars.around(np.concatenate([goes, stays]))
-    left = np.setdiff1d(np.concatenate([of, of])[owner] * number + polygon, gone_of * number + gone)
-    by, polygon = np.divmod(left, number)
-    merged = vertices + np.concatenate([np.arange(len(of))] * 2)
+    The distortion is infinite if a polygon outside `removed` would degenerate, a valence would be too high or no patch would be
+    saved.
+    """
+    count, n_vertices, n_polygons = len(seeds), len(surface.vertices), len(stars.rows)
+    merge_owner = np.repeat(np.arange(count), [len(seed.merges) for seed in seeds])
+    removed, kept = np.array([pair for seed in seeds for pair in seed.merges], np.int64).reshape(-1, 2).T
+    gone_owner = np.repeat(np.arange(count), [len(seed.removed) for seed in seeds])
+    gone = np.array([polygon for seed in seeds for polygon in seed.removed], np.int64)
+    merge_keys = np.concatenate([merge_owner * n_vertices + removed, merge_owner * n_vertices + kept])
+
+    # the polygons round merged vertices that stay, with the merged vertices renamed
+    entry, polygon, _ = stars.polygons_around(np.concatenate([removed, kept]))
+    around = np.concatenate([merge_owner, merge_owner])[entry] * n_polygons + polygon
+    owner, polygon = np.divmod(np.setdiff1d(around, gone_owner * n_polygons + gone), n_polygons)
     before = stars.rows[polygon]
-    rows, whole = _shrink_degenerate_quads(
-        _rename_vertices(before, by, np.concatenate([of * vertices + goes, of * vertices + stays]), merged, vertices)
-    )
-    joints, joint_of = _join_triangle_pairs(stars, starts)
-    rows, by = np.concatenate([rows, joints]), np.concatenate([by, joint_of])
-    whole = np.concatenate([whole, np.ones(len(joints), bool)])
+    merged = n_vertices + np.concatenate([np.arange(len(merge_owner))] * 2)
+    rows, valid = _shrink_degenerate_quads(_rename_vertices(before, owner, merge_keys, merged, n_vertices))
+    pairs, pair_owner = _join_triangle_pairs(stars, seeds)
+    rows, owner = np.concatenate([rows, pairs]), np.concatenate([owner, pair_owner])
+    valid = np.concatenate([valid, np.ones(len(pairs), bool)])
 
-    # corners of polygons that go, or of triangles joined, where two are left inside
-    corner_of, corner = np.repeat(gone_of, 4), stars.rows[gone].ravel()
-    key, less = np.unique(corner_of[corner >= 0] * vertices + corner[corner >= 0], return_counts=True)
-    key_of, corner = np.divmod(key, vertices)
-    lone = np.isin(key, np.repeat(joint_of, 4) * vertices + joints.ravel())
-    two = (stars.count[corner] - less + lone == 2) & ~surface.fixed[corner].any(axis=1)
-    two &= ~np.isin(key, np.concatenate([of * vertices + goes, of * vertices + stays]))
-    odd = key[two]
-    own = (rows >= 0) & (rows < vertices)
-    fine = whole & ~(own & np.isin(by[:, None] * vertices + rows, odd)).any(axis=1)
+    # doublets: inner corners of removed polygons, or of joined triangles, at which two polygons are left
+    corner_owner, corner = np.repeat(gone_owner, 4), stars.rows[gone].ravel()
+    keys, n_removed = np.unique(corner_owner[corner >= 0] * n_vertices + corner[corner >= 0], return_counts=True)
+    key_owner, corner = np.divmod(keys, n_vertices)
+    n_added = np.isin(keys, np.repeat(pair_owner, 4) * n_vertices + pairs.ravel())
+    doublet = (stars.valence[corner] - n_removed + n_added == 2) & ~surface.fixed[corner].any(axis=1)
+    doublet &= ~np.isin(keys, merge_keys)
+    unmerged = (rows >= 0) & (rows < n_vertices)
+    at_doublet = (unmerged & np.isin(owner[:, None] * n_vertices + rows, keys[doublet])).any(axis=1)
+    measured = valid & ~at_doublet
 
-    there = surface.append_merged_vertices(goes, stays)
-    bad = segment_max(corner_distortion(there.vertices, there.normals, there.fixed, rows[fine]), by[fine], count)
-    bad[by[~whole]] = np.inf
-    round_each = np.bincount(rows[rows >= vertices] - vertices, minlength=len(of))
-    twos = np.bincount(key_of[two], minlength=count)
-    bad[of[round_each > MAX_VALENCE + twos[of]]] = np.inf
+    after = surface.append_merged_vertices(removed, kept)
+    distortion = corner_distortion(after.vertices, after.normals, after.fixed, rows[measured])
+    worst = segment_max(distortion, owner[measured], count)
+    worst[owner[~valid]] = np.inf
+    valence = np.bincount(rows[rows >= n_vertices] - n_vertices, minlength=len(merge_owner))
+    n_doublets = np.bincount(key_owner[doublet], minlength=count)
+    worst[merge_owner[valence > MAX_VALENCE + n_doublets[merge_owner]]] = np.inf
     saved = (
-        np.bincount(gone_of, _patch_counts(stars.rows[gone]), count)
-        + twos
-        - np.bincount(by, _patch_counts(rows), count)
+        np.bincount(gone_owner, count_patches(stars.rows[gone]), count)
+        + n_doublets
+        - np.bincount(owner, count_patches(rows), count)
     )
-    saved += np.bincount(by[: len(before)], _patch_counts(before), count)
-    bad[saved <= 0] = np.inf
-    return bad, saved.astype(np.int64)
+    saved += np.bincount(owner[: len(before)], count_patches(before), count)
+    worst[saved <= 0] = np.inf
+    return worst, saved.astype(np.int64)
 
 
-def _patch_counts(rows: IntArray) -> IntArray:
-    return np.where(rows[:, 3] < 0, 3, 1)
-
-
-def _rename_vertices(rows: IntArray, by: IntArray, keys: IntArray, names: IntArray, vertices: int) -> IntArray:
-    """Polygons (m, 4) of changes `by`, with the vertices that have a key there under their new names."""
+def _rename_vertices(rows: IntArray, owner: IntArray, keys: IntArray, names: IntArray, n_vertices: int) -> IntArray:
+    """Polygons (m, 4) with each vertex v replaced by the name of the key owner * n_vertices + v, if there is one."""
+    if not len(keys):
+        return rows
     order = np.argsort(keys, kind="stable")
     keys, names = keys[order], names[order]
-    wanted = np.where(rows >= 0, by[:, None] * vertices + rows, -1)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return np.where(keys[at] == wanted, names[at], rows) if len(keys) else rows
+    wanted = np.where(rows >= 0, owner[:, None] * n_vertices + rows, -1)
+    entry = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[entry] == wanted, names[entry], rows)
 
 
 def _shrink_degenerate_quads(rows: IntArray) -> tuple[IntArray, BoolArray]:
-    """Quadrilaterals with a side of no length made triangles; and which polygons have three corners or more, all different."""
+    """Polygons (m, 4) in which quadrilaterals with one zero side are triangles, and which (m,) then have distinct corners."""
     rows = rows.copy()
     same = rows == np.roll(rows, -1, axis=1)
     short = np.flatnonzero((rows[:, 3] >= 0) & (same.sum(axis=1) == 1))
@@ -191,11 +201,11 @@ def _shrink_degenerate_quads(rows: IntArray) -> tuple[IntArray, BoolArray]:
     return rows, (a != b) & (b != c) & (c != a) & (a != d) & (b != d) & (c != d)
 
 
-def _join_triangle_pairs(stars: VertexStars, starts: Sequence[CollapseSeed]) -> tuple[IntArray, IntArray]:
-    """The quadrilaterals (j, 4) of two triangles without the side between them, and of which start they are."""
-    of = np.array([i for i, start in enumerate(starts) if not start.into], np.int64)
-    gone = np.array([starts[i].removed for i in of.tolist()], np.int64).reshape(-1, 2)
-    a, b = np.array([starts[i].shared_edge for i in of.tolist()], np.int64).reshape(-1, 2).T
-    far = stars.rows[gone][..., :3]
-    c, d = (far.sum(axis=2) - (a + b)[:, None]).T
-    return np.stack([a, d, b, c], axis=1), of
+def _join_triangle_pairs(stars: VertexStars, seeds: Sequence[CollapseSeed]) -> tuple[IntArray, IntArray]:
+    """The quadrilaterals (j, 4) of two triangles without their shared edge, and the seed (j,) of each."""
+    owner = np.array([i for i, seed in enumerate(seeds) if not seed.merges], np.int64)
+    triangles = np.array([seeds[i].removed for i in owner.tolist()], np.int64).reshape(-1, 2)
+    a, b = np.array([seeds[i].shared_edge for i in owner.tolist()], np.int64).reshape(-1, 2).T
+    corners = stars.rows[triangles][..., :3]
+    c, d = (corners.sum(axis=2) - (a + b)[:, None]).T
+    return np.stack([a, d, b, c], axis=1), owner
