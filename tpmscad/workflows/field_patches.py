@@ -66,7 +66,7 @@ class FieldPatches:
 
     @property
     def deviation(self) -> Deviation:
-        to_field, from_field = self.fitted.to_field, self.fitted.from_field
+        to_field, from_field = self.fitted.patches_to_field, self.fitted.field_to_patches
         return Deviation(max(to_field, from_field), self.fitted.rms, to_field, from_field)
 
     @property
@@ -91,12 +91,14 @@ def fit_field_patches(
     field = as_field(field)
     lo, hi = validate_box(lo, hi, tol)
     rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
-    with stages("fit") as done, task_runner(executor, rounded) as work:
-        for probed in (False, True):
-            fitted = fit_field_solid(rounded, lo, hi, tol - moved, probed=probed, work=work, progress=done)
+    with stages("fit") as done, task_runner(executor, rounded) as run_tasks:
+        for detect_hidden in (False, True):
+            fitted = fit_field_solid(
+                rounded, lo, hi, tol - moved, detect_hidden_crossings=detect_hidden, run_tasks=run_tasks, progress=done
+            )
             moments = integral_properties.integrate_faces(fitted.brep)
             properties = measure_solid(fitted.brep, moments)
-            if not probed:
+            if not detect_hidden:
                 betti = compute_betti_numbers(fitted.field, lo, hi)
             if betti is None or properties.betti == betti:
                 break
@@ -114,8 +116,8 @@ def fit_field_patches(
     fitted = replace(
         fitted,
         tol=tol,
-        to_field=fitted.to_field + moved,
-        from_field=fitted.from_field + moved,
+        patches_to_field=fitted.patches_to_field + moved,
+        field_to_patches=fitted.field_to_patches + moved,
         notes=notes + fitted.notes,
     )
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)

@@ -106,11 +106,11 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         notes = (*notes, "the field's Betti numbers did not settle on any grid tried: the solid's are its own")
     figures = {
         "tangent jump in degrees at the 95th percentile": fitted.jump_p95_deg,
-        "deviation of the solid from the field": fitted.to_field,
-        "deviation of the field from the solid": fitted.from_field,
+        "deviation of the solid from the field": fitted.patches_to_field,
+        "deviation of the field from the solid": fitted.field_to_patches,
     }
-    if np.isfinite(fitted.wall):
-        figures["thinnest wall"] = fitted.wall
+    if np.isfinite(fitted.min_wall):
+        figures["thinnest wall"] = fitted.min_wall
     return PatchMeasures(
         fitted.tol,
         found.deviation,
