@@ -1,4 +1,9 @@
-"""A heat exchanger's three solids: the wall of a sheet lattice in a body and the two channels that it keeps apart."""
+"""The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
+
+If the body consists of planes and quadrics, lattice and body are intersected once on the patches' parameter domains, and the
+three domains are rebuilt from that arrangement; common faces, edges and vertices are the same by construction. Otherwise the
+kernel splits the body by the lattice's surfaces.
+"""
 
 from __future__ import annotations
 
@@ -36,15 +41,15 @@ from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.workflows.lattice_request import resolve_lattice_request, rotation_matrix
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
-"""The channels are named by the side of the surface they lie on: + is where the nodal value is positive."""
+"""Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
 
 TOTAL_VOLUME_RTOL = 1e-6
-"""Relative: how far the domains' volumes together may be from the body's."""
+"""Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceContact:
-    """What lies on one face of the body: its number in the body's order, and the area of each domain on it."""
+    """One face of the body, by its number in the body's order, and the area of each domain on it, model units squared."""
 
     face: int
     areas: Mapping[str, float]
@@ -52,10 +57,20 @@ class FaceContact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FluidDomains:
-    """Conformal solids: where two touch they share TopoDS faces, edges and vertices.
+    """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
 
-    `wall`, `plus` and `minus` are build123d Solids (Compounds, largest piece first, where there are several pieces); their
-    volumes add up to the body's. `touches` says of every face of the body which domains reach it. `certificate` is the wall's.
+    Attributes
+    ----------
+    name : str
+        Name of the whole, used in STEP files.
+    pieces : mapping
+        The TopoDS solids of each domain, largest first, by the names "wall", "channel +" and "channel -".
+    touches : tuple of FaceContact
+        For every face of the body, the domains that reach it and their areas on it.
+    certificate : Certificate
+        The certificate of the wall, with the checks and notes of the channels.
+    body_volume : float
+        Volume of the three domains together, model units cubed.
     """
 
     name: str
@@ -66,23 +81,39 @@ class FluidDomains:
 
     @property
     def wall(self) -> Any:
+        """The wall as a build123d Solid, or a Compound of its pieces, largest first."""
         return KernelSolids(self.pieces[WALL]).solid
 
     @property
     def plus(self) -> Any:
+        """The channel in which the nodal value is positive, as a build123d Solid or Compound."""
         return KernelSolids(self.pieces[PLUS]).solid
 
     @property
     def minus(self) -> Any:
+        """The channel in which the nodal value is negative, as a build123d Solid or Compound."""
         return KernelSolids(self.pieces[MINUS]).solid
 
     @property
     def wrapped(self) -> Any:
-        """All solids as one TopoDS compound, shared faces shared: wall, channel +, channel -."""
+        """All solids as one TopoDS compound with shared faces, in the order wall, channel +, channel -."""
         return make_compound(solid for solids in self.pieces.values() for solid in solids)
 
     def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
-        """Write the solids by their names as STEP; the file is read back and checked, and there whole or not at all."""
+        """Write the named solids to a STEP file, which is read back and checked.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write. It is left unchanged if the check fails.
+        schema : {"ap242", "ap214", "ap203"}, optional
+            Application protocol of the file.
+
+        Raises
+        ------
+        KernelError
+            If the file does not read back as it was written.
+        """
         names = [
             name if number == 0 else f"{name} {number + 1}"
             for name, solids in self.pieces.items()
@@ -105,10 +136,52 @@ def fluid_domains(
     tol: float | None = None,
     progress: Progress | None = None,
 ) -> FluidDomains:
-    """The wall of a sheet lattice in a body and the two channels beside it, as solids that share their faces.
+    """Divide a body into the wall of a sheet lattice and the two channels beside it, as solids that share their faces.
 
-    Keywords as in `tpmscad.infill`. Pieces of a domain that do not hang together are told in the certificate's notes, which also
-    say which domains reach which face of the body. InvalidRequest where one of the three is missing.
+    Parameters
+    ----------
+    body : shape, str or Path
+        One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file.
+    surface : str
+        Name of a surface (see ``tpmscad surfaces``).
+    cell : float or (3,) floats
+        Edge length of the cell, or one for each axis, model units.
+    thickness : float, optional
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`.
+    offset : (float, float), optional
+        Signed normal distances of the two sides of the wall, the lower first, model units.
+    volume_fraction : float, optional
+        Fraction of the whole cell that is wall, between 0 and 1.
+    reference : {"minimal", "nodal"}, optional
+        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
+    phase : (3,) floats, optional
+        Shift of the lattice, in cells.
+    rotation : (3,) floats, optional
+        Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
+    tol : float, optional
+        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the cell.
+    progress : callable, optional
+        Called with the name of a stage and the fraction of it that is done.
+
+    Returns
+    -------
+    FluidDomains
+        The three domains. The notes of its certificate list disconnected pieces and the domains on each face of the body.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    MissingDomain
+        If the body holds no part of one of the domains (an InvalidRequest).
+    KernelError
+        If trimming and splitting fail.
+
+    Examples
+    --------
+    >>> import build123d as bd, tpmscad
+    >>> parts = tpmscad.fluid_domains(bd.Box(20, 10, 10), "gyroid", cell=10, thickness=1)
+    >>> parts.export_step("exchanger.step")
     """
     stages = StageTimer(progress)
     with stages("read"):
@@ -142,7 +215,7 @@ def fluid_domains(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DomainSolids:
-    """The solids of a domain, largest first, its areas on faces of the body by their numbers, and how it was made."""
+    """The solids of a domain, largest first, its areas by face of the body, and notes on the method."""
 
     solids: tuple[Any, ...]
     areas: Mapping[int, float]
@@ -184,11 +257,12 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
         caps = domain.faces_with_tag("cap")
         face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
         areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
-        result[name] = DomainSolids(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameters",))
+        result[name] = DomainSolids(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameter domains",))
     return result
 
 
 def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """The three domains from the cells into which the kernel splits the body."""
     cells = split_body(body.shape, block.shape, _tags_of_kernel_faces(block))
     result = {}
     for name in (WALL, PLUS, MINUS):
@@ -201,17 +275,20 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
 
 
 def classify_cell(cell: SplitSolid) -> str:
-    """Which of the three a cell of the split body is, by the side of the lattice's surfaces that it lies on."""
+    """The domain of a cell of the split body, by the sides of the lattice's surfaces that bound it."""
     if cell.sides and all(side < 0 for _, side in cell.sides):
         return WALL
     if cell.sides == {("offset+", 1)}:
         return PLUS
     if cell.sides == {("offset-", 1)}:
         return MINUS
-    raise KernelError("fluid domains", f"a piece of the body lies on {sorted(cell.sides)}: neither wall nor channel")
+    raise KernelError(
+        "fluid domains", f"a cell of the body is bounded by {sorted(cell.sides)}, which is neither wall nor channel"
+    )
 
 
 def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
+    """The tag of every face of the kernel's solid of the block, in the kernel's order."""
     tags = [block.closed.tags[t] for t in block.closed.faces.tag.tolist()]
     by_face = {hash(face): tag for face, tag in zip(block.built.faces, tags, strict=True)}
     return [by_face[hash(face)] for face in faces_of(block.shape)]
@@ -257,5 +334,5 @@ def _certify_domains(
 
 
 def _missing_domain(body: CadBody, name: str) -> MissingDomain:
-    """The error for a body that holds no part of the domain called `name`."""
-    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by phase, or make its cell smaller")
+    """The error for a body that contains no part of the domain `name`."""
+    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`")

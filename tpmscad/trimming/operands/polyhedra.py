@@ -1,4 +1,4 @@
-"""What a lattice is trimmed by: a closed complex of planes and quadrics. Polyhedra and boxes as such."""
+"""Polyhedra and boxes as boundary representations to trim a lattice by."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import line_segment
 
 FLATNESS_FRACTION = 1e-9
-"""A polyhedron's corners lie in the planes of their faces within this part of its size."""
+"""Largest distance of a corner from the plane of its face, relative to the size of the polyhedron."""
 
 
 def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
-    """The polyhedron whose faces are the loops of corners (N, 3), counter-clockwise as seen from outside.
+    """The polyhedron with the given corners (N, 3), whose faces are loops of corner numbers, counter-clockwise from outside.
 
-    A face's plane goes through its first three corners, of which the second is convex. InvalidRequest where faces are not flat
-    or do not close.
+    The plane of a face passes through its first three corners; the second one must be convex. InvalidRequest if a face is not
+    planar or the faces do not close.
     """
     points = np.asarray(corners, float)
     planes = []
@@ -31,12 +31,12 @@ def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
         normal = np.cross(x, c - a)
         planes.append(Plane(a, x, normal / np.linalg.norm(normal)))
         if np.abs(planes[-1].distance(points[list(loop)])).max() > FLATNESS_FRACTION * np.ptp(points):
-            raise InvalidRequest(f"the corners {list(loop)} of a polyhedron's face do not lie in a plane")
+            raise InvalidRequest(f"the corners {list(loop)} of a polyhedron's face do not lie in one plane")
     directed = [pair for loop in loops for pair in zip(loop, [*loop[1:], loop[0]], strict=True)]
     edges = [(i, j) for i, j in directed if i < j]
     number = {edge: n for n, edge in enumerate(edges)}
     if sorted(directed) != sorted(edges + [(j, i) for i, j in edges]) or len(number) != len(edges):
-        raise InvalidRequest("a polyhedron's faces must share each edge with one other face, run the other way")
+        raise InvalidRequest("each edge of a polyhedron must join two faces that use it in opposite directions")
     n, m = len(loops), len(edges)
     ends = np.array(edges, np.int64).reshape(-1, 2)
     length = np.linalg.norm(points[ends[:, 1]] - points[ends[:, 0]], axis=1)
@@ -73,7 +73,7 @@ def polyhedron(corners: ArrayLike, loops: Sequence[Sequence[int]]) -> Brep:
 
 
 def box(lo: ArrayLike, hi: ArrayLike) -> Brep:
-    """The box between two corners; its planes are x, y, z = lo, then x, y, z = hi, exactly."""
+    """The box between two corners; the planes of its faces are exactly x, y, z = lo, then x, y, z = hi."""
     low, high = np.asarray(lo, float), np.asarray(hi, float)
     if low.shape != (3,) or high.shape != (3,) or not np.isfinite([low, high]).all() or (high <= low).any():
         raise InvalidRequest(f"a box needs finite corners lo < hi in x, y and z, not {low} and {high}")

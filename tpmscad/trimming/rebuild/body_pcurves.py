@@ -1,4 +1,9 @@
-"""Parameter curves of space curves on the body's quadrics: with the curve's parameter, interpolated until near enough."""
+"""Pcurves of space curves on the body's quadrics, with the parameter of the space curve, by interpolation.
+
+The space curve is mapped to the carrier's parameters at Greville sites and interpolated with more and more spans, until the
+pcurve's image is within the tolerance of the curve. Near a pole of a sphere or the apex of a cone the angle varies within a small
+part of the curve; there the knots are graded: they are uniform in arsinh of the distance along the curve.
+"""
 
 from __future__ import annotations
 
@@ -19,27 +24,35 @@ from tpmscad.trimming.intersect.arc_fitting import CURVE_DEGREE, SPAN_COUNTS, bu
 from tpmscad.trimming.operands.face_regions import FaceRegion, shift_to_period
 
 CHECKS_PER_SPAN = 4
-"""Points between knots where the deviation is measured."""
+"""Points per span at which the deviation is measured."""
 
 AXIS_SEARCH_INTERVALS = 32
-"""Intervals in which the point of a curve nearest to an axis is looked for, again and again."""
+"""Intervals of each step of the search for the point of a curve nearest to an axis."""
+
+AXIS_SEARCH_STEPS = 8
+"""Steps of this search; each narrows it down to the two intervals about the nearest sample."""
 
 GRADING_SPANS = 2.0
-"""Angles that turn within less than this many spans get knots of their own."""
+"""Number of spans below which an angle that varies within them needs graded knots."""
 
 GRADING_SAMPLES = 4001
-"""Points from which graded knots are read off."""
+"""Samples of the grading function, from which the knots are interpolated."""
 
 MIN_POLE_DISTANCE_TOLS = 0.1
-"""Nearer to a pole than this part of the tolerance the angle is of no account."""
+"""Distance from a pole, in tolerances, below which the angle has no effect."""
+
+MIN_SPEED = 1e-300
+"""Lower bound of a curve's speed used as a divisor."""
 
 
 def fit_edge_pcurves(
     curves: Sequence[BSplineCurve], edges: Edges, edge: IntArray, region: FaceRegion, tol: float
 ) -> tuple[list[BSplineCurve], Array]:
-    """Parameter curves of edges on a round face, and how far they are off."""
+    """Pcurves of the edges `edge` (n,) on a curved face of the body, and their deviations (n,)."""
     own, (low, high) = [curves[c] for c in edges.curve[edge]], edges.span[edge].T
-    part = (high - low) / np.array([c.domain[1] - c.domain[0] for c in own])  # of the curve, which was fitted as finely
+    part = (high - low) / np.array(
+        [c.domain[1] - c.domain[0] for c in own]
+    )  # the pcurve starts with the curve's density of spans
     least = (part * np.array([len(c.poles) - c.degree for c in own])).astype(np.int64)
     return fit_pcurves(own, edges.motion[edge], edges.span[edge], region, tol, least)
 
@@ -52,9 +65,9 @@ def fit_pcurves(
     tol: float,
     least: IntArray,
 ) -> tuple[list[BSplineCurve], Array]:
-    """`parameter_curve` for n curves, each moved by its `motion` (n,), over spans (n, 2).
+    """Pcurves of n curves, each placed by its `motion` (n,), over the spans (n, 2), and their deviations (n,).
 
-    All that need no more than `least` (n,) spans are made together.
+    The curves for which `least` (n,) spans suffice are interpolated in batches, the others one by one by `fit_pcurve`.
     """
     made: list[BSplineCurve | None] = [None] * len(curves)
     error = np.zeros(len(curves))
@@ -91,11 +104,9 @@ def _evaluate_placed_curve(curve: BSplineCurve, motion: Motion, t: Array) -> Arr
 def fit_pcurve(
     curve: Callable[[Array], Array], span: Array, region: FaceRegion, tol: float, least: int
 ) -> tuple[BSplineCurve, float]:
-    """The curve in the face's (u, v) that runs with `curve` over the span, and how far it is from it at most.
+    """The pcurve of `curve` over the span, with the same parameter, and its largest sampled deviation.
 
-    least: spans to begin with.
-
-    TrimmingError where `tol` is not reached.
+    least: the smallest number of spans to try. TrimmingError if the tolerance is not reached.
     """
     low, high = float(span[0]), float(span[1])
     close = _find_closest_to_axis(lambda x: curve(low + (high - low) * x), region.carrier, tol)
@@ -111,17 +122,20 @@ def fit_pcurve(
         u, v = (rows @ poles).T
         points = curve(low + (high - low) * checks)
         error = float(np.linalg.norm(region.carrier(u, v) - points, axis=1).max())
-        if error < tol + np.abs(region.carrier.distance(points)).max():  # which no parameters can mend
+        if (
+            error < tol + np.abs(region.carrier.distance(points)).max()
+        ):  # the curve's own distance is no error of the pcurve
             return BSplineCurve(poles, low + (high - low) * knots, CURVE_DEGREE), error
     raise TrimmingError(
-        f"a cut's parameters on the body are still {error:.3g} off, near {curve(np.array([low]))[0].round(6)}"
+        f"a pcurve on the body deviates by {error:.3g} with {SPAN_COUNTS[-1]} spans, near "
+        f"{curve(np.array([low]))[0].round(6)}; the tolerance is {tol:.3g}"
     )
 
 
 def _find_closest_to_axis(
     curve: Callable[[Array], Array], carrier: Plane | Quadric, tol: float
 ) -> tuple[float, float] | None:
-    """Where on [0, 1] a curve passes a pole or an apex, by which angles turn quickly, and over what part of it they do."""
+    """The position in [0, 1] where a curve is nearest to a pole or an apex, and the width within which its angle varies."""
     if not isinstance(carrier, SphericalSurface | ConicalSurface):
         return None
 
@@ -130,14 +144,14 @@ def _find_closest_to_axis(
         return np.asarray(np.linalg.norm(arm - (arm @ carrier.axis)[:, None] * carrier.axis, axis=1))
 
     low, high = 0.0, 1.0
-    for _ in range(8):  # narrowed down around the nearest sample
+    for _ in range(AXIS_SEARCH_STEPS):
         x = np.linspace(low, high, AXIS_SEARCH_INTERVALS + 1)
         r = away(x)
         i = int(r.argmin())
         low, high = float(x[max(i - 1, 0)]), float(x[min(i + 1, AXIS_SEARCH_INTERVALS)])
     ends = curve(np.array([low, high]))
     speed = float(np.linalg.norm(ends[1] - ends[0])) / (high - low)
-    return float(x[i]), max(float(r[i]), MIN_POLE_DISTANCE_TOLS * tol) / max(speed, 1e-300)
+    return float(x[i]), max(float(r[i]), MIN_POLE_DISTANCE_TOLS * tol) / max(speed, MIN_SPEED)
 
 
 def _needs_grading(width: float, spans: int) -> bool:
@@ -145,12 +159,12 @@ def _needs_grading(width: float, spans: int) -> bool:
 
 
 def _build_graded_space(spans: int, at: float, width: float) -> tuple[Array, Array, Array, Array, Array]:
-    """As `_space`, with knots ever denser towards `at`, to a fraction of `width` there."""
+    """As `_build_uniform_space`, with knots graded towards `at`, where their spacing is a fraction of `width`."""
     low, high = float(np.arcsinh(-at / width)), float(np.arcsinh((1.0 - at) / width))
     s = np.linspace(low, high, GRADING_SAMPLES)
     x = at + width * np.sinh(s)
     x[[0, -1]] = 0.0, 1.0
-    even = s + (high - low) * x  # half of the knots in even steps
+    even = s + (high - low) * x  # half of the knots are uniform
     inner = np.interp(np.linspace(even[0], even[-1], spans + 1), even, x)[1:-1]
     knots = np.concatenate([np.zeros(CURVE_DEGREE + 1), inner, np.ones(CURVE_DEGREE + 1)])
     sites = np.array([knots[i + 1 : i + CURVE_DEGREE + 1].mean() for i in range(spans + CURVE_DEGREE)])
@@ -170,7 +184,7 @@ def _unwrap_parameters(carrier: Plane | Quadric, points: Array) -> Array:
 
 @lru_cache(maxsize=16)
 def _build_uniform_space(spans: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Knots, Greville sites and the inverse of interpolation there; places between, and the basis there."""
+    """Knots, Greville sites, the inverse of the collocation matrix there, check points, and the basis at these."""
     knots, sites, inverse = build_interpolation(spans)
     checks = np.linspace(0.0, 1.0, CHECKS_PER_SPAN * spans + 1)
     return knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks)
