@@ -1,11 +1,12 @@
-"""Blending: the tables of the porous-blending paper beside our figures, random pairs, large grids, necks, persistence alone.
+"""Benchmarks of blending: the tables of the porous-blending paper beside ours, random pairs, large grids, necks, persistence.
 
     python -m benchmarks.blending [table1] [table2] [pairs [COUNT]] [specks [COUNT]] [large] [necks] [persistence]
 
-Without arguments table1 and table2. Seconds are CPU seconds of one process; compiled loops are called once before, and what that
-first call costs is printed. "on gudhi" is our loop with every census of a grid replaced by gudhi's persistence of it (time of one
-call, at each resolution, times the number of censuses); "its own" is the paper's loop (eqs 20-23, Adam, 12 steps) on gudhi
-at the working resolution only. Ours includes the checks at twice the resolution.
+Without arguments it prints table1 and table2. Seconds are CPU seconds of one process. Compiled loops are called once before the
+measurements, and the cost of that first call is printed. "on gudhi" is our optimiser with each count of defects replaced by
+gudhi's persistence: the time of one call at each resolution, times the number of counts. "its own" is the paper's descent
+(eqs 20 to 23, with Adam, 12 steps) on gudhi's pairs, at the working resolution only. Our figures include the checks at twice the
+resolution.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from benchmarks.random_pairs import random_pair
 from tpmscad import fields, topology
 from tpmscad.blending import BlendResult, blend
 from tpmscad.blending.composition.sampled_composition import sample_composition
-from tpmscad.blending.optimise import optimiser
+from tpmscad.blending.optimise import blend_state
+from tpmscad.blending.optimise.blend_state import find_grid_defects
 from tpmscad.blending.optimise.neck_width import measure_necks
-from tpmscad.blending.optimise.optimiser import find_grid_defects
 from tpmscad.blending.optimise.subgrid_defects import is_isolated
 from tpmscad.blending.sampling_domain import resolve_domain
 from tpmscad.fields.sample_grid import SampleGrid
@@ -36,12 +37,14 @@ EARLIER = ("beta-growth", "discrete-reconstruction", "sigmoid")
 
 
 def timed(run: Callable[[], BlendResult]) -> tuple[BlendResult, float]:
+    """The result of a call, and its CPU seconds."""
     start = time.process_time()
     result = run()
     return result, time.process_time() - start
 
 
 def run(case: Case, method: str = "topological", **options: object) -> BlendResult:
+    """The blend of a case."""
     return blend(
         case.structures, case.regions, case.blending,
         method=method, weight=case.weight, resolution=case.resolution, **options,
@@ -49,10 +52,12 @@ def run(case: Case, method: str = "topological", **options: object) -> BlendResu
 
 
 def counts(result: BlendResult, level: int = 0) -> str:
+    """Components and cavities of a blend at one resolution."""
     return f"{result.errors.n0.final[level] + 1:4d} {result.errors.n2.final[level]:3d}"
 
 
 def print_table1() -> None:
+    """Print the defects of all methods for Table 1 of the paper."""
     print("Table 1: components n0 and holes n2 at 50^3 (paper's in brackets), joined through faces in both phases")
     print(f"{'':22s}{'beta growth':>20s}{'discrete rec.':>20s}{'sigmoid':>20s}{'topological':>20s}   at 100^3")
     for case in table1():
@@ -64,6 +69,7 @@ def print_table1() -> None:
 
 
 def print_table2() -> None:
+    """Print rounds and seconds for Table 2 of the paper."""
     print("Table 2: rounds and seconds")
     print(
         f"{'':22s}{'rounds':>7s}{'paper':>6s}{'seconds':>9s}{'paper':>7s}{'ratio':>7s}{'on gudhi':>10s}{'ratio':>7s}"
@@ -71,12 +77,12 @@ def print_table2() -> None:
     )
     for case in table2():
         result, seconds = timed(lambda case=case: run(case))
-        with censuses() as seen:
+        with count_censuses() as seen:
             run(case)
         slow = seconds + sum(count * gudhi_seconds(case, shape) for shape, count in seen.items())
         with gudhi_persistence():
             _, printed = timed(lambda case=case: run(case, "paper", max_iterations=12))
-        left = [a + b for a, b in zip(result.errors.n0.left, result.errors.n2.left, strict=True)]
+        left = [a + b for a, b in zip(result.errors.n0.remaining, result.errors.n2.remaining, strict=True)]
         print(
             f"{case.name:22s}{result.iterations:7d}{case.paper_iterations:6d}{seconds:9.2f}{case.paper_seconds:7.2f}"
             f"{case.paper_seconds / seconds:7.1f}{slow:10.1f}{slow / seconds:7.0f}{printed:9.2f}{left[0]:9d}{left[1]:9d}"
@@ -85,24 +91,24 @@ def print_table2() -> None:
 
 
 @contextmanager
-def censuses() -> Iterator[Counter[tuple[int, ...]]]:
-    """The numbers of censuses made of grids of each shape."""
+def count_censuses() -> Iterator[Counter[tuple[int, ...]]]:
+    """Counts how often defects are counted on grids of each shape."""
     seen: Counter[tuple[int, ...]] = Counter()
-    ours = optimiser.count_defects
+    ours = blend_state.count_defects
 
     def counted(values: np.ndarray) -> object:
         seen[values.shape] += 1
         return ours(values)
 
-    optimiser.count_defects = counted
+    blend_state.count_defects = counted
     try:
         yield seen
     finally:
-        optimiser.count_defects = ours
+        blend_state.count_defects = ours
 
 
 def gudhi_seconds(case: Case, shape: tuple[int, ...]) -> float:
-    """One call of gudhi, which gives all dimensions, on the blend as it starts."""
+    """Seconds of one call of gudhi, which computes all dimensions, for the initial blend."""
     grid = SampleGrid(*resolve_domain(case.regions, None), shape)
     values = run(case, "initial").field.on_grid(*grid.axes)
     start = time.process_time()
@@ -128,6 +134,7 @@ def gudhi_persistence() -> Iterator[None]:
 
 
 def print_pairs(count: int) -> None:
+    """Print the success and the seconds for random pairs."""
     seconds, initial, failed = [], 0, 0
     for seed in range(count):
         pair = random_pair(seed)
@@ -147,9 +154,9 @@ def print_pairs(count: int) -> None:
 
 
 def print_specks(count: int) -> None:
-    """Errors of mended pairs at three times the samples, where nothing was checked, without and with the search between them."""
+    """Print the defects of repaired pairs on a grid that was not checked, without and with the search for subgrid defects."""
     for wanted in (False, None, True):
-        mended = seen = real = blends = 0
+        repaired = seen = real = blends = 0
         seconds = []
         for seed in range(count):
             pair = random_pair(seed)
@@ -161,23 +168,24 @@ def print_specks(count: int) -> None:
             seconds.append(took)
             if result.errors.n0.initial[0] + result.errors.n2.initial[0] == 0:
                 continue
-            mended += 1
+            repaired += 1
             finer = sample_composition(result.field, SampleGrid(*result.domain, (150, 150, 150)))
             found, values = find_grid_defects(finer, 0, result.weights), finer.values(result.weights)
             true = 0
-            for phase, errors, sign in ((found.census.solid, found.solid, 1.0), (found.census.void, found.void, -1.0)):
-                for label in errors:
-                    samples = np.flatnonzero(phase.of(np.array([label])))
-                    deepest = samples[np.argmin(sign * values.ravel()[samples])]
-                    true += is_isolated(result.field, finer.grid, finer.grid.points([deepest])[0], sign)
-            seen, real, blends = seen + found.count, real + true, blends + (true > 0)
+            for phase, labels in found.phases():
+                for label in labels:
+                    samples = np.flatnonzero(phase.mask_of(np.array([label])))
+                    deepest = samples[np.argmin(phase.sign * values.ravel()[samples])]
+                    true += is_isolated(result.field, finer.grid, finer.grid.points([deepest])[0], phase.sign)
+            seen, real, blends = seen + found.n_defects, real + true, blends + (true > 0)
         print(
-            f"specks={wanted}: {mended} mended pairs of {count}; at 150^3 {seen} parts stand alone, {real} of "
+            f"specks={wanted}: {repaired} repaired pairs of {count}; at 150^3 {seen} parts stand alone, {real} of "
             f"them isolated on a close grid around, in {blends} blends; seconds median {np.median(seconds):.3f}"
         )
 
 
 def print_large() -> None:
+    """Print the seconds and the memory for a grid of 200^3 samples."""
     n = 200
     structures = fields.rod(tpms("schwarz_p", 6), -0.8), fields.rod(tpms("iwp", 6), -2.0)
     regions = fields.box((0, 0, 0), (0.5, 1, 1)), fields.box((0.5, 0, 0), (1, 1, 1))
@@ -203,7 +211,7 @@ NECKS = (
 
 
 def print_necks(periods: float = 8) -> None:
-    """minimum_neck of a tenth of the period; necks measured on a grid other than the solver's."""
+    """Print neck widths for a minimum of a tenth of the period, measured on another grid than the optimiser's."""
     width = 0.1 / periods
     regions = fields.box((0, 0, 0), (0.5, 0.25, 0.25)), fields.box((0.5, 0, 0), (1, 0.25, 0.25))
     middle, grid = fields.box((0.3, 0, 0), (0.7, 0.25, 0.25)), SampleGrid((0, 0, 0), (1, 0.25, 0.25), (97, 31, 31))
@@ -226,6 +234,7 @@ def print_necks(periods: float = 8) -> None:
 
 
 def print_persistence() -> None:
+    """Print the seconds of persistence computations."""
     print(
         "Persistence of a blend, dimensions 0 and 2, seconds: pairs alive at 0, all pairs, gudhi (which adds dimension 1)"
     )
@@ -247,19 +256,20 @@ def print_persistence() -> None:
 
 
 def main(arguments: list[str]) -> None:
+    """Print the tables named in the arguments."""
     start = time.process_time()
     run(table1()[0])
     run(table1()[1], "paper", max_iterations=2)
     print(f"first call, with what has to be compiled or read from the cache: {time.process_time() - start:.1f} s")
     wanted = arguments or ["table1", "table2"]
     count = next((int(a) for a in wanted if a.isdigit()), 200)
-    for name, show in (
+    for name, print_table in (
         ("table1", print_table1), ("table2", print_table2), ("pairs", lambda: print_pairs(count)),
         ("specks", lambda: print_specks(count)), ("large", print_large),
         ("necks", print_necks), ("persistence", print_persistence),
     ):  # fmt: skip
         if name in wanted:
-            show()
+            print_table()
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ INF = np.inf
 
 @dataclass(frozen=True)
 class Case:
-    """What blend takes, the paper's iterations and seconds of Table 2, and the paper's counts of Table 1 where it has them."""
+    """The arguments of a blend, the paper's iterations and seconds of Table 2, and its counts of Table 1 if it has them."""
 
     name: str
     parameters: str
@@ -35,20 +35,24 @@ class Case:
 
 
 def tpms(name: str, periods: float) -> fields.Field:
+    """A surface with this number of periods in the unit box."""
     return fields.tpms(name, period=1 / periods)
 
 
 def unit(seed: int, periods: float, solid: float = 0.3) -> fields.Field:
+    """An implicit periodic unit with a solid fraction."""
     coefficients = np.random.default_rng(seed).normal(size=(4, 4, 4))
     values = fields.bspline_unit(coefficients, period=1.0)(np.random.default_rng(1).uniform(0, 1, (8000, 3)))
     return fields.rod(fields.bspline_unit(coefficients, period=1 / periods), float(np.quantile(values, solid)))
 
 
 def halves(height: float = 0.25) -> tuple[fields.Field, fields.Field]:
+    """The two halves of the box along x."""
     return fields.box((0, 0, 0), (0.5, height, height)), fields.box((0.5, 0, 0), (1, height, height))
 
 
 def layer(low: float, high: float, height: float = 0.25) -> fields.Field:
+    """The layer between two values of x."""
     return fields.box((low, 0, 0), (high, height, height))
 
 
@@ -81,6 +85,7 @@ def table2() -> list[Case]:
 
 
 def pair(periods: float = 4) -> tuple[fields.Field, fields.Field]:
+    """Rods of Schwarz P and I-WP."""
     return fields.rod(tpms("schwarz_p", periods), -0.8), fields.rod(tpms("iwp", periods), -2.0)
 
 
@@ -104,12 +109,13 @@ def figure9() -> list[Case]:
 
 
 def round_layer(shape: object, low: float, high: float) -> fields.Field:
+    """The layer between two radii of a cylinder or sphere."""
     make = shape  # fields.cylinder or fields.sphere around the origin
     return make((0, 0, 0), high) & ~make((0, 0, 0), low)  # type: ignore[operator]
 
 
 def wave(shift: float) -> fields.Field:
-    """y + sin(2 pi x) / 4 - 1/2 - shift: figure 10's boundary, moved along y."""
+    """The boundary of figure 10 moved along y: y + sin(2 pi x) / 4 - 1/2 - shift."""
     return fields.from_function(lambda p: p[:, 1] + 0.25 * np.sin(2 * np.pi * p[:, 0]) - 0.5 - shift)
 
 

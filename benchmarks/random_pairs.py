@@ -1,9 +1,10 @@
 """Random pairs of porous structures to blend, from a stated distribution.
 
-Each of the two structures, independently: surface, any of the catalogue's; type rod, pore or sheet; a volume fraction from 0.2 to
-0.6 (thresholds are quantiles of the surface's values, a sheet's lower one uniform in what is left); 3 to 8 periods along x. The
-domain is 1 x s x s with s of 1/4, 1/2 or 1, regions meet at x = 1/2, the blending region is the middle 0.15 to 0.5 of x. All
-uniform. An input that is not one component without holes on the 50 x 50 x 50 grid of the domain is drawn again; no pair is.
+Each of the two structures is drawn independently: any surface of the catalogue; type rod, pore or sheet; a volume fraction from
+0.2 to 0.6 (thresholds are quantiles of the surface's values, and a sheet's lower one is uniform in the remaining range); 3 to 8
+periods along x. The domain is 1 x s x s with s of 1/4, 1/2 or 1, the regions meet at x = 1/2, and the blending region is the
+middle 0.15 to 0.5 of x. All distributions are uniform. A structure that is not one component without cavities on the
+50 x 50 x 50 grid of the domain is drawn again; no pair is.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ SAMPLES = 50
 
 @dataclass(frozen=True)
 class Pair:
-    """What blend takes, and its name."""
+    """The arguments of a blend, and its name."""
 
     name: str
     structures: tuple[fields.Field, fields.Field]
@@ -30,6 +31,7 @@ class Pair:
 
 
 def random_pair(seed: int) -> Pair:
+    """The pair of a seed."""
     rng = np.random.default_rng(seed)
     side, width = float(rng.choice([0.25, 0.5, 1.0])), float(rng.uniform(0.15, 0.5))
     axes = [np.linspace(0, length, SAMPLES) for length in (1.0, side, side)]

@@ -1,7 +1,7 @@
 """Blending regions of any shape: along a wave, and from a picture with four separate shapes.
 
-Figures 10 and 11 of the porous-blending paper. The weight is a three-dimensional B-spline, fitted to the distances from both
-sides of the blending region; outside of it nothing changes, to the last bit.
+They follow figures 10 and 11 of the porous-blending paper. The weight is a trivariate B-spline, fitted to the distances from both
+sides of the blending region. Outside it every structure keeps its values bit for bit.
 """
 
 from __future__ import annotations

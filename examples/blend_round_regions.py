@@ -1,7 +1,8 @@
-"""Two porous structures joined across a plane, a cylinder and a sphere, inside free-form models.
+"""Two porous structures blended across a plane, a cylinder and a sphere, inside free-form models.
 
-The cases of figure 9 of the porous-blending paper: Schwarz P rods on one side of the border, I-WP rods on the other, each cut by
-a model as max(structure, model). The blending region finds its own coordinate: x, the cylinder's radius, the sphere's radius.
+These are the cases of figure 9 of the porous-blending paper: Schwarz P rods on one side of the interface, I-WP rods on the other,
+each intersected with a model. The coordinate of the weight is found from the regions: x, the cylinder's radius, the sphere's
+radius.
 """
 
 from __future__ import annotations
@@ -13,11 +14,13 @@ from tpmscad.blending import BlendResult, blend
 
 
 def rods(periods: float) -> tuple[fields.Field, fields.Field]:
+    """Rods of Schwarz P and I-WP."""
     p, w = fields.tpms("schwarz_p", period=1 / periods), fields.tpms("iwp", period=1 / periods)
     return fields.rod(p, -0.8), fields.rod(w, -2.0)
 
 
 def across_plane() -> BlendResult:
+    """A rounded block, blended across a plane."""
     block = fields.smooth_intersection(fields.box((0, 0, 0), (1, 1, 1)), fields.sphere((0.5, 0.5, 0.5), 0.75), 0.1)
     left, right = fields.box((0, 0, 0), (0.5, 1, 1)), fields.box((0.5, 0, 0), (1, 1, 1))
     layer = fields.box((0.4, 0, 0), (0.6, 1, 1))
@@ -25,6 +28,7 @@ def across_plane() -> BlendResult:
 
 
 def around_cylinder() -> BlendResult:
+    """A drum, blended across a coaxial cylinder."""
     drum, box = fields.cylinder((0, 0, 0.5), 0.5, axis="z"), fields.box((-0.5, -0.5, 0), (0.5, 0.5, 1))
     core = fields.cylinder((0, 0, 0), 0.25, axis="z")
     ring = fields.cylinder((0, 0, 0), 0.3, axis="z") & ~fields.cylinder((0, 0, 0), 0.2, axis="z")
@@ -32,6 +36,7 @@ def around_cylinder() -> BlendResult:
 
 
 def around_sphere() -> BlendResult:
+    """An octant of a ball, blended across a concentric sphere."""
     ball, octant = fields.sphere((0, 0, 0), 0.5), fields.box((0, 0, 0), (0.5, 0.5, 0.5))
     core = fields.sphere((0, 0, 0), 0.25)
     shell = fields.sphere((0, 0, 0), 0.35) & ~fields.sphere((0, 0, 0), 0.15)
@@ -39,7 +44,7 @@ def around_sphere() -> BlendResult:
 
 
 def main() -> dict[str, BlendResult]:
-    """The three blends, each without errors of its own; chips that the models cut off are counted apart."""
+    """The three blends without topological defects; chips that the models cut off are counted as intrinsic."""
     results = {"plane": across_plane(), "cylinder": around_cylinder(), "sphere": around_sphere()}
     for name, result in results.items():
         assert result.converged, f"{name}: {result.message}"

@@ -1,6 +1,6 @@
-"""Scaffolds of four porous structures: one above the other, and in four quadrants whose blending regions cross.
+"""Scaffolds of four porous structures: in layers, and in four quadrants whose blending regions cross.
 
-Figure 12 of the porous-blending paper (Algorithm 3): each blending region joins one more structure to those before it.
+They follow figure 12 of the porous-blending paper (Algorithm 3): each blending region joins one more structure to those before.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ KINDS = (("schwarz_p", -0.6), ("gyroid", -0.6), ("diamond", -0.3), ("iwp", -1.0)
 
 
 def rods(period: float) -> list[fields.Field]:
+    """Rods of four surfaces."""
     return [fields.rod(fields.tpms(name, period=period), level) for name, level in KINDS]
 
 
@@ -40,6 +41,7 @@ def quadrants() -> BlendResult:
 
 
 def main() -> dict[str, BlendResult]:
+    """Both scaffolds, without topological defects and narrow necks."""
     results = {"graded": graded(), "quadrants": quadrants()}
     for name, result in results.items():
         assert result.converged, f"{name}: {result.message}"

@@ -1,4 +1,4 @@
-"""What the blending examples share: slices of blends as pictures, and what they do when run."""
+"""Slices of blends as pictures, and the main program of the blending examples."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ Span = tuple[float, float]
 
 
 def draw(panel: Any, result: BlendResult, spans: Sequence[Span], height: float, axes: tuple[int, int] = (0, 1)) -> None:
-    """Draw the solid in a plane, coloured by the weight, or of several structures by which has how much of a share.
+    """Draw the solid in a plane, coloured by the weight, or by the mean index of several structures.
 
-    spans: of the plane's two axes, given by number; height: the place along the third.
+    `spans` are the intervals of the two `axes` of the plane; `height` is its position along the third.
     """
     u, v = np.meshgrid(*(np.linspace(*span, 400) for span in spans), indexing="ij")
     points = np.full((*u.shape, 3), height)
@@ -29,7 +29,7 @@ def draw(panel: Any, result: BlendResult, spans: Sequence[Span], height: float, 
 
 
 def figure(rows: int, columns: int, size: tuple[float, float], path: str, fill: Callable[[list[Any]], None]) -> None:
-    """A picture of so many panels, filled by the caller, in a file. Needs matplotlib."""
+    """Save a picture of rows and columns of panels, which the caller fills. Needs matplotlib."""
     import matplotlib.pyplot as plt
 
     picture, panels = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
@@ -41,7 +41,7 @@ def figure(rows: int, columns: int, size: tuple[float, float], path: str, fill: 
 def show(
     main: Callable[[], dict[str, BlendResult]], picture: Callable[[dict[str, BlendResult], str], None], path: str
 ) -> None:
-    """Run an example: what became of each blend, and the picture."""
+    """Run an example: print the message of each blend and save the picture."""
     results = main()
     for name, result in results.items():
         print(f"{name}: {result.message}")

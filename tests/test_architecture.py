@@ -55,6 +55,7 @@ ALLOWED = {
 }
 
 FLOORS = {
+    "blending": (("weights",), ("composition",), ("optimise",)),
     "levelset": (("fit", "quadmesh"), ()),
     "trimming": (("operands",), ("intersect",), ("classify",), ("rebuild",)),
     "kernel": (

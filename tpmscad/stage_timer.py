@@ -26,6 +26,7 @@ class StageTimer:
 
     @contextmanager
     def __call__(self, stage: str) -> Iterator[FractionProgress]:
+        """Time a stage: a context manager that yields the function for reports in between."""
         begun = self.clock()
         report = self.progress or (lambda stage, done: None)
         report(stage, 0.0)

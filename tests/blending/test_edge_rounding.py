@@ -53,10 +53,10 @@ def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_all
     assert tip(field) == pytest.approx(0.5 + HALF / (HALF + VOID))
     moved = abs(tip(eased.field) - tip(field))
     assert 0.6 * allowed < moved <= 1.01 * allowed
-    assert eased.moved == pytest.approx(allowed, rel=0.12)
+    assert eased.max_displacement == pytest.approx(allowed, rel=0.12)
     # |z| = HALF - VOID w / (1 - w) has the slope VOID / (1 - w)^2 at the edge, where w = HALF / (HALF + VOID)
     half = np.arctan((HALF + VOID) ** 2 / VOID)
-    assert eased.opening == pytest.approx(np.degrees(2 * half), rel=1e-3)
+    assert eased.opening_deg == pytest.approx(np.degrees(2 * half), rel=1e-3)
 
 
 @pytest.mark.parametrize("allowed", [1e-2, 1e-3])
@@ -67,7 +67,7 @@ def test_the_tip_has_the_radius_that_is_said_and_more_than_a_cut_edge_has(allowe
     x = [brentq(lambda x, z=z: float(eased.field(np.array([x, 0.3, z]))), 0.51, 1.49, xtol=1e-15) for z in z]
     radius = (z[2] - z[1]) ** 2 / abs(x[0] - 2 * x[1] + x[2])
     assert eased.radius == pytest.approx(radius, rel=0.02)
-    half = np.radians(0.5 * eased.opening)
+    half = np.radians(0.5 * eased.opening_deg)
     assert radius > 0.95 * allowed / (1 / np.sin(half) - 1)
 
 
@@ -131,5 +131,5 @@ def test_a_wall_without_edges_in_the_box_does_not_matter() -> None:
     )
     assert one is not None
     assert other is not None
-    assert other.moved == pytest.approx(one.moved, rel=0.1)
-    assert 0.8e-3 < other.moved <= 1e-3
+    assert other.max_displacement == pytest.approx(one.max_displacement, rel=0.1)
+    assert 0.8e-3 < other.max_displacement <= 1e-3

@@ -34,22 +34,24 @@ VOLUME = make_initial_weight(VolumeWeightSpec((20, 9, 8), (3, 2, 3)), FIELD, SCE
 @pytest.mark.parametrize("weight", [LINE, VOLUME], ids=["line", "volume"])
 @pytest.mark.parametrize("strict", [True, False])
 def test_the_gradient_of_the_objective_is_the_limit_of_difference_quotients(weight, strict):
-    sampled = SCENES[0].sampled([weight], 0)
-    movable = sampled.slope != 0
+    affine = SCENES[0].affine_form([weight], 0)
+    movable = affine.slope != 0
 
     def value(coefficients):
-        return evaluate_objective(sampled.values(weight.moved(coefficients)), movable, strict=strict)
+        return evaluate_objective(affine.values(weight.with_coefficients(coefficients)), movable, strict=strict)
 
     rng = np.random.default_rng(1)  # equal values at symmetric samples would make the objective's slope ambiguous
-    weight = weight.moved(
-        np.where(weight.free, weight.coefficients + rng.uniform(-0.02, 0.02, weight.free.shape), weight.coefficients)
+    weight = weight.with_coefficients(
+        np.where(
+            weight.is_free, weight.coefficients + rng.uniform(-0.02, 0.02, weight.is_free.shape), weight.coefficients
+        )
     )
     seen = value(weight.coefficients)
-    assert seen.active > 0
-    gradient = sampled.gradient(weight, seen.to_dense(SCENES[0].grid.shape))
+    assert seen.n_active > 0
+    gradient = affine.gradient(weight, seen.to_dense(SCENES[0].grid.shape))
     step = 1e-7
     for _ in range(3):
-        way = np.where(weight.free, rng.normal(size=weight.free.shape), 0.0)
+        way = np.where(weight.is_free, rng.normal(size=weight.is_free.shape), 0.0)
         quotient = (value(weight.coefficients + step * way).value - value(weight.coefficients - step * way).value) / (
             2 * step
         )
@@ -62,31 +64,31 @@ def test_the_objective_falls_along_its_gradient_by_samples_in_both_regions_of_th
     values = rng.normal(size=(16, 13, 11)) + 0.4
     movable = rng.random(values.shape) < 0.8
     seen = evaluate_objective(values, movable, strict=strict)
-    assert {-1.0, 1.0} == set(seen.by)
+    assert {-1.0, 1.0} == set(seen.derivatives)
     way, step = rng.normal(size=values.shape), 1e-8
     ends = [evaluate_objective(values + side * step * way, movable, strict=strict).value for side in (1, -1)]
     assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(float(np.sum(seen.to_dense(values.shape) * way)), rel=1e-5)
 
 
 def test_the_objective_counts_the_pairs_that_persistence_has_inside_the_blending_region():
-    sampled = SCENES[0].sampled([LINE], 0)
-    values, everywhere = sampled.values(LINE), np.ones(SCENES[0].grid.shape, bool)
+    affine = SCENES[0].affine_form([LINE], 0)
+    values, everywhere = affine.values(LINE), np.ones(SCENES[0].grid.shape, bool)
     pairs = [topology.compute_persistence(values, dimension).alive_at() for dimension in (0, 2)]
     mortal = [np.isfinite(p.death) for p in pairs]
     expected = sum(np.minimum(p.death[m], -p.birth[m]).sum() for p, m in zip(pairs, mortal, strict=True))
     seen = evaluate_objective(values, everywhere)
     assert seen.value == pytest.approx(expected)
-    assert seen.active == sum(int(m.sum()) for m in mortal)
+    assert seen.n_active == sum(int(m.sum()) for m in mortal)
     nothing = evaluate_objective(values, ~everywhere)
-    assert (nothing.value, nothing.active, nothing.ignored) == (0.0, 0, seen.active)
+    assert (nothing.value, nothing.n_active, nothing.n_ignored) == (0.0, 0, seen.n_active)
 
 
 def test_descent_ends_where_the_objective_is_zero_or_says_what_it_left():
     done = descend(SCENES[0], [LINE], 30, strict=False, convention="strict")
     seen = count_defects(SCENES[0].values(done.weights))
-    assert (done.last.value == 0.0) == (done.last.active == 0)
-    assert seen.n0 + seen.n2 >= done.last.active + done.last.ignored - 1
-    free = LINE.free
+    assert (done.objective.value == 0.0) == (done.objective.n_active == 0)
+    assert seen.n0 + seen.n2 >= done.objective.n_active + done.objective.n_ignored - 1
+    free = LINE.is_free
     assert np.array_equal(done.weights[0].coefficients[~free], LINE.coefficients[~free])
 
 
@@ -96,11 +98,11 @@ def test_nearest_coefficients_are_those_of_a_general_optimiser(weight):
     points = rng.uniform((0.4, 0.1, 0.1), (0.6, 0.4, 0.4), (4, 3))
     side = np.array([1.0, -1.0, 1.0, -1.0])
     demands = WeightConstraints(points, weight(points) + side * 0.05, side)
-    found, short = project_onto_constraints(weight, weight.coefficients, demands, slack=1e-6)
+    found, short = project_onto_constraints(weight, weight.coefficients, demands, tol=1e-6)
     assert short <= 1e-6
-    assert np.array_equal(found[~weight.free], weight.coefficients[~weight.free])
-    rows = weight.design(points).toarray()
-    used = np.flatnonzero(weight.free.ravel() & (abs(rows).sum(axis=0) > 0))
+    assert np.array_equal(found[~weight.is_free], weight.coefficients[~weight.is_free])
+    rows = weight.design_matrix(points).toarray()
+    used = np.flatnonzero(weight.is_free.ravel() & (abs(rows).sum(axis=0) > 0))
     flat = weight.coefficients.ravel()
     oracle = minimize(
         lambda c: 0.5 * np.sum((c - flat[used]) ** 2),
@@ -130,7 +132,7 @@ def test_contradictory_demands_are_left_out_and_the_others_met():
     )
     assert left_out == [1]
     assert len(kept) == 2
-    weight = LINE.moved(coefficients)
+    weight = LINE.with_coefficients(coefficients)
     assert weight(here)[0] >= 0.7 - 1e-3
     assert weight(there)[0] <= 0.5 + 1e-3
 

@@ -74,4 +74,4 @@ def test_random_blends_have_no_isolated_part_at_a_resolution_that_was_not_checke
         left.append(ndimage.label(result.field.on_grid(*axes) <= 0)[1] - 1)
     assert left[0] > 0
     assert left[1] == 0
-    assert result.errors.hidden == 0
+    assert result.errors.n_subgrid == 0

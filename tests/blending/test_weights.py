@@ -112,7 +112,7 @@ def test_a_spline_of_three_variables_and_its_slopes_are_those_of_scipy_at_knots_
 
 def test_the_design_matrix_is_the_weight_as_a_linear_map_of_its_coefficients(spline):
     where = points(50)
-    rows = spline.design(where)
+    rows = spline.design_matrix(where)
     assert np.allclose(rows @ spline.coefficients.ravel(), spline(where), atol=1e-12)
     assert np.allclose(np.asarray(rows.sum(axis=1)).ravel(), 1.0)
 
@@ -121,15 +121,17 @@ def test_adjoint_is_the_transpose_of_evaluation(spline):
     rng = np.random.default_rng(5)
     values = rng.normal(size=GRID.shape) * (rng.random(GRID.shape) < 0.1)
     direction = rng.random(spline.coefficients.shape)
-    forward = float(np.sum(values * spline.moved(direction).on_grid(*GRID.axes)))
-    backward = float(np.sum(spline.adjoint(*GRID.axes, values) * direction))
+    forward = float(np.sum(values * spline.with_coefficients(direction).on_grid(*GRID.axes)))
+    backward = float(np.sum(spline.apply_transpose(*GRID.axes, values) * direction))
     assert forward == pytest.approx(backward, rel=1e-9)
 
 
 def test_free_coefficients_leave_the_weight_alone_outside_the_blending_region():
     weight, grid = bent_volume(), SampleGrid(*BOX, (60, 60, 7))
-    moved = weight.moved(np.where(weight.free, np.random.default_rng(0).random(weight.free.shape), weight.coefficients))
-    outside = ~zones(grid).inside
+    moved = weight.with_coefficients(
+        np.where(weight.is_free, np.random.default_rng(0).random(weight.is_free.shape), weight.coefficients)
+    )
+    outside = ~zones(grid).mixing
     values = moved.on_grid(*grid.axes)
     assert np.allclose(values[outside], zones(grid).second_region[outside], atol=1e-13)
 
@@ -149,19 +151,19 @@ def test_a_line_weight_is_zero_before_its_layer_and_one_after_it_and_monotone_be
         LinearCoordinate(), (start, start + width), (0.0, 1.0), degree=degree, count=count, rising=rising
     )
     t = np.linspace(0, 1, 501)
-    values = weight.of(t) if rising else 1.0 - weight.of(t)
+    values = weight.evaluate(t) if rising else 1.0 - weight.evaluate(t)
     assert np.allclose(values[t < start], 0.0, atol=1e-14)
     assert np.allclose(values[t > start + width], 1.0, atol=1e-14)
     assert np.all(np.diff(values) >= -1e-14)
-    assert weight.free.sum() >= MIN_FREE_COEFFICIENTS
+    assert weight.is_free.sum() >= MIN_FREE_COEFFICIENTS
 
 
 def test_too_few_free_coefficients_are_refined_away_or_refused_with_the_number_needed():
-    assert make_line_weight(LinearCoordinate(), (0.2, 0.3), (0.0, 1.0), count=30).free.sum() >= MIN_FREE_COEFFICIENTS
+    assert make_line_weight(LinearCoordinate(), (0.2, 0.3), (0.0, 1.0), count=30).is_free.sum() >= MIN_FREE_COEFFICIENTS
     with pytest.raises(InvalidRequest, match=r"30 coefficients leave 0 free.*that is 124 over 0 to 1"):
         make_line_weight(LinearCoordinate(), (0.2, 0.3), (0.0, 1.0), count=30, refine=False)
     assert (
-        make_line_weight(LinearCoordinate(), (0.2, 0.3), (0.0, 1.0), count=124, refine=False).free.sum()
+        make_line_weight(LinearCoordinate(), (0.2, 0.3), (0.0, 1.0), count=124, refine=False).is_free.sum()
         >= MIN_FREE_COEFFICIENTS
     )
 
@@ -170,7 +172,7 @@ def test_a_support_that_meets_both_regions_makes_the_knots_be_refined_or_is_refu
     fine = zones(GRID.double_samples(), half=0.06)
     weight = choose_knots(fine, (7, 6, 5), (3, 3, 3))
     assert weight.coefficients.shape > (7, 6, 5)
-    assert weight.free.sum() >= MIN_FREE_COEFFICIENTS
+    assert weight.is_free.sum() >= MIN_FREE_COEFFICIENTS
     with pytest.raises(InvalidRequest, match="supports meet both regions"):
         choose_knots(fine, (7, 6, 5), (3, 3, 3), refine=False)
 
@@ -181,7 +183,7 @@ def test_distance_transforms_give_the_targets_of_trees():
     centres = [(axis[:-1] + axis[1:]) / 2 for axis in GRID.axes]
     where = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1)
     corners = np.lib.stride_tricks.sliding_window_view
-    some, every = (join(corners(area.inside, (2, 2, 2)), axis=(3, 4, 5)) for join in (np.any, np.all))
+    some, every = (join(corners(area.mixing, (2, 2, 2)), axis=(3, 4, 5)) for join in (np.any, np.all))
     bounds = [
         some & ~every & np.any(corners(side, (2, 2, 2)), axis=(3, 4, 5))
         for side in (area.first_region, area.second_region)
@@ -197,7 +199,7 @@ def test_local_lspia_converges_to_the_least_squares_fit_of_the_free_coefficients
     values, used = assign_target_values(area)
     x, y, z = ((axis[:-1] + axis[1:]) / 2 for axis in GRID.axes)
     where = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)[used]
-    rows, free = start.design(where), start.free.ravel()
+    rows, free = start.design_matrix(where), start.is_free.ravel()
     fixed = rows @ np.where(free, 0.0, start.coefficients.ravel())
     best = lsqr(rows[:, free], values[used] - fixed, atol=1e-12, btol=1e-12)[0]
     least = np.sqrt(np.mean((rows[:, free] @ best + fixed - values[used]) ** 2))
@@ -220,7 +222,7 @@ def test_a_freer_weight_has_the_same_values():
     assert np.allclose(volume(points()), line(points()), atol=1e-12)
     bent = bent_volume((9, 8, 7))
     finer = refine_knots(bent, zones(GRID), zones(GRID.double_samples()))
-    assert finer.free.sum() > 2 * bent.free.sum()
+    assert finer.is_free.sum() > 2 * bent.is_free.sum()
     assert np.allclose(finer(points()), bent(points()), atol=1e-12)
     round_line = make_line_weight(SphereRadius((0.5, 0.4, 0.3)), (0.2, 0.4), (0.0, 0.7))
     radius = np.sqrt(np.sum((GRID.points() - np.array([0.5, 0.4, 0.3])) ** 2, axis=-1))

@@ -367,7 +367,7 @@ class TestScaffold:
         with pytest.raises(NotMet, match="errors left") as caught:
             run_blend_recipe(scaffold)
         assert caught.value.certificate.to_dict()["converged"] is False
-        assert run_blend_recipe(scaffold, allow_errors=True).errors.left > 0
+        assert run_blend_recipe(scaffold, allow_errors=True).errors.remaining > 0
 
 
 TORN = SCAFFOLD.replace("period = 5", "period = 2.5").replace("[26, 24, 24]", "[50, 36, 36]").replace(

@@ -1,4 +1,9 @@
-"""The initial weight of one stage: the kind that fits the blending region, the ends of its layer, its coefficients."""
+"""The initial weight of a stage: its kind, the ends of its layer, and its number of coefficients.
+
+The porous-blending paper lets the user choose the weight: univariate along a coordinate (section 3.1.1) or trivariate
+(section 3.1.2). Here "auto" tries the coordinates that fit the regions first, since a univariate weight has few coefficients, and
+takes a trivariate weight where the blending region is a layer of none of them.
+"""
 
 from __future__ import annotations
 
@@ -14,23 +19,40 @@ from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.weights.coordinates import Coordinate, CylinderRadius, LinearCoordinate, SphereRadius
 from tpmscad.blending.weights.line_weight import LineWeight, make_line_weight
 from tpmscad.blending.weights.volume_weight import IntTriple, VolumeWeight
-from tpmscad.blending.weights.volume_weight_fit import StageMasks, fit_volume_weight
+from tpmscad.blending.weights.volume_weight_fit import MIN_SPANS_PER_AXIS, SAMPLES_PER_COEFFICIENT, fit_volume_weight
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.sample_grid import FieldFunction
 
-SAMPLES_PER_COEFFICIENT = 2.0
-"""Samples per knot span of a volume weight: at one, weights were seen to build bridges a single sample wide."""
-
 MIN_SPANS_ACROSS_REGION = 12
-"""Least knot spans across the thickest part of a blending region: fewer leave too little between the fixed coefficients."""
+"""Knot spans across the thickest part of a blending region at least; most of them go to the fixed coefficients beside it."""
 
 BISECTION_STEPS = 60
+
+OUTERMOST_SAMPLES = 8
+"""Number of samples from which the end of a layer is searched."""
 
 
 @dataclass(frozen=True, slots=True)
 class LineWeightSpec:
-    """A one-dimensional weight of a coordinate: `count` coefficients over the regions, or None to span the layer with 19."""
+    """Specification of a univariate weight.
+
+    Parameters
+    ----------
+    coordinate : Coordinate
+        The coordinate of which the blending region is a layer: a LinearCoordinate, CylinderRadius or SphereRadius.
+    count : int, optional
+        Number of coefficients over all regions, as in the paper. By default the knots start and end on the layer and leave
+        enough coefficients free.
+    degree : int, default 3
+        Degree of the spline: at least 1, and 2 for a continuous gradient.
+
+    Examples
+    --------
+    >>> from tpmscad.blending import LinearCoordinate, LineWeightSpec
+    >>> LineWeightSpec(LinearCoordinate((1, 0, 0)), count=50).degree
+    3
+    """
 
     coordinate: Coordinate
     count: int | None = None
@@ -39,7 +61,21 @@ class LineWeightSpec:
 
 @dataclass(frozen=True, slots=True)
 class VolumeWeightSpec:
-    """A three-dimensional weight: coefficients along x, y, z over the domain, or None for one in two samples."""
+    """Specification of a trivariate weight.
+
+    Parameters
+    ----------
+    count : tuple of three int, optional
+        Numbers of coefficients along x, y and z over the domain. By default about one for two samples.
+    degree : tuple of three int, default (3, 3, 3)
+        Degrees along x, y and z.
+
+    Examples
+    --------
+    >>> from tpmscad.blending import VolumeWeightSpec
+    >>> VolumeWeightSpec((80, 80, 20)).degree
+    (3, 3, 3)
+    """
 
     count: IntTriple | None = None
     degree: IntTriple = (3, 3, 3)
@@ -49,70 +85,79 @@ WeightSpec = LineWeightSpec | VolumeWeightSpec | str
 WEIGHT_NAMES = ("auto", "x", "y", "z", "volume")
 
 
-def make_initial_weight(
-    spec: WeightSpec, field: BlendedField, scenes: Sequence[SampledComposition], stage: int, *, refine: bool = True
-) -> LineWeight | VolumeWeight:
-    """The weight a stage starts from: 0 in what there was before, 1 in structure stage + 1.
+def expand_weight_specs(weight: WeightSpec | Sequence[WeightSpec], n_stages: int) -> list[WeightSpec]:
+    """One weight specification for each stage, from one for all or a sequence."""
+    one_for_all = isinstance(weight, str) or not isinstance(weight, Sequence)
+    specs: list[WeightSpec] = [weight] * n_stages if one_for_all else list(weight)  # type: ignore[list-item, arg-type]
+    if len(specs) != n_stages:
+        raise InvalidRequest(f"{len(specs)} weights for {n_stages} blending regions: give one each, or one for all")
+    return specs
 
-    "auto" takes a line along x, y or z, or along a coordinate that the regions are made with (the normal of a half-space, the
-    radius of a cylinder or a sphere), if the blending region is a layer of it, else a volume. Raises InvalidRequest for an
-    unknown name, a region that is no layer of the coordinate asked for, or coefficients too few to leave any free.
+
+def make_initial_weight(
+    spec: WeightSpec,
+    field: BlendedField,
+    compositions: Sequence[SampledComposition],
+    stage: int,
+    *,
+    refine: bool = True,
+) -> LineWeight | VolumeWeight:
+    """The initial weight of a stage: 0 in the regions of the field so far, 1 in that of structure stage + 1.
+
+    "auto" tries x, y, z and the coordinates that the regions are made with (the normal of a half-space, the radius of a cylinder
+    or a sphere), and takes a trivariate weight if the blending region is a layer of none. Raises InvalidRequest for an unknown
+    name, for a region that is no layer of the given coordinate, and for too few coefficients if these may not be refined.
     """
     if isinstance(spec, str):
         if spec not in WEIGHT_NAMES:
-            raise InvalidRequest(f"weight {spec!r}: must be one of {', '.join(WEIGHT_NAMES)}, or a Line or Volume")
+            raise InvalidRequest(
+                f"weight {spec!r}: must be one of {', '.join(WEIGHT_NAMES)}, or a LineWeightSpec or VolumeWeightSpec"
+            )
         if spec == "auto":
             for coordinate in _candidate_coordinates(field, stage):
-                made = _try_line_weight(LineWeightSpec(coordinate), field, scenes[0], stage, refine)
-                if not isinstance(made, str):
-                    return made
+                line = _try_line_weight(LineWeightSpec(coordinate), field, compositions[0], stage, refine)
+                if not isinstance(line, str):
+                    return line
         spec = VolumeWeightSpec() if spec in ("auto", "volume") else LineWeightSpec(_axis_coordinate("xyz".index(spec)))
     if isinstance(spec, LineWeightSpec):
-        line = _try_line_weight(spec, field, scenes[0], stage, refine)
+        line = _try_line_weight(spec, field, compositions[0], stage, refine)
         if isinstance(line, str):
             raise InvalidRequest(f"blending region {stage}: {line}; use weight='volume'")
         return line
-    count = spec.count or _choose_coefficient_counts(scenes[0], stage)
-    coarse, fine = (classify_samples(scene, stage) for scene in scenes)
+    count = spec.count or _choose_coefficient_counts(compositions[0], stage)
+    coarse, fine = (composition.stage_masks(stage) for composition in compositions)
     return fit_volume_weight(coarse, fine, count, spec.degree, refine=refine)
 
 
-def classify_samples(scene: SampledComposition, stage: int) -> StageMasks:
-    """What the samples of a scene are to a stage."""
-    inside = scene.mixing_masks[stage]
-    return StageMasks(scene.grid, (scene.owner <= stage) & ~inside, (scene.owner == stage + 1) & ~inside, inside)
-
-
 def make_stage_regions(field: BlendedField, stage: int) -> tuple[FieldFunction, FieldFunction, FieldFunction]:
-    """The two regions of a stage as fields, where the structures so far are and where structure stage + 1 is, and where it mixes:
-    its blending region and, continued, the later regions."""
+    """The regions of a stage as functions: that of the field so far, that of structure stage + 1, and where the stage mixes."""
 
     def first(points: Array) -> Array:
-        return np.where(field.owner(points) <= stage, -1.0, 1.0)
+        return np.where(field.region_index(points) <= stage, -1.0, 1.0)
 
     def second(points: Array) -> Array:
-        return np.where(field.owner(points) == stage + 1, -1.0, 1.0)
+        return np.where(field.region_index(points) == stage + 1, -1.0, 1.0)
 
     def mixing(points: Array) -> Array:
-        return np.where(field.owner(points) > stage + 1, -1.0, np.asarray(field.blending[stage](points)))
+        return np.where(field.region_index(points) > stage + 1, -1.0, np.asarray(field.blending_regions[stage](points)))
 
     return first, second, mixing
 
 
 def _candidate_coordinates(field: BlendedField, stage: int) -> list[Coordinate]:
-    """x, y, z and the coordinates of the half-spaces, cylinders and spheres that the regions are made of."""
+    """The coordinates x, y, z and those of the half-spaces, cylinders and spheres in the expressions of the regions."""
     found: list[Coordinate] = [_axis_coordinate(axis) for axis in range(3)]
-    pending: list[object] = [field.blending[stage], *field.regions[: stage + 2]]
+    pending: list[object] = [field.blending_regions[stage], *field.regions[: stage + 2]]
     while pending:
-        part = pending.pop()
-        if isinstance(part, HalfSpaceRegion):
-            found.append(LinearCoordinate(part.normal))
-        elif isinstance(part, CylinderRegion):
-            found.append(CylinderRadius(part.center, part.axis))
-        elif isinstance(part, SphereRegion):
-            found.append(SphereRadius(part.center))
-        elif is_dataclass(part) and not isinstance(part, type):
-            pending += [getattr(part, entry.name) for entry in fields(part)]
+        node = pending.pop()
+        if isinstance(node, HalfSpaceRegion):
+            found.append(LinearCoordinate(node.normal))
+        elif isinstance(node, CylinderRegion):
+            found.append(CylinderRadius(node.center, node.axis))
+        elif isinstance(node, SphereRegion):
+            found.append(SphereRadius(node.center))
+        elif is_dataclass(node) and not isinstance(node, type):
+            pending += [getattr(node, entry.name) for entry in fields(node)]
     return list(dict.fromkeys(found))
 
 
@@ -121,59 +166,71 @@ def _axis_coordinate(axis: int) -> LinearCoordinate:
     return LinearCoordinate((float(unit[0]), float(unit[1]), float(unit[2])))
 
 
-def _choose_coefficient_counts(scene: SampledComposition, stage: int) -> IntTriple:
-    thickness = 2 * float(distance_transform_edt(scene.blending[stage], sampling=scene.grid.spacing).max())
-    spans = [
+def _choose_coefficient_counts(composition: SampledComposition, stage: int) -> IntTriple:
+    """Numbers of coefficients along x, y, z: one for some samples, more for a thin region, never more than samples."""
+    grid = composition.grid
+    thickness = 2 * float(distance_transform_edt(composition.blending_masks[stage], sampling=grid.spacing).max())
+    nx, ny, nz = (
         max(
-            4, int(np.ceil(max(e / (s * SAMPLES_PER_COEFFICIENT), min(e * MIN_SPANS_ACROSS_REGION / thickness, e / s))))
+            MIN_SPANS_PER_AXIS,
+            int(np.ceil(max(e / (s * SAMPLES_PER_COEFFICIENT), min(e * MIN_SPANS_ACROSS_REGION / thickness, e / s)))),
         )
-        for e, s in zip(scene.grid.extent, scene.grid.spacing, strict=True)
-    ]
-    return spans[0] + 3, spans[1] + 3, spans[2] + 3
+        for e, s in zip(grid.extent, grid.spacing, strict=True)
+    )
+    return nx + 3, ny + 3, nz + 3
 
 
 def _try_line_weight(
-    spec: LineWeightSpec, field: BlendedField, scene: SampledComposition, stage: int, refine: bool
+    spec: LineWeightSpec, field: BlendedField, composition: SampledComposition, stage: int, refine: bool
 ) -> LineWeight | str:
-    """The line weight, or why the blending region is no layer of that coordinate."""
-    t = spec.coordinate(scene.grid.points())
-    mask, area = scene.blending[stage], scene.owner <= stage + 1
-    used = mask & area
-    low, high = float(t[used].min()), float(t[used].max())
-    rest = area & ~mask
-    if np.any((t[rest] > low) & (t[rest] < high)):
+    """The univariate weight, or the reason why the blending region is no layer of the coordinate."""
+    t = spec.coordinate(composition.grid.points())
+    region_index = composition.region_index
+    blending, in_stage = composition.blending_masks[stage], region_index <= stage + 1
+    in_layer, beside_layer = blending & in_stage, in_stage & ~blending
+    low, high = float(t[in_layer].min()), float(t[in_layer].max())
+    if np.any((t[beside_layer] > low) & (t[beside_layer] < high)):
         return "it is no layer between two values of the coordinate"
-    before, after = rest & (t <= low), rest & (t >= high)
-    second_after = _common_value(scene.owner[after] == stage + 1)
-    second_before = _common_value(scene.owner[before] == stage + 1)
-    if second_after is None or second_before is None or second_after == second_before:
+    before, after = beside_layer & (t <= low), beside_layer & (t >= high)
+    second_is_after = _common_value(region_index[after] == stage + 1)
+    second_is_before = _common_value(region_index[before] == stage + 1)
+    if second_is_after is None or second_is_before is None or second_is_after == second_is_before:
         return "the two regions do not lie on the two sides of it along the coordinate"
-    ends = [_find_layer_end(spec.coordinate, field.blending[stage], scene, used, t, way) for way in (-1.0, 1.0)]
-    span = float(t[area].min()), float(t[area].max())
-    layer = max(ends[0], span[0]), min(ends[1], span[1])
+    blending_region = field.blending_regions[stage]
+    start, end = (
+        _find_layer_end(spec.coordinate, blending_region, composition, in_layer, t, side) for side in (-1.0, 1.0)
+    )
+    domain = float(t[in_stage].min()), float(t[in_stage].max())
+    layer = max(start, domain[0]), min(end, domain[1])
     return make_line_weight(
-        spec.coordinate, layer, span, rising=second_after, count=spec.count, degree=spec.degree, refine=refine
+        spec.coordinate, layer, domain, rising=second_is_after, count=spec.count, degree=spec.degree, refine=refine
     )
 
 
 def _common_value(flags: BoolArray) -> bool | None:
-    """The one truth value of the flags; None if they differ or there are none."""
+    """The value that all flags have; None if they differ or there are none."""
     if flags.size == 0 or flags.any() != flags.all():
         return None
     return bool(flags.all())
 
 
 def _find_layer_end(
-    coordinate: Coordinate, blending: FieldFunction, scene: SampledComposition, used: BoolArray, t: Array, way: float
+    coordinate: Coordinate,
+    blending_region: FieldFunction,
+    composition: SampledComposition,
+    in_layer: BoolArray,
+    t: Array,
+    side: float,
 ) -> float:
-    """Where the blending region ends along the coordinate, by bisection outwards from its outermost samples."""
-    index = np.flatnonzero(used.ravel())
-    outermost = index[np.argsort(way * t.ravel()[index])[-8:]]
-    points = scene.grid.points(outermost)
-    direction = way * coordinate.gradient(points)
-    inner, outer = np.zeros(len(points)), np.full(len(points), 2 * float(scene.grid.spacing.max()))
+    """The coordinate at which the blending region ends on one side, by bisection outwards from its outermost samples."""
+    index = np.flatnonzero(in_layer.ravel())
+    outermost = index[np.argsort(side * t.ravel()[index])[-OUTERMOST_SAMPLES:]]
+    points = composition.grid.points(outermost)
+    direction = side * coordinate.gradient(points)
+    inner = np.zeros(len(points))
+    outer = np.full(len(points), 2 * float(composition.grid.spacing.max()))
     for _ in range(BISECTION_STEPS):
         middle = (inner + outer) / 2
-        within = np.asarray(blending(points + middle[:, None] * direction)) <= 0
+        within = np.asarray(blending_region(points + middle[:, None] * direction)) <= 0
         inner, outer = np.where(within, middle, inner), np.where(within, outer, middle)
-    return float(way * np.max(way * coordinate(points + inner[:, None] * direction)))
+    return float(side * np.max(side * coordinate(points + inner[:, None] * direction)))

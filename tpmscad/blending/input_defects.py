@@ -1,7 +1,8 @@
-"""The inputs' own isolated parts left out of a blended field: chips made void, closed holes made solid.
+"""Removal of the input structures' own defects from a blended field: isolated components become void, cavities solid.
 
-Around each such part lies a cover, half way to the rest of its phase and at most a few samples wide. In a cover the field is the
-field without the cover, max(f, -cover) (of holes: min(f, cover)); everywhere else it keeps its bits.
+Each defect gets a cover region, which reaches half way to the rest of its phase and at most a few samples. In the covers of
+components the field is replaced by its Boolean difference with the cover, max(f, -cover); in those of cavities by the union,
+min(f, cover). Everywhere else it keeps its bits.
 """
 
 from __future__ import annotations
@@ -17,54 +18,61 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.blending.composition.affine_form import find_bounding_window
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.defects import PhaseComponents, count_defects
-from tpmscad.blending.optimise.optimiser import GridDefects
+from tpmscad.blending.optimise.blend_state import GridDefects
 from tpmscad.blending.result import BlendResult, DefectCounts
 from tpmscad.fields import Field
 from tpmscad.fields.image_regions import ImageRegion
 from tpmscad.fields.sample_grid import SampleGrid
 
 MAX_COVER_SAMPLES = 3
-"""Samples that a cover reaches beyond the samples of its part."""
+"""Distance, in samples, that a cover reaches beyond the samples of its defect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoveredField(Field):
-    """A blended field without the parts in its covers; each cover is a field, negative inside, with the sign of its part: +1 for
-    solid that is left out, -1 for void that is filled."""
+    """A blended field with covers applied: pairs of a region, negative inside, and a sign.
+
+    The sign is that of the defect's phase: +1 for solid that becomes void, -1 for void that becomes solid.
+    """
 
     field: BlendedField
     covers: tuple[tuple[Field, int], ...]
 
     def __call__(self, points: ArrayLike) -> Array:
+        """Values (...) at points (..., 3)."""
         points = np.asarray(points, float)
         value = self.field(points)
         for cover, sign in self.covers:
-            around = cover(points)
-            value = np.where(around < 0, sign * np.maximum(sign * value, -around), value)
+            value = _apply_cover(value, cover(points), sign)
         return value
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at broadcast coordinates x, y, z."""
         value = self.field.at(x, y, z)
         for cover, sign in self.covers:
-            around = cover.at(x, y, z)
-            value = np.where(around < 0, sign * np.maximum(sign * value, -around), value)
+            value = _apply_cover(value, cover.at(x, y, z), sign)
         return value
 
     def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-        value, *slopes = self.field.jet(x, y, z)
+        """Values and the derivatives by x, y and z at broadcast coordinates."""
+        value, *slope = self.field.jet(x, y, z)
         for cover, sign in self.covers:
-            around, *rates = cover.jet(x, y, z)
-            replaced = (around < 0) & (-around > sign * value)
-            value = np.where(replaced, -sign * around, value)
-            slopes = [np.where(replaced, -sign * rate, slope) for slope, rate in zip(slopes, rates, strict=True)]
-        return value, slopes[0], slopes[1], slopes[2]
+            cover_value, *cover_slope = cover.jet(x, y, z)
+            is_replaced = (cover_value < 0) & (-cover_value > sign * value)
+            value = np.where(is_replaced, -sign * cover_value, value)
+            slope = [np.where(is_replaced, -sign * c, s) for c, s in zip(cover_slope, slope, strict=True)]
+        return value, slope[0], slope[1], slope[2]
+
+
+def _apply_cover(value: Array, cover_value: Array, sign: int) -> Array:
+    return np.where(cover_value < 0, sign * np.maximum(sign * value, -cover_value), value)
 
 
 def make_cover(phase: PhaseComponents, labels: IntArray, grid: SampleGrid) -> ImageRegion | None:
-    """The cover of the parts of a phase with these labels; None if there are none."""
+    """The cover of the components of a phase with these labels; None if there are none."""
     if len(labels) == 0:
         return None
-    parts = phase.of(labels)
+    parts = phase.mask_of(labels)
     window = find_bounding_window(parts, MAX_COVER_SAMPLES + 2)
     parts = parts[window]
     rest = (phase.labels[window] > 0) & ~parts
@@ -72,38 +80,38 @@ def make_cover(phase: PhaseComponents, labels: IntArray, grid: SampleGrid) -> Im
     distance = distance_transform_edt(~parts, sampling=step)
     cover = distance - MAX_COVER_SAMPLES * float(step.min())
     if rest.any():
-        apart = distance_transform_edt(~rest, sampling=step)
-        cover = np.maximum(cover, np.where(parts, -apart / 2, (distance - apart) / 2))
+        rest_distance = distance_transform_edt(~rest, sampling=step)
+        cover = np.maximum(cover, np.where(parts, -rest_distance / 2, (distance - rest_distance) / 2))
     low = tuple(float(axis[part.start]) for axis, part in zip(grid.axes, window, strict=True))
     return ImageRegion(np.ascontiguousarray(cover), low, tuple(map(float, step)))  # type: ignore[arg-type]
 
 
 def cover_components(
-    field: BlendedField, grid: SampleGrid, parts: Sequence[tuple[PhaseComponents, IntArray, int]]
+    field: BlendedField, grid: SampleGrid, components: Sequence[tuple[PhaseComponents, IntArray]]
 ) -> CoveredField:
-    """The field without parts of its phases: of each phase, the labels on the grid and its sign (+1 solid, -1 void)."""
-    covers = [(make_cover(phase, labels, grid), sign) for phase, labels, sign in parts]
+    """The field without components of its phases on a grid, given as pairs of a phase and labels."""
+    covers = [(make_cover(phase, labels, grid), phase.sign) for phase, labels in components]
     return CoveredField(field, tuple((cover, sign) for cover, sign in covers if cover is not None))
 
 
 def remove_input_defects(
-    result: BlendResult, blended: BlendedField, last: GridDefects, grids: Sequence[SampleGrid]
+    result: BlendResult, blended: BlendedField, finest: GridDefects, grids: Sequence[SampleGrid]
 ) -> BlendResult:
-    """The result with the inputs' own parts left out that the last view, of the finest of the grids, has; errors counted anew."""
-    phases = (last.census.solid, last.solid, 1), (last.census.void, last.void, -1)
-    own = [(phase, np.setdiff1d(phase.errors, blamed), sign) for phase, blamed, sign in phases]
+    """The result without the structures' own components and cavities, as counted on the finest grid, and recounted."""
+    own = [(phase, np.setdiff1d(phase.defects, charged)) for phase, charged in finest.phases()]
     field = cover_components(blended, grids[-1], own)
     counts = [count_defects(field.on_grid(*grid.axes)) for grid in grids]
 
-    def again(before: DefectCounts, final: tuple[int, ...]) -> DefectCounts:
-        return DefectCounts(before.initial, final, tuple(f - left for f, left in zip(final, before.left, strict=True)))
+    def recount(before: DefectCounts, final: tuple[int, ...]) -> DefectCounts:
+        intrinsic = tuple(f - charged for f, charged in zip(final, before.remaining, strict=True))
+        return DefectCounts(before.initial, final, intrinsic)
 
     errors = replace(
         result.errors,
-        n0=again(result.errors.n0, tuple(c.n0 for c in counts)),
-        n2=again(result.errors.n2, tuple(c.n2 for c in counts)),
+        n0=recount(result.errors.n0, tuple(c.n0 for c in counts)),
+        n2=recount(result.errors.n2, tuple(c.n2 for c in counts)),
     )
-    told = f"left out: {len(own[0][1])} components and {len(own[1][1])} holes of the inputs' own"
-    if stay := max(*errors.n0.intrinsic, *errors.n2.intrinsic):
-        told += f"; {stay} stay, which hang together with the rest at the finest resolution or lie too close to it"
-    return replace(result, field=field, errors=errors, message=f"{result.message}. {told}")
+    note = f"left out: {len(own[0][1])} components and {len(own[1][1])} holes of the inputs' own"
+    if n_kept := max(*errors.n0.intrinsic, *errors.n2.intrinsic):
+        note += f"; {n_kept} stay: they join the rest at the finest resolution, or lie too close to it"
+    return replace(result, field=field, errors=errors, message=f"{result.message}. {note}")

@@ -1,4 +1,4 @@
-"""What a blend returns: the field, the weights, the errors counted before and after, and what became of them."""
+"""The result of a blend: the field, the weights, the defects counted before and after, and how it went."""
 
 from __future__ import annotations
 
@@ -7,58 +7,99 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from tpmscad._typing import Array
-from tpmscad.blending.composition.blended_field import BlendedField, StageWeight, WeightFunction
-from tpmscad.blending.composition.sampled_composition import SampledComposition
-from tpmscad.blending.optimise.optimiser import GridDefects
+from tpmscad.blending.composition.blended_field import BlendedField, StageWeight
+from tpmscad.blending.optimise.blend_state import GridDefects, OptimisationOutcome
+from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.fields import Field
 from tpmscad.fields.saddles import Neck
-from tpmscad.fields.sample_grid import BoxBounds
+from tpmscad.fields.sample_grid import BoxBounds, SampleGrid
 
 
 @dataclass(frozen=True, slots=True)
 class DefectCounts:
-    """Numbers of one kind of error at each resolution checked: before, after, and of these the inputs' own."""
+    """Numbers of one kind of defect at each resolution checked.
+
+    `initial` and `final` are those of the initial weights and of the result; `intrinsic` are the final defects that the input
+    structures bring with them.
+    """
 
     initial: tuple[int, ...]
     final: tuple[int, ...]
     intrinsic: tuple[int, ...]
 
     @property
-    def left(self) -> tuple[int, ...]:
-        """Final errors that are the blend's, not the inputs'."""
+    def remaining(self) -> tuple[int, ...]:
+        """Numbers of final defects that are charged to the blend, at each resolution."""
         return tuple(f - i for f, i in zip(self.final, self.intrinsic, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class DefectReport:
-    """n0: isolated components (solid, joined through faces, beside the greatest); n2: isolated holes (void, joined through faces,
-    that do not reach the domain's border); at each of `resolutions`, the working one first."""
+    """The defects of a blend at each of `resolutions`, the working one first.
+
+    `n0` counts isolated solid components: those joined through faces, besides the largest one. `n2` counts cavities: void
+    components, joined through faces, that do not reach the domain's border. `n_subgrid` counts the isolated parts found between
+    the samples, which no resolution shows; None if they were not searched for.
+    """
 
     resolutions: tuple[tuple[int, int, int], ...]
     n0: DefectCounts
     n2: DefectCounts
-    hidden: int | None = None
-    """Specks found between the samples, which no resolution checked has seen; None where they were not looked for."""
+    n_subgrid: int | None = None
 
     @property
-    def left(self) -> int:
-        """Errors of the blend itself, at the resolution that has most, and those between the samples."""
-        return max(a + b for a, b in zip(self.n0.left, self.n2.left, strict=True)) + (self.hidden or 0)
+    def remaining(self) -> int:
+        """Number of defects charged to the blend: at the resolution with the most, and between the samples."""
+        return max(a + b for a, b in zip(self.n0.remaining, self.n2.remaining, strict=True)) + (self.n_subgrid or 0)
 
     def to_dict(self) -> dict[str, object]:
-        tallies = {
-            name: {"initial": t.initial, "final": t.final, "intrinsic": t.intrinsic}
-            for name, t in (("n0", self.n0), ("n2", self.n2))
+        """The report as plain values.
+
+        Returns
+        -------
+        dict
+            `resolutions`, `hidden` (the number of subgrid defects, or None), and for `n0` and `n2` dictionaries with `initial`,
+            `final` and `intrinsic`.
+        """
+        counts = {
+            name: {"initial": c.initial, "final": c.final, "intrinsic": c.intrinsic}
+            for name, c in (("n0", self.n0), ("n2", self.n2))
         }
-        return {"resolutions": self.resolutions, **tallies, "hidden": self.hidden}
+        return {"resolutions": self.resolutions, **counts, "hidden": self.n_subgrid}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendResult:
-    """A blend. `converged` is True only if no error of the blend's own is left at any resolution checked.
+    """A blend of porous structures, as `tpmscad.blend` returns it.
 
-    field: f(points), f.gradient(points), f < 0 solid. weight: of two structures the weight of the second, w(points), exactly 0 or
-    1 outside the blending region; of more, the shares of all, (..., n). weights: the spline of each stage. seconds: CPU by stage.
+    Attributes
+    ----------
+    field : Field
+        The blended field: `field(points)` and `field.gradient(points)` for points (..., 3); solid where it is negative.
+    weight : callable
+        For two structures the weight of the second, `weight(points)` -> (...), exactly 0 or 1 outside the blending region. For
+        more, the weights of all n structures, (..., n), with sum 1.
+    weights : tuple
+        The weight function of each stage; `coefficients` are those of its spline.
+    errors : DefectReport
+        Topological defects at each resolution checked, before and after.
+    converged : bool
+        True if no defect that is charged to the blend remains at any resolution checked, nor between the samples if these were
+        searched.
+    iterations : int
+        Rounds of the optimiser, or steps of the paper's descent.
+    message : str
+        What remains, and what the optimiser had to do.
+    method : str
+        The method that was used.
+    resolution : tuple of int
+        Samples along x, y and z of the working grid.
+    seconds : mapping
+        CPU seconds by stage of the computation.
+    domain : tuple
+        The box that was blended and checked: ((x0, y0, z0), (x1, y1, z1)), model units.
+    necks : tuple of Neck
+        Necks inside the blending regions that stay narrower than the `minimum_neck` requested.
     """
 
     field: Field
@@ -72,12 +113,16 @@ class BlendResult:
     resolution: tuple[int, int, int]
     seconds: Mapping[str, float]
     domain: BoxBounds
-    """The box that was blended and checked: ((x0, y0, z0), (x1, y1, z1))."""
     necks: tuple[Neck, ...] = ()
-    """Necks inside the blending regions that stay narrower than `minimum_neck` asked for."""
 
     def to_dict(self) -> dict[str, Any]:
-        """What was counted and measured, as plain values ready for JSON."""
+        """The counts and measurements as plain values.
+
+        Returns
+        -------
+        dict
+            Everything but the functions, ready for JSON.
+        """
         return {
             "converged": self.converged,
             "message": self.message,
@@ -94,51 +139,48 @@ class BlendResult:
 def assemble_result(
     field: BlendedField,
     method: str,
-    scenes: Sequence[SampledComposition],
+    grids: Sequence[SampleGrid],
     before: Sequence[GridDefects],
     after: Sequence[GridDefects],
-    iterations: int,
-    log: tuple[str, ...],
+    outcome: OptimisationOutcome | None,
     seconds: Mapping[str, float],
-    necks: tuple[Neck, ...] = (),
-    hidden: int | None = None,
 ) -> BlendResult:
-    """The result from the views of all grids, before and after."""
-
-    def tally(solid: bool) -> DefectCounts:
-        total = [[v.census.n0 if solid else v.census.n2 for v in views] for views in (before, after)]
-        blamed = [len(v.solid if solid else v.void) for v in after]
-        own = [a - b for a, b in zip(total[1], blamed, strict=True)]
-        return DefectCounts(tuple(total[0]), tuple(total[1]), tuple(own))
-
-    errors = DefectReport(tuple(s.grid.shape for s in scenes), tally(True), tally(False), hidden)
+    """The result from the defects on all grids before and after; `outcome` is None for methods that do not optimise."""
+    initial, final = [d.census for d in before], [d.census for d in after]
+    n0 = _count_defects([c.n0 for c in initial], [c.n0 for c in final], [len(d.solid_defects) for d in after])
+    n2 = _count_defects([c.n2 for c in initial], [c.n2 for c in final], [len(d.void_defects) for d in after])
+    errors = DefectReport(tuple(grid.shape for grid in grids), n0, n2, outcome.n_subgrid_defects if outcome else None)
     return BlendResult(
         field=field,
-        weight=StageWeight(field, 0) if len(field.weights) == 1 else field.shares,
+        weight=StageWeight(field, 0) if len(field.weights) == 1 else field.structure_weights,
         weights=field.weights,
         errors=errors,
-        converged=errors.left == 0,
-        iterations=iterations,
-        message=_format_message(errors, log),
+        converged=errors.remaining == 0,
+        iterations=outcome.rounds if outcome else 0,
+        message=_format_message(errors, outcome.log if outcome else ()),
         method=method,
-        resolution=scenes[0].grid.shape,
+        resolution=grids[0].shape,
         seconds=dict(seconds),
-        domain=(scenes[0].grid.low, scenes[0].grid.high),
-        necks=necks,
+        domain=(grids[0].low, grids[0].high),
+        necks=outcome.narrow_necks if outcome else (),
     )
+
+
+def _count_defects(initial: Sequence[int], final: Sequence[int], charged: Sequence[int]) -> DefectCounts:
+    return DefectCounts(tuple(initial), tuple(final), tuple(f - c for f, c in zip(final, charged, strict=True)))
 
 
 def _format_message(errors: DefectReport, log: tuple[str, ...]) -> str:
     checked = " and ".join("x".join(map(str, r)) for r in errors.resolutions)
     parts = []
-    if errors.left == 0:
+    if errors.remaining == 0:
         parts.append(f"no topological error of the blend at {checked}")
-    elif errors.left == errors.hidden:
-        parts.append(f"{errors.hidden} isolated specks between the samples of {checked}, which see no error")
+    elif errors.remaining == errors.n_subgrid:
+        parts.append(f"{errors.n_subgrid} isolated specks between the samples of {checked}, which see no error")
     else:
         left = "; ".join(
             f"{'x'.join(map(str, r))}: {a} isolated components and {b} isolated holes"
-            for r, a, b in zip(errors.resolutions, errors.n0.left, errors.n2.left, strict=True)
+            for r, a, b in zip(errors.resolutions, errors.n0.remaining, errors.n2.remaining, strict=True)
         )
         parts.append(f"errors left: {left}")
     if any(errors.n0.intrinsic) or any(errors.n2.intrinsic):

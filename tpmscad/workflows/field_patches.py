@@ -131,7 +131,7 @@ def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[
     )
     if rounding is None:
         return field, 0.0, ()
-    edge = f"{rounding.opening:.0f} degrees at ({', '.join(f'{x:.5g}' for x in rounding.near)})"
+    edge = f"{rounding.opening_deg:.0f} degrees at ({', '.join(f'{x:.5g}' for x in rounding.sharpest_point)})"
     periods = [p for structure in rounding.field.structures for p in structure.periods() or () if p > 0]
     if rounding.radius < MIN_ROUNDING_RADIUS_PERIODS * min(periods, default=0.0):
         raise LevelSetError(
@@ -140,5 +140,5 @@ def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[
             "blend over a longer distance, or use a thicker wall or a larger tol"
         )
     rounded = replace(field, field=rounding.field) if isinstance(field, LinearExtension) else rounding.field
-    note = f"edges of walls were rounded: the surface moves by up to {rounding.moved:.3g}; the sharpest has {edge}"
-    return rounded, rounding.moved, (note,)
+    note = f"edges of walls were rounded: the surface moves by up to {rounding.max_displacement:.3g}; the sharpest has {edge}"
+    return rounded, rounding.max_displacement, (note,)

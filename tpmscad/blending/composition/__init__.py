@@ -1,1 +1,1 @@
-"""The blended field: structures composed by weights, sampled, and the defects of the samples."""
+"""The blended field: structures composed by weights, its samples on a grid, and the topological defects of the samples."""

@@ -1,156 +1,165 @@
-"""Structures, regions, blending regions and weights as one field (porous blending, eqs 2, 6 and 8, Algorithm 3).
+"""Structures, regions, blending regions and weights as one field (porous blending, eqs 2, 6 and 8 and Algorithm 3).
 
-Stage k joins what there is so far with structure k + 1 in blending region k: there f = (1 - w) f_so_far + w f_next; elsewhere the
-structure of the region the point is in, taken over unchanged. Where a later region is, stage k mixes too, its weight continued:
-that is what the later stage starts from in its own blending region, and nothing of it is left outside.
+Stage k of Algorithm 3 blends the field so far with structure k + 1. In blending region k the result is
+f = (1 - w_k) f_so_far + w_k f_(k+1); elsewhere it is, bit for bit, the structure of the region that holds the point.
+
+Where blending regions overlap, a later stage starts from the field of the earlier ones also inside regions that these did not yet
+know. Stage k is therefore continued into all later regions, with its weight extended as its spline defines it. The later stages
+replace what it leaves there outside their own blending regions.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.weights.volume_weight import VolumeWeight
+from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.fields import Field
 from tpmscad.fields.function_field import FunctionField
 from tpmscad.fields.sample_grid import BoxBounds
 
 
-class WeightFunction(Protocol):
-    """A weight as the field needs it: w(points (..., 3)) in [0, 1] and its gradient (..., 3)."""
-
-    def __call__(self, points: ArrayLike) -> Array: ...
-
-    def gradient(self, points: ArrayLike) -> Array: ...
-
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array: ...
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class BlendedField(Field):
-    """The blended field f(points (..., 3)) -> (...), solid where f < 0, and its exact gradient (..., 3).
+    """A blend as a field: f(points (..., 3)) -> (...), solid where f < 0, with its exact gradient (..., 3).
 
-    Outside the blending regions the values are those of the structure of that region, bit for bit: every structure is called
-    with the very points given, and its values are selected, not combined. A point in no region takes the region that is nearest
-    by the regions' own values; of two regions, the first. Beyond the box that was blended (`domain`) regions and weights go on
-    as they are at its nearest point, so that bodies may fill it to its faces.
+    Outside the blending regions the values are those of the region's structure, bit for bit: every structure is evaluated at the
+    points as given, and its values are selected, not combined. A point in no region belongs to the region with the least value;
+    a point in two regions, to the first of these. `domain` is the box that was blended. Beyond it regions and weights take their
+    values at the nearest point of the box, so that the solid can be cut exactly at the box's faces.
+
+    `level_shifts` holds a function for each stage, or None, that is added to the field where the stage mixes; empty for none.
     """
 
     structures: tuple[Field, ...]
     regions: tuple[Field, ...]
-    blending: tuple[Field, ...]
+    blending_regions: tuple[Field, ...]
     weights: tuple[WeightFunction, ...]
-    shifts: tuple[WeightFunction | None, ...] = ()
-    """What is added to the field where a stage mixes: functions like the weights, but of any value; none if empty."""
+    level_shifts: tuple[WeightFunction | None, ...] = ()
     domain: BoxBounds | None = None
 
     def __call__(self, points: ArrayLike) -> Array:
+        """Values (...) at points (..., 3)."""
         points = np.asarray(points, float)
-        return self._joined(points, [_evaluate_structure(structure, points) for structure in self.structures])
+        return self._blend(points, [_evaluate_structure(structure, points) for structure in self.structures])
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        values = [
-            np.broadcast_to(s.at(x, y, z), np.broadcast_shapes(x.shape, y.shape, z.shape)) for s in self.structures
-        ]
-        return self._joined(np.stack(np.broadcast_arrays(x, y, z), axis=-1), values)
+        """Values at broadcast coordinates x, y, z."""
+        shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
+        values = [np.broadcast_to(structure.at(x, y, z), shape) for structure in self.structures]
+        return self._blend(np.stack(np.broadcast_arrays(x, y, z), axis=-1), values)
 
     def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
+        """Values and the derivatives by x, y and z at broadcast coordinates."""
         points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-        place = self.place(points)
-        moves = place == points
-        owner = self._owner(place)
+        clamped = self.clamp_to_domain(points)
+        is_inside_domain = clamped == points
         value, slope = self.structures[0].value_and_gradient(points)
-        for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
-            following, rise = self.structures[stage + 1].value_and_gradient(points)
-            here = is_inside(blending, place) | (owner > stage + 1)
-            w, dw = _weight_value_and_gradient(weight, place[here])
-            dw = np.where(moves[here], dw, 0.0)
-            mixed = (1 - w)[:, None] * slope[here] + w[:, None] * rise[here] + (following - value)[here][:, None] * dw
-            blended = (1 - w) * value[here] + w * following[here]
-            if (shift := self._shift(stage)) is not None:
-                more, rising = _weight_value_and_gradient(shift, place[here])
-                blended, mixed = blended + more, mixed + np.where(moves[here], rising, 0.0)
-            later = owner > stage
-            value, slope = np.where(later, following, value), np.where(later[..., None], rise, slope)
-            value[here], slope[here] = blended, mixed
+        for stage, mixed, is_later in self._stages(clamped):
+            next_value, next_slope = self.structures[stage + 1].value_and_gradient(points)
+            w, dw = _weight_value_and_gradient(self.weights[stage], clamped[mixed])
+            dw = np.where(is_inside_domain[mixed], dw, 0.0)
+            mixed_slope = (
+                (1 - w)[:, None] * slope[mixed]
+                + w[:, None] * next_slope[mixed]
+                + (next_value - value)[mixed][:, None] * dw
+            )
+            mixed_value = (1 - w) * value[mixed] + w * next_value[mixed]
+            if (level_shift := self._level_shift(stage)) is not None:
+                shift, shift_slope = _weight_value_and_gradient(level_shift, clamped[mixed])
+                mixed_value = mixed_value + shift
+                mixed_slope = mixed_slope + np.where(is_inside_domain[mixed], shift_slope, 0.0)
+            value = np.where(is_later, next_value, value)
+            slope = np.where(is_later[..., None], next_slope, slope)
+            value[mixed], slope[mixed] = mixed_value, mixed_slope
         return value, slope[..., 0], slope[..., 1], slope[..., 2]
 
-    def owner(self, points: Array) -> IntArray:
-        """The number of the region each point is in or nearest to: (...)."""
-        return self._owner(self.place(points))
+    def region_index(self, points: Array) -> IntArray:
+        """Index of the region that holds each point (..., 3), or else of that with the least value: (...)."""
+        return self._region_index(self.clamp_to_domain(points))
 
-    def _owner(self, place: Array) -> IntArray:
-        return np.argmin(np.stack([np.asarray(region(place), float) for region in self.regions]), axis=0)
-
-    def place(self, points: Array) -> Array:
-        """Where regions and weights are looked up for points (..., 3): there, or at the nearest point of the domain."""
+    def clamp_to_domain(self, points: Array) -> Array:
+        """The points (..., 3) at which regions and weights are evaluated: the nearest ones of the domain."""
         return points if self.domain is None else np.clip(points, *self.domain)
 
-    def shares(self, points: ArrayLike) -> Array:
-        """The part each structure has in f: (..., n), summing to 1."""
+    def structure_weights(self, points: ArrayLike) -> Array:
+        """The weight that each of the n structures has in f at points (..., 3): (..., n), with sum 1."""
         points = np.asarray(points, float)
         unit = np.eye(len(self.structures))
         return np.stack(
-            [self._joined(points, [np.full(points.shape[:-1], c) for c in column], shifted=False) for column in unit],
+            [self._blend(points, [np.full(points.shape[:-1], c) for c in column], shifted=False) for column in unit],
             axis=-1,
         )
 
     def with_weights(self, weights: Sequence[WeightFunction]) -> BlendedField:
+        """The field with other weights, one for each stage."""
         return replace(self, weights=tuple(weights))
 
-    def with_shifts(self, shifts: Sequence[WeightFunction | None]) -> BlendedField:
-        return replace(self, shifts=tuple(shifts))
+    def with_level_shifts(self, level_shifts: Sequence[WeightFunction | None]) -> BlendedField:
+        """The field with other level shifts, one or None for each stage."""
+        return replace(self, level_shifts=tuple(level_shifts))
 
-    def _shift(self, stage: int) -> WeightFunction | None:
-        return self.shifts[stage] if self.shifts else None
+    def _region_index(self, clamped: Array) -> IntArray:
+        return np.argmin(np.stack([np.asarray(region(clamped), float) for region in self.regions]), axis=0)
 
-    def _joined(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
-        place = self.place(points)
-        owner = self._owner(place)
-        joined = values[0]
-        for stage, (blending, weight) in enumerate(zip(self.blending, self.weights, strict=True)):
-            here = is_inside(blending, place) | (owner > stage + 1)
-            w = weight(place[here])
-            blended = (1 - w) * joined[here] + w * values[stage + 1][here]
-            if (shift := self._shift(stage)) is not None and shifted:
-                blended = blended + shift(place[here])
-            joined = np.where(owner > stage, values[stage + 1], joined)
-            joined[here] = blended
-        return joined
+    def _level_shift(self, stage: int) -> WeightFunction | None:
+        return self.level_shifts[stage] if self.level_shifts else None
+
+    def _stages(self, clamped: Array) -> Iterator[tuple[int, BoolArray, BoolArray]]:
+        """Each stage with the masks of the points that it mixes and of those in later regions than its first."""
+        region = self._region_index(clamped)
+        for stage, (blending_region, _) in enumerate(zip(self.blending_regions, self.weights, strict=True)):
+            yield stage, is_inside(blending_region, clamped) | (region > stage + 1), region > stage
+
+    def _blend(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
+        """The values (...) of all structures blended at points (..., 3)."""
+        clamped = self.clamp_to_domain(points)
+        value = values[0]
+        for stage, mixed, is_later in self._stages(clamped):
+            w = self.weights[stage](clamped[mixed])
+            mixed_value = (1 - w) * value[mixed] + w * values[stage + 1][mixed]
+            if shifted and (level_shift := self._level_shift(stage)) is not None:
+                mixed_value = mixed_value + level_shift(clamped[mixed])
+            value = np.where(is_later, values[stage + 1], value)
+            value[mixed] = mixed_value
+        return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StageWeight:
-    """The weight of one stage over all space: its spline inside the blending region, exactly 0 or 1 outside."""
+    """The weight of one stage at any point: its spline where the stage mixes, exactly 0 or 1 elsewhere."""
 
     field: BlendedField
     stage: int
 
     def __call__(self, points: ArrayLike) -> Array:
-        place, owner, here = self._mixed(points)
-        value = (owner > self.stage).astype(float)
-        value[here] = self.field.weights[self.stage](place[here])
+        """Weights (...) at points (..., 3)."""
+        clamped, region, mixed = self._locate(points)
+        value = (region > self.stage).astype(float)
+        value[mixed] = self.field.weights[self.stage](clamped[mixed])
         return value
 
     def gradient(self, points: ArrayLike) -> Array:
-        place, _, here = self._mixed(points)
-        slope = np.zeros(place.shape)
-        slope[here] = self.field.weights[self.stage].gradient(place[here])
-        return np.where(place == np.asarray(points, float), slope, 0.0)
+        """The exact gradient (..., 3) at points (..., 3); zero outside the blending region and beyond the domain."""
+        clamped, _, mixed = self._locate(points)
+        slope = np.zeros(clamped.shape)
+        slope[mixed] = self.field.weights[self.stage].gradient(clamped[mixed])
+        return np.where(clamped == np.asarray(points, float), slope, 0.0)
 
-    def _mixed(self, points: ArrayLike) -> tuple[Array, IntArray, BoolArray]:
-        """Where the weight is looked up, in which regions that is, and where the weight is that of its spline."""
-        place = self.field.place(np.asarray(points, float))
-        owner = self.field.owner(place)
-        return place, owner, is_inside(self.field.blending[self.stage], place) | (owner > self.stage + 1)
+    def _locate(self, points: ArrayLike) -> tuple[Array, IntArray, BoolArray]:
+        """The points clamped to the domain, the indices of their regions, and the mask of those that the stage mixes."""
+        clamped = self.field.clamp_to_domain(np.asarray(points, float))
+        region = self.field.region_index(clamped)
+        return clamped, region, is_inside(self.field.blending_regions[self.stage], clamped) | (region > self.stage + 1)
 
 
 def is_inside(region: Field, points: Array) -> BoolArray:
+    """Mask (...) of the points (..., 3) in a region, that is with values of at most 0."""
     return np.asarray(region(points), float) <= 0
 
 
@@ -161,7 +170,7 @@ def _weight_value_and_gradient(weight: WeightFunction, points: Array) -> tuple[A
 
 
 def _evaluate_structure(structure: Field, points: Array) -> Array:
-    """Values as the caller would get them: a foreign function is called with all the points at once, not in slabs."""
+    """Values as the caller would get them: a foreign function is called with all points at once, so that its bits are kept."""
     if isinstance(structure, FunctionField) and not structure.split:
         values = np.asarray(structure.function(points), float)
         if values.shape == points.shape[:-1]:

@@ -1,1 +1,1 @@
-"""The topological optimiser and its constraint generators."""
+"""The optimisation of the weights: topological defects, level margin, subgrid defects and narrow necks."""

@@ -1,13 +1,16 @@
-"""The topological objective of the blending paper (eqs 18-23) and its gradient through the topological inverse map.
+"""The topological objective of the porous-blending paper, its gradient, and the descent on it (section 3.2).
 
-A pair (b, d) with b <= 0 < d is an error of {f <= 0}: a component (dimension 0, beside the one that never dies) or a cavity
-(dimension 2). It is mended by lifting its birth above zero or lowering its death to zero, whichever is nearer, and the objective
-is the sum of these distances: L = sum of d over region III (d < -b) - sum of b over region II.
+A persistence pair (b, d) with b <= 0 < d is a defect of {f <= 0}: a component besides the one that never dies (dimension 0) or a
+cavity (dimension 2). The defect vanishes if its birth is lifted above zero or its death lowered to zero. The objective is the sum
+of the shorter of these distances (eqs 18 to 21): L = sum of d over region III, where d < -b, minus the sum of b over region II.
+Births and deaths are values of f at critical samples, so that the gradient of L by the samples has entries -1 and +1 there (the
+topological inverse map), and the chain rule gives the gradient by the coefficients.
 
-Gradient descent on the topological objective by Adam (Kingma, Ba 2015), the blending paper's adaptive gradient method.
+The paper counts a pair only if both its critical samples lie in the blending region (eq. 22). A component whose lowest sample
+lies outside is then never seen, and L = 0 is no proof of success. Without `strict`, one movable critical sample suffices.
 
-L is piecewise linear in the coefficients, so that step-size rules built on differences of gradients (Malitsky, Mishchenko 2020)
-see none and grow without bound; Adam does not. Its steps here: 0.1 for line weights, 0.05 for volume weights.
+The paper descends by an adaptive gradient method; here it is Adam (Kingma and Ba 2015). L is piecewise linear in the
+coefficients, so that step sizes from differences of gradients (Malitsky and Mishchenko 2020) would grow without bound.
 """
 
 from __future__ import annotations
@@ -24,105 +27,113 @@ from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.topology.voxels import Convention
 
+LINE_STEP_SIZE, VOLUME_STEP_SIZE = 0.1, 0.05
+"""Adam's step sizes for univariate and trivariate weights."""
+
+ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON = 0.9, 0.999, 1e-8
+"""Adam's decay rates and regularisation, as published."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TopologicalObjective:
-    """L, its gradient by the samples of f (flat indices `at`, slopes `by`), and how many pairs count and how many are ignored."""
+    """L and its gradient by the samples of f, as flat indices and derivatives; how many pairs count and how many do not."""
 
     value: float
-    at: IntArray
-    by: Array
-    active: int
-    ignored: int
+    indices: IntArray
+    derivatives: Array
+    n_active: int
+    n_ignored: int
 
     def to_dense(self, shape: tuple[int, int, int]) -> Array:
-        """The gradient by all samples (nx, ny, nz)."""
-        full = np.zeros(shape)
-        np.add.at(full.reshape(-1), self.at, self.by)
-        return full
+        """The gradient by all samples: (nx, ny, nz)."""
+        dense = np.zeros(shape)
+        np.add.at(dense.reshape(-1), self.indices, self.derivatives)
+        return dense
 
 
 def evaluate_objective(
     values: Array, movable: BoolArray, *, strict: bool = True, convention: Convention = "vertices", level: float = 0.0
 ) -> TopologicalObjective:
-    """The objective of sampled values (nx, ny, nz), pairs alive at `level`.
+    """The objective of sampled values (nx, ny, nz), over the pairs alive at `level`.
 
-    movable: samples of the blending region, where the weight acts. strict: pairs count only if birth and death both are movable
-    (eq. 22); otherwise if either is, and then the one that can be moved is, the nearer if both can.
+    `movable` (nx, ny, nz) masks the samples that the weights change. With `strict` a pair counts if both its critical samples are
+    movable (eq. 22). Otherwise one suffices, and of two movable ones that nearer to the level is moved.
     """
-    total, at, by = 0.0, [np.zeros(0, np.int64)], [np.zeros(0)]
-    active = ignored = 0
-    free = movable.ravel()
+    total, indices, derivatives = 0.0, [np.zeros(0, np.int64)], [np.zeros(0)]
+    n_active = n_ignored = 0
+    is_movable = movable.ravel()
     for dimension in (0, 2):
         pairs = topology.compute_pairs_at_level(values, dimension, convention, level)
         mortal = np.isfinite(pairs.death)
         birth, death = pairs.birth[mortal] - level, pairs.death[mortal] - level
         birth_at, death_at = pairs.birth_at[mortal], pairs.death_at[mortal]
-        can_lift, can_lower = free[birth_at], free[death_at]
-        lower = death < -birth
-        counts = can_lift & can_lower if strict else can_lift | can_lower
-        if not strict:
-            lower = np.where(can_lift & can_lower, lower, can_lower)
-        up, down = counts & ~lower, counts & lower
-        total += float(death[down].sum() - birth[up].sum())
-        at += [birth_at[up], death_at[down]]
-        by += [np.full(int(up.sum()), -1.0), np.full(int(down.sum()), 1.0)]
-        active += int(counts.sum())
-        ignored += int((~counts).sum())
-    return TopologicalObjective(total, np.concatenate(at), np.concatenate(by), active, ignored)
-
-
-LINE_STEP_SIZE, VOLUME_STEP_SIZE = 0.1, 0.05
-ADAM_BETA1, ADAM_BETA2, ADAM_EPSILON = 0.9, 0.999, 1e-8
-"""Adam's decay rates and guard, as published."""
+        can_lift, can_lower = is_movable[birth_at], is_movable[death_at]
+        death_is_nearer = death < -birth
+        if strict:
+            counts = can_lift & can_lower
+        else:
+            counts = can_lift | can_lower
+            death_is_nearer = np.where(can_lift & can_lower, death_is_nearer, can_lower)
+        lift_birth, lower_death = counts & ~death_is_nearer, counts & death_is_nearer
+        total += float(death[lower_death].sum() - birth[lift_birth].sum())
+        indices += [birth_at[lift_birth], death_at[lower_death]]
+        derivatives += [np.full(int(lift_birth.sum()), -1.0), np.full(int(lower_death.sum()), 1.0)]
+        n_active += int(counts.sum())
+        n_ignored += int((~counts).sum())
+    return TopologicalObjective(total, np.concatenate(indices), np.concatenate(derivatives), n_active, n_ignored)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DescentResult:
-    """Weights, steps taken and the objective at the end (with what it ignored)."""
+    """The weights of all stages after a descent, its number of steps, and the objective at the end."""
 
     weights: tuple[SplineWeight, ...]
     steps: int
-    last: TopologicalObjective
+    objective: TopologicalObjective
 
 
 def descend(
-    scene: SampledComposition,
+    composition: SampledComposition,
     weights: Sequence[SplineWeight],
     max_steps: int,
     *,
     strict: bool,
     convention: Convention = "vertices",
-    step: float | None = None,
+    step_size: float | None = None,
 ) -> DescentResult:
-    """Weights moved down the gradient until L = 0 on this grid, or max_steps. Coefficients keep within their bounds.
+    """The weights after Adam steps on the objective of one grid, until L = 0 or `max_steps`; coefficients keep their bounds.
 
-    L = 0 says that nothing which counts is left, not that nothing is left: see `Objective.ignored`.
+    L = 0 means that no active persistence pair remains; pairs that do not count may remain (`TopologicalObjective.n_ignored`).
     """
-    state = list(weights)
-    first = [np.zeros(w.coefficients.shape) for w in state]
-    second = [np.zeros(w.coefficients.shape) for w in state]
-    for count in range(1, max_steps + 1):
-        sampled = [scene.sampled(state, stage) for stage in range(len(state))]
-        seen = _evaluate_blend_objective(sampled, state, strict, convention)
-        if seen.value == 0.0:
-            return DescentResult(tuple(state), count - 1, seen)
-        slopes = seen.to_dense(scene.grid.shape)
-        for stage, weight in enumerate(state):
-            gradient = sampled[stage].gradient(weight, slopes)
-            first[stage] = ADAM_BETA1 * first[stage] + (1 - ADAM_BETA1) * gradient
-            second[stage] = ADAM_BETA2 * second[stage] + (1 - ADAM_BETA2) * gradient**2
-            mean = first[stage] / (1 - ADAM_BETA1**count)
-            spread = np.sqrt(second[stage] / (1 - ADAM_BETA2**count))
-            rate = step or (LINE_STEP_SIZE if weight.coefficients.ndim == 1 else VOLUME_STEP_SIZE)
-            moved = np.clip(weight.coefficients - rate * mean / (spread + ADAM_EPSILON), weight.low, weight.high)
-            state[stage] = weight.moved(np.where(weight.free, moved, weight.coefficients))
-    sampled = [scene.sampled(state, stage) for stage in range(len(state))]
-    return DescentResult(tuple(state), max_steps, _evaluate_blend_objective(sampled, state, strict, convention))
+    current = list(weights)
+    first_moment = [np.zeros(w.coefficients.shape) for w in current]
+    second_moment = [np.zeros(w.coefficients.shape) for w in current]
+    for step in range(1, max_steps + 1):
+        affine = [composition.affine_form(current, stage) for stage in range(len(current))]
+        objective = _evaluate_blend_objective(affine, current, strict, convention)
+        if objective.value == 0.0:
+            return DescentResult(tuple(current), step - 1, objective)
+        sample_derivatives = objective.to_dense(composition.grid.shape)
+        for stage, weight in enumerate(current):
+            gradient = affine[stage].gradient(weight, sample_derivatives)
+            first_moment[stage] = ADAM_BETA1 * first_moment[stage] + (1 - ADAM_BETA1) * gradient
+            second_moment[stage] = ADAM_BETA2 * second_moment[stage] + (1 - ADAM_BETA2) * gradient**2
+            mean = first_moment[stage] / (1 - ADAM_BETA1**step)
+            deviation = np.sqrt(second_moment[stage] / (1 - ADAM_BETA2**step))
+            rate = _default_step_size(weight) if step_size is None else step_size
+            updated = weight.coefficients - rate * mean / (deviation + ADAM_EPSILON)
+            updated = np.clip(updated, weight.lower_bounds, weight.upper_bounds)
+            current[stage] = weight.with_coefficients(np.where(weight.is_free, updated, weight.coefficients))
+    affine = [composition.affine_form(current, stage) for stage in range(len(current))]
+    return DescentResult(tuple(current), max_steps, _evaluate_blend_objective(affine, current, strict, convention))
+
+
+def _default_step_size(weight: SplineWeight) -> float:
+    return LINE_STEP_SIZE if weight.coefficients.ndim == 1 else VOLUME_STEP_SIZE
 
 
 def _evaluate_blend_objective(
-    sampled: Sequence[AffineBlend], weights: Sequence[SplineWeight], strict: bool, convention: Convention
+    affine: Sequence[AffineBlend], weights: Sequence[SplineWeight], strict: bool, convention: Convention
 ) -> TopologicalObjective:
-    movable: BoolArray = np.any([s.slope != 0 for s in sampled], axis=0)
-    return evaluate_objective(sampled[-1].values(weights[-1]), movable, strict=strict, convention=convention)
+    movable: BoolArray = np.any([form.slope != 0 for form in affine], axis=0)
+    return evaluate_objective(affine[-1].values(weights[-1]), movable, strict=strict, convention=convention)

@@ -1,8 +1,8 @@
-"""Level margin: no component or hole inside the blending regions that a small change of level would make.
+"""Level margin: no component or cavity inside the blending regions that a small shift of the level would isolate.
 
-Between its samples a field may be a little higher or lower than at them, so what the census sees is safe only if it sees the
-same at levels a little below and above zero. Isolated parts of {f <= -margin} and {f <= +margin} that lie inside the blending
-regions are mended like errors, as long as none of the errors proper comes back.
+A solid that is made from the field deviates from its level set, as if the level were shifted a little. The pass counts the
+defects of {f <= -margin} and {f <= +margin} inside the blending regions and repairs them like defects of the field itself, as
+long as this brings no defect of {f <= 0} back. The paper has no counterpart.
 """
 
 from __future__ import annotations
@@ -12,77 +12,80 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad._typing import BoolArray, IntArray
-from tpmscad.blending.composition.defects import count_defects
+from tpmscad.blending.composition.defects import PhaseComponents, count_defects
 from tpmscad.blending.composition.sampled_composition import SampledComposition
-from tpmscad.blending.optimise.optimiser import BlendState, Strategy, evaluate_weights, repair_defects
+from tpmscad.blending.optimise.blend_state import BlendProblem, OptimisationOutcome
+from tpmscad.blending.optimise.constraint_rounds import (
+    Proposal,
+    evaluate_and_repair,
+    run_constraint_round,
+    unconstrained,
+)
 from tpmscad.blending.optimise.repair import RepairRequest, propose_repairs
-from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints, add_consistent_constraints
+from tpmscad.blending.weights.constraints import WeightConstraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight
-from tpmscad.topology.voxels import Labels
 
 FINE_GRID_MARGIN_RATIO = 0.5
-"""The margin on the grid of twice the samples, in parts of that on the working grid."""
+"""Ratio of the margin on the doubled grid to that on the working grid."""
 
 MAX_MARGIN_ROUNDS = 4
+
 OVERSHOOT_RMS_FRACTION = 0.15
-"""How far past the level a repair moves f, in the same unit."""
+"""Margin beyond the shifted level of repaired samples, as a fraction of the field's rms."""
 
 
-def enforce_level_margin(
-    scenes: Sequence[SampledComposition], start: BlendState, margin: float
-) -> tuple[BlendState, int]:
-    """The state with as few near errors as a few rounds reach, and the rounds taken; clean like the start.
+def enforce_level_margin(problem: BlendProblem, outcome: OptimisationOutcome, margin_rms: float) -> OptimisationOutcome:
+    """The outcome with as few defects at shifted levels as some rounds reach; a state with defects stays as it is.
 
-    margin: in parts of f's rms in the blending regions, on the working grid. (Parts that no sample sees are the business of
-    `clear.py`; this is for parts that a change of level would set free, in making say.)
+    `margin_rms` is the margin on the working grid, as a fraction of the field's rms in the blending regions.
     """
-    best, rounds = start, 0
-    groups, least = _find_marginal_defects(scenes, best.weights, margin)
-    while least and rounds < MAX_MARGIN_ROUNDS:
-        weights, kept = list(best.weights), [NO_CONSTRAINTS] * len(best.weights)
-        for stage, weight in enumerate(weights):
-            if groups[stage]:
-                kept[stage], found, _ = add_consistent_constraints(
-                    weight, weight.coefficients, NO_CONSTRAINTS, groups[stage]
-                )
-                weights[stage] = weight.moved(found)
-        state = evaluate_weights(scenes, weights)
-        rounds += 1
-        if not state.is_clean:
-            state, used = repair_defects(scenes, state, Strategy(), MAX_MARGIN_ROUNDS, kept)
-            rounds += used
+    best, rounds = outcome.state, 0
+    if not best.is_clean:
+        return outcome
+    groups, n_defects = _find_marginal_defects(problem.compositions, best.weights, margin_rms)
+    while n_defects and rounds < MAX_MARGIN_ROUNDS:
+        constrained, _ = run_constraint_round(unconstrained(best.weights), _make_proposal(groups))
+        state, used = evaluate_and_repair(problem.compositions, constrained, MAX_MARGIN_ROUNDS)
+        rounds += 1 + used
         if not state.is_clean:
             break
-        groups, left = _find_marginal_defects(scenes, state.weights, margin)
-        if left >= least:
+        groups, n_remaining = _find_marginal_defects(problem.compositions, state.weights, margin_rms)
+        if n_remaining >= n_defects:
             break
-        best, least = state, left
-    return best, rounds
+        best, n_defects = state, n_remaining
+    return outcome.advance(best, rounds)
+
+
+def _make_proposal(groups: list[list[WeightConstraints]]) -> Proposal:
+    return lambda _, stage: groups[stage] or None
 
 
 def _find_marginal_defects(
-    scenes: Sequence[SampledComposition], weights: Sequence[SplineWeight], level: float
+    compositions: Sequence[SampledComposition], weights: Sequence[SplineWeight], margin_rms: float
 ) -> tuple[list[list[WeightConstraints]], int]:
-    """Demands of each stage that mend the near errors of all grids, and how many there are."""
+    """Constraints for each stage that repair the defects at both shifted levels on all grids, and the number of defects."""
     groups: list[list[WeightConstraints]] = [[] for _ in weights]
-    count = 0
-    for scene in scenes:
-        values, movable = scene.values(weights), scene.movable()
-        unit = float(np.sqrt(np.mean(values[movable] ** 2)))
-        for margin in (-level * unit, level * unit):
-            seen = count_defects(values - margin)
-            for phase, sign in ((seen.solid, 1), (seen.void, -1)):
-                errors = _select_interior(phase.labels, phase.errors, movable) if len(phase.errors) else phase.errors
-                count += len(errors)
-                if not len(errors):
+    n_defects = 0
+    for composition in compositions:
+        values = composition.values(weights)
+        rms = composition.rms_in_blending_regions(values)
+        for level in (-margin_rms * rms, margin_rms * rms):
+            census = count_defects(values - level)
+            for phase in (census.solid, census.void):
+                labels = _select_interior(phase, composition.blending_mask)
+                n_defects += len(labels)
+                if not len(labels):
                     continue
-                wanted = RepairRequest(values - margin, phase, errors, sign, OVERSHOOT_RMS_FRACTION * unit)
+                request = RepairRequest(values - level, phase, labels, OVERSHOOT_RMS_FRACTION * rms)
                 for stage, weight in enumerate(weights):
-                    groups[stage] += propose_repairs(scene.sampled(weights, stage), weight, wanted).groups
-        level *= FINE_GRID_MARGIN_RATIO
-    return groups, count
+                    groups[stage] += propose_repairs(composition.affine_form(weights, stage), weight, request).groups
+        margin_rms *= FINE_GRID_MARGIN_RATIO
+    return groups, n_defects
 
 
-def _select_interior(labels: Labels, errors: IntArray, movable: BoolArray) -> IntArray:
-    outside = np.bincount(labels[~movable], minlength=int(errors.max()) + 1)
-    return errors[outside[errors] == 0]
+def _select_interior(phase: PhaseComponents, mask: BoolArray) -> IntArray:
+    """The defects of a phase with all their samples in the mask."""
+    if len(phase.defects) == 0:
+        return phase.defects
+    n_outside = np.bincount(phase.labels[~mask], minlength=int(phase.defects.max()) + 1)
+    return phase.defects[n_outside[phase.defects] == 0]

@@ -1,165 +1,165 @@
-"""minimum_neck: no solid and no void narrower than asked at the saddles of the field inside the blending regions.
+"""Minimum neck width: no solid and no void narrower than requested at the saddle points inside the blending regions.
 
-The field is affine in each weight, so that a ball around a saddle lies in its phase is a set of demands on the weight: a neck too
-narrow is widened so, or, if that contradicts what else is demanded, cut, the ball then being of the other phase. Topology comes
-first: after each round errors are mended with the demands of the necks kept.
+A phase is narrowest at a saddle point of the field: an index-1 or index-2 critical point whose distance to {f = 0} is half the
+width of the neck. A ball around the saddle that lies in the phase bounds this width from below. As the field is affine in each
+weight, the ball is a set of linear constraints on the weight. A neck that is too narrow is widened so or, where that contradicts
+other constraints, cut: the ball is then requested of the opposite phase.
+
+Topology comes first: after each round the defects that it made are repaired under the constraints of the balls. The paper has no
+counterpart.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.blending.composition.affine_form import evaluate_affine_form
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import SampledComposition
-from tpmscad.blending.optimise.optimiser import BlendState, Strategy, WeightRefiner, evaluate_weights, repair_defects
-from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints, add_consistent_constraints
+from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, OptimisationOutcome
+from tpmscad.blending.optimise.constraint_rounds import ConstrainedWeights, evaluate_and_repair, unconstrained
+from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.blending.weights.line_weight import LineWeight
-from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.fields.saddles import RAY_DIRECTIONS, Neck, Saddles, find_saddles, measure_neck_widths, spread_directions
 
 MAX_WIDENING_ROUNDS = 8
+
 ACCEPTED_WIDTH_FRACTION = 0.98
-"""Part of the width asked for from which a neck is left as it is."""
+"""Fraction of the requested width from which a neck is accepted."""
 
 TARGET_WIDTH_FRACTION = 1.04
-"""What is demanded, in parts of the width asked for: the saddle moves a little when its neck is widened."""
+"""Diameter of the balls as a fraction of the requested width: the saddle moves a little when its neck is widened."""
 
 BALL_RADIUS_FRACTIONS = (0.5, 0.8, 1.0)
-"""Radii of the balls, in parts of the greatest, at which the field is held to its phase."""
+"""Radii of the spheres of points that stand for a ball, as fractions of its radius."""
 
 BALL_CLEARANCE_RMS = 1e-3
-"""How far past zero f is held there, in parts of its rms in the blending regions."""
+"""Margin of |f| at the points of a ball, as a fraction of the field's rms in the blending regions."""
+
+SADDLE_SEARCH_WIDTHS, RAY_LENGTH_WIDTHS = 1.5, 0.75
+"""Estimated width up to which saddles are searched for, and length of the rays to the surface, in requested widths."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NeckWidening:
-    """The best state, the rounds taken, and the necks that stayed narrower than asked."""
-
-    state: BlendState
-    rounds: int
-    missed: tuple[Neck, ...]
-
-
-def widen_necks(
-    scenes: Sequence[SampledComposition],
-    field: BlendedField,
-    start: BlendState,
-    width: float,
-    free: WeightRefiner,
-    max_rounds: int,
-) -> NeckWidening:
-    """Weights whose blend has no neck under `width` (model units) inside its blending regions, as far as that can be had."""
-    state, rounds = start, 0
-    kept = [NO_CONSTRAINTS] * len(start.weights)
-    origin = [w.coefficients for w in start.weights]
-    best: tuple[int, int, BlendState, tuple[Neck, ...]] | None = None
+def widen_necks(problem: BlendProblem, outcome: OptimisationOutcome, width: float) -> OptimisationOutcome:
+    """The outcome without necks under `width` (model units) inside the blending regions, as far as that can be reached."""
+    state, rounds = outcome.state, 0
+    constrained = unconstrained(state.weights, fixed_origin=True)
+    best: tuple[tuple[tuple[int, int], int], BlendState, tuple[Neck, ...]] | None = None
     for _ in range(MAX_WIDENING_ROUNDS):
-        found, wide, toward = measure_necks(scenes[0], field.with_weights(state.weights), width)
-        narrow = np.flatnonzero(wide < ACCEPTED_WIDTH_FRACTION * width)
-        result = (state.score[0] * 1000 + state.score[1], len(narrow), state, make_necks(found, wide, narrow))
-        if best is None or result[:2] < best[:2]:
-            best = result
-        if len(narrow) == 0 or rounds >= max_rounds:
+        saddles, widths, directions = measure_necks(problem.coarse, problem.field.with_weights(state.weights), width)
+        narrow = np.flatnonzero(widths < ACCEPTED_WIDTH_FRACTION * width)
+        score = state.score, len(narrow)
+        if best is None or score < best[0]:
+            best = score, state, make_necks(saddles, widths, narrow)
+        if len(narrow) == 0 or rounds >= problem.max_rounds:
             break
-        weights, kept, origin, changed = _run_widening_round(
-            scenes[0], field, state, found, toward, narrow, width, kept, origin, free
+        balls = [
+            _sample_ball(problem, saddles, directions, k, TARGET_WIDTH_FRACTION * width / 2) for k in map(int, narrow)
+        ]
+        values = problem.coarse.values(state.weights)
+        clearance = BALL_CLEARANCE_RMS * problem.coarse.rms_in_blending_regions(values)
+        constrained, changed = _run_widening_round(
+            problem, replace(constrained, weights=state.weights), balls, clearance
         )
         if not changed:
             break
-        state = evaluate_weights(scenes, weights)
-        rounds += 1
-        if not state.is_clean:
-            state, used = repair_defects(scenes, state, Strategy(), max_rounds - rounds, kept)
-            rounds += used
+        state, used = evaluate_and_repair(problem.compositions, constrained, problem.max_rounds - rounds - 1)
+        rounds += 1 + used
     assert best is not None
-    return NeckWidening(best[2], rounds, best[3])
+    _, state, narrow_necks = best
+    lines = []
+    if narrow_necks:
+        least = min(neck.width for neck in narrow_necks)
+        lines.append(f"{len(narrow_necks)} necks stay narrower than {width:g}, the narrowest {least:.3g}")
+    return replace(outcome.advance(state, rounds, *lines), narrow_necks=narrow_necks)
 
 
-def measure_necks(scene: SampledComposition, field: BlendedField, width: float) -> tuple[Saddles, Array, Array]:
-    """Saddles inside the blending regions that may be narrower than `width`, their widths and the nearest surface's direction."""
-    where: BoolArray = scene.movable()
-    found = find_saddles(field, scene.grid, where, 1.5 * width)
-    inside = np.any([np.asarray(region(found.points)) <= 0 for region in field.blending], axis=0)
-    found = Saddles(found.points[inside], found.values[inside])
-    wide, toward = measure_neck_widths(field, found, scene.grid, 0.75 * width)
-    return found, wide, toward
+def measure_necks(composition: SampledComposition, field: BlendedField, width: float) -> tuple[Saddles, Array, Array]:
+    """The n saddles inside the blending regions that may be narrower than `width`, their widths, directions to the surface.
+
+    Widths (n,) are inf beyond the range of the search; directions (n, 3) point to the nearest point of the surface.
+    """
+    saddles = find_saddles(field, composition.grid, composition.blending_mask, SADDLE_SEARCH_WIDTHS * width)
+    inside = np.any([np.asarray(region(saddles.points)) <= 0 for region in field.blending_regions], axis=0)
+    saddles = Saddles(saddles.points[inside], saddles.values[inside])
+    widths, directions = measure_neck_widths(field, saddles, composition.grid, RAY_LENGTH_WIDTHS * width)
+    return saddles, widths, directions
 
 
-def make_necks(found: Saddles, wide: Array, which: IntArray) -> tuple[Neck, ...]:
+def make_necks(saddles: Saddles, widths: Array, indices: IntArray) -> tuple[Neck, ...]:
+    """The necks at the saddles with these indices."""
     return tuple(
-        Neck(tuple(found.points[k].tolist()), "solid" if found.values[k] < 0 else "void", float(wide[k])) for k in which
+        Neck(tuple(saddles.points[k].tolist()), "solid" if saddles.values[k] < 0 else "void", float(widths[k]))
+        for k in indices
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ball:
+    """Points (m, 3) of a ball around a saddle, and the sign of f that is requested there."""
+
+    points: Array
+    sign: float
+
+    def reversed(self) -> _Ball:
+        return _Ball(self.points, -self.sign)
+
+
 def _run_widening_round(
-    scene: SampledComposition,
-    field: BlendedField,
-    state: BlendState,
-    found: Saddles,
-    toward: Array,
-    narrow: IntArray,
-    width: float,
-    kept: list[WeightConstraints],
-    origin: list[Array],
-    free: WeightRefiner,
-) -> tuple[list[SplineWeight], list[WeightConstraints], list[Array], bool]:
-    weights, kept, origin = list(state.weights), list(kept), list(origin)
+    problem: BlendProblem, constrained: ConstrainedWeights, balls: Sequence[_Ball], clearance: float
+) -> tuple[ConstrainedWeights, bool]:
+    """The weights after each stage has met what it can of the balls, and whether any ball was accepted."""
     changed = False
-    movable = scene.movable()
-    clear = BALL_CLEARANCE_RMS * float(np.sqrt(np.mean(scene.values(state.weights)[movable] ** 2)))
-    for stage in range(len(weights)):
-        balls = [
-            _sample_ball(field, scene, found.points[k], toward[k], TARGET_WIDTH_FRACTION * width / 2) for k in narrow
-        ]
-        keep = [-1.0 if found.values[k] < 0 else 1.0 for k in narrow]
-        for attempt in ("widen", "freer", "cut"):
-            if attempt == "freer":
-                more = free(stage, weights[stage]) if isinstance(weights[stage], LineWeight) else None
-                if more is None:
-                    continue
-                weights[stage], origin[stage] = more, more.coefficients
-            sides = [-s if attempt == "cut" else s for s in keep]
-            groups = [
-                _ball_constraints(field.with_weights(weights), stage, ball, s, clear)
-                for ball, s in zip(balls, sides, strict=True)
-            ]
-            wanted = [k for k, group in enumerate(groups) if group is not None and len(group)]
-            if not wanted:
-                break
-            some = [group for group in groups if group is not None and len(group)]
-            kept[stage], coefficients, left_out = add_consistent_constraints(
-                weights[stage], origin[stage], kept[stage], some
-            )
-            weights[stage] = weights[stage].moved(coefficients)
-            changed |= len(left_out) < len(some)
-            balls, keep = [balls[wanted[k]] for k in left_out], [keep[wanted[k]] for k in left_out]
-            if not left_out:
-                break
-    return weights, kept, origin, changed
+    for stage in range(len(constrained.weights)):
+        constrained, accepted, rest = _request_balls(problem, constrained, stage, balls, clearance)
+        changed |= accepted
+        weight = constrained.weights[stage]
+        refined = problem.refine(stage, weight) if rest and isinstance(weight, LineWeight) else None
+        if refined is not None:
+            constrained = constrained.with_weight(stage, refined)
+            constrained, accepted, rest = _request_balls(problem, constrained, stage, rest, clearance)
+            changed |= accepted
+        if rest:
+            cuts = [ball.reversed() for ball in rest]
+            constrained, accepted, _ = _request_balls(problem, constrained, stage, cuts, clearance)
+            changed |= accepted
+    return constrained, changed
 
 
-def _sample_ball(field: BlendedField, scene: SampledComposition, centre: Array, toward: Array, radius: float) -> Array:
-    """Points on spheres around a saddle that are inside the domain: (m, 3)."""
-    directions = np.concatenate([spread_directions(RAY_DIRECTIONS), toward[None], -toward[None]])
-    points = np.concatenate([centre + share * radius * directions for share in BALL_RADIUS_FRACTIONS] + [centre[None]])
-    inside = np.all((points >= np.array(scene.grid.low)) & (points <= np.array(scene.grid.high)), axis=1)
-    return points[inside]
+def _request_balls(
+    problem: BlendProblem, constrained: ConstrainedWeights, stage: int, balls: Sequence[_Ball], clearance: float
+) -> tuple[ConstrainedWeights, bool, list[_Ball]]:
+    """The weights with the balls met that one stage can meet, whether any was, and the balls that contradict constraints."""
+    field = problem.field.with_weights(constrained.weights)
+    requests = [(ball, _ball_constraints(field, stage, ball, clearance)) for ball in balls]
+    solvable = [(ball, group) for ball, group in requests if group is not None and len(group)]
+    if not solvable:
+        return constrained, False, []
+    constrained, left_out = constrained.add(stage, [group for _, group in solvable])
+    return constrained, len(left_out) < len(solvable), [solvable[k][0] for k in left_out]
 
 
-def _ball_constraints(
-    field: BlendedField, stage: int, points: Array, sign: float, clear: float
-) -> WeightConstraints | None:
-    """Demands that f has the sign at the points; None if a point that has not is out of this weight's reach."""
-    none, slope = evaluate_affine_form(field, stage, points)
+def _sample_ball(problem: BlendProblem, saddles: Saddles, directions: Array, index: int, radius: float) -> _Ball:
+    """Points on spheres around a saddle, with its centre, that are inside the domain; the sign is that of f at the saddle."""
+    centre, toward = saddles.points[index], directions[index]
+    rays = np.concatenate([spread_directions(RAY_DIRECTIONS), toward[None], -toward[None]])
+    shells = [centre + fraction * radius * rays for fraction in BALL_RADIUS_FRACTIONS]
+    points = np.concatenate([*shells, centre[None]])
+    low, high = np.array(problem.coarse.grid.low), np.array(problem.coarse.grid.high)
+    inside = np.all((points >= low) & (points <= high), axis=1)
+    return _Ball(points[inside], -1.0 if saddles.values[index] < 0 else 1.0)
+
+
+def _ball_constraints(field: BlendedField, stage: int, ball: _Ball, clearance: float) -> WeightConstraints | None:
+    """Constraints that f has the ball's sign at its points; None if a point with the wrong sign does not depend on the weight."""
+    constant, slope = evaluate_affine_form(field, stage, ball.points)
     weight = field.weights[stage]
-    wrong = sign * (none + slope * weight(points)) < clear
+    wrong = ball.sign * (constant + slope * weight(ball.points)) < clearance
     if np.any(wrong & (slope == 0)):
         return None
-    used = slope != 0
-    none, slope, points = none[used], slope[used], points[used]
-    return WeightConstraints(points, (sign * clear - none) / slope, np.where(sign * slope > 0, 1.0, -1.0))
+    has_slope = slope != 0
+    return make_sign_constraints(ball.points[has_slope], constant[has_slope], slope[has_slope], ball.sign, clearance)

@@ -1,217 +1,116 @@
-"""The robust optimiser: mends what the census counts, on the working grid and on the grid of twice its samples.
+"""The topological optimiser: weights whose blend has no defect on the working grid nor on that of twice its samples.
 
-Each round takes the coarsest grid that has errors, asks for the cheapest repairs, and moves every weight to the coefficients
-nearest to its initial ones that meet all demands so far. Where that stalls the next tool is tried from the best state: a gradient
-method on the persistence of the errors, weights with more freedom, demands forgotten and smaller margins.
+The paper (section 3.2) minimises a topological objective by gradient descent on the coefficients. As the field is
+affine in the coefficients, a defect can also be repaired directly: a path of samples that joins a component to another one,
+or the removal of all its samples, are linear inequalities. The optimiser therefore repairs by constraints first: each round takes
+the coarsest grid with defects, finds the cheapest repairs and moves each weight to the nearest coefficients that satisfy all
+constraints so far (`constraint_rounds`, `repair`).
+
+Where this stalls, the next of the STRATEGIES continues from the best state: removals preferred to joins or the reverse, weights
+refined to more coefficients, the paper's descent, smaller margins. Counting defects on a second grid guards against blends that
+are clean only at the samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from tpmscad._typing import Array, IntArray
-from tpmscad.blending.composition.blended_field import WeightFunction
-from tpmscad.blending.composition.defects import DefectCensus, count_defects
 from tpmscad.blending.composition.sampled_composition import SampledComposition
+from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, OptimisationOutcome, evaluate_weights
+from tpmscad.blending.optimise.constraint_rounds import REPAIR_MARGIN_RMS, repair_defects
 from tpmscad.blending.optimise.gradient_descent import descend
-from tpmscad.blending.optimise.repair import RepairRequest, propose_repairs
-from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints, add_consistent_constraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 
-REPAIR_MARGIN_RMS = 0.4
-"""How far past zero a repair moves f, in units of the field's own rms in the blending region: at 0.15 one pair in six needed
-three dimensions, at 0.4 one in nine."""
-
-REMOVAL_PENALTY, REMOVAL_DISCOUNT = 1e3, 1e-3
-"""What removals are taken to cost beside joins where mixing the two contradicts itself."""
+REMOVAL_PENALTY_FACTOR, REMOVAL_DISCOUNT_FACTOR = 1e3, 1e-3
+"""Factors on the cost of removals, so that joins or removals are preferred throughout: a mixture can be contradictory."""
 
 MAX_DESCENT_STEPS = 15
-"""Steps of a descent: those that got anywhere did within 10."""
-
-MAX_STALLED_ROUNDS = 2
-"""Rounds without fewer errors before the next tool is tried."""
-
-WeightRefiner = Callable[[int, SplineWeight], SplineWeight | None]
-"""A weight of the same values with more freedom for a stage's weight; None if there is none."""
+"""Steps of a descent at most; descents that succeed take fewer."""
 
 
 @dataclass(frozen=True, slots=True)
 class Strategy:
-    """One way of repairing: with freer weights than before or the same, by descent on the
-    persistence of the errors or by repairs, how far past zero, joins or removals preferred."""
+    """One setting of the optimiser: weights refined first or not, repairs or gradient descent, their margin and preference.
 
-    freer: bool = False
-    descent: bool = False
-    margin: float = REPAIR_MARGIN_RMS
-    bias: float = 1.0
+    `margin_rms` is the margin of repairs as a fraction of the field's rms; `removal_cost_factor` multiplies the cost of removals.
+    """
+
+    refine_first: bool = False
+    use_gradient: bool = False
+    margin_rms: float = REPAIR_MARGIN_RMS
+    removal_cost_factor: float = 1.0
 
 
 STRATEGIES = (
     Strategy(),
-    Strategy(bias=REMOVAL_PENALTY),
-    Strategy(freer=True),
-    Strategy(bias=REMOVAL_PENALTY),
-    Strategy(bias=REMOVAL_DISCOUNT),
-    Strategy(descent=True),
-    Strategy(freer=True, margin=REPAIR_MARGIN_RMS / 2),
-    Strategy(margin=REPAIR_MARGIN_RMS / 4, bias=REMOVAL_PENALTY),
-    Strategy(margin=REPAIR_MARGIN_RMS / 4, bias=REMOVAL_DISCOUNT),
+    Strategy(removal_cost_factor=REMOVAL_PENALTY_FACTOR),
+    Strategy(refine_first=True),
+    Strategy(removal_cost_factor=REMOVAL_PENALTY_FACTOR),
+    Strategy(removal_cost_factor=REMOVAL_DISCOUNT_FACTOR),
+    Strategy(use_gradient=True),
+    Strategy(refine_first=True, margin_rms=REPAIR_MARGIN_RMS / 2),
+    Strategy(margin_rms=REPAIR_MARGIN_RMS / 4, removal_cost_factor=REMOVAL_PENALTY_FACTOR),
+    Strategy(margin_rms=REPAIR_MARGIN_RMS / 4, removal_cost_factor=REMOVAL_DISCOUNT_FACTOR),
 )
-"""Tried in turn, each from the best state so far and with the demands of those before it forgotten."""
+"""Tried in this order, each from the best state so far and without the constraints of the strategies before it."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GridDefects:
-    """A census of one grid, with the errors that are the blend's to mend (labels)."""
-
-    level: int
-    census: DefectCensus
-    solid: IntArray
-    void: IntArray
-
-    @property
-    def count(self) -> int:
-        return len(self.solid) + len(self.void)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BlendState:
-    """Weights and what is counted with them: the views of the grids up to the first with errors, coarse first."""
-
-    weights: tuple[SplineWeight, ...]
-    grid_defects: tuple[GridDefects, ...]
-    score: tuple[int, int]
-    """Grids not yet clean, and the errors on the first of them: the less the better."""
-
-    @property
-    def is_clean(self) -> bool:
-        return self.score[0] == 0
-
-    @property
-    def last(self) -> GridDefects:
-        return self.grid_defects[-1]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class OptimisationOutcome:
-    """The best state reached, the rounds taken and a line on each tool that was needed."""
-
-    state: BlendState
-    rounds: int
-    log: tuple[str, ...]
-
-
-def find_grid_defects(scene: SampledComposition, level: int, weights: Sequence[WeightFunction]) -> GridDefects:
-    counted = count_defects(scene.values(weights))
-    solid = np.setdiff1d(counted.solid.errors, scene.intrinsic(counted.solid, 1))
-    void = np.setdiff1d(counted.void.errors, scene.intrinsic(counted.void, -1))
-    return GridDefects(level, counted, solid, void)
-
-
-def evaluate_weights(scenes: Sequence[SampledComposition], weights: Sequence[SplineWeight]) -> BlendState:
-    views = []
-    for level, scene in enumerate(scenes):
-        views.append(find_grid_defects(scene, level, weights))
-        if views[-1].count:
-            return BlendState(tuple(weights), tuple(views), (len(scenes) - level, views[-1].count))
-    return BlendState(tuple(weights), tuple(views), (0, 0))
-
-
-def evaluate_all_grids(scenes: Sequence[SampledComposition], state: BlendState) -> tuple[GridDefects, ...]:
-    """The views of all grids, those behind the first with errors made now."""
-    rest = [
-        find_grid_defects(scene, level, state.weights)
-        for level, scene in enumerate(scenes)
-        if level >= len(state.grid_defects)
-    ]
-    return (*state.grid_defects, *rest)
-
-
-def optimise(
-    scenes: Sequence[SampledComposition], start: BlendState, free: WeightRefiner, max_rounds: int
-) -> OptimisationOutcome:
-    """Weights whose blend has no errors of its own on any of the grids, or the best that was reached."""
-    best, rounds = start, 0
+def optimise(problem: BlendProblem, outcome: OptimisationOutcome) -> OptimisationOutcome:
+    """The outcome with weights whose blend has no defect of its own on any grid, or with the best ones reached."""
+    compositions, best, rounds = problem.compositions, outcome.state, 0
     log: list[str] = []
-    for tool in STRATEGIES:
-        if best.is_clean or rounds >= max_rounds:
+    for strategy in STRATEGIES:
+        if best.is_clean or rounds >= problem.max_rounds:
             break
-        begin = best
-        if tool.freer:
-            more = [free(k, weight) for k, weight in enumerate(best.weights)]
-            if all(weight is None for weight in more):
+        start = best
+        if strategy.refine_first:
+            refined = problem.refine_all(best.weights)
+            if refined is None:
                 continue
-            begin = evaluate_weights(scenes, [new or old for new, old in zip(more, best.weights, strict=True)])
-            log.append(
-                f"weights given more freedom after {rounds} rounds: {'; '.join(_format_shape(w) for w in begin.weights)}"
-            )
-        search = _run_descent if tool.descent else repair_defects
-        found, used = search(scenes, begin, tool, max_rounds - rounds)
+            start = evaluate_weights(compositions, refined)
+            shapes = "; ".join(_format_shape(weight) for weight in refined)
+            log.append(f"weights given more freedom after {rounds} rounds: {shapes}")
+        state, used = _apply_strategy(compositions, start, strategy, problem.max_rounds - rounds)
         rounds += used
-        if found.score < best.score or tool.freer:
-            best = found
-    return OptimisationOutcome(best, rounds, tuple(log))
+        if state.score < best.score or strategy.refine_first:
+            best = state
+    return outcome.advance(best, rounds, *log)
+
+
+def optimise_as_published(problem: BlendProblem, outcome: OptimisationOutcome) -> OptimisationOutcome:
+    """The outcome of the paper's descent as printed (eqs 20 to 23): on the working grid only, with the test of eq. 22."""
+    descent = descend(problem.coarse, outcome.state.weights, problem.max_rounds, strict=True)
+    objective = descent.objective
+    line = (
+        f"objective {objective.value:.3g} after {descent.steps} steps, {objective.n_active} pairs active, "
+        f"{objective.n_ignored} ignored"
+    )
+    return outcome.advance(evaluate_weights(problem.compositions, descent.weights), descent.steps, line)
+
+
+def keep_initial_weights(problem: BlendProblem, outcome: OptimisationOutcome) -> OptimisationOutcome:
+    """The outcome as it is."""
+    return outcome
+
+
+def _apply_strategy(
+    compositions: Sequence[SampledComposition], start: BlendState, strategy: Strategy, max_rounds: int
+) -> tuple[BlendState, int]:
+    """The state that a strategy reaches, and the rounds or steps it took."""
+    if not strategy.use_gradient:
+        return repair_defects(
+            compositions,
+            start,
+            max_rounds,
+            margin_rms=strategy.margin_rms,
+            removal_cost_factor=strategy.removal_cost_factor,
+        )
+    composition = compositions[start.coarsest_defective.grid_index]
+    steps = min(MAX_DESCENT_STEPS, max_rounds)
+    descent = descend(composition, start.weights, steps, strict=False, convention="strict")
+    return evaluate_weights(compositions, descent.weights), descent.steps
 
 
 def _format_shape(weight: SplineWeight) -> str:
     return " x ".join(map(str, weight.coefficients.shape))
-
-
-def _run_descent(
-    scenes: Sequence[SampledComposition], start: BlendState, tool: Strategy, max_rounds: int
-) -> tuple[BlendState, int]:
-    """Steps down the gradient on the grid that has errors: of a pair, whichever end can be moved is."""
-    steps = min(MAX_DESCENT_STEPS, max_rounds)
-    moved = descend(scenes[start.last.level], start.weights, steps, strict=False, convention="strict")
-    return evaluate_weights(scenes, moved.weights), moved.steps
-
-
-def repair_defects(
-    scenes: Sequence[SampledComposition],
-    start: BlendState,
-    tool: Strategy,
-    max_rounds: int,
-    demands: Sequence[WeightConstraints] = (),
-) -> tuple[BlendState, int]:
-    """Rounds of repairs with all their demands kept, `demands` to begin with, until nothing is left or nothing gets better."""
-    state = best = start
-    origin = [weight.coefficients for weight in start.weights]
-    memory = list(demands) or [NO_CONSTRAINTS] * len(origin)
-    idle = used = 0
-    while not best.is_clean and idle < MAX_STALLED_ROUNDS and used < max_rounds:
-        weights, memory, changed = _run_repair_round(scenes[state.last.level], state, origin, memory, tool)
-        used += 1
-        if not changed:
-            break
-        state = evaluate_weights(scenes, weights)
-        idle = 0 if state.score < best.score else idle + 1
-        best = min(best, state, key=lambda s: s.score)
-    return best, used
-
-
-def _run_repair_round(
-    scene: SampledComposition, state: BlendState, origin: list[Array], memory: list[WeightConstraints], tool: Strategy
-) -> tuple[list[SplineWeight], list[WeightConstraints], bool]:
-    """One round: the weights moved, the demands so far, and whether any repair could be had."""
-    seen, weights, kept = state.last, list(state.weights), list(memory)
-    values = scene.values(weights)
-    changed = False
-    for stage, weight in enumerate(state.weights):
-        sampled = scene.sampled(weights, stage)
-        acts = sampled.slope != 0
-        if not acts.any():
-            continue
-        past = tool.margin * float(np.sqrt(np.mean(values[acts] ** 2)))
-        groups = []
-        for phase, errors, sign in ((seen.census.solid, seen.solid, 1), (seen.census.void, seen.void, -1)):
-            if len(errors):
-                wanted = RepairRequest(values, phase, errors, sign, past, kept[stage], tool.bias)
-                groups += propose_repairs(sampled, weight, wanted).groups
-        if groups:
-            kept[stage], found, left_out = add_consistent_constraints(weight, origin[stage], kept[stage], groups)
-            changed |= len(left_out) < len(groups)
-            weights[stage] = weight.moved(found)
-    return weights, kept, changed

@@ -1,9 +1,12 @@
-"""What must change to mend the topological errors of a sampled blend: cheapest joins and removals, as demands on the weight.
+"""Repairs of topological defects on a grid: the cheapest joins and removals, as constraints on one stage's weight.
 
-Each error is either joined to another component along the cheapest path, or removed with all its samples, whichever moves the
-weight less. Joins are chosen together, as the cheapest spanning tree of the components, each path costing the changes of weight
-its samples need. Solid and void are treated alike, with the sign of f turned. Samples that no weight within reach can turn are
-never asked to.
+A defect is either joined to another component along the cheapest path of samples, or removed with all its samples, whichever
+changes the weight less. The cost of a path is the sum of the changes of weight that its samples need, found by Dijkstra's
+algorithm on the grid; the joins of several defects form a minimum spanning tree (Kruskal). Solid and void are treated alike, with
+the sign of f reversed. Samples whose sign no attainable weight can change are never used.
+
+This replaces the gradient step of the porous-blending paper (eqs 20 to 23), which moves one critical sample for each defect: the
+cheapest path need not pass through the critical sample, and that sample may be one that the weight cannot change.
 """
 
 from __future__ import annotations
@@ -17,191 +20,213 @@ from scipy.sparse.csgraph import dijkstra
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.composition.affine_form import AffineBlend, find_bounding_window, tighten_weight_range
 from tpmscad.blending.composition.defects import PhaseComponents
-from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints
+from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints, make_sign_constraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.topology.voxels import Labels
 
 PATH_STEP_COST = 0.01
-"""Cost of a sample on a path beside the change of weight it needs: of equally cheap paths the short one is taken."""
+"""Cost of each sample of a path in addition to its change of weight: of equally cheap paths the shortest is taken."""
 
-INITIAL_SEARCH_COST, MAX_SEARCH_COST = 0.5, 64.0
-"""Search radii, in cost: most errors have a neighbour within the first; beyond the last nothing was ever joined."""
+INITIAL_SEARCH_COST, MAX_SEARCH_COST, SEARCH_COST_GROWTH = 0.5, 64.0, 4.0
+"""First and last radius of the path search, in cost, and the ratio of successive ones: most defects have a near neighbour."""
 
 SEARCH_MARGIN_SAMPLES = 10
-"""Samples around the errors where repairs are looked for first."""
+"""Width of the region around the defects that is searched first."""
+
+REACHABLE_FRACTION = 0.5
+"""Fraction of the attainable value that replaces the margin where the margin is out of reach."""
 
 UNREACHABLE_COST = np.inf
 
 NODE_OPEN, NODE_SOURCE, NODE_TARGET = 1, 2, 3
-"""What a sample is to a path."""
+"""Kinds of samples in the path search: may become part of the phase; in a defect; in a main component."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RepairProposal:
-    """Demands that mend an error each, cheapest first; `hopeless` labels have no repair within reach."""
+    """Groups of constraints that repair one defect each, cheapest first, and the labels of defects without a repair."""
 
     groups: list[WeightConstraints]
-    hopeless: IntArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PhaseWindow:
-    """One phase in the window, turned so that inside is g <= 0."""
-
-    value: Array
-    slope: Array
-    least: Array
-    most: Array
-    weight: Array
-    labels: Labels
+    unrepairable: IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RepairRequest:
-    """What is to be mended: error labels of one phase (sign +1 for solid, -1 for void) of sampled values (nx, ny, nz).
+    """Defects to be repaired: labels of one phase of sampled values (nx, ny, nz).
 
-    margin: how far past zero f is moved. kept: demands that leave less reach. bias: what removals are taken to cost beside
-    joins, so that either can be preferred.
+    `margin` is the value of |f| to reach. `active_constraints` narrow the attainable weights. `removal_cost_factor` multiplies
+    the cost of removals, so that joins or removals can be preferred.
     """
 
     values: Array
     phase: PhaseComponents
-    errors: IntArray
-    sign: int
+    labels: IntArray
     margin: float
-    kept: WeightConstraints = NO_CONSTRAINTS
-    bias: float = 1.0
+    active_constraints: WeightConstraints = NO_CONSTRAINTS
+    removal_cost_factor: float = 1.0
 
 
-def propose_repairs(sampled: AffineBlend, weight: SplineWeight, wanted: RepairRequest) -> RepairProposal:
-    """Repairs of errors, looked for near them first, then wherever the weight acts."""
-    window = sampled.window
-    where = wanted.phase.of(wanted.errors)[window]
-    if not where.any():
-        return RepairProposal([], wanted.errors)
+@dataclass(frozen=True, slots=True, eq=False)
+class _PhaseWindow:
+    """A window of one phase, with the sign of f such that the phase is {value <= 0}; all arrays have the window's shape."""
+
+    value: Array
+    slope: Array
+    min_weight: Array
+    max_weight: Array
+    weight: Array
+    labels: Labels
+
+    def attainable(self, sign: float) -> Array:
+        """The values that are greatest (sign 1) or least (sign -1) among those of attainable weights."""
+        extreme = np.maximum if sign > 0 else np.minimum
+        down, up = self.min_weight - self.weight, self.max_weight - self.weight
+        return self.value + extreme(self.slope * down, self.slope * up)
+
+
+def propose_repairs(affine: AffineBlend, weight: SplineWeight, request: RepairRequest) -> RepairProposal:
+    """Repairs of defects: from a local search first, then, if that misses any, wherever the weight acts."""
+    window = affine.window
+    defects = request.phase.mask_of(request.labels)[window]
+    if not defects.any():
+        return RepairProposal([], request.labels)
     x, y, z = (
         slice(w.start + n.start, w.start + n.stop)
-        for w, n in zip(window, find_bounding_window(where, SEARCH_MARGIN_SAMPLES), strict=True)
+        for w, n in zip(window, find_bounding_window(defects, SEARCH_MARGIN_SAMPLES), strict=True)
     )
-    near = x, y, z
-    found = _propose_in_window(replace(sampled, window=near), weight, wanted)
-    return _propose_in_window(sampled, weight, wanted) if len(found.hopeless) and near != window else found
+    local = x, y, z
+    proposal = _propose_in_window(replace(affine, window=local), weight, request)
+    if len(proposal.unrepairable) and local != window:
+        return _propose_in_window(affine, weight, request)
+    return proposal
 
 
-def _propose_in_window(sampled: AffineBlend, weight: SplineWeight, wanted: RepairRequest) -> RepairProposal:
-    """The same in the window of the sampled blend."""
-    window, sign, labels = sampled.window, wanted.sign, wanted.phase.labels[sampled.window]
-    least, most = tighten_weight_range(sampled.reach(weight), sampled, weight, wanted.kept)
-    acting = weight.on_grid(*sampled.axes)
-    room = _PhaseWindow(sign * wanted.values[window], sign * sampled.slope[window], least, most, acting, labels)
-    present = np.intersect1d(wanted.errors, np.unique(labels))
-    removable = wanted.bias * _removal_costs(room, present, wanted.phase.count, wanted.margin)
-    joins = _find_joins(room, present, wanted.phase.main, wanted.phase.count, wanted.margin)
-    return _choose_repairs(sampled, room, removable, joins, wanted.errors, wanted.margin)
+def _propose_in_window(affine: AffineBlend, weight: SplineWeight, request: RepairRequest) -> RepairProposal:
+    """Repairs of the defects in the window of the affine form."""
+    sign, phase, labels = request.phase.sign, request.phase, request.phase.labels[affine.window]
+    low, high = tighten_weight_range(affine.weight_range(weight), affine, weight, request.active_constraints)
+    window = _PhaseWindow(
+        sign * request.values[affine.window],
+        sign * affine.slope[affine.window],
+        low,
+        high,
+        weight.on_grid(*affine.axes),
+        labels,
+    )
+    present = np.intersect1d(request.labels, np.unique(labels))
+    removal = request.removal_cost_factor * _removal_costs(window, present, phase.n_labels, request.margin)
+    joins = _find_joins(window, present, phase.main_labels, phase.n_labels, request.margin)
+    return _choose_repairs(affine, window, removal, joins, request.labels, request.margin)
 
 
-def _removal_costs(room: _PhaseWindow, errors: IntArray, count: int, margin: float) -> Array:
-    """The greatest change of weight that removing each label takes; inf where a sample cannot leave the phase."""
-    highest = room.value + np.maximum(room.slope * (room.least - room.weight), room.slope * (room.most - room.weight))
-    wanted = np.zeros(count, bool)
-    wanted[errors] = True
-    inside = wanted[room.labels]
-    labels, value, slope = room.labels[inside], room.value[inside], room.slope[inside]
-    past = np.minimum(margin, 0.5 * highest[inside])
-    movable = (slope != 0) & (past > 0)
-    need = np.where(movable, (past - value) / np.where(movable, np.abs(slope), 1.0), UNREACHABLE_COST)
-    cost = np.zeros(count)
-    np.maximum.at(cost, labels, need)
-    cost[~wanted] = UNREACHABLE_COST
+def _removal_costs(window: _PhaseWindow, labels: IntArray, n_labels: int, margin: float) -> Array:
+    """The greatest change of weight that the removal of each label needs; inf if a sample cannot leave the phase."""
+    is_defect = np.zeros(n_labels, bool)
+    is_defect[labels] = True
+    inside = is_defect[window.labels]
+    sample_labels, value, slope = window.labels[inside], window.value[inside], window.slope[inside]
+    goal = np.minimum(margin, REACHABLE_FRACTION * window.attainable(1)[inside])
+    movable = (slope != 0) & (goal > 0)
+    change = np.where(movable, (goal - value) / np.where(movable, np.abs(slope), 1.0), UNREACHABLE_COST)
+    cost = np.zeros(n_labels)
+    np.maximum.at(cost, sample_labels, change)
+    cost[~is_defect] = UNREACHABLE_COST
     return cost
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Join:
+    """A path between two components: its cost, its greatest change of weight, their labels (0: main), its samples."""
+
     cost: float
-    peak: float
+    max_change: float
     first: int
     second: int
     path: IntArray
 
 
-def _find_joins(room: _PhaseWindow, errors: IntArray, main: IntArray, count: int, margin: float) -> list[_Join]:
-    """Cheapest paths between neighbouring error labels, and from them to the main ones (all called 0), cheapest first."""
-    if len(errors) == 0:
+def _find_joins(
+    window: _PhaseWindow, labels: IntArray, main_labels: IntArray, n_labels: int, margin: float
+) -> list[_Join]:
+    """Cheapest paths between defects with adjacent search regions, and from defects to main components; cheapest first."""
+    if len(labels) == 0:
         return []
-    lowest = room.value + np.minimum(room.slope * (room.least - room.weight), room.slope * (room.most - room.weight))
-    past = np.minimum(margin, -0.5 * lowest)
-    opens = (room.labels == 0) & (room.slope != 0) & (past > 0)
-    need = np.where(opens, (room.value + past) / np.where(opens, np.abs(room.slope), 1.0), 0.0).ravel()
-    kind = np.zeros(count, np.int8)
-    kind[errors], kind[main] = 1, 2
-    source, target = (kind[room.labels] == 1).ravel(), (kind[room.labels] == 2).ravel()
-    owner = np.where(source, room.labels.ravel(), 0)
-    graph, nodes = _build_path_graph(room.labels.shape, opens.ravel(), source, target, need)
+    goal = np.minimum(margin, -REACHABLE_FRACTION * window.attainable(-1))
+    is_passable = (window.labels == 0) & (window.slope != 0) & (goal > 0)
+    change = np.where(
+        is_passable, (window.value + goal) / np.where(is_passable, np.abs(window.slope), 1.0), 0.0
+    ).ravel()
+    kind = np.zeros(n_labels, np.int8)
+    kind[labels], kind[main_labels] = NODE_SOURCE, NODE_TARGET
+    source, target = (kind[window.labels] == NODE_SOURCE).ravel(), (kind[window.labels] == NODE_TARGET).ravel()
+    source_label = np.where(source, window.labels.ravel(), 0)
+    graph, nodes = _build_path_graph(window.labels.shape, is_passable.ravel(), source, target, change)
     starts = np.flatnonzero(source[nodes])
-    reach = INITIAL_SEARCH_COST
+    limit = INITIAL_SEARCH_COST
     while True:
         distance, previous, origin = dijkstra(
-            graph, indices=starts, min_only=True, return_predecessors=True, limit=reach
+            graph, indices=starts, min_only=True, return_predecessors=True, limit=limit
         )
-        found = _find_cheapest_links(graph, nodes, distance, origin, owner, target)
-        if len(np.unique(np.concatenate([found[1], found[2]]))) > len(errors) or reach >= MAX_SEARCH_COST:
+        links = _find_cheapest_links(graph, nodes, distance, origin, source_label, target)
+        all_linked = len(np.unique(np.concatenate([links[1], links[2]]))) > len(labels)
+        if all_linked or limit >= MAX_SEARCH_COST:
             break
-        reach *= 4
+        limit *= SEARCH_COST_GROWTH
     joins = []
-    for cost, first, second, u, v in zip(*found, strict=True):
+    for cost, first, second, u, v in zip(*links, strict=True):
         path = nodes[np.array(_trace_path(previous, u) + (_trace_path(previous, v) if v >= 0 else []), np.int64)]
-        path = path[opens.ravel()[path]]
-        joins.append(_Join(float(cost), float(need[path].max(initial=0.0)), int(first), int(second), path))
+        path = path[is_passable.ravel()[path]]
+        joins.append(_Join(float(cost), float(change[path].max(initial=0.0)), int(first), int(second), path))
     return joins
 
 
 def _build_path_graph(
-    shape: tuple[int, ...], opens: BoolArray, source: BoolArray, target: BoolArray, need: Array
+    shape: tuple[int, ...], is_passable: BoolArray, source: BoolArray, target: BoolArray, change: Array
 ) -> tuple[csr_array, IntArray]:
-    """Directed edges between neighbouring samples: out of sources, among open samples, into targets."""
-    kind = np.zeros(opens.size, np.int8)
-    kind[opens], kind[source], kind[target] = NODE_OPEN, NODE_SOURCE, NODE_TARGET
-    middle = np.flatnonzero(opens)
-    place = np.unravel_index(middle, shape)
+    """Directed edges between face neighbours: out of sources, among passable samples, into targets; and its samples."""
+    kind = np.zeros(is_passable.size, np.int8)
+    kind[is_passable], kind[source], kind[target] = NODE_OPEN, NODE_SOURCE, NODE_TARGET
+    passable = np.flatnonzero(is_passable)
+    index = np.unravel_index(passable, shape)
     stride = (shape[1] * shape[2], shape[2], 1)
     heads, tails = [], []
     for axis in range(3):
-        for way, end in ((-1, 0), (1, shape[axis] - 1)):
-            here = middle[place[axis] != end]
-            there = here + way * stride[axis]
-            beside = kind[there]
-            onwards, back = (beside == NODE_OPEN) | (beside == NODE_TARGET), beside == NODE_SOURCE
-            heads += [here[onwards], there[back]]
-            tails += [there[onwards], here[back]]
+        for direction, border in ((-1, 0), (1, shape[axis] - 1)):
+            sample = passable[index[axis] != border]
+            neighbour = sample + direction * stride[axis]
+            neighbour_kind = kind[neighbour]
+            is_next = (neighbour_kind == NODE_OPEN) | (neighbour_kind == NODE_TARGET)
+            is_previous = neighbour_kind == NODE_SOURCE
+            heads += [sample[is_next], neighbour[is_previous]]
+            tails += [neighbour[is_next], sample[is_previous]]
     head, tail = np.concatenate(heads), np.concatenate(tails)
-    used = np.zeros(opens.size, bool)
+    used = np.zeros(is_passable.size, bool)
     used[head] = used[tail] = True
     nodes, compact = np.flatnonzero(used), np.cumsum(used) - 1
-    cost = np.where(opens, need + PATH_STEP_COST, 0.0)
+    cost = np.where(is_passable, change + PATH_STEP_COST, 0.0)
     length = (cost[head] + cost[tail]) / 2
     graph = csr_array((length, (compact[head], compact[tail])), shape=(len(nodes), len(nodes)))
     return graph, nodes
 
 
 def _find_cheapest_links(
-    graph: csr_array, nodes: IntArray, distance: Array, origin: IntArray, owner: IntArray, target: BoolArray
+    graph: csr_array, nodes: IntArray, distance: Array, origin: IntArray, source_label: IntArray, target: BoolArray
 ) -> tuple[Array, IntArray, IntArray, IntArray, IntArray]:
-    """Cost, the two labels (0 for main) and the two nodes (-1: none) of the cheapest link of each pair of labels."""
+    """The cheapest link of each pair of labels: cost, the two labels (0: main) and its two end nodes (-1: none)."""
     reached = np.isfinite(distance)
-    label = np.where(reached, owner[nodes[np.where(reached, origin, 0)]], -1)
+    label = np.where(reached, source_label[nodes[np.where(reached, origin, 0)]], -1)
     ends = np.flatnonzero(reached & target[nodes])
     edges = graph.tocoo()
     u, v = edges.coords
-    apart = reached[u] & reached[v] & (label[u] != label[v]) & ~target[nodes[u]] & ~target[nodes[v]]
-    u, v = u[apart], v[apart]
-    cost = np.concatenate([distance[ends], distance[u] + edges.data[apart] + distance[v]])
+    is_link = reached[u] & reached[v] & (label[u] != label[v]) & ~target[nodes[u]] & ~target[nodes[v]]
+    u, v = u[is_link], v[is_link]
+    cost = np.concatenate([distance[ends], distance[u] + edges.data[is_link] + distance[v]])
     first = np.concatenate([label[ends], np.minimum(label[u], label[v])])
     second = np.concatenate([np.zeros(len(ends), label.dtype), np.maximum(label[u], label[v])])
     a, b = np.concatenate([ends, u]), np.concatenate([np.full(len(ends), -1), v])
     order = np.argsort(cost, kind="stable")
-    _, once = np.unique(np.stack([first[order], second[order]]), axis=1, return_index=True)
-    order = order[np.sort(once)]
+    _, first_of_pair = np.unique(np.stack([first[order], second[order]]), axis=1, return_index=True)
+    order = order[np.sort(first_of_pair)]
     return cost[order], first[order], second[order], a[order], b[order]
 
 
@@ -214,15 +239,15 @@ def _trace_path(previous: IntArray, node: int) -> list[int]:
 
 
 def _choose_repairs(
-    sampled: AffineBlend, room: _PhaseWindow, removal: Array, joins: list[_Join], errors: IntArray, margin: float
+    affine: AffineBlend, window: _PhaseWindow, removal: Array, joins: list[_Join], labels: IntArray, margin: float
 ) -> RepairProposal:
-    """Removals where they are cheaper than the cheapest join, then the spanning tree of the rest (Kruskal)."""
+    """Removals where they are cheaper than the cheapest join, then the minimum spanning tree of the rest (Kruskal)."""
     cheapest = np.full(len(removal), UNREACHABLE_COST)
     for join in joins:
         for label in (join.first, join.second):
-            cheapest[label] = min(cheapest[label], join.peak)
-    removed = {int(label) for label in errors if removal[label] < cheapest[label]}
-    parent = {int(label): int(label) for label in (0, *errors)}
+            cheapest[label] = min(cheapest[label], join.max_change)
+    removed = {int(label) for label in labels if removal[label] < cheapest[label]}
+    parent = {int(label): int(label) for label in (0, *labels)}
 
     def root(label: int) -> int:
         while parent[label] != label:
@@ -231,30 +256,29 @@ def _choose_repairs(
         return label
 
     groups = [
-        _sample_constraints(sampled, room, np.flatnonzero(room.labels.ravel() == label), 1, margin)
+        _sample_constraints(affine, window, np.flatnonzero(window.labels.ravel() == label), 1, margin)
         for label in sorted(removed)
     ]
     for join in joins:
         if join.first in removed or join.second in removed or root(join.first) == root(join.second):
             continue
         parent[max(root(join.first), root(join.second))] = min(root(join.first), root(join.second))
-        groups.append(_sample_constraints(sampled, room, join.path, -1, margin))
-    hopeless = np.array([e for e in errors if int(e) not in removed and root(int(e)) != 0], np.int64)
-    return RepairProposal(groups, hopeless)
+        groups.append(_sample_constraints(affine, window, join.path, -1, margin))
+    unrepairable = [label for label in labels if int(label) not in removed and root(int(label)) != 0]
+    return RepairProposal(groups, np.array(unrepairable, np.int64))
 
 
 def _sample_constraints(
-    sampled: AffineBlend, room: _PhaseWindow, index: IntArray, to: int, margin: float
+    affine: AffineBlend, window: _PhaseWindow, index: IntArray, sign: int, margin: float
 ) -> WeightConstraints:
-    """to * g >= margin at the window's samples, or half of the way to what is within reach if that is nearer."""
-    value, slope, weight = (a.ravel()[index] for a in (room.value, room.slope, room.weight))
-    least, most = room.least.ravel()[index], room.most.ravel()[index]
-    side = np.where(to * slope > 0, 1.0, -1.0)
-    extreme = np.where(side > 0, most, least)
-    farthest = to * (value + slope * (extreme - weight))
-    past = np.minimum(margin, 0.5 * farthest)
-    bound = weight + (to * past - value) / slope
-    shape = room.value.shape
-    parts = np.unravel_index(index, shape)
-    points = np.stack([axis[part] for axis, part in zip(sampled.axes, parts, strict=True)], axis=-1)
-    return WeightConstraints(points.reshape(-1, 3), bound, side)
+    """Constraints sign * value >= margin at samples of the window, or half of what is attainable if that is less."""
+    value, slope, weight, low, high = (
+        values.ravel()[index]
+        for values in (window.value, window.slope, window.weight, window.min_weight, window.max_weight)
+    )
+    extreme = np.where(sign * slope > 0, high, low)
+    attainable = sign * (value + slope * (extreme - weight))
+    goal = np.minimum(margin, REACHABLE_FRACTION * attainable)
+    parts = np.unravel_index(index, window.value.shape)
+    points = np.stack([axis[part] for axis, part in zip(affine.axes, parts, strict=True)], axis=-1)
+    return make_sign_constraints(points.reshape(-1, 3), value, slope, sign, goal, weight)

@@ -1,17 +1,17 @@
-"""Specks: isolated solid or void that no sample has seen, found where the field has a least or greatest value near zero.
+"""Subgrid defects: isolated solid or void between the samples, seen by none of them. Their search and their removal.
 
-A component between the samples holds a least value of f, a void one a greatest. Samples near one are told by their differences
-to their neighbours: the parabola through three of them has its vertex within a sample of the middle along every axis, and leaves
-room for a change of sign. From there the value is sought on ever closer stencils, which follow creases as well as smooth valleys,
-and what has the sign of a speck is looked at on a close grid around: a speck is a component that stays within it.
+A component between the samples holds a local minimum of f below zero, a cavity a local maximum above zero. The search has three
+steps. Candidates are samples with a value near zero whose second differences allow a change of sign within a sample of them.
+From each candidate sign * f is minimised on ever finer stencils of 27 points, which follow creases as well as smooth valleys.
+Where the result has changed sign, rays and finally a fine local grid decide whether its component is isolated.
 
-Specks taken away: the weight is asked to give f the sign at them that it has around, and what else was demanded is kept.
+For the removal the weight is constrained such that f has the surrounding sign at the extremum. The paper has no counterpart: it
+counts defects at the resolution of the optimisation only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import ndimage
@@ -20,37 +20,66 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.composition.affine_form import evaluate_affine_form
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import SampledComposition
-from tpmscad.blending.optimise.optimiser import BlendState, Strategy, WeightRefiner, evaluate_weights, repair_defects
-from tpmscad.blending.weights.constraints import NO_CONSTRAINTS, WeightConstraints, add_consistent_constraints
+from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, OptimisationOutcome, evaluate_weights
+from tpmscad.blending.optimise.constraint_rounds import (
+    ConstrainedWeights,
+    evaluate_and_repair,
+    run_constraint_round,
+    unconstrained,
+)
+from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.fields import Field
 from tpmscad.fields.saddles import spread_directions
 from tpmscad.fields.sample_grid import POINTS_PER_SLAB, SampleGrid
 
 MAX_CANDIDATE_VALUE_RMS = 0.3
-"""Values looked at, in parts of the field's rms in the blending regions."""
+"""Greatest |f| of a candidate, as a fraction of the field's rms where stages mix."""
 
 CREASE_OVERSHOOT_FRACTION = 0.5
-"""Part of the second differences by which a value between samples may pass that of a sample: at a crease half way between two."""
+"""Fraction of the second differences by which f between samples may pass a sample: at a crease half way between two samples."""
 
 MAX_VERTEX_OFFSET_SAMPLES = 0.6
-"""How far off the vertex may be, in samples: half a sample, and some for what is no parabola."""
+"""Distance, in samples, of a candidate from the vertex of its parabola: half a sample, and a reserve for other shapes."""
 
 VERTEX_SLACK_FRACTION = 0.05
-"""Part of all second differences by which the vertex may be off along an axis where the field hardly bends."""
+"""Fraction of the sum of second differences by which the vertex condition may fail along an axis with little curvature."""
 
 STENCIL_ZOOMS, MOVES_PER_ZOOM = 6, 2
-"""Stencils, each half as wide as the one before, and moves on the first two: the place is good to a hundredth of the spacing."""
+"""Halvings of the stencil, and moves on each of the first two: the extremum is then located to a hundredth of the spacing."""
 
-RAY_TESTS = (14, 5), (60, 10)
-"""Directions, and points along each, by which most of what is no speck is told: a few first, then more."""
+RAY_TESTS: tuple[tuple[int, int], ...] = ((14, 5), (60, 10))
+"""Numbers of directions, and of points along each, of the ray tests: a quick one, then a thorough one."""
 
 CLOSE_GRID_REACH_SAMPLES, CLOSE_GRID_POINTS_PER_SAMPLE = 3, 5
-"""The close grid: samples to each side, and points to a sample."""
+"""Half width of the fine local grid in samples, and its points for each sample."""
+
+MAX_REMOVAL_ROUNDS = 8
+
+MAX_QUICK_CANDIDATES = 400
+"""Number of candidates up to which a search is quick, about a tenth of a second."""
+
+REMOVAL_OVERSHOOT_RMS = 0.05
+"""Margin beyond zero at a removed extremum, as a fraction of the field's rms; half of the attainable value if that is less."""
+
+
+@dataclass(frozen=True, slots=True)
+class SubgridSearch:
+    """Whether subgrid defects are searched for, and up to how many candidate samples (None: any number)."""
+
+    is_enabled: bool
+    max_candidates: int | None = None
+
+
+def choose_subgrid_search(specks: bool | None) -> SubgridSearch:
+    """The search that the option `specks` of `blend` stands for; None searches where that is quick."""
+    if specks is None:
+        return SubgridSearch(True, MAX_QUICK_CANDIDATES)
+    return SubgridSearch(specks)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SubgridDefects:
-    """The extremal points (n, 3) of specks and the values of f there (n,): negative for solid ones."""
+    """The extrema (n, 3) of subgrid defects and the values (n,) of f there: negative for solid ones."""
 
     points: Array
     values: Array
@@ -63,219 +92,217 @@ NO_SUBGRID_DEFECTS = SubgridDefects(np.zeros((0, 3)), np.zeros(0))
 
 
 def find_subgrid_defects(
-    scene: SampledComposition, field: BlendedField, values: Array, most: int | None = None
+    composition: SampledComposition, field: BlendedField, values: Array, max_candidates: int | None = None
 ) -> SubgridDefects | None:
-    """The specks between the samples of a scene where the weights act; `values` are those of the field on its grid.
+    """The subgrid defects of a field where its weights act; `values` are its samples on the composition's grid.
 
-    None, and nothing has been looked for, if more than `most` samples are doubtful.
+    None, without a search, if there are more than `max_candidates` candidates.
     """
-    starts, signs, room = _find_candidates(scene, values)
-    if most is not None and len(starts) > most:
+    candidates, signs, overshoot = _find_candidates(composition, values)
+    if max_candidates is not None and len(candidates) > max_candidates:
         return None
-    points, least, signs = _minimise_on_stencils(scene, field, scene.grid.points(starts), signs, room)
-    for rays, radii in RAY_TESTS:
-        kept = _select_distinct(points, least, scene.grid.spacing)
-        kept = kept[_is_enclosed(scene, field, points[kept], signs[kept], spread_directions(rays), radii)]
-        points, least, signs = points[kept], least[kept], signs[kept]
-    found = [k for k, sign in enumerate(signs) if is_isolated(field, scene.grid, points[k], sign)]
-    return SubgridDefects(points[found], (signs * least)[found])
+    grid = composition.grid
+    points, minima, signs = _minimise_on_stencils(grid, field, grid.points(candidates), signs, overshoot)
+    for n_directions, n_points in RAY_TESTS:
+        kept = _select_distinct(points, minima, grid.spacing)
+        directions = spread_directions(n_directions)
+        kept = kept[_is_enclosed(grid, field, points[kept], signs[kept], directions, n_points)]
+        points, minima, signs = points[kept], minima[kept], signs[kept]
+    isolated = [k for k, sign in enumerate(signs) if is_isolated(field, grid, points[k], sign)]
+    return SubgridDefects(points[isolated], (signs * minima)[isolated])
 
 
-def _select_distinct(points: Array, least: Array, spacing: Array) -> IntArray:
-    """The numbers of the points (n, 3) with the least value of all within about half a spacing."""
-    order = np.argsort(least, kind="stable")
-    _, once = np.unique(np.round(points[order] / (0.5 * spacing)), axis=0, return_index=True)
-    return order[once]
+def _select_distinct(points: Array, minima: Array, spacing: Array) -> IntArray:
+    """Indices of the points (n, 3) with the least minimum among those within about half a spacing."""
+    order = np.argsort(minima, kind="stable")
+    _, first_of_cell = np.unique(np.round(points[order] / (0.5 * spacing)), axis=0, return_index=True)
+    return order[first_of_cell]
 
 
-def _find_candidates(scene: SampledComposition, values: Array) -> tuple[IntArray, Array, Array]:
-    """Flat indices of samples near a least (sign 1) or greatest (-1) value close to zero, the signs, the room for less."""
-    movable: BoolArray = np.logical_or.reduce(scene.mixing_masks)
+def _find_candidates(composition: SampledComposition, values: Array) -> tuple[IntArray, Array, Array]:
+    """Candidate samples: flat indices, the sign for which sign * f may have a negative minimum, its possible overshoot.
+
+    The rms is taken over all samples that stages mix, plane by plane: these masks include later regions, unlike those of
+    `rms_in_blending_regions`.
+    """
+    movable: BoolArray = np.logical_or.reduce(composition.mixing_masks)
     planes = np.flatnonzero(movable.any(axis=(1, 2)))
     total = sum(float(np.sum(values[x][movable[x]] ** 2)) for x in planes)
-    near = MAX_CANDIDATE_VALUE_RMS * np.sqrt(total / max(int(np.count_nonzero(movable)), 1))
+    limit = MAX_CANDIDATE_VALUE_RMS * np.sqrt(total / max(int(np.count_nonzero(movable)), 1))
     step = max(1, POINTS_PER_SLAB // (values.shape[1] * values.shape[2]))
     found = [
-        _find_candidates_in_planes(values, movable, planes[k : k + step], float(near))
+        _find_candidates_in_planes(values, movable, planes[k : k + step], float(limit))
         for k in range(0, len(planes), step)
     ]
-    index, signs, room = (np.concatenate(part) for part in zip(*found, strict=True))
-    return index, signs, room
+    index, signs, overshoot = (np.concatenate(part) for part in zip(*found, strict=True))
+    return index, signs, overshoot
 
 
 def _find_candidates_in_planes(
     values: Array, movable: BoolArray, planes: IntArray, limit: float
 ) -> tuple[IntArray, Array, Array]:
-    """The candidates of some planes across x: at 400^3 all at once would take a gigabyte."""
+    """The candidates in some planes across x; all planes at once would take a gigabyte at 400^3."""
     _, ny, nz = values.shape
-    first = planes[0] * ny * nz
-    part = values[planes[0] : planes[-1] + 1]
-    near = first + np.flatnonzero((movable[planes[0] : planes[-1] + 1] & (part < limit) & (part > -limit)).reshape(-1))
+    offset = planes[0] * ny * nz
+    slab = slice(planes[0], planes[-1] + 1)
+    is_near_zero = movable[slab] & (values[slab] < limit) & (values[slab] > -limit)
+    near = offset + np.flatnonzero(is_near_zero.reshape(-1))
     flat = values.reshape(-1)
     middle = flat[near]
-    place = np.unravel_index(near, values.shape)
-    half, second = np.zeros((3, len(near))), np.zeros((3, len(near)))
+    index = np.unravel_index(near, values.shape)
+    half_difference, second_difference = np.zeros((3, len(near))), np.zeros((3, len(near)))
     for axis, stride in enumerate((ny * nz, nz, 1)):
-        low, high = place[axis] == 0, place[axis] == values.shape[axis] - 1
-        below = flat[np.where(low, near + stride, near - stride)]
-        above = flat[np.where(high, near - stride, near + stride)]
-        half[axis], second[axis] = (above - below) / 2, above - 2 * middle + below
-    found, signs, rooms = [], [], []
+        is_first, is_last = index[axis] == 0, index[axis] == values.shape[axis] - 1
+        below = flat[np.where(is_first, near + stride, near - stride)]
+        above = flat[np.where(is_last, near - stride, near + stride)]
+        half_difference[axis], second_difference[axis] = (above - below) / 2, above - 2 * middle + below
+    found, signs, overshoots = [], [], []
     for sign in (1.0, -1.0):
-        bend = np.maximum(sign * second, 0.0)
-        room = bend.sum(axis=0)
-        chosen = (np.abs(half) <= MAX_VERTEX_OFFSET_SAMPLES * bend + VERTEX_SLACK_FRACTION * room).all(axis=0)
-        chosen &= (sign * middle > 0) & (sign * middle < CREASE_OVERSHOOT_FRACTION * room)
+        curvature = np.maximum(sign * second_difference, 0.0)
+        total = curvature.sum(axis=0)
+        is_extremal = np.abs(half_difference) <= MAX_VERTEX_OFFSET_SAMPLES * curvature + VERTEX_SLACK_FRACTION * total
+        chosen = is_extremal.all(axis=0)
+        chosen &= (sign * middle > 0) & (sign * middle < CREASE_OVERSHOOT_FRACTION * total)
         found.append(near[chosen])
         signs.append(np.full(int(chosen.sum()), sign))
-        rooms.append(CREASE_OVERSHOOT_FRACTION * room[chosen])
-    return np.concatenate(found), np.concatenate(signs), np.concatenate(rooms)
+        overshoots.append(CREASE_OVERSHOOT_FRACTION * total[chosen])
+    return np.concatenate(found), np.concatenate(signs), np.concatenate(overshoots)
 
 
 def _minimise_on_stencils(
-    scene: SampledComposition, field: BlendedField, points: Array, signs: Array, room: Array
+    grid: SampleGrid, field: BlendedField, points: Array, signs: Array, overshoot: Array
 ) -> tuple[Array, Array, Array]:
-    """Places near the points (n, 3), in the domain, where sign * f is least and below zero: where, how much, and the signs.
+    """Negative minima of sign * f near the points (n, 3) in the domain: where, their values, and the signs.
 
-    On stencils of 27 points; what cannot get below zero any more is given up.
+    A point is given up once its value exceeds what the remaining stencils can still gain.
     """
-    low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
+    low, high, spacing = np.array(grid.low), np.array(grid.high), grid.spacing
     offsets = np.stack(np.meshgrid(*[[-1.0, 0.0, 1.0]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    least = signs * field(points)
+    minima = signs * field(points)
     for zoom in range(STENCIL_ZOOMS):
         for _ in range(MOVES_PER_ZOOM if zoom < 2 else 1):
-            around = np.clip(points[:, None] + offsets * (spacing * 0.5 ** (zoom + 1)), low, high)
-            value = signs[:, None] * field(around)
+            stencil = np.clip(points[:, None] + offsets * (spacing * 0.5 ** (zoom + 1)), low, high)
+            value = signs[:, None] * field(stencil)
             best, rows = np.argmin(value, axis=1), np.arange(len(points))
-            points, least = around[rows, best], np.minimum(least, value[rows, best])
-        open_still = least < room * 0.5 ** (zoom + 1)
-        points, least, signs, room = points[open_still], least[open_still], signs[open_still], room[open_still]
-    below = least < 0
-    return points[below], least[below], signs[below]
+            points, minima = stencil[rows, best], np.minimum(minima, value[rows, best])
+        is_open = minima < overshoot * 0.5 ** (zoom + 1)
+        points, minima, signs, overshoot = points[is_open], minima[is_open], signs[is_open], overshoot[is_open]
+    below = minima < 0
+    return points[below], minima[below], signs[below]
 
 
 def _is_enclosed(
-    scene: SampledComposition, field: BlendedField, points: Array, signs: Array, directions: Array, radii: int
+    grid: SampleGrid, field: BlendedField, points: Array, signs: Array, directions: Array, n_points: int
 ) -> BoolArray:
-    """Whether every ray from a point (n, 3) meets the other sign within the close grid, or the border of the domain first."""
-    low, high, spacing = np.array(scene.grid.low), np.array(scene.grid.high), scene.grid.spacing
-    steps = np.linspace(0, CLOSE_GRID_REACH_SAMPLES, radii + 1)[1:, None] * spacing
+    """Whether every ray from a point (n, 3) meets the opposite sign within the local grid, or first leaves the domain."""
+    low, high, spacing = np.array(grid.low), np.array(grid.high), grid.spacing
+    steps = np.linspace(0, CLOSE_GRID_REACH_SAMPLES, n_points + 1)[1:, None] * spacing
     rays = points[:, None, None] + directions[None, :, None] * steps
-    outside = np.any((rays < low) | (rays > high), axis=-1)
-    other = signs[:, None, None] * field(rays) >= 0
-    return np.asarray((other | (outside & (signs > 0)[:, None, None])).any(axis=2).all(axis=1))
+    is_outside = np.any((rays < low) | (rays > high), axis=-1)
+    is_opposite = signs[:, None, None] * field(rays) >= 0
+    return np.asarray((is_opposite | (is_outside & (signs > 0)[:, None, None])).any(axis=2).all(axis=1))
 
 
 def is_isolated(field: Field, grid: SampleGrid, point: Array, sign: float) -> bool:
-    """Whether the component of {sign * f < 0} at the point ends within a few samples of it, a void one inside the domain."""
+    """Whether the face-connected component of {sign * f < 0} at a point (3,) ends within a few samples of the grid.
+
+    A void component (sign -1) that reaches the border of the domain is not isolated.
+    """
     step = grid.spacing / CLOSE_GRID_POINTS_PER_SAMPLE
-    reach = np.arange(
-        -CLOSE_GRID_REACH_SAMPLES * CLOSE_GRID_POINTS_PER_SAMPLE,
-        CLOSE_GRID_REACH_SAMPLES * CLOSE_GRID_POINTS_PER_SAMPLE + 1,
-    )
-    axes, open_ends = [], []
+    reach = CLOSE_GRID_REACH_SAMPLES * CLOSE_GRID_POINTS_PER_SAMPLE
+    axes, ends_count = [], []
     for axis in range(3):
-        t = point[axis] + step[axis] * reach
+        t = point[axis] + step[axis] * np.arange(-reach, reach + 1)
         low, high = grid.low[axis], grid.high[axis]
-        axes.append(np.clip(t, low, high)[np.concatenate([[True], np.diff(np.clip(t, low, high)) > 0])])
-        open_ends.append((sign < 0 or t[0] >= low, sign < 0 or t[-1] <= high))
+        clipped = np.clip(t, low, high)
+        axes.append(clipped[np.concatenate([[True], np.diff(clipped) > 0])])
+        ends_count.append((sign < 0 or t[0] >= low, sign < 0 or t[-1] <= high))
     phase: BoolArray = sign * field.on_grid(*axes) < 0
-    labels, _ = ndimage.label(phase)
-    place = tuple(int(np.argmin(abs(t - c))) for t, c in zip(axes, point, strict=True))
-    if labels[place] == 0:
+    labels, _ = ndimage.label(phase)  # face connectivity is its default
+    index = tuple(int(np.argmin(abs(t - c))) for t, c in zip(axes, point, strict=True))
+    if labels[index] == 0:
         return True
-    own = labels == labels[place]
-    for axis, ends in enumerate(open_ends):
-        sides = own.take(0, axis), own.take(-1, axis)
-        if any(side.any() for side, counts in zip(sides, ends, strict=True) if counts):
+    component = labels == labels[index]
+    for axis, counts in enumerate(ends_count):
+        ends = component.take(0, axis), component.take(-1, axis)
+        if any(end.any() for end, is_open in zip(ends, counts, strict=True) if is_open):
             return False
     return True
 
 
-MAX_REMOVAL_ROUNDS = 8
-
-MAX_QUICK_CANDIDATES = 400
-"""Doubtful samples up to which specks are looked for unless told otherwise: a tenth of a second, and nine random pairs in ten."""
-
-REMOVAL_OVERSHOOT_RMS = 0.05
-"""How far past zero f is moved, in parts of its rms in the blending regions, or half of the way within reach."""
-
-
 def find_blend_subgrid_defects(
-    scene: SampledComposition, field: BlendedField, state: BlendState, most: int | None = None
+    problem: BlendProblem, state: BlendState, max_candidates: int | None = None
 ) -> SubgridDefects | None:
-    """The specks of a state, those left aside that a structure has by itself: they are the inputs' own. None: not looked for."""
-    found = find_subgrid_defects(scene, field.with_weights(state.weights), scene.values(state.weights), most)
+    """The subgrid defects of a state on the doubled grid, without those that a structure has by itself.
+
+    None, without a search, if there are more than `max_candidates` candidates.
+    """
+    field, values = problem.field.with_weights(state.weights), problem.fine.values(state.weights)
+    found = find_subgrid_defects(problem.fine, field, values, max_candidates)
     if found is None:
         return None
-    theirs = [
-        any(-sign * f(point) > 0 and is_isolated(f, scene.grid, point, sign) for f in field.structures)
+    grid = problem.fine.grid
+    is_structure_defect = [
+        any(-sign * f(point) > 0 and is_isolated(f, grid, point, sign) for f in problem.field.structures)
         for point, sign in zip(found.points, -np.sign(found.values), strict=True)
     ]
-    own = ~np.array(theirs, bool)
-    return SubgridDefects(found.points[own], found.values[own])
+    is_own = ~np.array(is_structure_defect, bool)
+    return SubgridDefects(found.points[is_own], found.values[is_own])
+
+
+def count_subgrid_defects(
+    problem: BlendProblem, outcome: OptimisationOutcome, max_candidates: int | None
+) -> OptimisationOutcome:
+    """The outcome with its subgrid defects counted; they stay None if the state has other defects."""
+    found = find_blend_subgrid_defects(problem, outcome.state, max_candidates) if outcome.state.is_clean else None
+    return replace(outcome, n_subgrid_defects=None if found is None else len(found))
 
 
 def remove_subgrid_defects(
-    scenes: Sequence[SampledComposition], field: BlendedField, start: BlendState, free: WeightRefiner, most: int | None
-) -> tuple[BlendState, int, SubgridDefects | None]:
-    """A clean state with as few specks as some rounds reach, the rounds taken, and the specks that are left (None: see above)."""
-    best, least, rounds = start, find_blend_subgrid_defects(scenes[-1], field, start, most), 0
-    for freed in (False, True):
-        begin = best
-        if least is None or len(least) == 0:
+    problem: BlendProblem, outcome: OptimisationOutcome, max_candidates: int | None
+) -> OptimisationOutcome:
+    """The outcome with as few subgrid defects as some rounds reach: with the weights as they are, then with refined ones.
+
+    A state with other defects stays as it is, and its subgrid defects are not counted.
+    """
+    best, rounds = outcome.state, 0
+    least = find_blend_subgrid_defects(problem, best, max_candidates) if best.is_clean else None
+    if least is None:
+        return outcome
+    for attempt in (1, 2):
+        if len(least) == 0:
             break
-        if freed:
-            more = [free(k, weight) for k, weight in enumerate(best.weights)]
-            begin = evaluate_weights(scenes, [new or old for new, old in zip(more, best.weights, strict=True)])
-        state, found, kept = begin, least, [NO_CONSTRAINTS] * len(best.weights)
-        while len(found) and rounds < MAX_REMOVAL_ROUNDS * (1 + freed):
-            state, kept, used = _run_removal_round(scenes, field, state, found, kept)
-            rounds += used
+        state, found = best, least
+        if attempt == 2 and (refined := problem.refine_all(best.weights)) is not None:
+            state = evaluate_weights(problem.compositions, refined)
+        constrained = unconstrained(state.weights)
+        while len(found) and rounds < MAX_REMOVAL_ROUNDS * attempt:
+            constrained = replace(constrained, weights=state.weights)
+            constrained = _turn_signs(problem, constrained, found)
+            state, used = evaluate_and_repair(problem.compositions, constrained, MAX_REMOVAL_ROUNDS)
+            rounds += 1 + used
             if not state.is_clean:
                 break
-            found = find_blend_subgrid_defects(scenes[-1], field, state) or NO_SUBGRID_DEFECTS
+            found = find_blend_subgrid_defects(problem, state) or NO_SUBGRID_DEFECTS
             if len(found) < len(least):
                 best, least = state, found
-    return best, rounds, least
+    return replace(outcome.advance(best, rounds), n_subgrid_defects=len(least))
 
 
-def _run_removal_round(
-    scenes: Sequence[SampledComposition],
-    field: BlendedField,
-    state: BlendState,
-    found: SubgridDefects,
-    kept: list[WeightConstraints],
-) -> tuple[BlendState, list[WeightConstraints], int]:
-    """The specks turned and the errors that this makes mended: the state, all that is demanded, the rounds taken."""
-    weights, kept = list(state.weights), list(kept)
-    for stage, weight in enumerate(weights):
-        groups = _removal_constraints(field.with_weights(weights), stage, found, scenes[-1])
-        kept[stage], coefficients, _ = add_consistent_constraints(weight, weight.coefficients, kept[stage], groups)
-        weights[stage] = weight.moved(coefficients)
-    state = evaluate_weights(scenes, weights)
-    if state.is_clean:
-        return state, kept, 1
-    state, used = repair_defects(scenes, state, Strategy(), MAX_REMOVAL_ROUNDS, kept)
-    return state, kept, 1 + used
+def _turn_signs(problem: BlendProblem, constrained: ConstrainedWeights, found: SubgridDefects) -> ConstrainedWeights:
+    """The weights after each stage has turned the sign of f at the subgrid defects that it can."""
 
-
-def _removal_constraints(
-    field: BlendedField, stage: int, found: SubgridDefects, scene: SampledComposition
-) -> list[WeightConstraints]:
-    """Of each speck that the weight of the stage can turn the demand to do so."""
-    movable = scene.movable()
-    unit = float(np.sqrt(np.mean(scene.values(field.weights)[movable] ** 2)))
-    none, slope = evaluate_affine_form(field, stage, found.points)
-    signs = -np.sign(found.values)
-    farthest = signs * none + np.maximum(signs * slope, 0.0)
-    reachable = (slope != 0) & (farthest > 0)
-    past = np.minimum(REMOVAL_OVERSHOOT_RMS * unit, 0.5 * farthest)
-    return [
-        WeightConstraints(
-            found.points[k : k + 1],
-            np.array([(signs[k] * past[k] - none[k]) / slope[k]]),
-            np.array([1.0 if signs[k] * slope[k] > 0 else -1.0]),
+    def propose(current: ConstrainedWeights, stage: int) -> list[WeightConstraints]:
+        field = problem.field.with_weights(current.weights)
+        rms = problem.fine.rms_in_blending_regions(problem.fine.values(field.weights))
+        constant, slope = evaluate_affine_form(field, stage, found.points)
+        signs = -np.sign(found.values)
+        attainable = signs * constant + np.maximum(signs * slope, 0.0)
+        is_reachable = (slope != 0) & (attainable > 0)
+        margin = np.minimum(REMOVAL_OVERSHOOT_RMS * rms, 0.5 * attainable)
+        points, constant, slope, signs, margin = (
+            values[is_reachable] for values in (found.points, constant, slope, signs, margin)
         )
-        for k in np.flatnonzero(reachable)
-    ]
+        return make_sign_constraints(points, constant, slope, signs, margin).split()
+
+    return run_constraint_round(constrained, propose)[0]

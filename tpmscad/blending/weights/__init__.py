@@ -1,1 +1,1 @@
-"""Weight functions: what they depend on, their splines, and linear constraints on their coefficients."""
+"""Weight functions of a blend: scalar coordinates, B-spline weights, and linear constraints on their coefficients."""

@@ -1,6 +1,16 @@
-"""Demands on the weight at points, w(p) >= bound or w(p) <= bound, and the nearest coefficients that meet them.
+"""Linear constraints on a weight at points, and the feasible coefficients nearest to given ones.
 
-The blended field is affine in the coefficients, so every repair of a topological error is such a set of linear inequalities.
+A blended field is affine in the coefficients of each weight. The request that the field be solid (or void) at some points is
+therefore a system of linear inequalities w(p) >= b or w(p) <= b, with a row of basis-function values for each point. The
+coefficients that satisfy it and change least solve a least-distance problem: the Euclidean projection of the present
+coefficients onto a polyhedron. Two methods solve it:
+
+* for few coefficients, reduction to non-negative least squares (Lawson and Hanson, Solving Least Squares Problems, chapter 23);
+* for many, an accelerated projected gradient method on the dual problem (Beck and Teboulle 2009) with adaptive restart
+  (O'Donoghue and Candes 2015).
+
+The porous-blending paper descends on a topological objective instead (section 3.2); the projection reaches the same aim in one
+step and tells contradictory requests from feasible ones.
 """
 
 from __future__ import annotations
@@ -14,29 +24,32 @@ from scipy.sparse import csr_array
 from tpmscad._typing import Array, IntArray
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 
-SHORTFALL_TOL = 1e-3
-"""Shortfall of w that passes: demands carry a margin a hundred times that."""
+VIOLATION_TOL = 1e-3
+"""Violation of a constraint on w that is accepted: constraints carry a margin a hundred times as large."""
 
 MAX_DENSE_COEFFICIENTS = 150
-"""Coefficients up to which the nearest point is computed exactly: a millisecond or two, where the iteration takes tens."""
+"""Number of coefficients up to which the projection is computed exactly, which is then faster than the iteration."""
 
-MAX_DUAL_STEPS, STALL_CHECK_STEPS, STALL_RATIO = 800, 80, 0.8
-"""Dual steps at most, and the steps in which the shortfall must have shrunk to that part of itself for there to be more."""
+MAX_DUAL_STEPS = 800
+"""Steps of the dual iteration at most."""
+
+STALL_CHECK_STEPS, STALL_RATIO = 80, 0.8
+"""The dual iteration stops unless the violation falls to this ratio within so many steps."""
 
 INFEASIBILITY_TOL = 1e-10
-"""Squared distance from feasibility, in the scaled problem, below which demands contradict one another."""
+"""Squared residual of the non-negative least-squares problem below which the constraints are infeasible."""
 
 MIN_ROW_NORM = 1e-6
-"""Rows of the basis below this have no free coefficient to speak of."""
+"""Norm of a row over the free coefficients below which they cannot change the weight at its point."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WeightConstraints:
-    """side * w(points) >= side * bound: points (m, 3), bound (m,), side (m,) of +1 and -1."""
+    """Constraints sense * w(points) >= sense * bound: points (m, 3), bound (m,), sense (m,) of +1 and -1."""
 
     points: Array
     bound: Array
-    side: Array
+    sense: Array
 
     def __len__(self) -> int:
         return len(self.bound)
@@ -45,145 +58,175 @@ class WeightConstraints:
         return WeightConstraints(
             np.concatenate([self.points, other.points]),
             np.concatenate([self.bound, other.bound]),
-            np.concatenate([self.side, other.side]),
+            np.concatenate([self.sense, other.sense]),
         )
+
+    def split(self) -> list[WeightConstraints]:
+        """Each constraint as a group of its own."""
+        return [
+            WeightConstraints(self.points[k : k + 1], self.bound[k : k + 1], self.sense[k : k + 1])
+            for k in range(len(self))
+        ]
 
 
 NO_CONSTRAINTS = WeightConstraints(np.zeros((0, 3)), np.zeros(0), np.zeros(0))
 
 
-def project_onto_constraints(
-    weight: SplineWeight, start: Array, demands: WeightConstraints, slack: float = SHORTFALL_TOL
-) -> tuple[Array, float]:
-    """The coefficients nearest to `start` (free ones within the weight's bounds, the others as they are) that meet the demands.
+def make_sign_constraints(
+    points: Array,
+    value: Array,
+    slope: Array,
+    sign: Array | float,
+    margin: Array | float,
+    weight: Array | float = 0.0,
+) -> WeightConstraints:
+    """Constraints sign * f >= margin at points (m, 3), where f has a value (m,) at a weight and a slope (m,) by the weight."""
+    return WeightConstraints(points, weight + (sign * margin - value) / slope, np.where(sign * slope > 0, 1.0, -1.0))
 
-    Also the greatest shortfall of w that is left: above `slack` if the demands contradict one another or can't be reached.
+
+def project_onto_constraints(
+    weight: SplineWeight, start: Array, constraints: WeightConstraints, tol: float = VIOLATION_TOL
+) -> tuple[Array, float]:
+    """Feasible coefficients nearest to `start`, and the greatest violation that remains.
+
+    Free coefficients stay within the weight's bounds and the others keep their values. A violation above `tol` means that the
+    constraints are contradictory or out of reach.
     """
-    return _ScaledConstraints(weight, start, demands).solved(np.arange(len(demands)), slack)
+    return _ScaledConstraints(weight, start, constraints).solve(np.arange(len(constraints)), tol)
 
 
 class _ScaledConstraints:
-    """Demands as inequalities rows @ C[used] >= bound of unit rows, read once; any part of them can be solved for."""
+    """Constraints as inequalities rows @ C[free_columns] >= bound with rows of unit norm; any subset can be solved."""
 
-    def __init__(self, weight: SplineWeight, start: Array, demands: WeightConstraints) -> None:
-        free = weight.free.ravel()
-        self.coefficients = np.where(weight.free, start, weight.coefficients)
-        rows = weight.design(demands.points)
-        bound = demands.side * (demands.bound - rows @ np.where(free, 0.0, weight.coefficients.ravel()))
-        self.used = np.unique(rows.indices[free[rows.indices]])
-        self.dense = len(self.used) <= MAX_DENSE_COEFFICIENTS
-        rows = csr_array(rows[:, self.used])
-        rows.data *= np.repeat(demands.side, np.diff(rows.indptr))
+    def __init__(self, weight: SplineWeight, start: Array, constraints: WeightConstraints) -> None:
+        is_free = weight.is_free.ravel()
+        self.coefficients = np.where(weight.is_free, start, weight.coefficients)
+        rows = weight.design_matrix(constraints.points)
+        fixed = np.where(is_free, 0.0, weight.coefficients.ravel())
+        bound = constraints.sense * (constraints.bound - rows @ fixed)
+        self.free_columns = np.unique(rows.indices[is_free[rows.indices]])
+        self.is_dense = len(self.free_columns) <= MAX_DENSE_COEFFICIENTS
+        rows = csr_array(rows[:, self.free_columns])
+        rows.data *= np.repeat(constraints.sense, np.diff(rows.indptr))
         self.norm = np.sqrt(np.asarray(rows.multiply(rows).sum(axis=1)).ravel())
-        self.live = self.norm > MIN_ROW_NORM
-        scale = np.where(self.live, self.norm, 1.0)
-        self.short, self.bound = bound, bound / scale
+        self.is_active_row = self.norm > MIN_ROW_NORM
+        scale = np.where(self.is_active_row, self.norm, 1.0)
+        self.unscaled_bound, self.bound = bound, bound / scale
         rows.data /= np.repeat(scale, np.diff(rows.indptr))
-        self.rows = rows.toarray() if self.dense else rows
+        self.rows = rows.toarray() if self.is_dense else rows
         self.limits = np.stack(
-            [np.broadcast_to(b, weight.free.shape).ravel()[self.used] for b in (weight.low, weight.high)]
+            [
+                np.broadcast_to(b, weight.is_free.shape).ravel()[self.free_columns]
+                for b in (weight.lower_bounds, weight.upper_bounds)
+            ]
         )
 
-    def solved(self, which: IntArray, slack: float) -> tuple[Array, float]:
-        """The nearest coefficients that meet the demands of these numbers, and the shortfall left."""
-        live = which[self.live[which]]
-        short = float(np.max(self.short[which[~self.live[which]]], initial=0.0))
+    def solve(self, indices: IntArray, tol: float) -> tuple[Array, float]:
+        """Nearest coefficients that satisfy the constraints with these indices, and the greatest violation that remains."""
+        active = indices[self.is_active_row[indices]]
+        inactive = indices[~self.is_active_row[indices]]
+        violation = float(np.max(self.unscaled_bound[inactive], initial=0.0))
         coefficients = self.coefficients.copy()
-        if len(live):
+        if len(active):
             flat = coefficients.reshape(-1)
-            rows = self.rows[live] if self.dense else csr_array(self.rows[live])
-            method = _solve_dual_nnls if self.dense else _solve_dual_gradient
-            flat[self.used], more = method(rows, self.bound[live], self.norm[live], flat[self.used], self.limits, slack)
-            short = max(short, more)
-        return coefficients, short
+            rows = self.rows[active] if self.is_dense else csr_array(self.rows[active])
+            method = _solve_dual_nnls if self.is_dense else _solve_dual_gradient
+            flat[self.free_columns], remaining = method(
+                rows, self.bound[active], self.norm[active], flat[self.free_columns], self.limits, tol
+            )
+            violation = max(violation, remaining)
+        return coefficients, violation
 
 
 def _solve_dual_nnls(
-    rows: Array, bound: Array, norm: Array, origin: Array, limits: Array, slack: float
+    rows: Array, bound: Array, norm: Array, origin: Array, limits: Array, tol: float
 ) -> tuple[Array, float]:
-    """Least-distance programming by non-negative least squares (Lawson and Hanson, chapter 23), the bounds as rows."""
+    """Least-distance problem by non-negative least squares; the bounds of the coefficients are rows as well."""
     count = len(origin)
-    wall = np.eye(count)
-    matrix = np.vstack([rows, wall, -wall])
-    right = np.concatenate([bound, limits[0], -limits[1]]) - matrix @ origin
+    identity = np.eye(count)
+    matrix = np.vstack([rows, identity, -identity])
+    rhs = np.concatenate([bound, limits[0], -limits[1]]) - matrix @ origin
+    # of equal rows only the tightest matters
     keys = np.round(matrix, 9)
-    _, once, which = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    tightest = np.full(len(once), -np.inf)
-    np.maximum.at(tightest, which.ravel(), right)
-    system = np.vstack([matrix[once].T, tightest])
-    goal = np.zeros(count + 1)
-    goal[-1] = 1.0
+    _, unique_rows, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    tightest = np.full(len(unique_rows), -np.inf)
+    np.maximum.at(tightest, group.ravel(), rhs)
+    system = np.vstack([matrix[unique_rows].T, tightest])
+    target = np.zeros(count + 1)
+    target[-1] = 1.0
     try:
-        dual, _ = nnls(system, goal)
-    except RuntimeError:  # its iteration limit, met by contradictory demands
+        dual, _ = nnls(system, target)
+    except RuntimeError:  # contradictory constraints exceed the iteration limit of nnls
         return origin, np.inf
-    residual = system @ dual - goal
+    residual = system @ dual - target
     if -residual[-1] < INFEASIBILITY_TOL:
         return origin, np.inf
-    found = np.clip(origin - residual[:-1] / residual[-1], limits[0], limits[1])
-    return found, float(np.max((bound - rows @ found) * norm, initial=0.0))
+    solution = np.clip(origin - residual[:-1] / residual[-1], limits[0], limits[1])
+    return solution, float(np.max((bound - rows @ solution) * norm, initial=0.0))
 
 
 def _solve_dual_gradient(
-    rows: csr_array, bound: Array, norm: Array, origin: Array, limits: Array, slack: float
+    rows: csr_array, bound: Array, norm: Array, origin: Array, limits: Array, tol: float
 ) -> tuple[Array, float]:
-    """The dual, min over m >= 0 with C(m) = clip(origin + A' m), by projected gradients with momentum and restarts."""
-    back = csr_array(rows.T)
-    size = float(abs(rows).sum(axis=0).max() * abs(rows).sum(axis=1).max())
-    dual = ahead = np.zeros(len(bound))
-    pace, best, least, checked = 1.0, origin, np.inf, np.inf
+    """Least-distance problem by an accelerated dual method: C(m) = clip(origin + A^T m) for multipliers m >= 0."""
+    transpose = csr_array(rows.T)
+    # ||A||_1 ||A||_inf bounds the Lipschitz constant ||A||_2^2 of the dual gradient
+    lipschitz = float(abs(rows).sum(axis=0).max() * abs(rows).sum(axis=1).max())
+    dual = extrapolated = np.zeros(len(bound))
+    momentum, best, least, checked = 1.0, origin, np.inf, np.inf
     for step in range(MAX_DUAL_STEPS):
-        inside = np.clip(origin + back @ ahead, limits[0], limits[1])
-        short = bound - rows @ inside
-        worst = float(np.max(short * norm))
-        if worst < least:
-            best, least = inside, worst
-        if worst <= slack:
+        primal = np.clip(origin + transpose @ extrapolated, limits[0], limits[1])
+        shortfall = bound - rows @ primal
+        violation = float(np.max(shortfall * norm))
+        if violation < least:
+            best, least = primal, violation
+        if violation <= tol:
             break
         if step % STALL_CHECK_STEPS == STALL_CHECK_STEPS - 1:
             if least > STALL_RATIO * checked:
                 break
             checked = least
-        following = np.maximum(ahead + short / size, 0.0)
-        if np.dot(ahead - following, following - dual) > 0:
-            pace = 1.0
-        quicker = (1 + np.sqrt(1 + 4 * pace**2)) / 2
-        ahead = following + (pace - 1) / quicker * (following - dual)
-        dual, pace = following, quicker
+        updated = np.maximum(extrapolated + shortfall / lipschitz, 0.0)
+        if np.dot(extrapolated - updated, updated - dual) > 0:
+            momentum = 1.0
+        next_momentum = (1 + np.sqrt(1 + 4 * momentum**2)) / 2
+        extrapolated = updated + (momentum - 1) / next_momentum * (updated - dual)
+        dual, momentum = updated, next_momentum
     return best, max(least, 0.0)
 
 
 def add_consistent_constraints(
     weight: SplineWeight,
     start: Array,
-    kept: WeightConstraints,
+    accepted: WeightConstraints,
     groups: list[WeightConstraints],
-    slack: float = SHORTFALL_TOL,
+    tol: float = VIOLATION_TOL,
 ) -> tuple[WeightConstraints, Array, list[int]]:
-    """`kept` with as many of the groups as do not contradict it or those before them, and the nearest coefficients.
+    """Constraints extended by groups that do not contradict them, and the feasible coefficients nearest to `start`.
 
-    Also the numbers of the groups left out. Halves what can't be met together, so few contradictions cost few solutions.
+    Groups are added greedily: all at once if that is feasible, otherwise by bisection, so that few contradictions cost few
+    solutions. Also returns the indices of the groups left out.
     """
-    system = _ScaledConstraints(weight, start, sum(groups, kept))
-    ends = np.cumsum([len(kept), *(len(group) for group in groups)])
-    numbers = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    agreeing = np.arange(len(kept))
-    coefficients = system.solved(agreeing, slack)[0] if len(kept) else start
+    system = _ScaledConstraints(weight, start, sum(groups, accepted))
+    ends = np.cumsum([len(accepted), *(len(group) for group in groups)])
+    rows_of = [np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    feasible = np.arange(len(accepted))
+    coefficients = system.solve(feasible, tol)[0] if len(accepted) else start
     taken: list[int] = []
     left_out: list[int] = []
     pending = [list(range(len(groups)))]
     while pending:
-        some = pending.pop()
-        if not some:
+        trial = pending.pop()
+        if not trial:
             continue
-        trial = np.concatenate([agreeing, *(numbers[i] for i in some)])
-        found, short = system.solved(trial, slack)
-        if short <= slack:
-            agreeing, coefficients = trial, found
-            taken += some
-        elif len(some) == 1:
-            left_out += some
+        rows = np.concatenate([feasible, *(rows_of[i] for i in trial)])
+        solution, violation = system.solve(rows, tol)
+        if violation <= tol:
+            feasible, coefficients = rows, solution
+            taken += trial
+        elif len(trial) == 1:
+            left_out += trial
         else:
-            half = len(some) // 2
-            pending += [some[half:], some[:half]]
-    return sum((groups[i] for i in taken), kept), coefficients, left_out
+            half = len(trial) // 2
+            pending += [trial[half:], trial[:half]]
+    return sum((groups[i] for i in taken), accepted), coefficients, left_out

@@ -1,6 +1,6 @@
-"""Scalar coordinates for one-dimensional weights: along a direction, a cylinder's radius, a sphere's radius.
+"""Scalar coordinates t(p) of univariate weights: a direction, the radius of a cylinder, the radius of a sphere.
 
-(Porous blending, section 3.1.1, eqs 7, 10 and 12, for any direction, axis and centre.)
+These are the coordinates of section 3.1.1 (eqs 7, 10 and 12) of the porous-blending paper, for any direction, axis and centre.
 """
 
 from __future__ import annotations
@@ -17,16 +17,38 @@ Vector = tuple[float, float, float]
 
 
 class Coordinate(Protocol):
-    """t(points (..., 3)) -> (...), in model units, and its gradient (..., 3)."""
+    """A coordinate t(points (..., 3)) -> (...) in model units, and its gradient (..., 3)."""
 
-    def __call__(self, points: Array) -> Array: ...
+    def __call__(self, points: Array) -> Array:
+        """Coordinates (...) of points (..., 3)."""
+        ...
 
-    def gradient(self, points: Array) -> Array: ...
+    def gradient(self, points: Array) -> Array:
+        """Exact gradients (..., 3) at points (..., 3)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
 class LinearCoordinate:
-    """Distance along a direction (any length) from the origin."""
+    """The coordinate along a direction, measured from the origin (eq. 7).
+
+    Parameters
+    ----------
+    direction : tuple of three floats, default (1, 0, 0)
+        The direction; its length does not matter.
+
+    Raises
+    ------
+    InvalidRequest
+        If the direction is zero or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.blending import LinearCoordinate
+    >>> float(LinearCoordinate((0, 0, 2))(np.array([1.0, 2.0, 3.0])))
+    3.0
+    """
 
     direction: Vector = (1.0, 0.0, 0.0)
 
@@ -34,21 +56,43 @@ class LinearCoordinate:
         _check_direction(self.direction, "direction")
 
     def __call__(self, points: Array) -> Array:
+        """Coordinates (...) of points (..., 3)."""
         return np.asarray(points, float) @ _normalised_direction(self.direction)
 
     def gradient(self, points: Array) -> Array:
+        """The unit direction at every point: (..., 3)."""
         return np.broadcast_to(_normalised_direction(self.direction), np.shape(points))
 
     @property
     def axis(self) -> int | None:
-        """0, 1, 2 for x, y, z run forwards; None for any other direction."""
+        """The axis 0, 1 or 2 if the direction is that of x, y or z; None for any other direction."""
         unit = _normalised_direction(self.direction)
         return int(np.argmax(unit)) if np.max(unit) == 1.0 else None
 
 
 @dataclass(frozen=True, slots=True)
 class CylinderRadius:
-    """Distance from the axis through `origin` along `direction`."""
+    """The distance from an axis (eq. 10).
+
+    Parameters
+    ----------
+    origin : tuple of three floats, default (0, 0, 0)
+        A point of the axis, in model units.
+    direction : tuple of three floats, default (0, 0, 1)
+        The direction of the axis; its length does not matter.
+
+    Raises
+    ------
+    InvalidRequest
+        If the direction is zero or not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.blending import CylinderRadius
+    >>> float(CylinderRadius()(np.array([3.0, 4.0, 7.0])))
+    5.0
+    """
 
     origin: Vector = (0.0, 0.0, 0.0)
     direction: Vector = (0.0, 0.0, 1.0)
@@ -57,13 +101,15 @@ class CylinderRadius:
         _check_direction(self.direction, "direction")
 
     def __call__(self, points: Array) -> Array:
-        return np.sqrt(np.sum(self._across(points) ** 2, axis=-1))
+        """Coordinates (...) of points (..., 3)."""
+        return np.sqrt(np.sum(self._radial_vector(points) ** 2, axis=-1))
 
     def gradient(self, points: Array) -> Array:
-        across = self._across(points)
-        return across / np.maximum(np.sqrt(np.sum(across**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
+        """The radial unit vector (..., 3); zero on the axis."""
+        radial = self._radial_vector(points)
+        return radial / np.maximum(np.sqrt(np.sum(radial**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
 
-    def _across(self, points: Array) -> Array:
+    def _radial_vector(self, points: Array) -> Array:
         offset = np.asarray(points, float) - np.array(self.origin)
         unit = _normalised_direction(self.direction)
         return offset - (offset @ unit)[..., None] * unit
@@ -71,14 +117,29 @@ class CylinderRadius:
 
 @dataclass(frozen=True, slots=True)
 class SphereRadius:
-    """Distance from `centre`."""
+    """The distance from a point (eq. 12).
+
+    Parameters
+    ----------
+    centre : tuple of three floats, default (0, 0, 0)
+        The point, in model units.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.blending import SphereRadius
+    >>> float(SphereRadius((1, 0, 0))(np.array([1.0, 3.0, 4.0])))
+    5.0
+    """
 
     centre: Vector = (0.0, 0.0, 0.0)
 
     def __call__(self, points: Array) -> Array:
+        """Coordinates (...) of points (..., 3)."""
         return np.sqrt(np.sum((np.asarray(points, float) - np.array(self.centre)) ** 2, axis=-1))
 
     def gradient(self, points: Array) -> Array:
+        """The radial unit vector (..., 3); zero at the centre."""
         offset = np.asarray(points, float) - np.array(self.centre)
         return offset / np.maximum(np.sqrt(np.sum(offset**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
 
@@ -90,4 +151,4 @@ def _normalised_direction(direction: Vector) -> Array:
 
 def _check_direction(direction: Vector, name: str) -> None:
     if not np.any(direction) or not np.all(np.isfinite(direction)):
-        raise InvalidRequest(f"{name} {direction} has no length")
+        raise InvalidRequest(f"{name} {direction} has no length: give three finite numbers that are not all zero")

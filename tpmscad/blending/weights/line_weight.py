@@ -1,7 +1,11 @@
-"""One-dimensional weights w = sum B_i(t) C_i of a scalar coordinate t (porous blending, eqs 7, 10, 12 and figure 3).
+"""Univariate weights w = sum_i B_i(t) C_i of a scalar coordinate t (porous blending, eqs 7, 10 and 12, figure 3).
 
-A coefficient whose support lies in the blending layer [start, end] is free; those that reach out of it are fixed at the weight of
-the side they reach. So the weight is exactly 0 and 1 outside the layer and joins it with degree - 1 continuous derivatives.
+A coefficient is free if the support of its basis function lies in the blending layer [start, end]. The other coefficients are
+fixed at the weight of the side that their support reaches, 0 or 1. The weight is therefore exactly 0 and 1 outside the layer and
+joins these constants with degree - 1 continuous derivatives.
+
+Unlike the paper, which spreads a given number of coefficients over all regions, the default knots start and end on the layer: at
+the paper's 30 coefficients a thin layer has no free coefficient at all.
 """
 
 from __future__ import annotations
@@ -19,17 +23,18 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.sample_grid import grid_points
 
 MIN_FREE_COEFFICIENTS = 8
-"""Free coefficients below which blends were seen to stay unrepaired for want of freedom."""
+"""Number of free coefficients that the optimiser needs at least."""
 
 SUPPORT_TOL_SPANS = 1e-9
-"""Part of a knot span by which a support may reach out of the layer: knots placed on its ends do, by round-off."""
+"""Fraction of a knot span by which a support may leave the layer: the round-off of knots that lie on its ends."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineWeight:
-    """A weight of one coordinate: coefficients (n,), knots (n + degree + 1,), the layer [start, end] and what is free (n,).
+    """A B-spline weight of one coordinate: coefficients (n,), knots (n + degree + 1,), layer [start, end], free mask (n,).
 
-    Called with points (..., 3) it returns w (...), in [0, 1] if its coefficients are; `gradient` is exact.
+    `lower_bounds` and `upper_bounds` of the free coefficients lie within [0, 1]. The weight of points (..., 3) is (...), in
+    [0, 1] if the coefficients are; `gradient` is exact.
     """
 
     coordinate: Coordinate
@@ -38,79 +43,85 @@ class LineWeight:
     degree: int
     start: float
     end: float
-    free: BoolArray
-    low: float | Array = 0.0
-    high: float | Array = 1.0
-    """Bounds of the free coefficients, within [0, 1]."""
+    is_free: BoolArray
+    lower_bounds: float | Array = 0.0
+    upper_bounds: float | Array = 1.0
 
     def __call__(self, points: ArrayLike) -> Array:
-        return self.of(self.coordinate(np.asarray(points, float)))
+        """Weights (...) at points (..., 3)."""
+        return self.evaluate(self.coordinate(np.asarray(points, float)))
 
-    def of(self, t: Array, order: int = 0) -> Array:
-        """The weight, or a derivative by t, at values of the coordinate; constant outside the spline's domain.
+    def evaluate(self, t: Array, order: int = 0) -> Array:
+        """The weight, or its derivative of some order by t, at coordinates t; constant outside the spline's domain.
 
-        Clipped to [0, 1], which the coefficients keep to and round-off may leave by an ulp or two.
+        Values are clipped to [0, 1], which round-off may leave by an ulp or two.
         """
-        low, high = self.knots[self.degree], self.knots[-self.degree - 1]
+        low, high = self._domain
         spline = BSpline(self.knots, self.coefficients, self.degree)
         values = np.asarray(spline(np.clip(t, low, high), order))
         return np.clip(values, 0.0, 1.0) if order == 0 else np.where((t < low) | (t > high), 0.0, values)
 
     def gradient(self, points: ArrayLike) -> Array:
+        """Exact gradients (..., 3) at points (..., 3)."""
         points = np.asarray(points, float)
-        return self.of(self.coordinate(points), 1)[..., None] * self.coordinate.gradient(points)
+        return self.evaluate(self.coordinate(points), 1)[..., None] * self.coordinate.gradient(points)
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        """The weight on the grid of all x with all y with all z (read only where it varies along one axis)."""
+        """Values on the tensor-product grid of three axes; a read-only broadcast if the coordinate is one of them."""
         axes = (x, y, z)
         if (axis := self.axis) is not None:
             shape = [1, 1, 1]
             shape[axis] = -1
-            return np.broadcast_to(self.of(axes[axis]).reshape(shape), (len(x), len(y), len(z)))
+            return np.broadcast_to(self.evaluate(axes[axis]).reshape(shape), (len(x), len(y), len(z)))
         return self(grid_points(axes))
 
     @property
     def axis(self) -> int | None:
-        """The axis the coordinate runs along, where it is one of x, y, z."""
+        """The axis 0, 1 or 2 if the coordinate is x, y or z; otherwise None."""
         return self.coordinate.axis if isinstance(self.coordinate, LinearCoordinate) else None
 
-    def design(self, points: Array) -> csr_array:
-        """Values of every basis function at points (m, 3): sparse (m, n)."""
-        t = np.clip(self.coordinate(points), self.knots[self.degree], self.knots[-self.degree - 1])
-        return csr_array(BSpline.design_matrix(t, self.knots, self.degree))
+    def design_matrix(self, points: Array) -> csr_array:
+        """Values of all basis functions at points (m, 3): sparse (m, n)."""
+        return self._basis_rows(self.coordinate(points))
 
-    def adjoint(self, x: Array, y: Array, z: Array, values: Array) -> Array:
-        """sum over that grid of values (nx, ny, nz) times each basis function: (n,)."""
+    def apply_transpose(self, x: Array, y: Array, z: Array, values: Array) -> Array:
+        """Sums over a grid of values (nx, ny, nz) times each basis function: (n,)."""
         axes = (x, y, z)
         if (axis := self.axis) is not None:
             others = tuple(k for k in range(3) if k != axis)
-            along = np.clip(axes[axis], self.knots[self.degree], self.knots[-self.degree - 1])
-            rows = csr_array(BSpline.design_matrix(along, self.knots, self.degree))
-            return np.asarray(rows.T @ values.sum(axis=others))
-        used = np.nonzero(values)
-        points = np.stack([axis_values[part] for axis_values, part in zip(axes, used, strict=True)], axis=-1)
-        return np.asarray(self.design(points).T @ values[used])
+            return np.asarray(self._basis_rows(axes[axis]).T @ values.sum(axis=others))
+        nonzero = np.nonzero(values)
+        points = np.stack([coordinates[index] for coordinates, index in zip(axes, nonzero, strict=True)], axis=-1)
+        return np.asarray(self.design_matrix(points).T @ values[nonzero])
 
-    def moved(self, coefficients: Array) -> LineWeight:
+    def with_coefficients(self, coefficients: Array) -> LineWeight:
+        """The weight with other coefficients (n,)."""
         return replace(self, coefficients=coefficients)
+
+    @property
+    def _domain(self) -> tuple[float, float]:
+        return self.knots[self.degree], self.knots[-self.degree - 1]
+
+    def _basis_rows(self, t: Array) -> csr_array:
+        return csr_array(BSpline.design_matrix(np.clip(t, *self._domain), self.knots, self.degree))
 
 
 def make_line_weight(
     coordinate: Coordinate,
     layer: tuple[float, float],
-    span: tuple[float, float],
+    domain: tuple[float, float],
     *,
     rising: bool = True,
     count: int | None = None,
     degree: int = 3,
     refine: bool = True,
-    spans: int | None = None,
+    n_spans: int | None = None,
 ) -> LineWeight:
-    """The initial weight of a layer: 0 before it and 1 after it (the other way round if not rising), uniform steps within.
+    """The initial weight of a layer: 0 before it, 1 after it (reversed if not `rising`), uniform coefficients in between.
 
-    count: coefficients over the whole span [t0, t1] of the regions, on uniform clamped knots as in the paper; where that leaves
-    fewer than 8 free, the spans within the layer are halved until it does not, or InvalidRequest says how many are needed.
-    None: uniform knots that start and end on the layer, so that all of it is used (`spans` of them, 19 unless told).
+    With `count`, that many coefficients lie on clamped uniform knots over the whole domain, as in the paper. If these leave fewer
+    than MIN_FREE_COEFFICIENTS free, the spans that meet the layer are halved until enough are free, or, without `refine`,
+    InvalidRequest names the number needed. Without `count`, uniform knots start and end on the layer, with `n_spans` spans in it.
     """
     start, end = layer
     if not start < end:
@@ -118,14 +129,14 @@ def make_line_weight(
     if degree < 1:
         raise InvalidRequest(f"degree {degree}: a weight needs at least 1, and 2 for a continuous gradient")
     if count is None:
-        pieces = (MIN_FREE_COEFFICIENTS * 2 + degree) if spans is None else spans
-        step = (end - start) / pieces
-        knots: Array = start + step * np.arange(-degree, pieces + degree + 1, dtype=float)
+        n_spans = (MIN_FREE_COEFFICIENTS * 2 + degree) if n_spans is None else n_spans
+        step = (end - start) / n_spans
+        knots: Array = start + step * np.arange(-degree, n_spans + degree + 1, dtype=float)
         knots[degree], knots[-degree - 1] = start, end
     else:
         if count <= degree:
             raise InvalidRequest(f"{count} coefficients of degree {degree}: at least {degree + 1} are needed")
-        low, high = span
+        low, high = domain
         inner = np.linspace(low, high, count - degree + 1)
         knots = np.concatenate([np.full(degree, low), inner, np.full(degree, high)])
     while _is_unusable(knots, degree, start, end):
@@ -133,22 +144,22 @@ def make_line_weight(
             n_free = int(_find_free_coefficients(knots, degree, start, end).sum())
             raise InvalidRequest(
                 f"{len(knots) - degree - 1} coefficients leave {n_free} free in the layer {start:g} to {end:g}; at least "
-                f"{MIN_FREE_COEFFICIENTS} are needed, that is {count_needed_coefficients(degree, layer, span)} over "
-                f"{span[0]:g} to {span[1]:g}, or a wider layer"
+                f"{MIN_FREE_COEFFICIENTS} are needed, that is {count_needed_coefficients(degree, layer, domain)} over "
+                f"{domain[0]:g} to {domain[1]:g}, or a wider layer"
             )
         knots = _halve_spans(knots, start, end)
-    free = _find_free_coefficients(knots, degree, start, end)
-    first, last = np.flatnonzero(free)[[0, -1]]
+    is_free = _find_free_coefficients(knots, degree, start, end)
+    first, last = np.flatnonzero(is_free)[[0, -1]]
     ramp = np.concatenate(
-        [np.zeros(first), np.linspace(0.0, 1.0, last - first + 3)[1:-1], np.ones(len(free) - last - 1)]
+        [np.zeros(first), np.linspace(0.0, 1.0, last - first + 3)[1:-1], np.ones(len(is_free) - last - 1)]
     )
-    return LineWeight(coordinate, ramp if rising else 1.0 - ramp, knots, degree, start, end, free)
+    return LineWeight(coordinate, ramp if rising else 1.0 - ramp, knots, degree, start, end, is_free)
 
 
-def count_needed_coefficients(degree: int, layer: tuple[float, float], span: tuple[float, float]) -> int:
-    """Coefficients on uniform clamped knots over the span that leave MIN_FREE free wherever the layer lies between them."""
+def count_needed_coefficients(degree: int, layer: tuple[float, float], domain: tuple[float, float]) -> int:
+    """Number of coefficients on clamped uniform knots that leave enough free, wherever the layer lies between the knots."""
     step = (layer[1] - layer[0]) / (MIN_FREE_COEFFICIENTS + degree + 1)
-    return int(np.ceil((span[1] - span[0]) / step)) + degree
+    return int(np.ceil((domain[1] - domain[0]) / step)) + degree
 
 
 def _find_free_coefficients(knots: Array, degree: int, start: float, end: float) -> BoolArray:
@@ -157,12 +168,13 @@ def _find_free_coefficients(knots: Array, degree: int, start: float, end: float)
 
 
 def _is_unusable(knots: Array, degree: int, start: float, end: float) -> bool:
-    both = (knots[: -degree - 1] < start) & (knots[degree + 1 :] > end)
-    return bool(both.any()) or int(_find_free_coefficients(knots, degree, start, end).sum()) < MIN_FREE_COEFFICIENTS
+    spans_layer = (knots[: -degree - 1] < start) & (knots[degree + 1 :] > end)
+    n_free = int(_find_free_coefficients(knots, degree, start, end).sum())
+    return bool(spans_layer.any()) or n_free < MIN_FREE_COEFFICIENTS
 
 
 def _halve_spans(knots: Array, start: float, end: float) -> Array:
-    """A knot in the middle of every span that meets the layer."""
+    """The knots, and the midpoint of every span that meets the layer."""
     distinct = np.unique(knots)
     meets = (distinct[:-1] < end) & (distinct[1:] > start)
     return np.sort(np.concatenate([knots, ((distinct[:-1] + distinct[1:]) / 2)[meets]]))

@@ -1,7 +1,7 @@
-"""Three-dimensional weights w = sum B_i(x) B_j(y) B_k(z) C_ijk over the box of the regions (porous blending, eq. 13).
+"""Trivariate weights w = sum_ijk B_i(x) B_j(y) B_k(z) C_ijk over the box of the regions (porous blending, eq. 13).
 
-A coefficient is fixed where its support meets a region outside the blending region: at 0 for the first region, at 1 for the
-second (eqs 14 and 16); all others are free. A support that meets both makes the knots be refined there.
+A coefficient is fixed if its support meets a region outside the blending region: at 0 for the first region and at 1 for the
+second (eqs 14 and 16). All other coefficients are free. Where a support meets both regions the knots must be refined.
 """
 
 from __future__ import annotations
@@ -22,68 +22,70 @@ Knots = tuple[Array, Array, Array]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class VolumeWeight:
-    """A weight of x, y, z: coefficients (nu, nv, nw), knots and degree of each axis, and which coefficients are free.
+    """A tensor-product B-spline weight: coefficients (nu, nv, nw), knots and degree of each axis, free mask (nu, nv, nw).
 
-    Called with points (..., 3) it returns w (...), in [0, 1] if its coefficients are; `gradient` is exact. Constant along each
-    axis beyond the box.
+    `lower_bounds` and `upper_bounds` of the free coefficients lie within [0, 1]. The weight of points (..., 3) is (...), in
+    [0, 1] if the coefficients are; `gradient` is exact. Beyond the box the weight is constant along each axis.
     """
 
     coefficients: Array
     knots: Knots
     degree: IntTriple
-    free: BoolArray
-    low: float | Array = 0.0
-    high: float | Array = 1.0
-    """Bounds of the free coefficients, within [0, 1]."""
+    is_free: BoolArray
+    lower_bounds: float | Array = 0.0
+    upper_bounds: float | Array = 1.0
 
     def __call__(self, points: ArrayLike) -> Array:
+        """Weights (...) at points (..., 3)."""
         points = np.asarray(points, float)
         spline = NdBSpline(self.knots, self.coefficients, self.degree)
-        return np.clip(spline(self._inside(points).reshape(-1, 3)).reshape(points.shape[:-1]), 0.0, 1.0)
+        return np.clip(spline(self._clamp(points).reshape(-1, 3)).reshape(points.shape[:-1]), 0.0, 1.0)
 
     def gradient(self, points: ArrayLike) -> Array:
+        """Exact gradients (..., 3) at points (..., 3)."""
         return self.value_and_gradient(points)[1]
 
     def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Both at once, in a third of the time."""
+        """Values (...) and gradients (..., 3) at points (..., 3), in a third of the time of two calls."""
         points = np.asarray(points, float)
-        near = self._inside(points)
-        value, slope = evaluate_tensor_product(self.coefficients, self.knots, self.degree, near.reshape(-1, 3))
+        clamped = self._clamp(points)
+        value, slope = evaluate_tensor_product(self.coefficients, self.knots, self.degree, clamped.reshape(-1, 3))
         value = np.clip(value, 0.0, 1.0).reshape(points.shape[:-1])
-        return value, np.where(points == near, slope.reshape(points.shape), 0.0)
+        return value, np.where(points == clamped, slope.reshape(points.shape), 0.0)
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        """The weight on the grid of all x with all y with all z."""
-        rows = [self._rows(axis, t) for axis, t in enumerate((x, y, z))]
+        """Values on the tensor-product grid of three axes: (nx, ny, nz)."""
+        rows = [self._basis_rows(axis, t) for axis, t in enumerate((x, y, z))]
         return np.clip(apply_along_axes(self.coefficients, rows), 0.0, 1.0)
 
-    def adjoint(self, x: Array, y: Array, z: Array, values: Array) -> Array:
-        """sum over that grid of values (nx, ny, nz) times each basis function: (nu, nv, nw)."""
-        rows = [csr_array(self._rows(axis, t).T) for axis, t in enumerate((x, y, z))]
+    def apply_transpose(self, x: Array, y: Array, z: Array, values: Array) -> Array:
+        """Sums over a grid of values (nx, ny, nz) times each basis function: (nu, nv, nw)."""
+        rows = [csr_array(self._basis_rows(axis, t).T) for axis, t in enumerate((x, y, z))]
         return apply_along_axes(values, rows)
 
-    def design(self, points: Array) -> csr_array:
-        """Values of every basis function at points (m, 3): sparse (m, nu * nv * nw)."""
-        rows = NdBSpline.design_matrix(self._inside(points), self.knots, self.degree)
+    def design_matrix(self, points: Array) -> csr_array:
+        """Values of all basis functions at points (m, 3): sparse (m, nu * nv * nw)."""
+        rows = NdBSpline.design_matrix(self._clamp(points), self.knots, self.degree)
         # SciPy 1.17 makes the matrix only as wide as the last coefficient it uses.
         return csr_array((rows.data, rows.indices, rows.indptr), shape=(len(points), self.coefficients.size))
 
-    def moved(self, coefficients: Array) -> VolumeWeight:
+    def with_coefficients(self, coefficients: Array) -> VolumeWeight:
+        """The weight with other coefficients (nu, nv, nw)."""
         return replace(self, coefficients=coefficients)
 
-    def _inside(self, points: Array) -> Array:
+    def _clamp(self, points: Array) -> Array:
         low = np.array([t[p] for t, p in zip(self.knots, self.degree, strict=True)])
         high = np.array([t[-p - 1] for t, p in zip(self.knots, self.degree, strict=True)])
         return np.clip(points, low, high)
 
-    def _rows(self, axis: int, t: Array) -> csr_array:
+    def _basis_rows(self, axis: int, t: Array) -> csr_array:
         knots, degree = self.knots[axis], self.degree[axis]
         return csr_array(BSpline.design_matrix(np.clip(t, knots[degree], knots[-degree - 1]), knots, degree))
 
 
-def apply_along_axes(values: Array, rows: list[csr_array]) -> Array:
-    """Each axis of values (a, b, c) multiplied by its sparse matrix: rows (A, a), (B, b), (C, c) -> (A, B, C)."""
-    for matrix in rows:
+def apply_along_axes(values: Array, matrices: list[csr_array]) -> Array:
+    """Mode-n products (Kolda and Bader 2009) of values (a, b, c) with sparse (A, a), (B, b), (C, c): (A, B, C)."""
+    for matrix in matrices:
         rest = values.shape[1:]
         values = np.moveaxis((matrix @ values.reshape(values.shape[0], -1)).reshape(matrix.shape[0], *rest), 0, -1)
     return np.ascontiguousarray(values)
@@ -97,15 +99,16 @@ def make_clamped_uniform_knots(low: float, high: float, count: int, degree: int)
 def find_touched_supports(
     mask: BoolArray, axes: tuple[Array, Array, Array], knots: Knots, degree: IntTriple
 ) -> BoolArray:
-    """Whether each basis function's support holds a sample of the mask, the samples next to the support included: (nu, nv, nw).
+    """Mask (nu, nv, nw) of the basis functions with a sample of the mask (nx, ny, nz) in or next to their support.
 
-    One sample more on each side, so that what is marked lies within a sample of the true edge on the careful side.
+    The extra sample on each side errs on the safe side: the edge of the masked set lies within a sample of what the grid shows.
+    The samples in a box are counted with prefix sums (a summed-area table).
     """
-    total = np.zeros(tuple(n + 1 for n in mask.shape), np.int64)
-    total[1:, 1:, 1:] = mask.cumsum(0).cumsum(1).cumsum(2)
+    prefix_sum = np.zeros(tuple(n + 1 for n in mask.shape), np.int64)
+    prefix_sum[1:, 1:, 1:] = mask.cumsum(0).cumsum(1).cumsum(2)
     for axis in range(3):
         first = np.maximum(np.searchsorted(axes[axis], knots[axis][: -degree[axis] - 1], side="right") - 1, 0)
         last = np.searchsorted(axes[axis], knots[axis][degree[axis] + 1 :], side="left") + 1
         last = np.minimum(last, mask.shape[axis])
-        total = np.take(total, last, axis=axis) - np.take(total, first, axis=axis)
-    return total > 0
+        prefix_sum = np.take(prefix_sum, last, axis=axis) - np.take(prefix_sum, first, axis=axis)
+    return prefix_sum > 0

@@ -1,4 +1,4 @@
-"""What the optimiser asks of a weight; line and volume weights both answer."""
+"""Protocols of the weight functions: what a blended field needs of a weight, and what the optimiser needs in addition."""
 
 from __future__ import annotations
 
@@ -10,29 +10,53 @@ from scipy.sparse import csr_array
 from tpmscad._typing import Array, BoolArray
 
 
-class SplineWeight(Protocol):
-    """What the optimiser asks of a weight: line and volume weights both answer."""
+class WeightFunction(Protocol):
+    """A weight w(points (..., 3)) -> (...) in [0, 1], and its exact gradient (..., 3)."""
+
+    def __call__(self, points: ArrayLike) -> Array:
+        """Weights (...) at points (..., 3)."""
+        ...
+
+    def gradient(self, points: ArrayLike) -> Array:
+        """Exact gradients (..., 3) at points (..., 3)."""
+        ...
+
+    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
+        """Values on the tensor-product grid of three axes: (nx, ny, nz)."""
+        ...
+
+
+class SplineWeight(WeightFunction, Protocol):
+    """A weight that is linear in its B-spline coefficients; the optimiser changes the free ones within their bounds."""
 
     @property
-    def coefficients(self) -> Array: ...
+    def coefficients(self) -> Array:
+        """Spline coefficients, of the shape of `is_free`."""
+        ...
 
     @property
-    def free(self) -> BoolArray: ...
+    def is_free(self) -> BoolArray:
+        """Mask of the free coefficients; the others are fixed at 0 or 1."""
+        ...
 
     @property
-    def low(self) -> float | Array: ...
+    def lower_bounds(self) -> float | Array:
+        """Lower bounds of the free coefficients."""
+        ...
 
     @property
-    def high(self) -> float | Array: ...
+    def upper_bounds(self) -> float | Array:
+        """Upper bounds of the free coefficients."""
+        ...
 
-    def __call__(self, points: ArrayLike) -> Array: ...
+    def apply_transpose(self, x: Array, y: Array, z: Array, values: Array) -> Array:
+        """Adjoint of the map from coefficients to values on a grid, applied to values (nx, ny, nz)."""
+        ...
 
-    def gradient(self, points: ArrayLike) -> Array: ...
+    def design_matrix(self, points: Array) -> csr_array:
+        """Values of all basis functions at points (m, 3): sparse (m, number of coefficients)."""
+        ...
 
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array: ...
-
-    def adjoint(self, x: Array, y: Array, z: Array, values: Array) -> Array: ...
-
-    def design(self, points: Array) -> csr_array: ...
-
-    def moved(self, coefficients: Array) -> Self: ...
+    def with_coefficients(self, coefficients: Array) -> Self:
+        """The weight with other coefficients."""
+        ...
