@@ -79,7 +79,6 @@ SHORT = {
     "tpmscad/stage_timer.py": "one value that the workflows and the blends share",
     "tpmscad/cli/surfaces_command.py": "one command, a file like the other commands",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
-    "tpmscad/blending/weights/weight_protocol.py": "one protocol",
 }
 """Modules below the least length, each with its reason."""
 

@@ -122,7 +122,7 @@ def test_a_wall_without_edges_in_the_box_does_not_matter() -> None:
     both = BlendedField(
         (WALL, fields.constant(VOID), second),
         (*regions, fields.box((2, 0, -1), (3, 1, 1))),
-        (*field.blending, fields.box((1.9, 0, -1), (2.1, 1, 1))),
+        (*field.blending_regions, fields.box((1.9, 0, -1), (2.1, 1, 1))),
         (Ramp(), Ramp()),
     )
     one, other = (

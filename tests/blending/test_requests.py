@@ -97,13 +97,14 @@ def test_a_function_of_points_is_a_structure_and_keeps_its_bits():
     assert result.field(points.reshape(-1, 7, 3)[:50]).shape == (50, 7) if len(points) % 7 == 0 else True
 
 
-def test_progress_tells_stages_and_ends_at_one():
-    told = []
-    blend(
-        (ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE, progress=lambda stage, part: told.append((stage, part))
+def test_progress_reports_the_beginning_and_the_end_of_each_stage_in_turn():
+    reports = []
+    result = blend(
+        (ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE, progress=lambda *report: reports.append(report)
     )
-    assert [part for _, part in told] == sorted(part for _, part in told)
-    assert told[-1][1] == 1.0
+    stages = list(result.seconds)
+    assert reports == [(stage, fraction) for stage in stages for fraction in (0.0, 1.0)]
+    assert stages == ["sampling", "weights", "optimisation", "specks", "check"]
 
 
 def test_errors_become_plain_values_for_a_report():
