@@ -103,7 +103,7 @@ def tables_2_and_4() -> list[tuple[str, float, AdaptiveFit, AdaptiveFit]]:
     print(f"{'':10s}{'offset':>7s}{'paper':>10s}{'A':>10s}{'B':>10s}{'B / paper':>11s}")
     for name, offset, loose, close in rows:
         paper = POLES[name][OFFSETS.index(offset)]
-        print(f"{name:10s}{offset:7.1f}{paper:10d}{loose.poles:10d}{close.poles:10d}{close.poles / paper:11.2%}")
+        print(f"{name:10s}{offset:7.1f}{paper:10d}{loose.n_poles:10d}{close.n_poles:10d}{close.n_poles / paper:11.2%}")
     return rows
 
 
@@ -187,9 +187,9 @@ def tolerances() -> dict[tuple[str, float, float], tuple[AdaptiveFit, float]]:
             row = [found[name, offset, tol] for tol in CELL_TOLERANCES]
             print(
                 f"{name:10s}{offset:7.1f}"
-                + "".join(f"{f.space.degree:6d}{f.poles:5d}{f.deviation:9.1e}{t:5.2f}" for f, t in row)
+                + "".join(f"{f.space.degree:6d}{f.n_poles:5d}{f.deviation:9.1e}{t:5.2f}" for f, t in row)
             )
-    most = [max(found[n, d, tol][0].poles for n in NAMES for d in OFFSETS) for tol in CELL_TOLERANCES]
+    most = [max(found[n, d, tol][0].n_poles for n in NAMES for d in OFFSETS) for tol in CELL_TOLERANCES]
     print(f"{'most poles':17s}" + "".join(f"{m:11d}{'':14s}" for m in most))
     return found
 
@@ -204,7 +204,7 @@ def figure_14(offset: float = 0.3) -> dict[tuple[str, float], float]:
     print(f"{'':10s}" + "".join(f"{tol:>13.0e}" for tol in RAW_TOLERANCES))
     for name in NAMES:
         row = [found[name, tol] for tol in RAW_TOLERANCES]
-        print(f"{name:10s}" + "".join(f"{t:7.2f}{f'({f.poles})':>6s}" for f, t in row))
+        print(f"{name:10s}" + "".join(f"{t:7.2f}{f'({f.n_poles})':>6s}" for f, t in row))
     return {case: seconds for case, (_, seconds) in found.items()}
 
 
@@ -232,10 +232,10 @@ def limit_distance(name: str) -> tuple[float, float]:
     root_u, root_v = np.sqrt(grid.weights_u)[:, None], np.sqrt(grid.weights_v)[:, None]
     matrix = np.kron(np.kron(root_u * axis.design_matrix(u), root_v * axis.design_matrix(v)), np.eye(3))
     target = (root_u[..., None] * root_v * samples).ravel()
-    free = subspace.basis()
-    best = np.linalg.lstsq(matrix @ free, target - matrix @ subspace.particular, rcond=None)[0]
+    free = subspace.null_space_basis()
+    best = np.linalg.lstsq(matrix @ free, target - matrix @ subspace.min_norm_point, rcond=None)[0]
     direct = surface_of(
-        (subspace.particular + free @ best).reshape(axis.n_coordinates, axis.n_coordinates, 3), axis, axis
+        (subspace.min_norm_point + free @ best).reshape(axis.n_coordinates, axis.n_coordinates, 3), axis, axis
     )
     t = np.linspace(0, 1, 41)
     apart = limit.grid(t, t) - direct.grid(t, t), limit.poles - direct.poles

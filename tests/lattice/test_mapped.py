@@ -86,10 +86,10 @@ def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> No
 @pytest.mark.parametrize("name", ["stretched", "cylinder", "of the user"])
 def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> None:
     surface = mid(MAPS[name])
-    lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
-    brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=True)
+    fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
+    brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
     found, shape = measure_edge_continuity(brep, ("offset+", "offset-")), measure_solid(brep)
-    assert deviation.max <= 0.05
+    assert fit.deviation.max <= 0.05
     assert found.gap < 1e-8
     assert found.tangent_jump_deg < 1e-6
     assert found.curvature_jump < 1e-6
@@ -100,10 +100,10 @@ def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> N
 @pytest.mark.slow
 def test_the_identity_map_gives_the_lattice_itself() -> None:
     surface = mid(maps.stretching((1.0, 1.0, 1.0)))
-    lower, upper, _ = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 1e-3)
+    fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 1e-3)
     expected = 1000 * surfaces.volume_fraction("gyroid", "minimal", -0.03, 0.03)
     assert measure_solid(
-        mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=True)
+        mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
     ).volume == pytest.approx(expected, rel=1e-4)
 
 

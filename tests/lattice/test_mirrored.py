@@ -102,7 +102,7 @@ def test_borders_lie_in_the_mirrors_poles_and_all(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: str) -> None:
-    sheet, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-4)
+    sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-4)
     found = measure_edge_continuity(
         cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), np.array([0.2, 0.3, 0.4])),
         ("offset+", "offset-"),
@@ -133,7 +133,7 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: str) -> None:
-    sheet, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-3)
+    sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-3)
     phase = np.array([0.1, -0.7, 3.3])
     block = cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 2), phase, natural=True)
     np.testing.assert_allclose(block.vertices.min(axis=0), phase, rtol=0, atol=1e-12)
@@ -143,7 +143,7 @@ def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("side", ["-", "+"])
 def test_the_two_sides_have_the_betti_numbers_of_the_formula(name: str, side: str) -> None:
-    sheet, _ = fit_mirror_pieces(name, (0.0, None) if side == "+" else (None, 0.0), 1e-3)
+    sheet, _, _ = fit_mirror_pieces(name, (0.0, None) if side == "+" else (None, 0.0), 1e-3)
     solid = trim(
         cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), STILL),
         box([0, 0, 0], [1, 1, 1]),
@@ -161,7 +161,7 @@ def test_a_box_anywhere_is_closed_with_the_volume_of_its_cell(name: str) -> None
     rng = np.random.default_rng(8)
     expected = surfaces.volume_fraction(name, "nodal", *OFFSETS[name])
     for tol in (1e-3, 1e-4, 1e-5):
-        sheet, _ = fit_mirror_pieces(name, OFFSETS[name], tol)
+        sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], tol)
         cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), rng.random(3))
         cut = trim(cover, box([0, 0, 0], [1, 1, 1]), tol=5e-10)
         assert connectivity.is_closed(cut.brep)

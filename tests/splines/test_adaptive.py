@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tpmscad import surfaces
+from tpmscad.splines.adaptive_fit import BEZIER_SPACES, REQUIRED_MISSES, SplineSpace, fit_to_tolerance
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.spline_axis import SplineAxis
-from tpmscad.splines.surface_fit import BEZIER_SPACES, REQUIRED_MISSES, SplineSpace, fit_to_tolerance
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 
@@ -50,7 +50,7 @@ def test_minimal_surfaces_take_few_poles(name: str, share: float, tol: float) ->
     fit = fit_to_tolerance(exact, distance, tol, conditions=conditions)
     assert fit.converged
     assert fit.deviation == distance(fit.surface) <= tol
-    assert fit.poles == fit.surface.poles.shape[0] * fit.surface.poles.shape[1] <= MOST_POLES[tol]
+    assert fit.n_poles == fit.surface.poles.shape[0] * fit.surface.poles.shape[1] <= MOST_POLES[tol]
     tried = {trial.space: trial.deviation for trial in fit.trials}
     below = BEZIER_SPACES[max(BEZIER_SPACES.index(fit.space) - REQUIRED_MISSES, 0) : BEZIER_SPACES.index(fit.space)]
     assert all(tried[space] > tol for space in below)
@@ -65,21 +65,21 @@ def test_the_search_goes_down_as_well_as_up() -> None:
     deviations = {
         SplineSpace(d): value for d, value in zip(range(2, 9), (9.0, 9.0, 1.0, 2.0, 1.0, 1.0, 0.5), strict=True)
     }
-    fit = fit_to_tolerance(paraboloid, lambda s: deviations[SplineSpace(s.degree_u)], 1.5, ladder=list(deviations))
+    fit = fit_to_tolerance(paraboloid, lambda s: deviations[SplineSpace(s.degree_u)], 1.5, candidates=list(deviations))
     assert fit.space == SplineSpace(4)
     # Seen from the top down, where the first guess of a surface of low degree does not start.
     wild = fit_to_tolerance(
         lambda u, v: 1e9 * paraboloid(u, v) ** 8,
         lambda s: deviations[SplineSpace(s.degree_u)],
         1.5,
-        ladder=list(deviations),
+        candidates=list(deviations),
     )
     assert wild.trials[0].space == SplineSpace(8)
     assert wild.space == SplineSpace(4)
 
 
 def test_missing_the_tolerance_gives_the_best_there_was() -> None:
-    fit = fit_to_tolerance(paraboloid, lambda s: 1.0 / s.degree_u, 1e-3, ladder=[SplineSpace(4), SplineSpace(3)])
+    fit = fit_to_tolerance(paraboloid, lambda s: 1.0 / s.degree_u, 1e-3, candidates=[SplineSpace(4), SplineSpace(3)])
     assert not fit.converged
     assert fit.space == SplineSpace(4)
 
@@ -91,7 +91,7 @@ def test_spans_are_candidates_too() -> None:
         x, y = np.meshgrid(u, v, indexing="ij")
         return np.stack([x, y, np.sin(6 * x * y)], axis=-1)
 
-    fit = fit_to_tolerance(wavy, lambda s: float(np.abs(s.grid(T, T) - wavy(T, T)).max()), 1e-2, ladder=ladder)
+    fit = fit_to_tolerance(wavy, lambda s: float(np.abs(s.grid(T, T) - wavy(T, T)).max()), 1e-2, candidates=ladder)
     assert fit.converged
     assert fit.space.spans > 1
-    assert fit.poles == fit.surface.poles[..., 0].size
+    assert fit.n_poles == fit.surface.poles[..., 0].size

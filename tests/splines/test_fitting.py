@@ -59,7 +59,7 @@ def test_a_subspace_of_no_conditions_changes_nothing() -> None:
     axes = gauss_axis(uniform_knots(3, 4, 2), 4), gauss_axis(bezier_knots(6), 6)
     samples = wavy(axes[0].points, axes[1].points)
     whole = unconstrained_subspace(3 * axes[0].n_coordinates * axes[1].n_coordinates)
-    assert whole.dimension == whole.basis().shape[1] == 3 * axes[0].n_coordinates * axes[1].n_coordinates
+    assert whole.dimension == whole.null_space_basis().shape[1] == 3 * axes[0].n_coordinates * axes[1].n_coordinates
     np.testing.assert_array_equal(fit_surface(samples, *axes, whole).poles, fit_surface(samples, *axes).poles)
 
 
@@ -69,11 +69,11 @@ def test_subspace_directions_and_basis_agree(weighted: bool) -> None:
     conditions = joint_conditions(TRANSLATES, *axes)
     metric = np.random.default_rng(1).uniform(0.1, 10, conditions.matrix.shape[1]) if weighted else None
     subspace = solve_conditions(conditions, metric)
-    basis, squares = subspace.basis(), np.ones(conditions.matrix.shape[1]) if metric is None else metric**2
+    basis, squares = subspace.null_space_basis(), np.ones(conditions.matrix.shape[1]) if metric is None else metric**2
     x = np.random.default_rng(0).normal(size=len(basis))
     assert basis.shape[1] == subspace.dimension
     np.testing.assert_allclose(basis.T @ (squares[:, None] * basis), np.eye(subspace.dimension), atol=1e-12)
-    np.testing.assert_allclose(basis @ (basis.T @ (squares * x)), subspace.direction(x), atol=1e-12)
+    np.testing.assert_allclose(basis @ (basis.T @ (squares * x)), subspace.project_direction(x), atol=1e-12)
     np.testing.assert_allclose(conditions.matrix @ subspace.project(x), conditions.target, atol=1e-12)
     np.testing.assert_allclose(basis.T @ (squares * (x - subspace.project(x))), 0.0, atol=1e-10)
 

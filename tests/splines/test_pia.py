@@ -10,18 +10,20 @@ import pytest
 from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
-from tpmscad.splines.continuity_conditions import Joint, joint_conditions
-from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
-from tpmscad.splines.progressive_iteration import (
+from tpmscad.splines.constrained_iteration import (
     DataGrid,
     cpia_convergence_rate,
     fit_cpia,
-    gram_eigenvalue_bounds,
     iterate_cpia,
+    trapezoidal_grid,
+)
+from tpmscad.splines.continuity_conditions import Joint, joint_conditions
+from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
+from tpmscad.splines.progressive_iteration import (
+    gram_eigenvalue_bounds,
     iterate_lspia,
     iterate_pia,
     pia_convergence_rate,
-    trapezoidal_grid,
 )
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
 from tpmscad.splines.surface_fit import fit_surface
@@ -108,10 +110,10 @@ def test_cpia_keeps_the_conditions_and_its_proven_bounds_at_every_step(
         for w, a, t in zip((grid.weights_u, grid.weights_v), axes, (u, v), strict=True)
     ]
     collocation = np.kron(np.kron(*bases), np.eye(3))
-    basis = subspace.basis()
+    basis = subspace.null_space_basis()
     root = np.sqrt(np.outer(grid.weights_u, grid.weights_v))[..., None]
-    target = (root * samples).ravel() - collocation @ subspace.particular
-    limit = subspace.particular + basis @ np.linalg.lstsq(collocation @ basis, target, rcond=None)[0]
+    target = (root * samples).ravel() - collocation @ subspace.min_norm_point
+    limit = subspace.min_norm_point + basis @ np.linalg.lstsq(collocation @ basis, target, rcond=None)[0]
     rate = cpia_convergence_rate(grid, *axes, chebyshev=chebyshev)
     steps = list(islice(iterate_cpia(samples, grid, *axes, subspace, chebyshev=chebyshev), 40))
     errors = [np.linalg.norm(x.ravel() - limit) for x, _ in steps]
@@ -131,7 +133,7 @@ def test_the_rate_of_plain_cpia_is_that_of_the_extreme_eigenvalues_on_the_subspa
         for w, a, t in zip((grid.weights_u, grid.weights_v), axes, (u, v), strict=True)
     ]
     gram = np.kron(np.kron(bases[0].T @ bases[0], bases[1].T @ bases[1]), np.eye(3))
-    on_subspace = np.linalg.eigvalsh(subspace.basis().T @ gram @ subspace.basis())
+    on_subspace = np.linalg.eigvalsh(subspace.null_space_basis().T @ gram @ subspace.null_space_basis())
     low, high = gram_eigenvalue_bounds(*bases)
     assert low * (1 - 1e-9) <= on_subspace[0]
     assert on_subspace[-1] <= high * (1 + 1e-9)

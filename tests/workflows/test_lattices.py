@@ -197,7 +197,7 @@ def test_mapped_lattices_are_certified_and_read_back(case: str, tmp_path: Path) 
 
 def test_a_result_that_misses_its_tolerance_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     from tpmscad.lattices import primitive
-    from tpmscad.splines.surface_fit import SplineSpace
+    from tpmscad.splines.adaptive_fit import SplineSpace
 
     monkeypatch.setattr(primitive, "LADDER", (SplineSpace(5),))
     primitive.fit_primitive.cache_clear()

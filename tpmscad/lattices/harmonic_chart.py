@@ -91,7 +91,7 @@ def _minimise_energy(symmetry: MirrorSymmetry, shape: KleinQuadrilateral, degree
     weight = np.outer(axis.weights, axis.weights)
     conditions = mirror_conditions(axis, axis, shape.centres, symmetry.wall_normals, symmetry.wall_offsets)
     subspace = solve_conditions(conditions, pole_metric(axis, axis))
-    basis = subspace.basis()
+    basis = subspace.null_space_basis()
     stiffness = _stiffness_matrix(axis, shape.dirichlet_tensor(u, v) * weight[..., None, None])
     pulled = np.einsum("ab,bjd->ajd", stiffness, basis.reshape(len(stiffness), 3, -1)).reshape(basis.shape)
     free_stiffness = basis.T @ pulled

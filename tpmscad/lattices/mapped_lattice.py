@@ -1,6 +1,8 @@
-"""Sampled patches that are translates of one another: fitted, measured and stored once.
+"""Lattices under a coordinate map: every patch is fitted to the mapped exact surface, offset along the mapped normal.
 
-Lattices bent by a coordinate map: every patch fitted to the mapped exact surface, its walls offset along the mapped normal.
+The patches of a lattice are sampled together. Patches that the map leaves translates of one another, as an anisotropic
+scaling does, form a class that is fitted, measured and stored once. The control nets are those of `g2_fit`: each patch is fitted
+on its own, by CPIA under conditions that make neighbours join with curvature continuity.
 """
 
 from __future__ import annotations
@@ -22,16 +24,32 @@ from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.constrained_iteration import NetConvergence
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 TRANSLATE_TOL_FRACTION = 1e-11
-"""Of the patches' extent: samples this near after a translation are the same patch. Maps are evaluated to 1e-14 or so, the
-differences that give a user's map its normals to 1e-12."""
+"""Samples that agree to this fraction of a patch's extent after a translation belong to one class: above the round-off of maps
+(1e-14) and of the differences that give a user's map its normals (1e-12)."""
+
+BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
+"""Bezier degrees in the order of trial; all patches of a lattice take the same one, so that borders share their spline space."""
+
+PATCH_SAMPLES_PER_PARAMETER = 25
+"""Samples along each parameter for the deviation of each of the many patches."""
+
+MAX_PARAMETRIC_EXCESS = 3.0
+"""Greatest ratio of differences at equal parameters to orthogonal distances."""
+
+FLATNESS_TOL_FRACTION = 1e-9
+"""A side of the box counts as flat if its image spreads by less than this fraction of the box."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TranslationClasses:
-    """`first` (n,) indexes the first patch of each class; patch i is that of `label[i]` moved by `translation[i]`."""
+    """Classes of patches up to translation.
+
+    `first` (n,) is the first patch of each class; patch i is patch first[label[i]] translated by `translation[i]`.
+    """
 
     first: IntArray
     label: IntArray
@@ -39,11 +57,11 @@ class TranslationClasses:
 
 
 def group_translates(samples: Array) -> TranslationClasses:
-    """Classes of patches sampled on one grid (P, m, n, 3)."""
+    """Classes of patches (P, m, n, 3) sampled on one grid."""
     flat = samples.reshape(len(samples), -1, 3)
     shape = flat - flat[:, :1]
     radius = TRANSLATE_TOL_FRACTION * np.ptp(flat[0], axis=0).max()
-    # A handful of samples tells nearly all classes apart; those that agree there are compared whole.
+    # A few samples separate nearly all classes; patches that agree there are compared as a whole.
     signature = shape[:, np.linspace(1, shape.shape[1] - 1, 7).astype(int)].reshape(len(samples), -1)
     label, first = cluster_points(signature, 10 * radius)
     differs = np.abs(shape - shape[first[label]]).max(axis=(1, 2)) > 10 * radius
@@ -52,22 +70,9 @@ def group_translates(samples: Array) -> TranslationClasses:
     return TranslationClasses(first, label, flat[:, 0] - flat[first[label], 0])
 
 
-BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
-"""Bezier degrees tried in turn; every patch of a lattice takes the same, so that borders share their spline space."""
-
-PATCH_SAMPLES_PER_PARAMETER = 25
-"""Samples along each parameter for the deviation of each of the many patches."""
-
-MAX_PARAMETRIC_EXCESS = 3.0
-"""Differences at equal parameters over orthogonal distances, at the most: measured 1.0 to 2.2 on gyroid, diamond and P."""
-
-FLATNESS_TOL_FRACTION = 1e-9
-"""A side of the box counts as flat if its image spreads by less than this fraction of the box."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedSurface:
-    """The mapped mid surface over given placements: lattice coordinates are cell edges times cells."""
+    """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x."""
 
     patch: SurfacePatch
     symmetry: PatchSymmetry
@@ -76,7 +81,7 @@ class MappedSurface:
     cell: float
 
     def offset(self, u: Array, v: Array, distance: float, index: int | slice = slice(None)) -> Array:
-        """Points at the signed normal distance from the mapped surface, on every placement (P, ..., 3) or on one (..., 3)."""
+        """Points at the signed normal distance from the mapped surface: (P, ..., 3) on every placement, (..., 3) on one."""
         jet = self.patch.jet(u, v)
         rotation, translation = self.placements.rotation[index], self.placements.translation[index]
         shape = (*rotation.shape[:-2], *(1,) * np.ndim(u), 3)
@@ -86,12 +91,12 @@ class MappedSurface:
         if distance == 0.0:
             return mapped
         normal = (turn @ jet.normal[..., None])[..., 0]
-        # A normal goes by the inverse transpose, which keeps it on the side the nodal value grows to.
+        # Normals are mapped by the inverse transpose, which keeps them on the side where the nodal field increases.
         normal = np.linalg.solve(np.swapaxes(self.map.jacobian(points, self.cell), -1, -2), normal[..., None])[..., 0]
         return mapped + distance * normal / np.linalg.norm(normal, axis=-1, keepdims=True)
 
     def orientation(self) -> int:
-        """Sign of the map's Jacobian determinant, the same everywhere; InvalidRequest where it vanishes or changes sign."""
+        """Sign of the Jacobian determinant of the map; InvalidRequest where it vanishes or changes sign."""
         u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
         points = self.cell * (self.placements[:, None].apply(self.patch.jet(u, v).position))
         determinant = np.linalg.det(self.map.jacobian(points, self.cell))
@@ -105,9 +110,9 @@ class MappedSurface:
 
 
 def map_box(map: Map, size: Array) -> tuple[Array, Array]:
-    """Corners (3,), (3,) of the axis-aligned box that the box from the origin to `size` becomes.
+    """Corners (3,), (3,) of the image of the box from the origin to `size`, an axis-aligned box.
 
-    InvalidRequest if the map bends or tilts one of its faces: flat caps then have no plane to lie in.
+    InvalidRequest if the map bends or tilts a face of the box: flat caps then have no plane.
     """
     t = np.linspace(0.0, 1.0, 9)
     a, b = (g.ravel() for g in np.meshgrid(t, t))
@@ -135,7 +140,7 @@ def select_placements_near_box(
     cell: float,
     reach: float,
 ) -> Motion:
-    """The placements whose mapped mid patch comes within `reach` of the box; the map must hold a cell beyond the lattice."""
+    """The placements whose mapped mid patch comes within `reach` of the box; the map must be valid a cell beyond the lattice."""
     origins = cell_origins(cells, SEARCH_MARGIN_CELLS)
     placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
     t = np.linspace(0.0, 1.0, 7)
@@ -143,7 +148,7 @@ def select_placements_near_box(
     points = placements[:, None].apply(patch.jet(u, v).position)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
-    # Between the samples a patch bulges by less than an eighth of its extent.
+    # Between samples a patch bulges by less than an eighth of its extent.
     margin = reach + 0.125 * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
     keep = np.flatnonzero(near)[inside]
@@ -152,14 +157,25 @@ def select_placements_near_box(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedLayer:
-    """A fitted bounding surface: over placement i lies patches[label[i]] moved by translation[i]."""
+    """A fitted offset surface: the patch of placement i is patches[label[i]] translated by translation[i]."""
 
     patches: list[BSplineSurface]
     label: IntArray
     translation: Array
 
     def patch(self, index: int) -> BSplineSurface:
+        """The patch of one placement."""
         return self.patches[self.label[index]].moved(Motion(np.eye(3), self.translation[index]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedFit:
+    """The lower and upper fitted surface (None: no surface), the worst patch's deviation and the convergence of the nets."""
+
+    lower: MappedLayer | None
+    upper: MappedLayer | None
+    deviation: Deviation
+    convergence: NetConvergence
 
 
 def fit_mapped_layers(
@@ -167,54 +183,70 @@ def fit_mapped_layers(
     distances: tuple[float | None, float | None],
     tol: float,
     progress: Callable[[float], None] = lambda done: None,
-) -> tuple[MappedLayer | None, MappedLayer | None, Deviation]:
-    """The lower and the upper fitted surface (None where there is none), and the worst patch's deviation.
+) -> MappedFit:
+    """Fit the lower and upper surface at their normal distances (model units; None: no surface).
 
-    The lowest degree whose patches all meet `tol` is taken, or the last tried: the caller compares. Patches that the map leaves
-    translates of one another, as an anisotropic cell does, are fitted once.
+    The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
     """
     t = g2_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
-    sampled = [(d, mapped.offset(u, v, d)) for d in distances if d is not None]
-    classes = [group_translates(s) for _, s in sampled]
-    total = sum(len(c.first) for c in classes)
+    given = [d for d in distances if d is not None]
+    samples = [mapped.offset(u, v, d) for d in given]
+    classes = [group_translates(s) for s in samples]
+    members = [s[c.first] for s, c in zip(samples, classes, strict=True)]  # one sampled patch per class
     for degree in BEZIER_DEGREES:
         last = degree == BEZIER_DEGREES[-1]
-        fitted = [g2_fit.fit_g2_patches(s[c.first], degree) for (_, s), c in zip(sampled, classes, strict=True)]
-        estimates = [
-            _estimate_least_deviation(p, s[c.first]) for p, (_, s), c in zip(fitted, sampled, classes, strict=True)
-        ]
+        fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
+        estimates = [_estimate_least_deviation(poles, m) for (poles, _), m in zip(fits, members, strict=True)]
         if not last and max(estimates) > tol:
             continue
         layers = [
             MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.translation)
-            for poles, c in zip(fitted, classes, strict=True)
+            for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        each = []
-        for (distance, _), layer, c in zip(sampled, layers, classes, strict=True):
-            for patch, index in zip(layer.patches, c.first, strict=True):
-                each.append(
-                    measure_deviation(
-                        patch, _offset_evaluator(mapped, distance, int(index)), PATCH_SAMPLES_PER_PARAMETER
-                    )
-                )
-                progress(len(each) / total)
-        if last or max(d.max for d in each) <= tol:
+        deviations = _measure_patches(mapped, given, layers, classes, progress)
+        if last or max(d.max for d in deviations) <= tol:
             break
-    of_side = iter(layers)
-    lower, upper = (None if d is None else next(of_side) for d in distances)
-    return lower, upper, combine_deviations(each)
+    fitted = iter(layers)
+    lower, upper = (None if d is None else next(fitted) for d in distances)
+    return MappedFit(lower, upper, combine_deviations(deviations), NetConvergence.worst(c for _, c in fits))
+
+
+def _measure_patches(
+    mapped: MappedSurface,
+    distances: Sequence[float],
+    layers: Sequence[MappedLayer],
+    classes: Sequence[TranslationClasses],
+    progress: Callable[[float], None],
+) -> list[Deviation]:
+    """Deviation of every fitted patch; `progress` receives the fraction done."""
+    total = sum(len(c.first) for c in classes)
+    deviations: list[Deviation] = []
+    for distance, layer, members in zip(distances, layers, classes, strict=True):
+        for patch, index in zip(layer.patches, members.first, strict=True):
+            exact = _offset_evaluator(mapped, distance, int(index))
+            deviations.append(measure_deviation(patch, exact, PATCH_SAMPLES_PER_PARAMETER))
+            progress(len(deviations) / total)
+    return deviations
 
 
 def _offset_evaluator(mapped: MappedSurface, distance: float, index: int) -> Callable[[Array, Array], Array]:
     return lambda u, v: mapped.offset(u, v, distance, index)
 
 
+def _estimate_least_deviation(poles: Array, samples: Array) -> float:
+    """A lower estimate of the deviation from the differences at the inner samples: a degree that it rules out misses."""
+    t = g2_fit.sample_parameters()
+    inside = (t >= 0) & (t <= 1)
+    fitted = np.stack([g2_fit.bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
+    return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)
+
+
 def least_curvature_radius(mapped: MappedSurface) -> float:
-    """The least curvature radius of the mapped mid surface, sampled: offsets must stay below it."""
+    """Least radius of curvature of the mapped mid surface, sampled; offsets must stay below it."""
     t = g2_fit.sample_parameters()
     samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0)
-    poles = g2_fit.fit_g2_patches(samples[group_translates(samples).first], BEZIER_DEGREES[-1])
+    poles, _ = g2_fit.fit_g2_patches(samples[group_translates(samples).first], BEZIER_DEGREES[-1])
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
     largest = max(
         np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles
@@ -223,7 +255,7 @@ def least_curvature_radius(mapped: MappedSurface) -> float:
 
 
 def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
-    """InvalidRequest where an offset passes the greatest there is; `name` says which surface it is of."""
+    """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
     limit, worst = least_curvature_radius(mapped), max(offsets, key=abs)
     if abs(worst) >= limit:
         raise InvalidRequest(
@@ -235,21 +267,21 @@ def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Seque
 def assemble_mapped_lattice(
     mapped: MappedSurface, lower: MappedLayer | None, upper: MappedLayer | None, *, natural: bool
 ) -> Brep:
-    """The layers as one complex: closed by ruled gap faces along the border when `natural`, open otherwise."""
-    facing = mapped.symmetry.handedness * mapped.orientation()
+    """The layers as one Brep: closed by ruled gap faces along the border if `natural`, open otherwise."""
+    orientation = mapped.symmetry.handedness * mapped.orientation()
     carriers: list[BSplineSurface] = []
     parts = []
     for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
         if layer is not None:
             n = len(layer.label)
-            parts.append((len(carriers) + layer.label, layer.translation, np.full(n, outward * facing), [tag] * n))
+            parts.append((len(carriers) + layer.label, layer.translation, np.full(n, outward * orientation), [tag] * n))
             carriers += layer.patches
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
         open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements), strict=True))
         n = len(open_at)
-        parts.append((len(carriers) + np.arange(n), np.zeros((n, 3)), np.full(n, facing), ["gap"] * n))
+        parts.append((len(carriers) + np.arange(n), np.zeros((n, 3)), np.full(n, orientation), ["gap"] * n))
         carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
     carrier, translation, sense, tags = (np.concatenate(part) for part in zip(*parts, strict=True))
     return weld_patches(
@@ -260,11 +292,3 @@ def assemble_mapped_lattice(
         np.array([LATTICE_TAGS.index(tag) for tag in tags]),
         LATTICE_TAGS,
     )
-
-
-def _estimate_least_deviation(poles: Array, samples: Array) -> float:
-    """A cautious low estimate of the deviation from the differences at the inner samples: a degree it rules out misses."""
-    t = g2_fit.sample_parameters()
-    inside = (t >= 0) & (t <= 1)
-    fitted = np.stack([g2_fit.bezier_surface(p).grid(t[inside], t[inside]) for p in poles])
-    return float(np.linalg.norm(fitted - samples[:, inside][:, :, inside], axis=-1).max() / MAX_PARAMETRIC_EXCESS)

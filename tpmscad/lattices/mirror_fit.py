@@ -1,14 +1,19 @@
-"""How far a fitted piece of a mirror surface is from the nodal surface at its offset, in both directions.
+"""The primitive patches of a mirror surface: its piece between the mirrors, offset and fitted with the lowest degree.
 
-Neither direction uses the chart the piece was fitted over. From the patch: its points' distances by Newton's method on the
-formula. To the patch: points of the level set on segments between two edges of the tetrahedron, offset along the gradient, and
-their feet on the patch, found from the nearest of its samples. A piece that is folded is infinitely far.
+All candidates meet their reflections with continuous curvature (`mirror_continuity`). Each is made in three steps.
 
-The primitive patches of a mirror surface: its piece between the mirrors, offset and fitted with as few poles as will do.
+1. CPIA (`splines.constrained_iteration`) fits the offset of the nearly conformal chart at the Gauss points of the parameters.
+2. *Parameter correction.* Of a patch only the point set counts, so Gauss-Newton steps with Levenberg-Marquardt damping, in the
+   same constraint space, reduce the normal distances alone; the points slide along the surface. This gains as much as
+   three degrees.
+3. CPIA fits the corrected data: the foot points of the corrected patch, moved to the offset. This is PIA with parameter
+   correction, which TPMS2STEP leaves to future work. Since the distance to a foot point is never less than that to the surface, this step
+   cannot increase the sum of squared distances; at a minimum of step 2 it changes nothing.
 
-All candidates meet their reflections with continuous curvature (see `mirror.joints`). The least-squares fit to the offset of the
-conformal chart is where the search starts; but of a patch only the point set counts, so Gauss-Newton steps then let its points
-slide along the surface and lessen the distances alone. That gains what three degrees would.
+**Deviation.** Neither direction of the measured deviation uses the chart. From the patch to the surface: distances of its points
+by Newton's method on the formula. From the surface to the patch: points of the level set on segments between two edges of the
+tetrahedron, offset along the gradient, and their orthogonal projections on the patch, started at the nearest of its samples. A
+folded piece has an infinite deviation.
 """
 
 from __future__ import annotations
@@ -27,9 +32,17 @@ from tpmscad.lattices.mirror_continuity import mirror_conditions
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.constrained_iteration import (
+    NetConvergence,
+    axis_grid,
+    solve_cpia,
+    weighted_bases,
+    weighted_data,
+)
+from tpmscad.splines.continuity_conditions import ContinuityConditions
 from tpmscad.splines.knots import bezier_knots
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
-from tpmscad.splines.surface_fit import least_squares_coordinates, surface_from_coordinates
+from tpmscad.splines.surface_fit import surface_from_coordinates
 from tpmscad.surfaces import MirrorSymmetry
 
 PIECE_SAMPLES_PER_PARAMETER = 41
@@ -37,12 +50,30 @@ PIECE_SAMPLES_PER_PARAMETER = 41
 
 FOLDED_DEVIATION = Deviation(np.inf, np.inf, np.inf, np.inf)
 
+PIECE_DEGREES = range(7, 17)
+"""Candidate degrees, one span each. Parameters bunch below 7; float64 has too few digits above 16."""
+
+MAX_SLIDING_GAIN = 100.0
+"""Greatest factor by which parameter correction reduces a deviation: degrees that start farther off are skipped."""
+
+MAX_SLIDING_STEPS = 12
+"""Greatest number of Gauss-Newton steps."""
+
+INITIAL_DAMPING = 1e-2
+"""Damping of the first step; halved after a step that reduces the distances, quadrupled after one that does not."""
+
+MIN_AREA_ELEMENT_RATIO = 0.4
+"""Least ratio of the minimal |S_u x S_v| after and before parameter correction: below it the parameters bunch and intersection
+curves cannot be traced."""
+
+STALL_RATIO = 0.95
+"""The steps end when the sum of squares falls by less than to this fraction of itself."""
+
 
 def measure_mirror_deviation(symmetry: MirrorSymmetry, patch: BSplineSurface, offset: float) -> Deviation:
-    """The two-way distance between the patch and the level set's piece at the normal distance `offset`, in cells."""
-    grid = (
-        1 - np.cos(np.pi * np.linspace(0.0, 1.0, PIECE_SAMPLES_PER_PARAMETER))
-    ) / 2  # errors' lobes are narrow near borders
+    """The two-way deviation (cells) between the patch and the piece of the level set at the normal offset (cells)."""
+    # Chebyshev-like spacing: the lobes of the error are narrow near borders.
+    grid = (1 - np.cos(np.pi * np.linspace(0.0, 1.0, PIECE_SAMPLES_PER_PARAMETER))) / 2
     try:
         _, normal, _ = symmetry.waves.project_to_level_set(patch.grid(grid, grid))
     except NoFoot:
@@ -73,64 +104,52 @@ def measure_mirror_deviation(symmetry: MirrorSymmetry, patch: BSplineSurface, of
     return Deviation(max(largest), float(np.sqrt(np.mean(squares))), largest[0], largest[1])
 
 
-PIECE_DEGREES = range(7, 17)
-"""One span each. Degree 6 meets 1e-3 only with parameters that bunch so much that cuts can't be traced on it; past 16 float64
-has too few digits."""
-
-MAX_SLIDING_GAIN = 100.0
-"""Sliding lessens a deviation by no more than this: degrees that start further off are left out. 8 to 90 were measured."""
-
-MAX_SLIDING_STEPS = 12
-"""Gauss-Newton steps at the most."""
-
-INITIAL_DAMPING = 1e-2
-"""Of the steps, at first; halved after every step that lessens the distances, quadrupled after one that does not."""
-
-MIN_AREA_ELEMENT_RATIO = 0.4
-"""Sliding may lessen the least |S_u x S_v| to this part of itself: past it the parameters bunch. 0.45 to 1 were measured where
-cuts were traced without trouble, 0.04 where they were not."""
-
-STALL_RATIO = 0.95
-"""Steps end when the sum of squares falls by less than to this part of itself."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class MirrorPieceFit:
-    """A fitted piece in cells, and its measured two-way deviation."""
+    """A fitted piece in cells, its degree, its measured two-way deviation and the convergence of its net."""
 
     patch: BSplineSurface
     degree: int
     deviation: Deviation
+    convergence: NetConvergence
 
 
 def fit_mirror_pieces(
     name: str, layers: tuple[float | None, float | None], tol: float
-) -> tuple[OffsetSurfaces, Deviation]:
-    """Fit the lower and the upper surface at their normal distances (cells; None: no surface) to within `tol` (cells).
+) -> tuple[OffsetSurfaces, Deviation, NetConvergence]:
+    """Fit the lower and upper surface at their normal offsets (cells; None: no surface) to within `tol` (cells).
 
-    Where no degree meets `tol` the best comes back: compare.
+    Where no degree meets `tol` the best one is returned: compare the deviation.
     """
     fits = {d: fit_mirror_piece(name, d, tol) for d in layers if d is not None}
     order = list(fits)
     lower, upper = (None if d is None else (order.index(d), False) for d in layers)
-    sheet = OffsetSurfaces(tuple(fits[d].patch for d in order), lower, upper)
-    return sheet, combine_deviations([fit.deviation for fit in fits.values()])
+    return (
+        OffsetSurfaces(tuple(fits[d].patch for d in order), lower, upper),
+        combine_deviations([fit.deviation for fit in fits.values()]),
+        NetConvergence.worst(fit.convergence for fit in fits.values()),
+    )
 
 
 @lru_cache(maxsize=64)
 def fit_mirror_piece(name: str, offset: float, tol: float) -> MirrorPieceFit:
-    """The offset piece of the lowest degree whose measured deviation is at most `tol` (cells), or the best there is."""
-    form = compute_harmonic_chart(name)
+    """The offset piece of the lowest degree whose measured deviation is at most `tol` (cells), or the best there is.
+
+    Cached: the same lattice in another box or with another boundary reuses the fit.
+    """
+    chart = compute_harmonic_chart(name)
     best: MirrorPieceFit | None = None
     for degree in PIECE_DEGREES:
         last = degree == PIECE_DEGREES[-1]
-        first, space = _fit_least_squares(form, offset, degree)
-        if not last and _max_offset_error(form, first.patch(), offset) > MAX_SLIDING_GAIN * tol:
+        space = _make_piece_space(chart, degree)
+        charted = _fit_chart_samples(chart, space, offset)
+        if not last and _max_offset_error(chart, charted.patch, offset) > MAX_SLIDING_GAIN * tol:
             continue
-        slid = _slide_along_surface(form, first, space, offset).patch()
-        bunched = _min_area_element(slid) < MIN_AREA_ELEMENT_RATIO * _min_area_element(first.patch())
-        patch = _symmetrise(first.patch() if bunched else slid, form.symmetry)
-        piece = MirrorPieceFit(patch, degree, measure_mirror_deviation(form.symmetry, patch, offset))
+        corrected = _fit_corrected_samples(chart, space, charted, offset)
+        bunched = _min_area_element(corrected.patch) < MIN_AREA_ELEMENT_RATIO * _min_area_element(charted.patch)
+        net = charted if bunched else corrected
+        patch = _symmetrise(net.patch, chart.symmetry)
+        piece = MirrorPieceFit(patch, degree, measure_mirror_deviation(chart.symmetry, patch, offset), net.convergence)
         if best is None or piece.deviation.max < best.deviation.max:
             best = piece
         if best.deviation.max <= tol:
@@ -140,35 +159,100 @@ def fit_mirror_piece(name: str, offset: float, tol: float) -> MirrorPieceFit:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidate:
-    """A patch by its coordinates (U V 3,) on the axis of both parameters."""
+class _PieceSpace:
+    """The spline space of a piece: the axis of both parameters and the conditions at the mirrors."""
 
     axis: SplineAxis
+    conditions: ContinuityConditions
+    subspace: AffineSubspace  # the solutions, with the metric that keeps poles near the surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ControlNet:
+    """A net by its coordinates (U V 3,), the patch of its poles, and its convergence."""
+
     coordinates: Array
-
-    def patch(self) -> BSplineSurface:
-        size = self.axis.n_coordinates
-        return surface_from_coordinates(self.coordinates.reshape(size, size, 3), self.axis, self.axis)
+    patch: BSplineSurface
+    convergence: NetConvergence
 
 
-def _fit_least_squares(form: HarmonicChart, offset: float, degree: int) -> tuple[_Candidate, AffineSubspace]:
+def _make_piece_space(chart: HarmonicChart, degree: int) -> _PieceSpace:
     axis = gauss_axis(bezier_knots(degree), degree)
-    mirrors = form.symmetry
-    conditions = mirror_conditions(axis, axis, form.quadrilateral.centres, mirrors.wall_normals, mirrors.wall_offsets)
-    space = solve_conditions(conditions, pole_metric(axis, axis))
-    target = form.offset(axis.points[:, None], axis.points[None, :], offset)
-    return _Candidate(axis, space.project(least_squares_coordinates(target, axis, axis).ravel())), space
+    mirrors = chart.symmetry
+    conditions = mirror_conditions(axis, axis, chart.quadrilateral.centres, mirrors.wall_normals, mirrors.wall_offsets)
+    return _PieceSpace(axis, conditions, solve_conditions(conditions, pole_metric(axis, axis)))
 
 
-def _max_offset_error(form: HarmonicChart, patch: BSplineSurface, offset: float) -> float:
+def _run_cpia(space: _PieceSpace, samples: Array, subspace: AffineSubspace, start: Array | None = None) -> _ControlNet:
+    """The net of CPIA for samples (m, m, 3) at the Gauss points of the axis."""
+    axis = space.axis
+    grid = axis_grid(axis, axis)
+    solution = solve_cpia(weighted_data(samples, grid), *weighted_bases(grid, axis, axis), subspace, start=start)
+    patch = surface_from_coordinates(solution.coordinates, axis, axis)
+    return _ControlNet(solution.coordinates.ravel(), patch, solution.convergence(axis.max_norm_factor**2))
+
+
+def _fit_chart_samples(chart: HarmonicChart, space: _PieceSpace, offset: float) -> _ControlNet:
+    """Step 1 of the module's text."""
+    t = space.axis.points
+    return _run_cpia(space, chart.offset(t[:, None], t[None, :], offset), space.subspace)
+
+
+def _fit_corrected_samples(
+    chart: HarmonicChart, space: _PieceSpace, charted: _ControlNet, offset: float
+) -> _ControlNet:
+    """Steps 2 and 3 of the module's text."""
+    axis = space.axis
+    coordinates = _slide_along_surface(chart, space, charted.coordinates, offset)
+    slid = surface_from_coordinates(coordinates.reshape(axis.n_coordinates, axis.n_coordinates, 3), axis, axis)
+    _, normal, foot = chart.symmetry.waves.project_to_level_set(slid.grid(axis.points, axis.points))
+    return _run_cpia(space, foot + offset * normal, solve_conditions(space.conditions), coordinates)
+
+
+def _slide_along_surface(chart: HarmonicChart, space: _PieceSpace, start: Array, offset: float) -> Array:
+    """Coordinates after damped Gauss-Newton steps on the normal distances at the sample points of the axis."""
+    axis, basis = space.axis, space.subspace.null_space_basis()
+    roots = np.sqrt(np.outer(axis.weights, axis.weights).ravel())
+    design = axis.design_matrix(axis.points)
+    values = np.kron(design, design)
+
+    def residuals(coordinates: Array) -> tuple[Array, Array]:
+        distance, normal, _ = chart.symmetry.waves.project_to_level_set(values @ coordinates.reshape(-1, 3))
+        return roots * (distance - offset), normal
+
+    x, damping = start, INITIAL_DAMPING
+    r, normal = residuals(x)
+    for _ in range(MAX_SLIDING_STEPS):
+        jacobian = ((roots[:, None] * values)[:, :, None] * normal[:, None, :]).reshape(len(r), -1) @ basis
+        left, sizes, right = np.linalg.svd(jacobian, full_matrices=False)
+        step = basis @ (right.T @ (sizes / (sizes**2 + damping**2) * (left.T @ r)))
+        new, new_normal = residuals(x - step)
+        before, after = float(r @ r), float(new @ new)
+        if after >= before:
+            damping *= 4
+            continue
+        x, r, normal, damping = x - step, new, new_normal, damping / 2
+        if after > STALL_RATIO * before:
+            break
+    return x
+
+
+def _max_offset_error(chart: HarmonicChart, patch: BSplineSurface, offset: float) -> float:
+    """Greatest difference between the offset and the distance of sample points of the patch from the level set."""
     t = np.linspace(0.0, 1.0, 2 * patch.degree_u)
-    return float(np.abs(form.symmetry.waves.project_to_level_set(patch.grid(t, t))[0] - offset).max())
+    return float(np.abs(chart.symmetry.waves.project_to_level_set(patch.grid(t, t))[0] - offset).max())
+
+
+def _min_area_element(patch: BSplineSurface) -> float:
+    """Least |S_u x S_v| at sample points."""
+    t = np.linspace(0.0, 1.0, 2 * patch.degree_u)
+    return float(np.linalg.norm(patch.normal(t[:, None], t), axis=-1).min())
 
 
 def _symmetrise(patch: BSplineSurface, mirrors: MirrorSymmetry) -> BSplineSurface:
-    """The patch as symmetric as its tetrahedron, its border's poles in the mirrors, both to the last bit or two.
+    """The patch with the symmetry of its tetrahedron, and its border poles in the mirrors, both to the last bit or two.
 
-    Fits are so to 1e-12; where a tetrahedron is its own mirror image, that would be seen as a gap between its copies.
+    Fits have both to 1e-12; where a tetrahedron is its own mirror image, this would appear as a gap between copies.
     """
     poles = patch.poles.copy()
     if mirrors.middle is not None:
@@ -182,35 +266,3 @@ def _symmetrise(patch: BSplineSurface, mirrors: MirrorSymmetry) -> BSplineSurfac
         normals, offsets = mirrors.wall_normals[[i - 1, i]], mirrors.wall_offsets[[i - 1, i]]
         poles[row, column] -= np.linalg.pinv(normals) @ (normals @ poles[row, column] - offsets)
     return BSplineSurface(poles, patch.knots_u, patch.knots_v, patch.degree_u, patch.degree_v)
-
-
-def _min_area_element(patch: BSplineSurface) -> float:
-    t = np.linspace(0.0, 1.0, 2 * patch.degree_u)
-    return float(np.linalg.norm(patch.normal(t[:, None], t), axis=-1).min())
-
-
-def _slide_along_surface(form: HarmonicChart, start: _Candidate, space: AffineSubspace, offset: float) -> _Candidate:
-    """The patch after damped Gauss-Newton steps on the distances at the axis' points."""
-    axis, basis = start.axis, space.basis()
-    root = np.sqrt(np.outer(axis.weights, axis.weights).ravel())
-    values = np.kron(axis.design_matrix(axis.points), axis.design_matrix(axis.points))
-
-    def residual(coordinates: Array) -> tuple[Array, Array]:
-        distance, normal, _ = form.symmetry.waves.project_to_level_set(values @ coordinates.reshape(-1, 3))
-        return root * (distance - offset), normal
-
-    x, damping = start.coordinates, INITIAL_DAMPING
-    r, normal = residual(x)
-    for _ in range(MAX_SLIDING_STEPS):
-        rows = ((root[:, None] * values)[:, :, None] * normal[:, None, :]).reshape(len(r), -1) @ basis
-        left, sizes, right = np.linalg.svd(rows, full_matrices=False)
-        step = basis @ (right.T @ (sizes / (sizes**2 + damping**2) * (left.T @ r)))
-        moved, moved_normal = residual(x - step)
-        before, after = float(r @ r), float(moved @ moved)
-        if after >= before:
-            damping *= 4
-            continue
-        x, r, normal, damping = x - step, moved, moved_normal, damping / 2
-        if after > STALL_RATIO * before:
-            break
-    return _Candidate(axis, x)

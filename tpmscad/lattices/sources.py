@@ -92,8 +92,8 @@ class ReflectedPieces:
     def fit(self, layers: Layers, cell: float, tol: float) -> OffsetSurfacesFit:
         """Without rigorous bounds: the reference surface is implicit."""
         lower, upper = (None if d is None else d / cell for d in layers)
-        offsets, deviation = fit_mirror_pieces(self.name, (lower, upper), tol / cell)
-        return OffsetSurfacesFit(offsets, deviation.scaled(cell), {})
+        offsets, deviation, convergence = fit_mirror_pieces(self.name, (lower, upper), tol / cell)
+        return OffsetSurfacesFit(offsets, deviation.scaled(cell), {}, convergence.scaled(cell))
 
     def cover(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         return PatchAssembly(copies.cover_box_by_reflection(self.symmetry, offsets, cells, phase), np.zeros(3))

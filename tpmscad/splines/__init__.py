@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from tpmscad.splines.adaptive_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, SplineSpace, fit_to_tolerance
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
+from tpmscad.splines.constrained_iteration import (
+    CpiaResult,
+    DataGrid,
+    NetConvergence,
+    cpia_convergence_rate,
+    fit_cpia,
+    trapezoidal_grid,
+)
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
@@ -22,18 +31,9 @@ from tpmscad.splines.knots import (
     split_surface,
     uniform_knots,
 )
-from tpmscad.splines.progressive_iteration import (
-    CpiaResult,
-    DataGrid,
-    cpia_convergence_rate,
-    fit_cpia,
-    iterate_lspia,
-    iterate_pia,
-    pia_convergence_rate,
-    trapezoidal_grid,
-)
+from tpmscad.splines.progressive_iteration import iterate_lspia, iterate_pia, pia_convergence_rate
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
-from tpmscad.splines.surface_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, SplineSpace, fit_surface, fit_to_tolerance
+from tpmscad.splines.surface_fit import fit_surface
 
 __all__ = [
     "BEZIER_SPACES",
@@ -46,6 +46,7 @@ __all__ = [
     "DataGrid",
     "FitTrial",
     "Joint",
+    "NetConvergence",
     "SplineAxis",
     "SplineSpace",
     "bezier_knots",
