@@ -7,8 +7,8 @@ All candidates meet their reflections with continuous curvature (`mirror_continu
    same constraint space, reduce the normal distances alone; the points slide along the surface. This gains as much as
    three degrees.
 3. CPIA fits the corrected data: the foot points of the corrected patch, moved to the offset. This is PIA with parameter
-   correction, which TPMS2STEP leaves to future work. Since the distance to a foot point is never less than that to the surface, this step
-   cannot increase the sum of squared distances; at a minimum of step 2 it changes nothing.
+   correction, which TPMS2STEP leaves to future work. The distance to a foot point is never less than that to the surface, so
+   this step cannot increase the sum of squared distances; at a minimum of step 2 it changes nothing.
 
 **Deviation.** Neither direction of the measured deviation uses the chart. From the patch to the surface: distances of its points
 by Newton's method on the formula. From the surface to the patch: points of the level set on segments between two edges of the

@@ -26,9 +26,11 @@ from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.lattices import mapped_lattice
+from tpmscad.lattices.mapped_lattice import MappedFit
 from tpmscad.lattices.maps import Map, stretching
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.rigid_motion import Motion
+from tpmscad.splines.constrained_iteration import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.certificate import PatchMeasures, require
@@ -61,6 +63,7 @@ class LatticeCover:
     high: Array
     deviation: Deviation
     bounds: Mapping[str, float]
+    convergence: NetConvergence
     mapping: Map | None
 
 
@@ -82,18 +85,18 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Fracti
         source = lattice_source(request.surface, request.reference)
         fit = source.fit(request.layer_offsets, cell, request.tol)
         patches = scale_brep(source.cover(fit.sheet, cells, phase).brep, cell)
-        deviation, bounds = fit.deviation, fit.bounds
+        deviation, bounds, convergence = fit.deviation, fit.bounds, fit.convergence
     else:
         mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
-        patches, deviation = _fit_stretched_patches(request, mapping, cells, phase, progress)
-        bounds = {}
-    return LatticeCover(translate_brep(patches, first * edges), low, high, deviation, bounds, mapping)
+        patches, stretched = _fit_stretched_patches(request, mapping, cells, phase, progress)
+        deviation, bounds, convergence = stretched.deviation, {}, stretched.convergence
+    return LatticeCover(translate_brep(patches, first * edges), low, high, deviation, bounds, convergence, mapping)
 
 
 def _fit_stretched_patches(
     request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
-) -> tuple[Brep, Deviation]:
-    """Patches of a lattice whose cell has unequal edges, fitted class by class, and their deviation."""
+) -> tuple[Brep, MappedFit]:
+    """Patches of a lattice whose cell has unequal edges, fitted class by class, and their fit."""
     cell, name = request.cell[0], request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
     bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
@@ -103,8 +106,8 @@ def _fit_stretched_patches(
     )
     surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
     mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
-    lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
-    return mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=False), deviation
+    fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
+    return mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=False), fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +148,9 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
         cover = cover_box(request, low, high, done)
     with stages("assemble"):
         patches = move_brep(cover.patches, motion)
-        measures = measure_lattice_patches(request, cover.mapping, patches, cover.deviation, cover.bounds)
+        measures = measure_lattice_patches(
+            request, cover.mapping, patches, cover.deviation, cover.bounds, cover.convergence
+        )
 
     def trim_to_box() -> Brep:
         closed = trim(cover.patches, box(cover.low, cover.high), BOX_TRIM_TOL_CELLS * max(request.cell)).brep

@@ -24,6 +24,7 @@ from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.lattices.sources import lattice_source
+from tpmscad.splines.constrained_iteration import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.attempts import Attempt, first_success
@@ -133,7 +134,9 @@ def lattice(
     with stages("check"):
         valid = kernel.is_valid(built.shape)
         properties = measure_solid(made.brep, built.nesting.moments)
-        measures = measure_lattice_patches(request, mapping, made.brep, made.deviation, made.bounds, made.notes)
+        measures = measure_lattice_patches(
+            request, mapping, made.brep, made.deviation, made.bounds, made.convergence, made.notes
+        )
         edge_gap = float(made.brep.edges.deviation.max(initial=0.0))
         certificate = certify(made.brep, properties, measures, valid=valid, edge_gap=edge_gap)
     name = f"{request.surface} {request.kind}"
@@ -147,6 +150,7 @@ class LatticePatches:
     brep: Brep
     deviation: Deviation
     bounds: Mapping[str, float]
+    convergence: NetConvergence
     notes: tuple[str, ...]
     unit_cell: UnitCell | None = None
 
@@ -178,7 +182,7 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
             lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
             cell * _cell_origins(request.cells),
         )
-        return LatticePatches(brep, fit.deviation, fit.bounds, notes, unit_cell)
+        return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell)
 
     attempts = [Attempt(f"fitted to {tol:.3g}", partial(fit_and_copy, tol)) for tol in tolerances]
     return first_success(attempts, retry_on=(TrimmingError,)).value
@@ -217,14 +221,14 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
             )
         surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
-        lower, upper, deviation = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
+        fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
     with stages("assemble"):
-        brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=bounds is None)
+        brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=bounds is None)
     notes: tuple[str, ...] = ()
     if bounds is not None:
         with stages("trim"):
             brep, notes = _trim_by_box(brep, *bounds, cell)
-    return LatticePatches(brep, deviation, {}, notes)
+    return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes)
 
 
 def _trim_by_box(brep: Brep, low: Array, high: Array, cell: float) -> tuple[Brep, tuple[str, ...]]:

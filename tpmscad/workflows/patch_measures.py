@@ -15,6 +15,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.lattices.maps import Map
+from tpmscad.splines.constrained_iteration import NetConvergence
 from tpmscad.workflows.certificate import Check, PatchMeasures, require
 from tpmscad.workflows.field_patches import FieldPatches
 from tpmscad.workflows.lattice_request import LatticeRequest
@@ -48,6 +49,7 @@ def measure_lattice_patches(
     brep: Brep,
     deviation: Deviation,
     bounds: Mapping[str, float],
+    convergence: NetConvergence,
     notes: tuple[str, ...] = (),
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
@@ -66,6 +68,7 @@ def measure_lattice_patches(
         reference if mapping is None else f"{reference} under {mapping.name}",
         continuity,
         bounds=bounds,
+        figures={"CPIA iterations": convergence.iterations, "CPIA bound": convergence.bound},
         checks=tuple(map(Check, names, values, limits)),
         notes=notes,
     )
