@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from tpmscad._lazy_import import lazy_attributes
 
 if TYPE_CHECKING:
-    from tpmscad.kernel.measure.signed_distance import body_field
+    from tpmscad.kernel import body_field
     from tpmscad.workflows.certificate import Certificate
     from tpmscad.workflows.fluid_volumes import FaceContact, FluidDomains, fluid_domains
     from tpmscad.workflows.implicit_solid import solidify

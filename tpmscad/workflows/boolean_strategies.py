@@ -20,13 +20,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, TrimmingError
-from tpmscad.kernel.body_import.body_brep import brep_from_shape
-from tpmscad.kernel.boolean import boolean_operations
-from tpmscad.kernel.boolean.boolean_operations import KernelSolids
-from tpmscad.kernel.boolean.local_intersection import intersect_locally
-from tpmscad.kernel.measure.cad_body import CadBody
-from tpmscad.kernel.measure.shape_sampling import sample_solid
-from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel import CadBody, KernelSolids, brep_from_shape, intersect_locally, make_compound, sample_solid
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import trim
 from tpmscad.workflows.attempts import Attempt, first_success
@@ -74,7 +68,7 @@ def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanRe
     """The solids that lattice and body have in common; none if they do not meet."""
 
     def intersect_solids() -> tuple[Any, ...]:
-        return boolean_operations.intersect_solids(block.shape, body.shape)
+        return kernel.intersect_solids(block.shape, body.shape)
 
     return _intersect_with_fallbacks(block.patches, body, intersect_solids)
 
@@ -83,7 +77,7 @@ def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanRes
     """The solids of the body without the lattice."""
 
     def subtract_solids() -> tuple[Any, ...]:
-        return boolean_operations.subtract_solid(body.shape, block.shape)
+        return kernel.subtract_solid(body.shape, block.shape)
 
     return _intersect_with_fallbacks(reverse_faces(block.patches), body, subtract_solids)
 
@@ -95,7 +89,7 @@ def _intersect_with_fallbacks(
 
     def intersect_in_kernel() -> BooleanResult:
         built = KernelSolids(kernel_boolean())
-        _check_volume_by_sampling(sum(map(boolean_operations.estimate_volume, built.solids)), patches, body)
+        _check_volume_by_sampling(sum(map(kernel.estimate_volume, built.solids)), patches, body)
         return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
 
     outcome = first_success(

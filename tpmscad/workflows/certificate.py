@@ -19,9 +19,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import SolidPiece, SolidProperties
-from tpmscad.kernel.boolean.boolean_operations import betti_numbers
-from tpmscad.kernel.occt.bounding_boxes import bounding_box
-from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel import betti_numbers, bounding_box, make_compound
 from tpmscad.splines.bspline import BSplineSurface
 
 CHIP_VOLUME_FRACTION = 1e-2

@@ -17,14 +17,19 @@ import numpy as np
 from tpmscad._typing import Progress
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
-from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
-from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
-from tpmscad.kernel.boolean.boolean_operations import KernelSolids
-from tpmscad.kernel.build.solids import build_regions
-from tpmscad.kernel.measure.cad_body import CadBody, read_body
-from tpmscad.kernel.measure.shape_report import check_shape, is_valid
-from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel import (
+    CadBody,
+    KernelSolids,
+    SplitSolid,
+    brep_and_source_faces,
+    build_regions,
+    check_shape,
+    faces_of,
+    is_valid,
+    make_compound,
+    read_body,
+    split_body,
+)
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success

@@ -20,8 +20,7 @@ from tpmscad._typing import BoxCorners, Progress
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
-from tpmscad.kernel.measure.cad_body import read_body
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel import enclosing_box, read_body
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, Check, certify
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches

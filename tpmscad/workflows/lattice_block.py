@@ -22,9 +22,7 @@ from tpmscad.brep.boundary_representation import Brep, move_brep, scale_brep, tr
 from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.kernel.measure.cad_body import CadBody
-from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.kernel.occt.convert import transform_shape
+from tpmscad.kernel import CadBody, enclosing_box, transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.mapped_lattice import MappedFit
 from tpmscad.lattices.maps import Map, stretching

@@ -15,10 +15,15 @@ import numpy as np
 from tpmscad._typing import Progress
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.kernel.boolean.boolean_operations import KernelSolids, betti_numbers
-from tpmscad.kernel.boolean.hollow_body import resolve_open_faces, subtract_voids
-from tpmscad.kernel.boolean.inward_offset import offset_inward
-from tpmscad.kernel.measure.cad_body import CadBody, read_body
+from tpmscad.kernel import (
+    CadBody,
+    KernelSolids,
+    betti_numbers,
+    offset_inward,
+    read_body,
+    resolve_open_faces,
+    subtract_voids,
+)
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
 from tpmscad.workflows.certificate import certify_kernel_solids

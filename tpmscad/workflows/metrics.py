@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 from tpmscad import kernel
 from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.measure import shape_sampling
-from tpmscad.kernel.measure.cad_body import read_body
-from tpmscad.kernel.measure.mass_properties import face_moments
-from tpmscad.kernel.measure.shape_sampling import Creases, FaceSamples
-from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel import Creases, FaceSamples, face_moments, faces_of, read_body
 from tpmscad.workflows.model import Model
 
 SAMPLE_SPACING_FRACTION = 0.4
@@ -104,7 +100,7 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         raise InvalidRequest(f"only valid closed solids can be measured, this is {str(report).splitlines()[0]}")
     faces = faces_of(shape)
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
-    coarse = shape_sampling.sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
+    coarse = kernel.sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
     envelope_volume, on_envelope = _locate_envelope(
         report.bounds if within is None else within, coarse, ENVELOPE_TOL_DIAGONALS * size
     )
@@ -118,8 +114,8 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
     wetted = wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
     void = max(0.0, envelope_volume - report.volume)
     spacing = spacing or max(SAMPLE_SPACING_FRACTION * report.volume / report.area, (report.area / MAX_SAMPLES) ** 0.5)
-    samples, creases = shape_sampling.sample_faces(faces, spacing), shape_sampling.find_creases(faces, spacing)
-    if shape_sampling.have_touching_solids(shape, samples, ENVELOPE_TOL_DIAGONALS * size, spacing):
+    samples, creases = kernel.sample_faces(faces, spacing), kernel.find_creases(faces, spacing)
+    if kernel.have_touching_solids(shape, samples, ENVELOPE_TOL_DIAGONALS * size, spacing):
         raise InvalidRequest(
             "solids that touch have no surface of their own there: measure one of them, or unite them first"
         )
@@ -144,7 +140,7 @@ def _locate_envelope(within: Any, samples: FaceSamples, near: float) -> tuple[fl
         low, high = np.asarray(within, float)
     except (TypeError, ValueError):
         body = read_body(within)
-        return body.volume, shape_sampling.lie_on_surface(body.shape, samples, near)
+        return body.volume, kernel.lie_on_surface(body.shape, samples, near)
     if low.shape != (3,) or not (high > low).all():
         raise InvalidRequest(
             f"the envelope {within!r} must be a body or two opposite corners, ((x0, y0, z0), (x1, y1, z1))"
