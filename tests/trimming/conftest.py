@@ -1,4 +1,4 @@
-"""Lattices to trim: Bezier patches through Chebyshev points of the exact surfaces, equal on common sides to round-off."""
+"""Lattices to trim: Bezier patches that interpolate the exact surfaces at Chebyshev points and agree on common sides."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def primitive(name: str, offset: float, degree: int = 9) -> BSplineSurface:
 def covered(
     name: str, cells: tuple[int, int, int], phase: tuple[float, float, float], layers: tuple[float | None, float | None]
 ) -> Brep:
-    """Patches over the box from the origin to `cells` of CELL; layers and phase in cells."""
+    """Patches that cover the box from the origin to `cells` times CELL; layers and phase in cells."""
     sizes = sorted({abs(d) for d in layers if d is not None})
     lower, upper = (None if d is None else (sizes.index(abs(d)), d < 0) for d in layers)
     sheet = lattices.OffsetSurfaces(tuple(primitive(name, size) for size in sizes), lower, upper)

@@ -1,4 +1,4 @@
-"""Blocks of curved patches cut by planes: closed loops inside one patch, against volumes by plain summation."""
+"""Blocks of curved patches trimmed by planes: closed loops inside one patch, and volumes against direct summation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (
 
 
 def bumpy_block() -> Brep:
-    """The unit cube whose top rises to 1 + HEIGHT 16 x (1 - x) y (1 - y)."""
+    """The unit cube with a curved top, z = 1 + HEIGHT 16 x (1 - x) y (1 - y)."""
     corners = np.array([[x, y, z] for z in (0.0, 1) for y in (0.0, 1) for x in (0.0, 1)])
     knots_u, knots_v = np.repeat([0.0, 1.0], 4), np.repeat([0.0, 1.0], 3)  # unequal degrees, 3 along u and 2 along v
     s, t = np.linspace(0, 1, 4)[:, None, None], np.linspace(0, 1, 3)[None, :, None]
@@ -38,7 +38,7 @@ def bumpy_block() -> Brep:
 
 
 def above(level: float) -> float:
-    """Volume of the bump over z = level >= 1, by summation over x."""
+    """Volume of the part above z = level >= 1, by quadrature over x."""
     c = (level - 1) / HEIGHT
 
     def slice_area(x: float) -> float:

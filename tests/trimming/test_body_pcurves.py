@@ -1,4 +1,4 @@
-"""Curves that pass the pole of a sphere or the apex of a cone at any distance have parameters there."""
+"""Curves that pass the pole of a sphere or the apex of a cone at any distance have accurate pcurves."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_a_curve_past_a_pole_or_an_apex_has_parameters(
     apart = 10.0**power
 
     def curve(y: np.ndarray) -> np.ndarray:
-        """In a plane along the axis, `apart` from it."""
+        """A curve in a plane parallel to the axis, at the distance `apart` from it."""
         r2 = apart**2 + y**2
         z = np.sqrt(16 - r2) if isinstance(carrier, SphericalSurface) else np.sqrt(r2) / np.tan(0.6)
         return ORIGIN + apart * X + y[:, None] * np.cross(Z, X) + z[:, None] * Z
@@ -40,11 +40,11 @@ def test_a_curve_past_a_pole_or_an_apex_has_parameters(
     found = np.linalg.norm(carrier(*made(t).T) - curve(t), axis=1).max()
     assert found < 1.5 * TOL
     assert off < 1.001 * TOL
-    assert np.ptp(made(t)[:, 0]) < np.pi + 0.1  # past it, not around it
+    assert np.ptp(made(t)[:, 0]) < np.pi + 0.1  # the curve passes the pole without turning round it
 
 
 def test_a_curve_beside_its_face_is_not_refused_for_that() -> None:
-    """No parameters can mend that."""
+    """The distance of the curve from the carrier is no error of its pcurve."""
 
     def curve(t: np.ndarray) -> np.ndarray:
         r = 4.0 + 1.2 * TOL * np.cos(400 * t)

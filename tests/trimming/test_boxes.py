@@ -1,4 +1,4 @@
-"""Lattices cut by boxes: closed, with volumes known from sheet theory, periodicity and additivity, and true to their carriers."""
+"""Lattices trimmed by boxes are closed, agree with volumes from theory, periodicity and additivity, and fit their carriers."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ def trim_box(lattice: Brep, lo: np.ndarray, hi: np.ndarray, *options: object) ->
 
 
 def slowly(*values: object) -> object:
-    """A case that runs with the slow tests only."""
+    """A parameter set that is marked slow."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
 def theory(name: str, layers: tuple[float | None, float | None]) -> float:
-    """Of one cell, in model units."""
+    """Volume of one cell from sheet theory, model units cubed."""
     lower, upper = layers
     if lower is None:
         assert upper is not None
@@ -72,7 +72,7 @@ def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
         assert connectivity.is_closed(trimmed.brep)
         volumes.append(volume(trimmed.brep))
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-8)
-    assert volumes[0] == pytest.approx(theory(name, layers), rel=3e-5)  # what the fit of degree 9 allows
+    assert volumes[0] == pytest.approx(theory(name, layers), rel=3e-5)  # accuracy of the fit of degree 9
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -84,7 +84,7 @@ def test_boxes_in_planes_of_symmetry_are_cut_in_place(
     phase: tuple[float, float, float],
     cover: Callable[..., Brep],
 ) -> None:
-    """There planes hold sides, saddles and corners of patches exactly, and lattice vertices sit in the box's corners."""
+    """Such planes contain sides, saddles and corners of patches exactly, and the box's corners are lattice vertices."""
     trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, CELL)), TOL)
     assert trimmed.report.shifted == 0
     assert connectivity.is_closed(trimmed.brep)
@@ -136,7 +136,9 @@ def test_the_halves_of_a_box_add_up(
 def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., Brep]) -> None:
     trimmed = trim_box(cover(name, (1, 1, 1), (0.13, 0.29, 0.41), SHEET), np.zeros(3), np.full(3, CELL), TOL)
     off = misfit(trimmed)
-    assert (off <= trimmed.edges.deviation[trimmed.uses.edge] + 1e-9).all()  # the patches' own joints
+    assert (
+        off <= trimmed.edges.deviation[trimmed.uses.edge] + 1e-9
+    ).all()  # 1e-9 for the joints of the patches themselves
     assert off.max() < TOL
     caps = integral_properties.integrate_faces(trimmed)
     np.testing.assert_allclose(caps.normal.sum(axis=0), 0, atol=1e-4)  # closed surfaces have no net area vector
@@ -154,14 +156,14 @@ def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[
     trimmed = trim(lattice, box(lo, lo + CELL), TOL)
     assert trimmed.report.shifted == 0
     assert connectivity.is_closed(trimmed.brep)
-    assert trimmed.report.max_deviation < 3 * TOL  # a corner counts as on the plane within two tolerances
+    assert trimmed.report.max_deviation < 3 * TOL  # a corner within two tolerances lies on the plane
     assert volume(trimmed.brep) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
 
 
 @pytest.mark.parametrize("by", [NEAR[0], slowly(NEAR[1]), *NEAR[2:]])
 @pytest.mark.parametrize("name", ["gyroid", slowly("diamond"), slowly("schwarz_p")])
 def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., Brep]) -> None:
-    """A patch's middle is a saddle over the plane of its tangents, which is a coordinate plane."""
+    """The middle of a patch is a saddle over its tangent plane, which is a coordinate plane."""
     lattice = cover(name, (2, 2, 2), (0.05, 0.05, 0.05), OFF_SKELETAL)
     face = lattice.faces
     middle = np.stack([lattice.carriers[c](0.5, 0.5) for c in face.carrier])
@@ -181,7 +183,7 @@ def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[
 def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
     middle: float, solid: bool, cover: Callable[..., Brep]
 ) -> None:
-    """Schwarz P's rooms about the middle and the corners of the cell; which of them is solid, its nearest points tell."""
+    """Schwarz P separates the middle from the corners of the cell; the nearest patch decides which of them is solid."""
     lattice = cover("schwarz_p", (2, 2, 2), AT_HOME, SKELETAL)
     lo, hi = np.full(3, CELL + middle - 0.1), np.full(3, CELL + middle + 0.1)
     assert volume(trim_box(lattice, lo, hi, TOL)) == pytest.approx(0.008 * solid, rel=1e-12)

@@ -1,4 +1,4 @@
-"""The kernel's own checks on trimmed lattices: valid, closed, the same volume; and its boolean, as a second way to them."""
+"""The kernel finds trimmed lattices valid, closed and of the same volume, and its boolean operation gives the same result."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def place(shape: object) -> object:
 
 
 def body(name: str) -> object:
-    """A body about the middle of the lattice."""
+    """A body centred near the middle of the lattice."""
     import build123d as bd
 
     if name == "rounded box":

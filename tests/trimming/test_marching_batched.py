@@ -1,4 +1,4 @@
-"""Marching all patches together finds what marching each of them finds."""
+"""Batched marching finds the same arcs as marching patch by patch."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
         assert [(a.start, a.end) for a in trace.arcs] == [(a.start, a.end) for a in alone.arcs]
         for a, b in zip(trace.arcs, alone.arcs, strict=True):
             np.testing.assert_allclose(a.path[[0, -1]], b.path[[0, -1]], rtol=0, atol=1e-14)
-            if len(a.path) == len(b.path):  # else a line more was laid for one of them
+            if len(a.path) == len(b.path):  # else one of the grids has an additional line
                 np.testing.assert_allclose(a.path, b.path, rtol=0, atol=1e-12)
 
 
-def test_most_patches_are_plain(cover: Callable[..., Brep], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_most_patches_are_simple(cover: Callable[..., Brep], monkeypatch: pytest.MonkeyPatch) -> None:
     alone, everything = [], []
     march, march_all = marching_batched.march_patch, marching_batched.march_patches
     monkeypatch.setattr(marching_batched, "march_patch", lambda *a: alone.append(1) or march(*a))

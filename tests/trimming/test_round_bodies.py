@@ -1,4 +1,4 @@
-"""Lattices cut by round bodies: closed, true to their carriers, and with the volumes that summation and complements give."""
+"""Lattices trimmed by curved bodies are closed, fit their carriers, and agree with volumes from summation and complements."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ TILT = Rotation.from_rotvec([0.3, 0.5, -0.2]).as_matrix()
 
 
 def slowly(*values: object) -> object:
-    """A case that runs with the slow tests only."""
+    """A parameter set that is marked slow."""
     return pytest.param(*values, marks=pytest.mark.slow)
 
 
@@ -36,7 +36,7 @@ def volume(brep: Brep) -> float:
 
 
 def bracket() -> Brep:
-    """An L of two walls, not convex."""
+    """A non-convex L of two walls."""
     corners = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 7), (0, 7)]
     points = [(x, y, z) for z in (0.0, 5.0) for x, y in corners]
     sides = [(i, (i + 1) % 6, 6 + (i + 1) % 6, 6 + i) for i in range(6)]
@@ -90,7 +90,7 @@ def test_solid_and_void_share_the_body_between_them(
 
 @pytest.mark.parametrize("body", ["torus", *map(slowly, ("cylinder", "sphere", "cone", "flask", "bracket"))])
 def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., Brep]) -> None:
-    """The trigonometric gyroid is 1.4e-3 of the cell from the exact one, on either side of it, and the points are many."""
+    """The trigonometric gyroid deviates by up to 1.4e-3 of the cell, on either side of the exact one; the sample is large."""
     tool = BODIES[body]()
     found = volume(trim(cover("gyroid", (2, 2, 2), AT_HOME, (None, 0.0)), tool, TOL).brep)
     n = 90
@@ -147,7 +147,7 @@ def test_a_lattice_inside_the_body_stays_whole(cover: Callable[..., Brep]) -> No
 
 @pytest.mark.parametrize("slide", [0.0, slowly(0.4)])
 def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Callable[..., Brep]) -> None:
-    """Translations along the axis: two cells of it have the wall's classes of one, and its volume twice."""
+    """Under translations along the axis, two cells have the congruence classes of one cell, and twice its volume."""
     found = []
     for cells in (1, 2):
         lattice = cover("gyroid", (1, 1, 3), AT_HOME, (None, 0.0))

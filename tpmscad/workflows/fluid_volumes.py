@@ -111,7 +111,7 @@ class FluidDomains:
         ----------
         path : str or Path
             The file to write. It is left unchanged if the check fails.
-        schema : {"ap242", "ap214", "ap203"}, optional
+        schema : {"ap242", "ap214"}, optional
             Application protocol of the file.
 
         Raises

@@ -1,1 +1,1 @@
-"""In/out classification of intersection curves, lattice edges and points."""
+"""Classification of intersection curves by faces of the body, and of lattice edges and points as inside or outside."""

@@ -1,1 +1,1 @@
-"""Intersections of patches, curves and surfaces."""
+"""Intersection of lattice edges, patches and body edges with the body's surfaces, and the arrangement that results."""

@@ -5,7 +5,7 @@ through it and a geometric sequence of lines about it, so that a loop or a neck 
 gets a block of three by three cells of its own.
 
 `find_critical_points` treats one surface and returns the points. `detect_critical_points` treats many surfaces in one batch, from
-the same starting points, and only tells which of them have a critical point: mostly none has. The former is the reference.
+the same starting points, and only returns which of them have one: mostly none has. The former is the reference.
 """
 
 from __future__ import annotations

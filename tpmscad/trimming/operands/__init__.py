@@ -1,1 +1,1 @@
-"""What is trimmed and what trims it: implicit surfaces, patch sides, bodies."""
+"""The operands of a trim: patch sides of the lattice, and the trimming body with its implicit surfaces and face regions."""

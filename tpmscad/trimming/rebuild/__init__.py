@@ -1,1 +1,1 @@
-"""Faces of the lattice and of the body rebuilt from trimmed loops."""
+"""Rebuilding: trimming loops on the lattice's and the body's faces, and the closed boundary representations of domains."""

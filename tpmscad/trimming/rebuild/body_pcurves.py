@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,6 +44,16 @@ MIN_POLE_DISTANCE_TOLS = 0.1
 
 MIN_SPEED = 1e-300
 """Lower bound of a curve's speed used as a divisor."""
+
+
+class _PcurveSpace(NamedTuple):
+    """A spline space on [0, 1]: knots, Greville sites, the inverse of the collocation matrix, check points, the basis there."""
+
+    knots: Array
+    sites: Array
+    inverse: Array
+    checks: Array
+    basis: Array
 
 
 def fit_edge_pcurves(
@@ -158,8 +169,8 @@ def _needs_grading(width: float, spans: int) -> bool:
     return width * spans < GRADING_SPANS
 
 
-def _build_graded_space(spans: int, at: float, width: float) -> tuple[Array, Array, Array, Array, Array]:
-    """As `_build_uniform_space`, with knots graded towards `at`, where their spacing is a fraction of `width`."""
+def _build_graded_space(spans: int, at: float, width: float) -> _PcurveSpace:
+    """A space with knots graded towards `at`, where their spacing is a fraction of `width`."""
     low, high = float(np.arcsinh(-at / width)), float(np.arcsinh((1.0 - at) / width))
     s = np.linspace(low, high, GRADING_SAMPLES)
     x = at + width * np.sinh(s)
@@ -171,7 +182,7 @@ def _build_graded_space(spans: int, at: float, width: float) -> tuple[Array, Arr
     ends = knots[CURVE_DEGREE:-CURVE_DEGREE]
     checks = np.unique(ends[:-1, None] + np.diff(ends)[:, None] * np.linspace(0.0, 1.0, CHECKS_PER_SPAN + 1))
     inverse = np.asarray(np.linalg.inv(design_matrix(knots, CURVE_DEGREE, sites)))
-    return knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks)
+    return _PcurveSpace(knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks))
 
 
 def _unwrap_parameters(carrier: Plane | Quadric, points: Array) -> Array:
@@ -183,8 +194,8 @@ def _unwrap_parameters(carrier: Plane | Quadric, points: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _build_uniform_space(spans: int) -> tuple[Array, Array, Array, Array, Array]:
-    """Knots, Greville sites, the inverse of the collocation matrix there, check points, and the basis at these."""
+def _build_uniform_space(spans: int) -> _PcurveSpace:
+    """The space with uniform knots, as for fitted arcs."""
     knots, sites, inverse = build_interpolation(spans)
     checks = np.linspace(0.0, 1.0, CHECKS_PER_SPAN * spans + 1)
-    return knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks)
+    return _PcurveSpace(knots, sites, inverse, checks, design_matrix(knots, CURVE_DEGREE, checks))
