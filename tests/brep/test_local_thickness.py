@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from tests.shapes.ball_level_sets import CENTRE, RADIUS, ball_layer
+from tests.shapes.ball_level_sets import CENTRE, RADIUS, ball_fit
 from tpmscad import fields
 from tpmscad.levelset.fit.fit_quality import sample_patches
 from tpmscad.levelset.level_set_fit import MIN_NORMAL_COSINE, LevelSetFit
@@ -14,7 +14,7 @@ from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 
 def ball(radius: float, counts: tuple[int, int, int]) -> LevelSetFit:
-    return ball_layer(counts, radius=radius, spacing=1.5)[0]
+    return ball_fit(counts, radius=radius, spacing=1.5)[0]
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Sections with the box: that they stay in it, and do not cross, is measured."""
+"""Laws of the fitted curves in faces of the box: overshoot and crossings are measured."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.shapes.ball_level_sets import TOL, ball_layer
+from tests.shapes.ball_level_sets import TOL, ball_fit
 from tpmscad.levelset.fit.box_curves import find_crossing_curves, measure_overshoot, sample_box_curves
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures
 
 
-def layer() -> LevelSetFit:
-    return ball_layer()[0]
+def fit_of_ball() -> LevelSetFit:
+    return ball_fit()[0]
 
 
-def test_a_section_that_passes_stays_in_the_box_and_crosses_nothing() -> None:
-    made = layer()
+def test_box_curves_of_a_fit_that_passes_stay_in_the_box_and_cross_nothing() -> None:
+    made = fit_of_ball()
     assert (made.network.plane >= 0).sum() > 4
     assert measure_overshoot(made.network, sample_box_curves(made.network, made.fit), made.tree).max() <= 0
     assert not find_crossing_curves(made.network, sample_box_curves(made.network, made.fit)).any()
 
 
 @pytest.mark.parametrize("reach", [0.9, 1.1])
-def test_a_curve_bent_across_the_one_opposite_is_told_with_it_and_makes_their_patches_folded(reach: float) -> None:
-    made = layer()
+def test_two_curves_that_cross_are_found_and_their_patches_are_folded(reach: float) -> None:
+    made = fit_of_ball()
     net, fit = made.network, made.fit
     on_box = np.flatnonzero(net.plane >= 0)
     middle = np.array([0.5 * (fit.curves[c][0] + fit.curves[c][-1]) for c in on_box])

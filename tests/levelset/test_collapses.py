@@ -1,4 +1,4 @@
-"""Laws of simplified layouts: the same closed two-manifold on the box and on the field, of fewer and well shaped polygons."""
+"""Laws of simplified meshes: the same closed two-manifold on the box and on the field, of fewer and well shaped polygons."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tpmscad.levelset.quadmesh.smoothing import project_to_level_set, smooth_mes
 
 
 @cache
-def layout(name: str, seed: int = 4, share: float = 0.1) -> QuadMesh:
+def full_mesh(name: str, seed: int = 4, share: float = 0.1) -> QuadMesh:
     rng = np.random.default_rng(seed)
     tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
     tree = octree.split_leaves(tree, rng.random(len(tree.size)) < share)
@@ -32,7 +32,7 @@ def layout(name: str, seed: int = 4, share: float = 0.1) -> QuadMesh:
 
 @cache
 def smaller(name: str) -> QuadMesh:
-    return simplify_mesh(layout(name), FIELDS[name], LO, HI).mesh
+    return simplify_mesh(full_mesh(name), FIELDS[name], LO, HI).mesh
 
 
 def patches(mesh: QuadMesh) -> int:
@@ -53,13 +53,13 @@ def rows(mesh: QuadMesh) -> list[tuple[int, ...]]:
 
 
 @pytest.mark.parametrize("name", FIELDS)
-class TestEverySimplifiedLayout:
+class TestEverySimplifiedMesh:
     def test_has_fewer_patches(self, name: str) -> None:
-        assert patches(smaller(name)) < 0.95 * patches(layout(name))
+        assert patches(smaller(name)) < 0.95 * patches(full_mesh(name))
 
     def test_is_the_same_surface(self, name: str) -> None:
         mesh = smaller(name)
-        assert euler(mesh) == euler(layout(name))
+        assert euler(mesh) == euler(full_mesh(name))
         ends = np.sort(mesh.side_ends, axis=1)
         assert len(np.unique(ends, axis=0)) == len(ends)
         assert (ends[:, 0] < ends[:, 1]).all()
@@ -73,7 +73,7 @@ class TestEverySimplifiedLayout:
         for (a, b), plane in zip(mesh.side_ends.tolist(), mesh.side_plane, strict=True):
             assert directed.get((a, b), 0) + directed.get((b, a), 0) == (2 if plane < 0 else 1)
 
-    def test_has_one_fan_of_polygons_round_each_vertex(self, name: str) -> None:
+    def test_has_a_disk_or_half_disk_of_polygons_round_each_vertex(self, name: str) -> None:
         mesh = smaller(name)
         after: dict[int, dict[int, int]] = {}
         for corners in mesh.corners.tolist():
@@ -89,8 +89,8 @@ class TestEverySimplifiedLayout:
                 at, seen = steps[at], seen + 1
             assert seen == len(steps)
 
-    def test_ends_on_the_box_where_the_layout_did(self, name: str) -> None:
-        mesh, before = smaller(name), layout(name)
+    def test_ends_on_the_box_where_the_full_mesh_did(self, name: str) -> None:
+        mesh, before = smaller(name), full_mesh(name)
         at = np.nonzero(mesh.fixed)
         assert np.isin(mesh.vertices[at], [0.0, *HI]).all()
         assert ((mesh.vertices == LO) | (mesh.vertices == HI) | ~mesh.fixed).all()
@@ -108,20 +108,20 @@ class TestEverySimplifiedLayout:
         assert (np.abs(FIELDS[name](mesh.vertices)) < 1e-9).all()
         assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
         before, after = (
-            corner_distortion(m.vertices, normals(m, name), m.fixed, m.corners).max() for m in (layout(name), mesh)
+            corner_distortion(m.vertices, normals(m, name), m.fixed, m.corners).max() for m in (full_mesh(name), mesh)
         )
         assert after <= max(1.0, before)
 
 
 def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
-    once, again = smaller("gyroid"), simplify_mesh(layout("gyroid"), FIELDS["gyroid"], LO, HI).mesh
+    once, again = smaller("gyroid"), simplify_mesh(full_mesh("gyroid"), FIELDS["gyroid"], LO, HI).mesh
     assert np.array_equal(once.vertices, again.vertices)
     assert np.array_equal(once.corners, again.corners)
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    mesh = layout(name)
+def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = full_mesh(name)
     polygons = PolygonMesh(mesh)
     surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
     monkeypatch.setattr(collapse_candidates, "MAX_DISTORTION_BEFORE_SMOOTHING", np.inf)
@@ -158,8 +158,8 @@ def test_changes_rated_in_arrays_are_those_found_one_by_one(name: str, monkeypat
     assert one_by_one <= into
 
 
-def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
-    before = layout("gyroid")
+def test_undoing_the_history_from_its_end_restores_the_full_mesh() -> None:
+    before = full_mesh("gyroid")
     found = simplify_mesh(before, FIELDS["gyroid"], LO, HI)
     polygons = found.polygons
     assert [polygons.corners_of[f] for f in found.polygon_numbers] == [
@@ -172,7 +172,7 @@ def test_undoing_the_history_from_its_end_gives_the_layout_back() -> None:
 
 @pytest.mark.parametrize("name", ["gyroid", "iwp"])
 def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
-    mesh = layout(name)
+    mesh = full_mesh(name)
     polygons = PolygonMesh(mesh)
     on_edge = [v for v in np.flatnonzero(mesh.fixed.sum(axis=1) == 2) if len(polygons.polygons_at_vertex[v]) == 1]
     assert on_edge
@@ -188,7 +188,7 @@ def test_a_corner_of_the_box_edge_is_not_cut_off(name: str) -> None:
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(0, 3)), min_size=1, max_size=25))
 @settings(max_examples=15, deadline=None)
 def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draws: list[tuple[int, int]]) -> None:
-    mesh = layout("schwarz_p")
+    mesh = full_mesh("schwarz_p")
     polygons = PolygonMesh(mesh)
     fixed = mesh.fixed.any(axis=1)
     for number, turn in draws:

@@ -1,4 +1,4 @@
-"""Layouts of surfaces that pass through the very nodes of the tree."""
+"""Laws of meshes of level sets that pass exactly through nodes of the octree."""
 
 from __future__ import annotations
 

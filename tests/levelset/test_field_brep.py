@@ -1,4 +1,4 @@
-"""Laws of solids made of fields, against closed forms and independent quadrature: no kernel."""
+"""Laws of solids of fields, against closed forms and independent quadrature: no kernel."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class TestEverySolid:
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in ("sheet", "corner on the level"))) for n in FIELDS]
 )
-def test_joints_measured_by_the_complex_agree(name: str) -> None:
+def test_continuity_measured_on_the_brep_agrees(name: str) -> None:
     solid, _ = made(name)
     found = measure_edge_continuity(solid.brep, ("surface",))
     assert found.gap < 1e-12
@@ -88,7 +88,7 @@ def test_a_thin_sheet_has_as_many_faces_as_a_thick_one() -> None:
     assert abs(len(thin.brep.faces) - len(made("sheet")[0].brep.faces)) <= 0.2 * len(thin.brep.faces)
 
 
-def test_a_level_through_a_corner_of_the_box_is_told() -> None:
+def test_a_level_through_a_corner_of_the_box_is_reported() -> None:
     assert "corner" in made("corner on the level")[0].notes[0]
     assert made("rod")[0].notes == ()
 
@@ -112,7 +112,7 @@ def test_moving_a_level_off_a_corner_hardly_changes_the_volume_at_any_tolerance(
         ),
     ],
 )
-def test_what_cannot_be_laid_out_says_why(field: fields.Field, tol: float, message: str) -> None:
+def test_a_field_that_cannot_be_fitted_says_why(field: fields.Field, tol: float, message: str) -> None:
     with pytest.raises(LevelSetError, match=message):
         fit_field_solid(field, LO, HI, tol)
 

@@ -1,4 +1,4 @@
-"""Laws of what repeats: copies are translates of what they are copies of, and a solid of copies is as good as one without."""
+"""Laws of translated copies: they are translates of their originals, and a solid with copies is as good as one without."""
 
 from __future__ import annotations
 
@@ -51,27 +51,27 @@ def net(counts: tuple[int, int, int], size: tuple[float, float, float], refined:
 
 @pytest.mark.parametrize("refined", [False, True])
 def test_copies_are_translates_by_whole_periods_with_all_that_bounds_them(refined: bool) -> None:
-    laid, tree = net((16, 8, 4), (40.0, 20.0, 10.0), refined)
-    laid, copies = find_translated_copies(laid, GYROID, tree)
-    assert 0.2 * len(laid.curve) < np.count_nonzero(~copies.original_patches)
+    network, tree = net((16, 8, 4), (40.0, 20.0, 10.0), refined)
+    network, copies = find_translated_copies(network, GYROID, tree)
+    assert 0.2 * len(network.curve) < np.count_nonzero(~copies.original_patches)
     for shift in (copies.curve_shift, copies.patch_shift):
         assert np.array_equal(shift, 10.0 * np.rint(shift / 10.0))
         assert (shift[:, 2] == 0).all()  # the box is a single period high
-    main = np.arange(laid.n_sides)
-    ends = laid.vertices[laid.ends[main]]
-    moved = laid.vertices[laid.ends[copies.curve[main]]] + copies.curve_shift[main, None]
+    main = np.arange(network.n_sides)
+    ends = network.vertices[network.ends[main]]
+    moved = network.vertices[network.ends[copies.curve[main]]] + copies.curve_shift[main, None]
     assert np.abs(ends - moved).max() < 1e-13 * 40
-    assert np.array_equal(laid.plane, laid.plane[copies.curve])
-    sides, firsts = laid.curve, laid.curve[copies.patch]
+    assert np.array_equal(network.plane, network.plane[copies.curve])
+    sides, firsts = network.curve, network.curve[copies.patch]
     assert np.array_equal(copies.curve[sides], copies.curve[firsts])
     between = copies.curve_shift[sides] - copies.curve_shift[firsts]
     assert np.array_equal(between, np.repeat(copies.patch_shift[:, None], 4, axis=1))
-    assert np.array_equal(laid.sense, laid.sense[copies.patch])
+    assert np.array_equal(network.sense, network.sense[copies.patch])
 
 
-def test_nothing_repeats_where_leaves_are_no_whole_number_to_a_period() -> None:
-    laid, tree = net((15, 8, 4), (38.0, 20.0, 10.0), False)
-    _, copies = find_translated_copies(laid, GYROID, tree)
+def test_there_are_no_copies_where_no_whole_number_of_leaves_fits_a_period() -> None:
+    network, tree = net((15, 8, 4), (38.0, 20.0, 10.0), False)
+    _, copies = find_translated_copies(network, GYROID, tree)
     assert (copies.patch_shift[:, 0] == 0).all()
     single, tree = net((4, 4, 4), (10.0, 10.0, 10.0), False)
     assert find_translated_copies(single, GYROID, tree)[1].original_patches.all()
@@ -163,7 +163,7 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(seed: int) -> None:
+def test_a_tiled_octree_is_split_where_its_part_is_and_hardly_anywhere_else(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lo, hi = np.array([0.0, 1.0, 2.0]), np.array([40.0, 51.0, 17.0])
     end, periods = crop_to_searched_periods(GYROID, lo, hi)
@@ -181,14 +181,14 @@ def test_a_repeated_tree_is_split_where_the_piece_is_and_hardly_anywhere_else(se
         last = np.where(periods > 0, periods, 1) - 1
         within, cell = inner % per, inner // per
         found = []
-        for upper in np.ndindex(2, 2, 2):  # the leaves of the piece that the place stands for
+        for upper in np.ndindex(2, 2, 2):  # the leaves of the part that this place repeats
             use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
             found.append(tree.size[tree.leaf_of_cell[tuple((within + use * per).T)]])
         assert size <= np.min(found)
     assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
 
 
-def test_only_long_boxes_of_whole_periods_are_searched_in_a_piece() -> None:
+def test_only_long_boxes_of_whole_periods_are_searched_in_part() -> None:
     for size in ((20.0, 10.0, 10.0), (39.0, 10.0, 10.0)):
         assert not crop_to_searched_periods(GYROID, LO, np.array(size))[1].any()
     assert not crop_to_searched_periods(fields.sphere((0, 0, 0), 30.0), LO, np.array([40.0, 40.0, 40.0]))[1].any()

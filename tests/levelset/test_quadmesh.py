@@ -1,4 +1,4 @@
-"""Laws of layouts: on any octree the dual mesh is a closed two-manifold of the field's topology, on the box and on the field."""
+"""Laws of quad meshes: on any octree the dual mesh is a two-manifold of the field's topology, on the box and on the field."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_the_surface_of_a_ball_is_a_sphere_and_cut_by_a_plane_a_disk() -> None:
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_relaxed_vertices_are_on_the_surface_in_the_box_and_polygons_face_outwards(name: str) -> None:
+def test_smoothed_vertices_are_on_the_surface_in_the_box_and_polygons_face_outwards(name: str) -> None:
     field = FIELDS[name]
     mesh = smooth_mesh(build_dual_mesh(tree_of(0, 0.0, (8, 9, 7)), field), field, LO, HI)
     slope = field.gradient(mesh.vertices)
@@ -85,7 +85,7 @@ def test_relaxed_vertices_are_on_the_surface_in_the_box_and_polygons_face_outwar
     assert corner_sines(mesh.vertices, quads, slope / steep[:, None]).min() > 0.2
 
 
-def test_a_net_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
+def test_a_network_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
     field = FIELDS["gyroid"]
     net = build_patch_network(smooth_mesh(build_dual_mesh(tree_of(4, 0.1), field), field, LO, HI), field)
     assert (net.piece > 0).any()
@@ -106,7 +106,7 @@ def test_a_net_closes_its_patches_corner_by_corner_across_t_vertices() -> None:
             assert name(int(curves[i]), end) == corners[(i + 1) % 4]
 
 
-def test_a_split_leaves_the_layout_alone_but_for_what_is_near() -> None:
+def test_a_split_changes_the_mesh_nearby_only() -> None:
     field = FIELDS["gyroid"]
     tree = octree.uniform_octree(LO, HI, np.array((8, 9, 7)))
     before = smooth_mesh(build_dual_mesh(tree, field), field, LO, HI)

@@ -1,4 +1,4 @@
-"""Laws of layers made again with fewer patches: they pass, too, or the layer stays."""
+"""Laws of simplified fits: they pass, too, or the full fit stays."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.shapes.ball_level_sets import BALL, HI, LO, TOL, ball_layer
+from tests.shapes.ball_level_sets import BALL, HI, LO, TOL, ball_fit
 from tpmscad import fields
 from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.solid_properties import measure_solid
@@ -25,18 +25,18 @@ from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import normalize
 
 
-def layer() -> tuple[LevelSetFit, np.ndarray]:
-    return ball_layer(share=0.1)
+def full_fit() -> tuple[LevelSetFit, np.ndarray]:
+    return ball_fit(share=0.1)
 
 
 def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
-    """Polygons by where the tree put their vertices."""
+    """Polygons by the start positions of their vertices."""
     start = [tuple(point) for point in mesh.start_positions.tolist()]
     return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
-def test_a_layer_that_passes_is_made_of_fewer_patches_that_pass_too() -> None:
-    whole, _samples = layer()
+def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> None:
+    whole, _samples = full_fit()
     assert not len(whole.bad_leaves)
     small = simplify_fit(whole)
     assert not len(small.bad_leaves)
@@ -45,8 +45,8 @@ def test_a_layer_that_passes_is_made_of_fewer_patches_that_pass_too() -> None:
     assert small.quality.tangent_jump_deg.max() <= 2.0
 
 
-def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = layer()
+def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, _samples = full_fit()
     tried = []
 
     def failing(*args: object) -> LevelSetFit:
@@ -58,8 +58,8 @@ def test_a_layer_stays_where_nothing_simplified_passes(monkeypatch: pytest.Monke
     assert 1 < len(tried) <= fit_simplification.MAX_REFITS
 
 
-def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = layer()
+def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, _samples = full_fit()
     at = int(np.argmax(whole.mesh.vertices[:, 0]))
     wanted = {p for p in polygons_of(whole.mesh) if tuple(whole.mesh.start_positions[at]) in p}
     misses = []
@@ -76,10 +76,10 @@ def test_a_layout_comes_back_where_fits_miss_and_stays_simplified_elsewhere(monk
     assert len(small.fit.patches) < len(whole.fit.patches)
 
 
-def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undone(
+def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_undone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    whole, _samples = layer()
+    whole, _samples = full_fit()
     asked = []
 
     class Reluctant(EditHistory):
@@ -100,13 +100,13 @@ def test_where_nothing_is_left_to_undo_near_a_miss_changes_further_away_are_undo
 
 def test_periods_stay_alike() -> None:
     field = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
-    whole, _samples = layer()
+    whole, _samples = full_fit()
     periodic = replace(whole, request=replace(whole.request, field=field))
     assert simplify_fit(periodic) is periodic
 
 
 def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
-    whole, _samples = layer()
+    whole, _samples = full_fit()
     mesh = whole.mesh
     polygons = PolygonMesh(mesh)
     on_box = [n for n, p in polygons.corners_of.items() if len(p) == 4 and polygons.box_sides([n])]
@@ -127,7 +127,7 @@ def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
 
 
 def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
-    whole, net = layer()[0], layer()[0].network
+    whole, net = full_fit()[0], full_fit()[0].network
     side = np.flatnonzero(net.plane == 0)
     height = net.vertices[net.ends[side], 1].max(axis=1)
     curve, top = side[height.argmax()], height.max()
@@ -137,8 +137,8 @@ def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
         assert coarse[(net.curve == curve).any(axis=1)].any() == bad
 
 
-def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole, _samples = layer()
+def test_a_fit_passes_after_polygons_of_its_few_bad_leaves_are_merged(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, _samples = full_fit()
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
     one = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[quads[len(quads) // 2]]))
@@ -151,8 +151,8 @@ def test_a_layer_is_mended_where_polygons_of_its_few_bad_leaves_can_be_merged(mo
     assert merge_failing_polygons(one) is one
 
 
-def test_two_places_are_mended_one_after_the_other() -> None:
-    whole, _samples = layer()
+def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
+    whole, _samples = full_fit()
     inner = ~whole.mesh.fixed.any(axis=1)
     quads = [row for row in whole.mesh.corners if row[3] >= 0 and inner[row].all()]
     two = replace(whole, bad_leaves=np.unique(whole.mesh.leaf[[quads[0], quads[-1]]]))
@@ -178,7 +178,7 @@ def test_two_places_are_mended_one_after_the_other() -> None:
 
 @pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])
 def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) -> None:
-    whole, _samples = layer()
+    whole, _samples = full_fit()
     mesh = whole.mesh
     side = int(np.flatnonzero(~mesh.fixed[mesh.side_ends].any(axis=(1, 2)))[0])
     a, b = mesh.side_ends[side]
@@ -199,8 +199,8 @@ def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) ->
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_what_was_wrong_in_an_earlier_layer_is_fitted_again_and_what_was_not_is_kept(known: bool) -> None:
-    whole, _samples = layer()
+def test_patches_that_failed_before_are_fitted_again_and_the_others_reused(known: bool) -> None:
+    whole, _samples = full_fit()
     at = int(np.flatnonzero((whole.network.corners >= 0).all(axis=1))[7])
     patches = [p.copy() for p in whole.fit.patches]
     patches[at][1:-1, 1:-1] += 0.1

@@ -1,4 +1,4 @@
-"""Laws of changes undone in simplified layouts: whatever comes back, the layout stays the closed two-manifold that it was."""
+"""Laws of edits undone in simplified meshes: whatever comes back, the mesh stays a two-manifold of the same topology."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FIELD = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
 
 
 @cache
-def layout() -> QuadMesh:
+def full_mesh() -> QuadMesh:
     tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
     tree = octree.split_leaves(tree, np.random.default_rng(4).random(len(tree.size)) < 0.2)
     return smooth_mesh(build_dual_mesh(tree, FIELD), FIELD, LO, HI)
@@ -30,11 +30,11 @@ def layout() -> QuadMesh:
 
 @cache
 def simple() -> SimplifiedMesh:
-    return simplify_mesh(layout(), FIELD, LO, HI)
+    return simplify_mesh(full_mesh(), FIELD, LO, HI)
 
 
 def history() -> EditHistory:
-    return EditHistory(layout(), deepcopy(simple()), FIELD, LO, HI)
+    return EditHistory(full_mesh(), deepcopy(simple()), FIELD, LO, HI)
 
 
 def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
@@ -42,20 +42,20 @@ def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
     return [(row[i - 1], v) for row in rows for i, v in enumerate(row)]
 
 
-def test_a_history_starts_with_the_simplified_layout() -> None:
+def test_a_history_starts_with_the_simplified_mesh() -> None:
     found, mesh = simple(), history().mesh()[0]
     np.testing.assert_array_equal(mesh.vertices, found.mesh.vertices)
     np.testing.assert_array_equal(mesh.corners, found.mesh.corners)
-    assert len(mesh.corners) < 0.7 * len(layout().corners)
+    assert len(mesh.corners) < 0.7 * len(full_mesh().corners)
 
 
 @pytest.mark.slow
 @given(draws=st.lists(st.tuples(st.integers(0, 10**6), st.integers(1, 3)), min_size=1, max_size=12))
 @settings(max_examples=15, deadline=None)
-def test_any_changes_undone_leave_a_two_manifold_of_the_same_topology_on_the_field_and_in_the_box(
+def test_any_edits_undone_leave_a_two_manifold_of_the_same_topology_on_the_field_and_in_the_box(
     draws: list[tuple[int, int]],
 ) -> None:
-    wanted, original = history(), layout()
+    wanted, original = history(), full_mesh()
     for draw, levels in draws:
         numbers = wanted.mesh()[1]
         wanted.undo([int(numbers[draw % len(numbers)])], levels)
@@ -74,7 +74,7 @@ def test_any_changes_undone_leave_a_two_manifold_of_the_same_topology_on_the_fie
 
 
 def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_the_last_bit() -> None:
-    wanted, original = history(), layout()
+    wanted, original = history(), full_mesh()
     while wanted.undo(wanted.mesh()[1].tolist(), 3):
         pass
     mesh, numbers = wanted.mesh()

@@ -1,4 +1,4 @@
-"""A ball that the box cuts, laid out and fitted on uniform leaves or on some that are split."""
+"""A ball cut by the box, fitted on an octree with uniform leaves or with some of them split."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ BALL = fields.sphere(CENTRE, RADIUS)
 
 
 @cache
-def ball_layer(
+def ball_fit(
     counts: tuple[int, int, int] = (6, 7, 5), share: float = 0.0, radius: float = RADIUS, spacing: float = 0.7
 ) -> tuple[LevelSetFit, np.ndarray]:
-    """The layer and the samples it was held against; `share` of its leaves are split."""
+    """The fit and the samples that it was measured against; a fraction `share` of its leaves is split."""
     field, tree = fields.sphere(CENTRE, radius), octree.uniform_octree(LO, HI, np.array(counts))
     tree = octree.split_leaves(tree, np.random.default_rng(3).random(len(tree.size)) < share)
     samples = sample_level_set(field, LO, HI, spacing)
