@@ -108,7 +108,7 @@ def norm_of_all(p: np.ndarray) -> np.ndarray:
         (lambda p: p[0], r"gave shape \(3,\) for 5 points"),
         (lambda p: p, r"gave shape \(5, 3\)"),
         (lambda x, y, z: 0.0, r"gave shape \(\)"),
-        (lambda p: p[:, 0] / np.abs(p).max(), "in the company of others"),
+        (lambda p: p[:, 0] / np.abs(p).max(), "depends on the other points of the call"),
         (lambda a, b: a, "2 arguments"),
         (lambda a, b, c, d: a, "4 arguments"),
         (lambda: 1.0, "0 arguments"),

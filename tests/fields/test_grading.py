@@ -55,5 +55,5 @@ def test_bad_requests_are_refused(span: object, kind: str, message: str) -> None
 
 def test_fractions_beyond_the_span_are_refused_not_clipped() -> None:
     graded = fields.graded_threshold(GYROID, FRACTION, (0.25, 0.5))
-    with pytest.raises(InvalidRequest, match=r"0\.2 is asked for"):
+    with pytest.raises(InvalidRequest, match=r"takes the value 0\.2, outside the span"):
         graded(AT)

@@ -1,8 +1,9 @@
-"""Implicit fields: functions of points (..., 3) in model units, f < 0 solid, with exact gradients.
+"""Implicit fields: functions of points (..., 3) in model units with exact gradients; f < 0 is solid.
 
-phi = fields.tpms("gyroid", period=10.0)
-graded = fields.rod(phi, fields.ramp("x", (0, 40), (-0.6, 0.2)))
-part = graded & fields.sphere((20, 20, 20), 18)
+>>> from tpmscad import fields
+>>> phi = fields.tpms("gyroid", period=10.0)
+>>> graded = fields.rod(phi, fields.ramp("x", (0, 40), (-0.6, 0.2)))
+>>> part = graded & fields.sphere((20, 20, 20), 18)
 """
 
 from tpmscad.catalogue import CATALOGUE as TPMS
@@ -18,8 +19,7 @@ from tpmscad.fields.booleans import (
 )
 from tpmscad.fields.cell_grading import cell_sizes
 from tpmscad.fields.coordinate_transforms import mapped, rotated, scaled, translated
-from tpmscad.fields.field import Field, as_field, constant
-from tpmscad.fields.function_field import from_function
+from tpmscad.fields.field import Field, as_field, constant, from_function
 from tpmscad.fields.image_regions import image_region
 from tpmscad.fields.implicit_bspline import bspline_unit
 from tpmscad.fields.nodal_field import tpms

@@ -1,8 +1,8 @@
-"""Unions, intersections and differences of solids, sharp and smooth; free-form models.
+"""Unions, intersections and differences of solids, sharp and smooth.
 
-The solid of max(f, g) is the intersection of the solids of f and g, that of min(f, g) their union, that of -f the complement
-(porous blending, eq. 25, intersects a porous structure with a model so). The results are no distances any more, even where f and
-g are.
+The solid of max(f, g) is the intersection of the solids of f and g, that of min(f, g) their union, and that of -f the complement.
+Porous blending, eq. 25, intersects a porous structure with a free-form model in this way. The results are no signed distances,
+even if f and g are.
 """
 
 from __future__ import annotations
@@ -14,77 +14,202 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, as_positive
+from tpmscad.fields.argument_checks import as_positive
+from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
 
 
 @dataclass(frozen=True, slots=True)
 class RoundedMinMaxField(BinaryField):
-    """The greater (sign +1) or lesser (-1) of two fields, rounded where they differ by less than `width`: elsewhere the very bits
-    of the greater or lesser."""
+    """Maximum (sign +1) or minimum (sign -1) of two fields, rounded where they differ by less than `width`.
+
+    Elsewhere the values have the same bits as the maximum or minimum.
+    """
 
     sign: int
     width: float
 
-    def profile(self, apart: Array) -> tuple[Array, Array]:
-        """What is added where the fields are so many widths apart, in widths, and its derivative: nothing from 1 on."""
+    def profile(self, separation: Array) -> tuple[Array, Array]:
+        """Height added where the fields differ by `separation` widths, in widths, and its derivative; zero from 1 on."""
         raise NotImplementedError
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         f, g = self.first.at(x, y, z), self.second.at(x, y, z)
-        added, _ = self.profile(np.abs(f - g) / self.width)
-        return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * added
+        height, _ = self.profile(np.abs(f - g) / self.width)
+        return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * height
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        added, slope = self.profile(np.abs(f[0] - g[0]) / self.width)
+        height, slope = self.profile(np.abs(f[0] - g[0]) / self.width)
         keep = self.sign * f[0] >= self.sign * g[0]
-        own = np.where(keep, 1.0 + slope, -slope)
-        fx, fy, fz = (own * a + (1.0 - own) * b for a, b in zip(f[1:], g[1:], strict=True))
-        return np.where(keep, f[0], g[0]) + self.sign * self.width * added, fx, fy, fz
+        share = np.where(keep, 1.0 + slope, -slope)
+        fx, fy, fz = (share * a + (1.0 - share) * b for a, b in zip(f[1:], g[1:], strict=True))
+        return np.where(keep, f[0], g[0]) + self.sign * self.width * height, fx, fy, fz
 
 
 @dataclass(frozen=True, slots=True)
 class CubicMinMaxField(RoundedMinMaxField):
     """Rounded by sign * width / 6 * (1 - |f - g| / width)^3: twice continuously differentiable across the crease."""
 
-    def profile(self, apart: Array) -> tuple[Array, Array]:
-        near = np.maximum(0.0, 1.0 - apart)
-        return near * near * near / 6.0, -0.5 * (near * near)
+    def profile(self, separation: Array) -> tuple[Array, Array]:
+        """Cubic height and its derivative."""
+        overlap = np.maximum(0.0, 1.0 - separation)
+        return overlap * overlap * overlap / 6.0, -0.5 * (overlap * overlap)
 
 
 def union(*fields: FieldLike) -> Field:
-    """The solid of any of the fields: their minimum."""
+    """Return the union of solids, the minimum of their fields.
+
+    Parameters
+    ----------
+    *fields : Field, float or callable
+        At least one field.
+
+    Returns
+    -------
+    Field
+        The minimum.
+
+    Raises
+    ------
+    InvalidRequest
+        If no field is given.
+    """
     return _fold_min_max(fields, -1)
 
 
 def intersection(*fields: FieldLike) -> Field:
-    """The solid common to all fields: their maximum. `intersection(phi, model)` is a free-form porous model (eq. 25)."""
+    """Return the intersection of solids, the maximum of their fields.
+
+    Parameters
+    ----------
+    *fields : Field, float or callable
+        At least one field.
+
+    Returns
+    -------
+    Field
+        The maximum. `intersection(phi, model)` is a free-form porous model (porous blending, eq. 25).
+
+    Raises
+    ------
+    InvalidRequest
+        If no field is given.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> slab = fields.intersection(fields.halfspace((0, 0, 1), "z"), fields.halfspace((0, 0, -1), "-z"))
+    >>> float(slab((0.0, 0.0, 0.25)))
+    -0.75
+    """
     return _fold_min_max(fields, +1)
 
 
 def difference(field: FieldLike, *taken: FieldLike) -> Field:
-    """The solid of the first field without the solids of the others."""
+    """Return a solid without other solids.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The solid to cut.
+    *taken : Field, float or callable
+        The solids that are removed.
+
+    Returns
+    -------
+    Field
+        The maximum of `field` and the negatives of the others.
+    """
     return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
 
 
 def complement(field: FieldLike) -> Field:
-    """Solid and void exchanged: -f."""
+    """Return the field with solid and void exchanged.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+
+    Returns
+    -------
+    Field
+        -field.
+    """
     return -as_field(field)
 
 
 def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
-    """Their union with the crease filled where the two values differ by less than `width` (in values of the fields)."""
+    """Return the union of two solids with a filled crease.
+
+    Parameters
+    ----------
+    first, second : Field, float or callable
+        The solids.
+    width : float
+        Difference of the two field values below which the crease is filled; for signed distances a length in model units.
+
+    Returns
+    -------
+    Field
+        The minimum minus width / 6 * (1 - |f - g| / width)^3 in the crease; elsewhere exactly the minimum.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+    """
     return CubicMinMaxField(as_field(first), as_field(second), -1, as_positive(width, "width"))
 
 
 def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Field:
-    """Their intersection with the edge rounded where the two values differ by less than `width`."""
+    """Return the intersection of two solids with a rounded edge.
+
+    Parameters
+    ----------
+    first, second : Field, float or callable
+        The solids.
+    width : float
+        Difference of the two field values below which the edge is rounded; for signed distances a length in model units.
+
+    Returns
+    -------
+    Field
+        The maximum plus width / 6 * (1 - |f - g| / width)^3 at the edge; elsewhere exactly the maximum.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+    """
     return CubicMinMaxField(as_field(first), as_field(second), +1, as_positive(width, "width"))
 
 
 def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field:
-    """The first without the second, edge rounded where the value of the one and minus that of the other are that close."""
+    """Return a solid without another one, with a rounded edge.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The solid to cut.
+    taken : Field, float or callable
+        The solid that is removed.
+    width : float
+        Difference between `field` and -`taken` below which the edge is rounded.
+
+    Returns
+    -------
+    Field
+        `smooth_intersection(field, -taken, width)`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+    """
     return smooth_intersection(field, -as_field(taken), width)
 
 

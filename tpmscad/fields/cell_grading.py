@@ -1,6 +1,7 @@
-"""Periodic fields whose cells change size along the axes, without a seam.
+"""Periodic fields whose unit cells change size along the axes without a seam.
 
-Cells are counted along each axis by the integral of one over the cell size there, as a spline.
+The number of cells from the start of an axis to t is the integral of one over the cell size. It is a spline, and multiplied by
+the period it is the coordinate at which the uniform field is evaluated.
 """
 
 from __future__ import annotations
@@ -17,48 +18,55 @@ from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
 
 CellSizeTable = tuple[Sequence[float], Sequence[float]]
-"""Positions along an axis, ascending, and the cell's edge at each of them."""
+"""Ascending positions along an axis, and the edge of the cell at each of them, in model units."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CellCountSpline:
-    """How many cells there are from `start` to t: `cells(t)`, constant in size beyond both ends; `rate` is one over the size."""
+    """Number of cells between `start` and t; the cell size is constant beyond both ends.
+
+    `cells` is the spline of the count, `density` its derivative, one over the cell size.
+    """
 
     start: float
     end: float
     cells: PPoly
-    rate: PPoly
+    density: PPoly
 
-    def of(self, t: Array) -> Array:
+    def evaluate(self, t: Array) -> Array:
+        """Number of cells at coordinates t."""
         inside = np.minimum(np.maximum(t, self.start), self.end)
-        return np.asarray(self.cells(inside) + (t - inside) * self.rate(inside))
+        return np.asarray(self.cells(inside) + (t - inside) * self.density(inside))
 
-    def slope(self, t: Array) -> Array:
-        return np.asarray(self.rate(np.minimum(np.maximum(t, self.start), self.end)))
+    def derivative(self, t: Array) -> Array:
+        """Cells per length at coordinates t."""
+        return np.asarray(self.density(np.minimum(np.maximum(t, self.start), self.end)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GradedCellField(Field):
-    """The field of another in which a cell's edges differ from place to place; None leaves an axis as it is."""
+    """A periodic field at graded coordinates; axes whose count is None stay as they are."""
 
     field: Field
     period: Triple
     counts: tuple[CellCountSpline | None, CellCountSpline | None, CellCountSpline | None]
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        return self.field.at(*self._places(x, y, z))
+        """Values at coordinates that broadcast."""
+        return self.field.at(*self._map_coordinates(x, y, z))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        value, *slopes = self.field.jet(*self._places(x, y, z))
+        """Value and partial derivatives at coordinates that broadcast."""
+        value, *derivatives = self.field.jet(*self._map_coordinates(x, y, z))
         fx, fy, fz = (
-            slope if count is None else slope * (period * count.slope(t))
-            for slope, count, period, t in zip(slopes, self.counts, self.period, (x, y, z), strict=True)
+            derivative if count is None else derivative * (period * count.derivative(t))
+            for derivative, count, period, t in zip(derivatives, self.counts, self.period, (x, y, z), strict=True)
         )
         return value, fx, fy, fz
 
-    def _places(self, *coordinates: Array) -> list[Array]:
+    def _map_coordinates(self, *coordinates: Array) -> list[Array]:
         return [
-            t if count is None else period * count.of(t)
+            t if count is None else period * count.evaluate(t)
             for t, count, period in zip(coordinates, self.counts, self.period, strict=True)
         ]
 
@@ -66,15 +74,42 @@ class GradedCellField(Field):
 def cell_sizes(
     field: Field, *, x: CellSizeTable | None = None, y: CellSizeTable | None = None, z: CellSizeTable | None = None
 ) -> GradedCellField:
-    """A periodic field with cells of other sizes along some axes: of each, positions and the cell's edge at these.
+    """Return a periodic field with unit cells of varying size along some axes.
 
-    A cell begins at the first position. Between positions the number of cells to a length changes smoothly (the field keeps two
-    continuous derivatives) and never overshoots; before the first and after the last position it stays.
+    Parameters
+    ----------
+    field : Field
+        A field that is periodic along every axis given.
+    x, y, z : (positions, sizes), optional
+        Ascending positions along the axis and the edge of the cell at each of them, at least two, in model units.
+
+    Returns
+    -------
+    GradedCellField
+        The graded field, which keeps two continuous derivatives. A cell begins at the first position. The number of cells per
+        length is interpolated monotonically between positions and constant beyond them.
+
+    Raises
+    ------
+    InvalidRequest
+        If the field is not periodic along an axis given, no axis is given, or a table is not ascending and positive.
+
+    Notes
+    -----
+    The density of cells is a piecewise cubic Hermite interpolant (F. N. Fritsch, R. E. Carlson, 1980), which does not overshoot.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> graded = fields.cell_sizes(fields.tpms("gyroid", 10.0), x=([0.0, 40.0], [10.0, 5.0]))
     """
     periods = field.periods()
     given = (x, y, z)
     if periods is None or any(sizes is not None and not p > 0 for p, sizes in zip(periods, given, strict=True)):
-        raise InvalidRequest("cell sizes are those of a periodic field, which this one is not along every axis given")
+        raise InvalidRequest(
+            "cell sizes need a periodic field, and this one is not periodic along every axis given: apply cell_sizes to the "
+            "periodic field before it is cut or moved"
+        )
     if all(sizes is None for sizes in given):
         raise InvalidRequest("cell sizes are needed along at least one of the axes x, y, z")
     first, second, third = (
@@ -84,16 +119,17 @@ def cell_sizes(
 
 
 def _fit_cell_count(sizes: CellSizeTable, axis: str) -> CellCountSpline:
-    where, edges = (np.atleast_1d(np.asarray(part, float)) for part in sizes)
-    if where.shape != edges.shape or where.ndim != 1 or len(where) < 2:
+    """Cell count along an axis from a checked table."""
+    positions, edges = (np.atleast_1d(np.asarray(part, float)) for part in sizes)
+    if positions.shape != edges.shape or positions.ndim != 1 or len(positions) < 2:
         raise InvalidRequest(
-            f"cell sizes along {axis}: {where.size} positions and {edges.size} sizes given; as many of one as of the other "
+            f"cell sizes along {axis}: {positions.size} positions and {edges.size} sizes given; as many of one as of the other "
             "are needed, at least two"
         )
-    if not np.isfinite(where).all() or not (np.diff(where) > 0).all():
-        raise InvalidRequest(f"cell sizes along {axis}: the positions {where.tolist()} must be ascending")
+    if not np.isfinite(positions).all() or not (np.diff(positions) > 0).all():
+        raise InvalidRequest(f"cell sizes along {axis}: the positions {positions.tolist()} must be ascending")
     if not np.isfinite(edges).all() or not (edges > 0).all():
         raise InvalidRequest(f"cell sizes along {axis}: the sizes {edges.tolist()} must be positive")
-    rate = PchipInterpolator(where, 1.0 / edges)
-    rate = PPoly(rate.c, rate.x)
-    return CellCountSpline(float(where[0]), float(where[-1]), rate.antiderivative(), rate)
+    pchip = PchipInterpolator(positions, 1.0 / edges)
+    density = PPoly(pchip.c, pchip.x)
+    return CellCountSpline(float(positions[0]), float(positions[-1]), density.antiderivative(), density)

@@ -1,4 +1,4 @@
-"""Fields in other coordinates: moved, turned, scaled, or bent by a map."""
+"""Fields in transformed coordinates: translated, rotated, scaled, or deformed by a map."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple, as_positive, as_triple, stack_points
+from tpmscad.fields.argument_checks import Direction, as_positive, as_triple, as_unit_vector
+from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
-from tpmscad.fields.function_field import DIFFERENCE_STEP, central_differences
-from tpmscad.fields.primitive_regions import Direction, as_unit_vector
+from tpmscad.fields.function_calls import DIFFERENCE_STEP, central_differences
 
 IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -28,67 +28,72 @@ class AffineTransformedField(Field):
     factor: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        value = self.field.at(*self._moved(x, y, z))
+        """Values at coordinates that broadcast."""
+        value = self.field.at(*self._transform(x, y, z))
         return value if self.factor == 1 else self.factor * value
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        f, *slope = self.field.jet(*self._moved(x, y, z))
+        """Value and partial derivatives at coordinates that broadcast."""
+        f, *gradient = self.field.jet(*self._transform(x, y, z))
         c = self.factor
-        gx, gy, gz = (_linear_combination([c * row[axis] for row in self.matrix], slope) for axis in range(3))
+        gx, gy, gz = (_linear_combination([c * row[axis] for row in self.matrix], gradient) for axis in range(3))
         return f if c == 1 else c * f, gx, gy, gz
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return self.field.periods() if self.matrix == IDENTITY else None
 
-    def _moved(self, *coordinates: Array) -> list[Array]:
-        """Only with the coordinates that have a part in it, so that a grid stays one under shifts and scalings."""
-        moved = []
+    def _transform(self, *coordinates: Array) -> list[Array]:
+        """Transformed coordinates; zero factors are skipped, so that a grid stays a grid under translation and scaling."""
+        transformed = []
         for row, shift in zip(self.matrix, self.shift, strict=True):
             t = _linear_combination(row, coordinates)
-            moved.append(t if shift == 0 else t + shift)
-        return moved
+            transformed.append(t if shift == 0 else t + shift)
+        return transformed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedField(Field):
-    """f(map(p)) with the gradient J^T grad f."""
+    """f(mapping(p)), with the gradient J^T grad f by the chain rule."""
 
     field: Field
-    map: Callable[[Array], Any]
+    mapping: Callable[[Array], Any]
     jacobian: Callable[[Array], Any] | None
     step: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         points, shape = stack_points(x, y, z)
         return self.field.at(*self._image(points)).reshape(shape)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         points, shape = stack_points(x, y, z)
         f, fx, fy, fz = self.field.jet(*self._image(points))
         if self.jacobian is None:
-            columns = central_differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
+            jacobian = central_differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
         else:
-            columns = np.asarray(self.jacobian(points), float)
-            if columns.shape != (len(points), 3, 3):
+            jacobian = np.asarray(self.jacobian(points), float)
+            if jacobian.shape != (len(points), 3, 3):
                 raise InvalidRequest(
-                    f"the Jacobian gave shape {columns.shape} for {len(points)} points: it must return (n, 3, 3), "
+                    f"the Jacobian gave shape {jacobian.shape} for {len(points)} points: it must return (n, 3, 3), "
                     "derivatives of coordinate i by x, y, z in row i"
                 )
         gx, gy, gz = (
-            (columns[:, 0, axis] * fx + columns[:, 1, axis] * fy + columns[:, 2, axis] * fz).reshape(shape)
+            (jacobian[:, 0, axis] * fx + jacobian[:, 1, axis] * fy + jacobian[:, 2, axis] * fz).reshape(shape)
             for axis in range(3)
         )
         return np.broadcast_to(f, len(points)).reshape(shape), gx, gy, gz
 
     def _image(self, points: Array) -> tuple[Array, Array, Array]:
-        image = np.asarray(self.map(points), float)
+        image = np.asarray(self.mapping(points), float)
         if image.shape != points.shape:
             raise InvalidRequest(
-                f"the map gave shape {image.shape} for points of shape {points.shape}: it must keep it"
+                f"the map gave shape {image.shape} for points of shape {points.shape}: it must keep the shape"
             )
         if not np.isfinite(image).all():
             first = points[np.flatnonzero(~np.isfinite(image).all(axis=-1))[0]]
-            raise InvalidRequest(f"the map is not finite at ({', '.join(f'{c:g}' for c in first)}): mend it there")
+            raise InvalidRequest(f"the map is not finite at ({', '.join(f'{c:g}' for c in first)}): define it there")
         return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
 
 
@@ -99,16 +104,60 @@ def mapped(
     *,
     step: float = DIFFERENCE_STEP,
 ) -> MappedField:
-    """The field p -> f(map(p)).
+    """Return the field p -> f(map(p)).
 
-    map: points (n, 3) of the model to points (n, 3) of the field's own coordinates (from the bent part back to the straight
-    lattice). jacobian: (n, 3, 3), row i the derivatives of coordinate i; by default central differences of fourth order.
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field f in its own, straight coordinates.
+    map : callable
+        map(points (n, 3)) -> (n, 3), from points of the model (the deformed part) to the coordinates of the field.
+    jacobian : callable, optional
+        jacobian(points (n, 3)) -> (n, 3, 3), row i the derivatives of coordinate i; by default central differences.
+    step : float
+        Step of the central differences of fourth order, in model units.
+
+    Returns
+    -------
+    MappedField
+        The field. It is not periodic.
+
+    Raises
+    ------
+    InvalidRequest
+        On evaluation, if the map or the Jacobian returns another shape or values that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import fields
+    >>> def unroll(p):
+    ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
+    >>> ring = fields.mapped(fields.tpms("gyroid", 2 * np.pi), unroll)
     """
     return MappedField(as_field(field), map, jacobian, as_positive(step, "step"))
 
 
 def translated(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
-    """The field moved by a vector."""
+    """Return the field translated by a vector.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    vector : (x, y, z)
+        Translation, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The translated field; periods stay.
+
+    Raises
+    ------
+    InvalidRequest
+        If the vector is not three finite numbers.
+    """
     x, y, z = as_triple(vector, "vector")
     return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
 
@@ -116,7 +165,29 @@ def translated(field: FieldLike, vector: Sequence[float]) -> AffineTransformedFi
 def rotated(
     field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> AffineTransformedField:
-    """The field turned by `angle` degrees about the axis through `center`, counter-clockwise seen from its tip."""
+    """Return the field rotated about an axis.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    axis : str or (x, y, z)
+        "x", "y", "z", "-x", ... or a vector of any length.
+    angle : float
+        Angle in degrees, counter-clockwise seen from the tip of the axis.
+    center : (x, y, z)
+        Point on the axis, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The rotated field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the axis has no direction or the center is not finite.
+    """
     n, c = np.array(as_unit_vector(axis, "axis")), np.array(as_triple(center, "center"))
     turn = np.deg2rad(angle)
     cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
@@ -125,12 +196,33 @@ def rotated(
 
 
 def scaled(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
-    """The field made larger by a factor about a center; its values too, so that distances remain distances."""
+    """Return the field scaled about a center.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    factor : float
+        Scale factor, positive. The values are scaled too, so that a signed distance remains one.
+    center : (x, y, z)
+        Fixed point, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The scaled field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the factor is not positive or the center is not finite.
+    """
     s, c = as_positive(factor, "factor"), np.array(as_triple(center, "center"))
     return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / s), _as_vector(c - c / s), s)
 
 
 def _linear_combination(factors: Sequence[float], parts: Sequence[Array]) -> Array:
+    """Sum of factor * part without the terms whose factor is zero."""
     total: Array | None = None
     for factor, part in zip(factors, parts, strict=True):
         if factor != 0:

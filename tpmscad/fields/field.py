@@ -1,94 +1,48 @@
-"""What a field is: a function f(points (..., 3)) -> (...) of model coordinates, f < 0 solid, with its exact gradient.
+"""Fields: functions f(points (..., 3)) -> (...) of model coordinates with their exact gradient; f < 0 is solid.
 
-A kind of field says how it is computed once, on three coordinate arrays that broadcast: `at(x, y, z)` for values, `jet(x, y, z)`
-for values and the three partial derivatives. On points the three arrays are columns; on a grid they have shapes (nx, 1, 1),
-(1, ny, 1) and (1, 1, nz), so that what depends on one coordinate is computed once per plane. Only elementwise operations are
-used, in one order, so the two routes give the same bits, and a point the same bits in whatever company it is evaluated.
-(Foreign functions, see `function.py`, can't promise that.)
+A class of fields implements its evaluation once, on three coordinate arrays that broadcast: `at(x, y, z)` for values and
+`jet(x, y, z)` for values and the three partial derivatives. For points the arrays are columns; for a grid they have the shapes
+(nx, 1, 1), (1, ny, 1) and (1, 1, nz), so that terms of one coordinate are computed once per plane. Only elementwise operations
+in a fixed order are used. Both routes therefore give the same bits, and the value of a point does not depend on the other points
+of the call. Foreign functions (`FunctionField`) cannot guarantee this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import (
-    FieldJet,
-    Triple,
-    as_grid_axes,
-    copy_columns,
-    flatten_points,
-    grid_slabs,
-    point_batches,
+from tpmscad.fields.argument_checks import as_positive, as_triple
+from tpmscad.fields.evaluation import FieldJet, SlabEvaluation, Triple, is_grid, stack_points
+from tpmscad.fields.function_calls import (
+    DIFFERENCE_STEP,
+    PROBE_POINTS,
+    call_for_gradient,
+    call_for_values,
+    central_differences,
+    check_finite,
+    check_vectorised,
+    detect_coordinate_arguments,
 )
 
 EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
-"""Of a constant: unchanged by every translation."""
+"""Periods of a constant field, which every translation leaves unchanged."""
 
 
-class Field:
-    """Base of all fields. Call it with points (..., 3) for values (...); `gradient` gives (..., 3), outward from the solid.
+class Field(SlabEvaluation):
+    """Base class of all fields: f(points (..., 3)) -> (...), negative in the solid.
 
-    `+ - *` combine fields and numbers; `a | b`, `a & b` and `~a` are union, intersection and complement of the solids.
+    `+ - *` combine fields and numbers; `a | b`, `a & b` and `~a` are the union, intersection and complement of the solids.
     """
 
     __slots__ = ()
     __array_ufunc__ = None
-    """A NumPy number on the left of an operator leaves the operation to the field."""
-
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast against each other; the result may still have to be broadcast."""
-        raise NotImplementedError
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value, df/dx, df/dy, df/dz at coordinates that broadcast; the value has the bits of `at`."""
-        raise NotImplementedError
-
-    def periods(self) -> Triple | None:
-        """The translations (px, py, pz) along the axes that leave the field unchanged, where it has them."""
-        return None
-
-    def __call__(self, points: ArrayLike) -> Array:
-        flat, shape = flatten_points(points)
-        values = np.empty(len(flat))
-        for part in point_batches(len(flat)):
-            values[part] = self.at(*copy_columns(flat[part]))
-        return values.reshape(shape)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        """The exact gradient (..., 3); where two solids meet in an edge, that of one of them."""
-        return self.value_and_gradient(points)[1]
-
-    def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
-        """Values (...) and gradient (..., 3) in one pass."""
-        flat, shape = flatten_points(points)
-        values, slopes = np.empty(len(flat)), np.empty((len(flat), 3))
-        for part in point_batches(len(flat)):
-            values[part], slopes[part, 0], slopes[part, 1], slopes[part, 2] = self.jet(*copy_columns(flat[part]))
-        return values.reshape(shape), slopes.reshape(*shape, 3)
-
-    def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
-        """Values on the grid of all x with all y with all z: (nx, ny, nz), the same bits as on the grid's points."""
-        axes = as_grid_axes(x, y, z)
-        values = np.empty(tuple(len(axis) for axis in axes))
-        for part, coordinates in grid_slabs(axes):
-            values[part] = self.at(*coordinates)
-        return values
-
-    def value_and_gradient_on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
-        """Values (nx, ny, nz) and gradient (nx, ny, nz, 3) on that grid."""
-        axes = as_grid_axes(x, y, z)
-        values = np.empty(tuple(len(axis) for axis in axes))
-        slopes = np.empty((*values.shape, 3))
-        for part, coordinates in grid_slabs(axes):
-            values[part], slopes[part, ..., 0], slopes[part, ..., 1], slopes[part, ..., 2] = self.jet(*coordinates)
-        return values, slopes
+    """Makes a NumPy number on the left of an operator leave the operation to the field."""
 
     def __add__(self, other: FieldLike) -> SumField:
         return SumField(self, as_field(other))
@@ -110,7 +64,7 @@ class Field:
     def __truediv__(self, number: float) -> Field:
         divisor = as_field(number)
         if getattr(divisor, "value", 0.0) == 0:
-            raise InvalidRequest(f"a field can be divided by a number other than zero, not by {number!r}")
+            raise InvalidRequest(f"a field can be divided only by a number other than zero, not by {number!r}")
         return multiply_fields(self, 1.0 / float(number))
 
     def __neg__(self) -> Field:
@@ -127,29 +81,33 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class ConstantField(Field):
-    """The same value everywhere."""
+    """A field with one value everywhere."""
 
     value: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return np.full((1,) * x.ndim, self.value)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         zero = np.zeros((1,) * x.ndim)
         return np.full((1,) * x.ndim, self.value), zero, zero, zero
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return EVERY_TRANSLATION
 
 
 @dataclass(frozen=True, slots=True)
 class BinaryField(Field):
-    """A field of two others' values."""
+    """Base class of fields computed from the values of two others."""
 
     first: Field
     second: Field
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return common_periods(self.first, self.second)
 
 
@@ -158,9 +116,11 @@ class SumField(BinaryField):
     """first + second."""
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return self.first.at(x, y, z) + self.second.at(x, y, z)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         f, fx, fy, fz = self.first.jet(x, y, z)
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f + g, fx + gx, fy + gy, fz + gz
@@ -168,31 +128,36 @@ class SumField(BinaryField):
 
 @dataclass(frozen=True, slots=True)
 class ScaledField(Field):
-    """factor times a field."""
+    """factor * field."""
 
     factor: float
     field: Field
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return self.factor * self.field.at(x, y, z)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         f, fx, fy, fz = self.field.jet(x, y, z)
         c = self.factor
         return c * f, c * fx, c * fy, c * fz
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return self.field.periods()
 
 
 @dataclass(frozen=True, slots=True)
 class ProductField(BinaryField):
-    """first times second."""
+    """first * second."""
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return self.first.at(x, y, z) * self.second.at(x, y, z)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         f, fx, fy, fz = self.first.jet(x, y, z)
         g, gx, gy, gz = self.second.jet(x, y, z)
         return f * g, fx * g + f * gx, fy * g + f * gy, fz * g + f * gz
@@ -200,19 +165,62 @@ class ProductField(BinaryField):
 
 @dataclass(frozen=True, slots=True)
 class MinMaxField(BinaryField):
-    """The greater (sign +1) or the lesser (sign -1) of two fields; gradient of the first where they are equal."""
+    """Maximum (sign +1) or minimum (sign -1) of two fields; the gradient is that of the first where both are equal."""
 
     sign: int
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         f, g = self.first.at(x, y, z), self.second.at(x, y, z)
         return np.where(self.sign * f >= self.sign * g, f, g)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
         keep = self.sign * f[0] >= self.sign * g[0]
         value, fx, fy, fz = (np.where(keep, a, b) for a, b in zip(f, g, strict=True))
         return value, fx, fy, fz
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FunctionField(Field):
+    """A foreign function of points (n, 3), or of x, y, z (n,) if `takes_coordinates`, and its gradient function or None.
+
+    The `on_grid` method of a foreign object is used if it has one. Values that are not finite raise InvalidRequest.
+    """
+
+    function: Callable[..., Any]
+    gradient_function: Callable[..., Any] | None
+    takes_coordinates: bool
+    step: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        on_grid = getattr(self.function, "on_grid", None)
+        if on_grid is not None and is_grid(x, y, z):
+            values = np.asarray(on_grid(x.ravel(), y.ravel(), z.ravel()), float)
+        else:
+            values = self._values(points)
+        check_finite(self.function, values, points)
+        return values.reshape(shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        value = self._values(points)
+        check_finite(self.function, value, points)
+        if self.gradient_function is None:
+            gradients = central_differences(self._values, points, self.step)
+        else:
+            gradients = call_for_gradient(self.function, self.gradient_function, points, self.takes_coordinates)
+        for axis in range(3):
+            check_finite(self.function, gradients[:, axis], points)
+        gx, gy, gz = (gradients[:, axis].reshape(shape) for axis in range(3))
+        return value.reshape(shape), gx, gy, gz
+
+    def _values(self, points: Array) -> Array:
+        return call_for_values(self.function, points, self.takes_coordinates)
 
 
 FieldLike = Field | float | Callable[[Array], Array]
@@ -220,19 +228,46 @@ FieldLike = Field | float | Callable[[Array], Array]
 
 
 def as_field(source: Any) -> Field:
-    """A field from a field, a number or a function of points; see `from_function` for how functions are read."""
+    """Return a field, a number or a function of points as a field.
+
+    Parameters
+    ----------
+    source : Field, float or callable
+        Fields are returned as they are; a number gives a constant field; functions are read by `from_function`.
+
+    Returns
+    -------
+    Field
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the source is none of these, or the function is not vectorised.
+    """
     if isinstance(source, Field):
         return source
-    if callable(source):
-        # a function is a kind of field, and so needs this module first
-        from tpmscad.fields.function_field import from_function
-
-        return from_function(source)
-    return constant(source)
+    return from_function(source) if callable(source) else constant(source)
 
 
 def constant(value: Any) -> ConstantField:
-    """The field with one value everywhere."""
+    """Return the field with one value everywhere.
+
+    Parameters
+    ----------
+    value : float
+        The value, finite.
+
+    Returns
+    -------
+    ConstantField
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the value is not a finite number.
+    """
     try:
         number = float(value)
     except (TypeError, ValueError):
@@ -244,8 +279,60 @@ def constant(value: Any) -> ConstantField:
     return ConstantField(number)
 
 
+def from_function(
+    f: Callable[..., Any],
+    gradient: Callable[..., Any] | None = None,
+    *,
+    step: float = DIFFERENCE_STEP,
+    domain: Sequence[Sequence[float]] = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+) -> Field:
+    """Return the field of a vectorised function.
+
+    Parameters
+    ----------
+    f : callable
+        f(points (n, 3)) -> (n,) or f(x, y, z) -> (n,); the signature, or else a trial, decides which.
+    gradient : callable, optional
+        Called like f; returns (n, 3) or a tuple of three. By default the attribute `gradient` of f, or else central differences.
+    step : float
+        Step of the central differences of fourth order, in model units; they need 12 calls of f.
+    domain : ((x0, y0, z0), (x1, y1, z1))
+        Box in which f is tried at a few points.
+
+    Returns
+    -------
+    Field
+        The field; f itself if it is a Field and no gradient is given.
+
+    Raises
+    ------
+    InvalidRequest
+        If f takes single points only or mixes the points of a call; on evaluation, if a value is not finite.
+
+    Notes
+    -----
+    For a wave of amplitude 1 and length L a derivative is off by about 330 step^4 / L^5 + 2e-16 / step.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> fields.from_function(lambda x, y, z: x**2 + y**2 + z**2 - 1)([[1.0, 2.0, 0.0]])
+    array([4.])
+    """
+    if isinstance(f, Field) and gradient is None:
+        return f
+    if not callable(f):
+        raise InvalidRequest(f"{f!r} can't be called: a function of points (n, 3) or of x, y, z is needed")
+    low, high = (np.array(as_triple(corner, "domain")) for corner in domain)
+    probes = low + PROBE_POINTS * (high - low)
+    takes_coordinates = detect_coordinate_arguments(f, probes)
+    check_vectorised(f, takes_coordinates, probes)
+    given = gradient if gradient is not None else getattr(f, "gradient", None)
+    return FunctionField(f, given, takes_coordinates, as_positive(step, "step"))
+
+
 def multiply_fields(field: Field, other: FieldLike) -> Field:
-    """A field times a number or another field."""
+    """Product of a field with a number or another field; factors of constants are combined."""
     other = as_field(other)
     if not isinstance(other, ConstantField):
         return ProductField(field, other)
@@ -257,7 +344,7 @@ def multiply_fields(field: Field, other: FieldLike) -> Field:
 
 
 def common_periods(*fields: Field) -> Triple | None:
-    """The periods that all the fields share, as they are stated (no common multiples are sought)."""
+    """Periods that all fields share; common multiples of different periods are not sought."""
     found = EVERY_TRANSLATION
     for field in fields:
         periods = field.periods()

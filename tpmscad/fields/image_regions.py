@@ -1,4 +1,4 @@
-"""Regions drawn as an image or a stack of images."""
+"""Regions given by an image or a stack of images, as interpolated signed distances."""
 
 from __future__ import annotations
 
@@ -19,17 +19,21 @@ from tpmscad.fields.field import Field
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageRegion(Field):
-    """Distances (nx, ny, nz) at the centers of pixels of size `pixel`, the first at `first`, interpolated linearly between them;
-    beyond the outermost centers as at the nearest of them."""
+    """Trilinear interpolation of distances (nx, ny, nz) at pixel centers, constant beyond the outermost centers.
+
+    The center of pixel (0, 0, 0) is `first`, the pixel size is `pixel`, both in model units.
+    """
 
     distances: Array
     first: Triple
     pixel: Triple
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return stencil.contract_table(self.distances, self._stencils(x, y, z), (x, y, z))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         return stencil.contract_table_jet(self.distances, self._stencils(x, y, z), (x, y, z))
 
     def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
@@ -40,12 +44,31 @@ class ImageRegion(Field):
 
 
 def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, axis: str = "z") -> ImageRegion:
-    """The signed distance to the True pixels of a mask (nx, ny) or (nx, ny, nz) that covers the box from lo to hi.
+    """Return the region of the True pixels of a mask.
 
-    The first index runs along x. A picture read in rows from the top is `picture.T[:, ::-1]`. A mask of two dimensions is
-    extruded along `axis`, and lo and hi have the two other coordinates. At pixel centers the sign is the mask's, exactly; the
-    border runs half-way between pixels. Outside the picture its border pixels are continued.
-    Raises InvalidRequest for a mask that is not boolean or all of one value.
+    Parameters
+    ----------
+    mask : array_like of bool, shape (nx, ny) or (nx, ny, nz)
+        The first index runs along x. A picture stored in rows from the top is `picture.T[:, ::-1]`.
+    lo, hi : sequence of float
+        Corners of the box that the mask covers, in model units; two coordinates for a mask of two dimensions.
+    axis : {"x", "y", "z"}
+        Direction along which a mask of two dimensions is extruded.
+
+    Returns
+    -------
+    ImageRegion
+        The signed distance to the border, negative in the True pixels. At pixel centers its sign is that of the mask exactly;
+        the border lies halfway between pixels. Outside the box the border pixels are continued.
+
+    Raises
+    ------
+    InvalidRequest
+        If the mask is not boolean, has one value only, or the box is empty.
+
+    Notes
+    -----
+    Exact Euclidean distance transform between pixel centers (scipy.ndimage.distance_transform_edt), shifted by half a pixel.
     """
     array = np.asarray(mask)
     if array.dtype != bool:
@@ -53,14 +76,16 @@ def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, a
             f"the mask holds {array.dtype}, not bool: compare the picture with a threshold, image < 128"
         )
     if array.ndim not in (2, 3) or array.size == 0:
-        raise InvalidRequest(f"a mask of shape {array.shape}: two or three dimensions are needed")
+        raise InvalidRequest(
+            f"a mask of shape {array.shape}: give an array of two or three dimensions that is not empty"
+        )
     if array.all() or not array.any():
         raise InvalidRequest("the mask has one value only, so that no border and no distance exists")
     low, high = _as_corner(lo, array.ndim, "lo"), _as_corner(hi, array.ndim, "hi")
     if not (low < high).all():
         raise InvalidRequest(f"the image from {lo!r} to {hi!r} is empty: each lo must be below its hi")
     pixel = (high - low) / array.shape
-    # distances are between pixel centers; the border is half a pixel off
+    # distances are measured between pixel centers, and the border is half a pixel from them
     half = 0.5 * float(pixel.min())
     outside, inside = distance_transform_edt(~array, pixel), distance_transform_edt(array, pixel)
     distances: Any = np.where(array, half - inside, outside - half)
@@ -68,9 +93,9 @@ def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, a
     if array.ndim == 2:
         if axis not in ("x", "y", "z"):
             raise InvalidRequest(f"axis {axis!r}: choose x, y or z")
-        place = "xyz".index(axis)
-        distances = np.expand_dims(distances, place)
-        first, pixel = np.insert(first, place, 0.0), np.insert(pixel, place, 1.0)
+        extruded = "xyz".index(axis)
+        distances = np.expand_dims(distances, extruded)
+        first, pixel = np.insert(first, extruded, 0.0), np.insert(pixel, extruded, 1.0)
     return ImageRegion(np.ascontiguousarray(distances), tuple(map(float, first)), tuple(map(float, pixel)))  # type: ignore[arg-type]
 
 
@@ -82,6 +107,7 @@ def _as_corner(value: Sequence[float], count: int, name: str) -> Array:
 
 
 def _linear_stencil(t: Array, count: int, first: float, pixel: float) -> stencil.Stencil:
+    """Hat functions on `count` centers, clamped at the outermost ones."""
     if count == 1:
         entry = np.zeros(t.shape, np.int64)
         return stencil.Stencil([entry], [np.ones(t.shape)], [np.zeros(t.shape)])

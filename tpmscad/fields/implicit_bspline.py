@@ -1,5 +1,7 @@
-"""Implicit periodic B-spline units: cubic tensor-product splines on a uniform periodic grid of coefficients (implicit porous
-structures by implicit B-splines, as blended in porous blending, section 4.1)."""
+"""Implicit periodic B-spline units: cubic tensor-product splines on a uniform periodic grid of coefficients.
+
+Porous blending, section 4.1, blends porous structures that are given by implicit B-splines in this form.
+"""
 
 from __future__ import annotations
 
@@ -13,30 +15,33 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import stencil
+from tpmscad.fields.argument_checks import as_periods
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
-from tpmscad.fields.nodal_field import as_periods
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImplicitBSpline(Field):
-    """sum C[i, j, k] B(x mx / px - i) B(...) B(...), B the centred cubic cardinal B-spline, all periodic."""
+    """sum C[i, j, k] B(x mx / px - i) B(y my / py - j) B(z mz / pz - k), periodic; B is the centred cubic cardinal B-spline."""
 
     coefficients: Array
     period: Triple
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return stencil.contract_table(self.coefficients, self._stencils(x, y, z), (x, y, z))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         return stencil.contract_table_jet(self.coefficients, self._stencils(x, y, z), (x, y, z))
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return self.period
 
     def __repr__(self) -> str:
         digest = hashlib.sha256(self.coefficients.tobytes()).hexdigest()[:8]
-        return f"BSplineUnit({'x'.join(map(str, self.coefficients.shape))} coefficients {digest}, period={self.period})"
+        return f"ImplicitBSpline({'x'.join(map(str, self.coefficients.shape))} coefficients {digest}, period={self.period})"
 
     def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
         return [
@@ -46,15 +51,34 @@ class ImplicitBSpline(Field):
 
 
 def bspline_unit(coefficients: ArrayLike, period: float | Sequence[float] = 10.0) -> ImplicitBSpline:
-    """The periodic cubic spline of coefficients (mx, my, mz), at least one each; twice continuously differentiable.
+    """Return the periodic cubic B-spline field of given coefficients.
 
-    Coefficient (i, j, k) belongs to the point (i / mx, j / my, k / mz) of the period.
+    Parameters
+    ----------
+    coefficients : array_like, shape (mx, my, mz)
+        Coefficient (i, j, k) belongs to the point (i / mx, j / my, k / mz) of the period.
+    period : float or (px, py, pz)
+        Periods along the axes, in model units.
+
+    Returns
+    -------
+    ImplicitBSpline
+        The field, twice continuously differentiable.
+
+    Raises
+    ------
+    InvalidRequest
+        If the coefficients are not a finite array of three dimensions, or a period is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import fields
+    >>> unit = fields.bspline_unit(np.random.default_rng(0).normal(size=(4, 4, 4)), period=10.0)
     """
     array = np.array(coefficients, dtype=float)
     if array.ndim != 3 or array.size == 0:
-        raise InvalidRequest(
-            f"coefficients of shape {array.shape}: a three-dimensional array that is not empty is needed"
-        )
+        raise InvalidRequest(f"coefficients of shape {array.shape}: give a non-empty three-dimensional array")
     if not np.isfinite(array).all():
         raise InvalidRequest("the coefficients must all be finite")
     array.setflags(write=False)
@@ -62,6 +86,7 @@ def bspline_unit(coefficients: ArrayLike, period: float | Sequence[float] = 10.0
 
 
 def _cubic_stencil(t: Array, count: int, period: float) -> stencil.Stencil:
+    """Cubic cardinal B-splines on a periodic grid of `count` coefficients."""
     rate = count / period
     u = t * rate
     base = np.floor(u)

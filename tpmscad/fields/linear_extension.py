@@ -1,7 +1,7 @@
-"""A field as a box sees it: inside the field's own values, beyond the faces their continuation along the slope at the face.
+"""A field inside a box, extended linearly beyond the faces of the box.
 
-What is fitted at a face of the box is evaluated a little beyond it, too, and there a field may be another altogether: a blended
-field's blending region often ends at the very face.
+A fit at a face of the box also evaluates the field slightly outside. There the field may differ entirely, for example where the
+blending region of a blended field ends at the face. The extension continues the values along the gradient at the face.
 """
 
 from __future__ import annotations
@@ -15,55 +15,62 @@ from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field, MinMaxField
 
 DIFFERENCE_STEP_FRACTION = 1e-4
-"""Second derivatives at a face are differences over this part of the distance beyond it."""
+"""Step of the differences for second derivatives at a face, as a fraction of the distance beyond the face."""
 
 
 @dataclass(frozen=True, slots=True)
 class LinearExtension(Field):
-    """`field` in the box from `lo` to `hi`, continued linearly beyond; its gradient is that of what it is."""
+    """`field` inside [lo, hi], extended linearly outside; `jet` gives the gradient of the extended field."""
 
     field: Field
     lo: Triple
     hi: Triple
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        near = [np.clip(t, low, high) for t, low, high in zip((x, y, z), self.lo, self.hi, strict=True)]
-        if all((n == t).all() for n, t in zip(near, (x, y, z), strict=True)):
+        """Values at coordinates that broadcast."""
+        clamped = self._clamp(x, y, z)
+        if all((n == t).all() for n, t in zip(clamped, (x, y, z), strict=True)):
             return self.field.at(x, y, z)
-        value, *slope = self.field.jet(*near)
-        return value + sum(s * (t - n) for s, t, n in zip(slope, (x, y, z), near, strict=True))
+        value, *gradient = self.field.jet(*clamped)
+        return value + sum(s * (t - n) for s, t, n in zip(gradient, (x, y, z), clamped, strict=True))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        near = [np.clip(t, low, high) for t, low, high in zip((x, y, z), self.lo, self.hi, strict=True)]
-        value, *slope = self.field.jet(*near)
-        beyond = np.broadcast_arrays(*(t - n for t, n in zip((x, y, z), near, strict=True)))
-        out = (beyond[0] != 0) | (beyond[1] != 0) | (beyond[2] != 0)
-        if out.any():
-            b = [each[out] for each in beyond]
-            at = [np.broadcast_to(n, out.shape)[out] for n in near]
-            before = self.field.jet(*(n - DIFFERENCE_STEP_FRACTION * each for n, each in zip(at, b, strict=True)))[1:]
-            value, slope = (
-                np.broadcast_to(value, out.shape).copy(),
-                [np.broadcast_to(s, out.shape).copy() for s in slope],
+        """Value and partial derivatives at coordinates that broadcast."""
+        clamped = self._clamp(x, y, z)
+        value, *gradient = self.field.jet(*clamped)
+        beyond = np.broadcast_arrays(*(t - n for t, n in zip((x, y, z), clamped, strict=True)))
+        outside = (beyond[0] != 0) | (beyond[1] != 0) | (beyond[2] != 0)
+        if outside.any():
+            b = [each[outside] for each in beyond]
+            foot = [np.broadcast_to(n, outside.shape)[outside] for n in clamped]
+            before = self.field.jet(*(n - DIFFERENCE_STEP_FRACTION * each for n, each in zip(foot, b, strict=True)))[1:]
+            value, gradient = (
+                np.broadcast_to(value, outside.shape).copy(),
+                [np.broadcast_to(s, outside.shape).copy() for s in gradient],
             )
-            value[out] += sum(s[out] * each for s, each in zip(slope, b, strict=True))
+            value[outside] += sum(s[outside] * each for s, each in zip(gradient, b, strict=True))
             for axis in range(3):
-                # along the face the slope goes on turning as it did before it, by the field's mixed second derivatives
-                turned = (slope[axis][out] - before[axis]) / DIFFERENCE_STEP_FRACTION
-                slope[axis][out] += np.where(b[axis] != 0, 0.0, turned)
-        return value, slope[0], slope[1], slope[2]
+                # the tangential derivatives of the extension change by the field's mixed second derivatives
+                change = (gradient[axis][outside] - before[axis]) / DIFFERENCE_STEP_FRACTION
+                gradient[axis][outside] += np.where(b[axis] != 0, 0.0, change)
+        return value, gradient[0], gradient[1], gradient[2]
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return self.field.periods()
+
+    def _clamp(self, *coordinates: Array) -> list[Array]:
+        """Coordinates clamped to the box."""
+        return [np.clip(t, low, high) for t, low, high in zip(coordinates, self.lo, self.hi, strict=True)]
 
 
 def extend_linearly(field: Field, lo: Array, hi: Array) -> LinearExtension:
-    """`field` as the box [lo, hi] sees it."""
+    """`field` inside the box [lo, hi], extended linearly outside."""
     return LinearExtension(field, tuple(map(float, lo)), tuple(map(float, hi)))  # type: ignore[arg-type]
 
 
 def extend_level_sets_linearly(field: Field, lo: Array, hi: Array) -> Field:
-    """`field` as the box [lo, hi] sees it, each level set by itself where it is made of several; periodic ones as they are."""
+    """Each level set of a minimum or maximum extended linearly by itself; periodic fields are returned as they are."""
     if isinstance(field, MinMaxField):
         return MinMaxField(
             extend_level_sets_linearly(field.first, lo, hi),

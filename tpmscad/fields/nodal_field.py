@@ -1,4 +1,4 @@
-"""Level-set fields of triply periodic surfaces, by name."""
+"""Nodal fields of triply periodic surfaces, by name: the formula of the catalogue at scaled coordinates."""
 
 from __future__ import annotations
 
@@ -7,23 +7,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-import numpy as np
-
 from tpmscad._typing import Array
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
-from tpmscad.fields.evaluation import FieldJet, Triple, as_positive, as_triple
+from tpmscad.fields.argument_checks import as_periods, as_triple
+from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
 
 POLYNOMIALS: Mapping[str, TrigonometricPolynomial] = MappingProxyType(
-    {name: parse_formula(info.formula) for name, info in CATALOGUE.items()}
+    {name: parse_formula(record.formula) for name, record in CATALOGUE.items()}
 )
-"""The printed formulas, read: there is no second copy to disagree with them."""
+"""The parsed formulas of the catalogue, so that what is printed is what is evaluated."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodalField(Field):
-    """The formula of the catalogue's entry `name` at x = 2 pi (X / period - phase), and so on."""
+    """The formula of the surface `name` at x = 2 pi (X / period - phase), and likewise for y and z."""
 
     name: str
     period: Triple
@@ -31,17 +30,21 @@ class NodalField(Field):
 
     @property
     def info(self) -> SurfaceRecord:
+        """The surface's record in the catalogue."""
         return CATALOGUE[self.name]
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return POLYNOMIALS[self.name].value(*self._angles(x, y, z))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         value, fx, fy, fz = POLYNOMIALS[self.name].jet(*self._angles(x, y, z))
         a, b, c = (2 * math.pi / p for p in self.period)
         return value, a * fx, b * fy, c * fz
 
     def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
         return self.period
 
     def _angles(self, *coordinates: Array) -> tuple[Array, ...]:
@@ -52,14 +55,32 @@ class NodalField(Field):
 
 
 def tpms(name: str, period: float | Sequence[float] = 10.0, phase: Sequence[float] = (0.0, 0.0, 0.0)) -> NodalField:
-    """The field of a surface of the catalogue (`TPMS`), negative on the side that its formula makes negative.
+    """Return the nodal field of a triply periodic surface.
 
-    period: edge of the cell in model units, or one for each axis. phase: by how much the structure is moved, in cells.
+    Parameters
+    ----------
+    name : str
+        Name, title or alias of a surface of the catalogue (`fields.TPMS`).
+    period : float or (px, py, pz)
+        Edges of the unit cell, in model units.
+    phase : (x, y, z)
+        Translation of the structure, in cells.
+
+    Returns
+    -------
+    NodalField
+        The field; its solid is the side that the formula makes negative.
+
+    Raises
+    ------
+    InvalidRequest
+        If the name is unknown, a period is not positive or a number is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> phi = fields.tpms("gyroid", period=10.0)
+    >>> phi.periods()
+    (10.0, 10.0, 10.0)
     """
     return NodalField(find_surface(name).name, as_periods(period), as_triple(phase, "phase"))
-
-
-def as_periods(period: float | Sequence[float]) -> Triple:
-    """A period as three positive numbers; one number stands for all three."""
-    px, py, pz = as_triple(period, "period") if np.ndim(period) else (period,) * 3
-    return as_positive(px, "period"), as_positive(py, "period"), as_positive(pz, "period")

@@ -1,35 +1,35 @@
-"""Regions as exact signed distances, negative inside: boxes, half-spaces, spheres, cylinders. Gradients are unit vectors."""
+"""Boxes, half-spaces, spheres and cylinders as exact signed distances, negative inside; gradients are unit vectors."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple, as_positive, as_triple
+from tpmscad.fields.argument_checks import Direction, as_positive, as_triple, as_unit_vector
+from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
-
-Direction = str | Sequence[float]
 
 
 @dataclass(frozen=True, slots=True)
 class BoxRegion(Field):
-    """Signed distance to an axis-parallel box; edges may be infinite."""
+    """Signed distance to the surface of an axis-parallel box, whose coordinates may be infinite."""
 
     lo: Triple
     hi: Triple
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         return _corner_distance(*self._excess(x, y, z))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         excess = self._excess(x, y, z)
         value = _corner_distance(*excess)
-        # outside: direction to the nearest point of the box; inside: the nearest face's normal, the first of several
+        # outside: direction from the nearest point of the box; inside: normal of the nearest face, the first of several
         a, b, c = excess
         outside = (a > 0) | (b > 0) | (c > 0)
         length = np.where(outside, value, 1.0)
@@ -37,46 +37,50 @@ class BoxRegion(Field):
         second = ~first & (b >= c)
         nearest = first, second, ~first & ~second
         middle = [_slab_midpoint(lo, hi) for lo, hi in zip(self.lo, self.hi, strict=True)]
-        slopes = [
+        gradient = [
             np.where(t >= m, 1.0, -1.0) * np.where(outside, np.maximum(e, 0.0) / length, near.astype(float))
             for t, m, e, near in zip((x, y, z), middle, excess, nearest, strict=True)
         ]
-        return value, slopes[0], slopes[1], slopes[2]
+        return value, gradient[0], gradient[1], gradient[2]
 
     def _excess(self, *coordinates: Array) -> tuple[Array, Array, Array]:
-        """How far beyond its slab each coordinate is (negative: how deep inside)."""
+        """Signed distance of each coordinate to its interval, negative inside."""
         a, b, c = (np.maximum(lo - t, t - hi) for t, lo, hi in zip(coordinates, self.lo, self.hi, strict=True))
         return a, b, c
 
 
 @dataclass(frozen=True, slots=True)
 class HalfSpaceRegion(Field):
-    """Signed distance to the plane (p - point) . normal = 0, negative on the side the normal leaves."""
+    """Signed distance to the plane (p - point) . normal = 0, negative behind it: an affine function of unit slope."""
 
     point: Triple
     normal: Triple
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         (px, py, pz), (nx, ny, nz) = self.point, self.normal
         return (x - px) * nx + (y - py) * ny + (z - pz) * nz
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         one = np.ones((1,) * x.ndim)
         return self.at(x, y, z), self.normal[0] * one, self.normal[1] * one, self.normal[2] * one
 
 
 @dataclass(frozen=True, slots=True)
 class SphereRegion(Field):
-    """Signed distance to a sphere; at the center, where no gradient exists, it is given as (1, 0, 0)."""
+    """Signed distance to a sphere; at the center, where no gradient exists, (1, 0, 0) is returned."""
 
     center: Triple
     radius: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         cx, cy, cz = self.center
         return np.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2) - self.radius
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         dx, dy, dz = (t - c for t, c in zip((x, y, z), self.center, strict=True))
         distance = np.sqrt(dx**2 + dy**2 + dz**2)
         safe, at_center = np.where(distance > 0, distance, 1.0), distance == 0
@@ -85,7 +89,7 @@ class SphereRegion(Field):
 
 @dataclass(frozen=True, slots=True)
 class CylinderRegion(Field):
-    """Signed distance to a cylinder around center + t axis; infinitely long, or |t| <= height / 2."""
+    """Signed distance to a cylinder about the line center + t axis; infinitely long, or |t| <= height / 2."""
 
     center: Triple
     axis: Triple
@@ -93,12 +97,14 @@ class CylinderRegion(Field):
     height: float | None
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
         along, _, distance = self._parts(x, y, z)
         if self.height is None:
             return distance - self.radius
         return _corner_distance(distance - self.radius, np.abs(along) - self.height / 2)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         along, across, distance = self._parts(x, y, z)
         safe = np.where(distance > 0, distance, 1.0)
         aside = _perpendicular_unit_vector(self.axis)
@@ -111,11 +117,11 @@ class CylinderRegion(Field):
         length = np.where(outside, value, 1.0)
         share = np.where(outside, np.maximum(a, 0.0) / length, (a >= b).astype(float))
         lift = np.where(along >= 0, 1.0, -1.0) * np.where(outside, np.maximum(b, 0.0) / length, (a < b).astype(float))
-        slopes = [share * r + lift * n for r, n in zip(radial, self.axis, strict=True)]
-        return value, slopes[0], slopes[1], slopes[2]
+        gradient = [share * r + lift * n for r, n in zip(radial, self.axis, strict=True)]
+        return value, gradient[0], gradient[1], gradient[2]
 
     def _parts(self, x: Array, y: Array, z: Array) -> tuple[Array, tuple[Array, Array, Array], Array]:
-        """Along the axis, the vector from the axis, and its length."""
+        """Coordinate along the axis, vector from the axis, and its length."""
         (nx, ny, nz), (cx, cy, cz) = self.axis, self.center
         dx, dy, dz = x - cx, y - cy, z - cz
         along = dx * nx + dy * ny + dz * nz
@@ -124,7 +130,30 @@ class CylinderRegion(Field):
 
 
 def box(lo: Sequence[float], hi: Sequence[float]) -> BoxRegion:
-    """The box between two corners. Coordinates may be infinite: box((0.4, -inf, -inf), (0.6, inf, inf)) is a slab."""
+    """Return the axis-parallel box between two corners.
+
+    Parameters
+    ----------
+    lo, hi : (x, y, z)
+        Corners, in model units; each coordinate of `lo` is below that of `hi`. Coordinates may be infinite:
+        box((0.4, -inf, -inf), (0.6, inf, inf)) is a slab.
+
+    Returns
+    -------
+    BoxRegion
+        The signed distance, negative inside.
+
+    Raises
+    ------
+    InvalidRequest
+        If the box is empty or all of space.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.box((0, 0, 0), (2, 2, 2))((1.0, 1.0, 1.5)))
+    -0.5
+    """
     low, high = np.asarray(lo, float), np.asarray(hi, float)
     if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
         raise InvalidRequest(f"box from {lo!r} to {hi!r}: two corners (x, y, z) are needed, each lo below its hi")
@@ -134,44 +163,85 @@ def box(lo: Sequence[float], hi: Sequence[float]) -> BoxRegion:
 
 
 def halfspace(point: Sequence[float], normal: Direction) -> HalfSpaceRegion:
-    """The half-space behind the plane through `point`: solid where (p - point) . normal < 0.
+    """Return the half-space behind a plane.
 
-    normal: a vector of any length, or "x", "-y", ...
+    Parameters
+    ----------
+    point : (x, y, z)
+        Point of the plane, in model units.
+    normal : str or (x, y, z)
+        Outward normal: "x", "-y", ... or a vector of any length.
+
+    Returns
+    -------
+    HalfSpaceRegion
+        The signed distance (p - point) . n, negative behind the plane.
+
+    Raises
+    ------
+    InvalidRequest
+        If the normal has no direction or the point is not finite.
     """
     return HalfSpaceRegion(as_triple(point, "point"), as_unit_vector(normal, "normal"))
 
 
 def sphere(center: Sequence[float], radius: float) -> SphereRegion:
-    """The ball of that center and radius."""
+    """Return the ball with a center and a radius.
+
+    Parameters
+    ----------
+    center : (x, y, z)
+        Center, in model units.
+    radius : float
+        Radius, positive.
+
+    Returns
+    -------
+    SphereRegion
+        The signed distance, negative inside.
+
+    Raises
+    ------
+    InvalidRequest
+        If the radius is not positive or the center is not finite.
+    """
     return SphereRegion(as_triple(center, "center"), as_positive(radius, "radius"))
 
 
 def cylinder(
     center: Sequence[float], radius: float, axis: Direction = "z", height: float | None = None
 ) -> CylinderRegion:
-    """The cylinder around the line through `center` along `axis`; of that height, half on each side of center, or infinite."""
+    """Return a circular cylinder.
+
+    Parameters
+    ----------
+    center : (x, y, z)
+        Middle of the axis, in model units.
+    radius : float
+        Radius, positive.
+    axis : str or (x, y, z)
+        Direction: "x", "y", "z" or a vector of any length.
+    height : float, optional
+        Height, half of it on each side of the center; infinite by default.
+
+    Returns
+    -------
+    CylinderRegion
+        The signed distance, negative inside.
+
+    Raises
+    ------
+    InvalidRequest
+        If the radius or height is not positive, or the axis has no direction.
+    """
     length = None if height is None else as_positive(height, "height")
     return CylinderRegion(
         as_triple(center, "center"), as_unit_vector(axis, "axis"), as_positive(radius, "radius"), length
     )
 
 
-def as_unit_vector(value: Any, name: str) -> Triple:
-    """The unit vector of "x", "-x", "y", ... or of a vector of any length."""
-    if isinstance(value, str):
-        sign, letter = (-1.0, value[1:]) if value.startswith("-") else (1.0, value)
-        if letter not in ("x", "y", "z"):
-            raise InvalidRequest(f"{name} {value!r}: give x, y, z, -x, -y, -z or a vector")
-        return tuple(sign if letter == axis else 0.0 for axis in "xyz")  # type: ignore[return-value]
-    vector = np.array(as_triple(value, name))
-    length = float(np.linalg.norm(vector))
-    if length == 0:
-        raise InvalidRequest(f"{name} {value!r} has no direction: its length is zero")
-    return tuple(map(float, vector / length))  # type: ignore[return-value]
-
-
 def _corner_distance(*excess: Array) -> Array:
-    """Signed distance to the corner {all excess <= 0} of perpendicular half-spaces."""
+    """Signed distance to the intersection {all excess <= 0} of perpendicular half-spaces."""
     inside = excess[0]
     outside = np.maximum(excess[0], 0.0) ** 2
     for e in excess[1:]:
@@ -181,12 +251,12 @@ def _corner_distance(*excess: Array) -> Array:
 
 
 def _slab_midpoint(lo: float, hi: float) -> float:
-    """Where the nearer of two faces changes; with one face infinite, beyond every coordinate on that side."""
+    """Coordinate at which the nearer of two faces changes, infinite if one of the faces is."""
     return (lo + hi) / 2 if np.isfinite(lo) or np.isfinite(hi) else 0.0
 
 
 def _perpendicular_unit_vector(axis: Triple) -> Triple:
-    """A unit vector across an axis, for the points on it."""
+    """A unit vector perpendicular to an axis, the radial direction of points on the axis."""
     least = int(np.argmin(np.abs(axis)))
     across = np.cross(axis, np.eye(3)[least])
     return tuple(map(float, across / np.linalg.norm(across)))  # type: ignore[return-value]

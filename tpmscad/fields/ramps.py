@@ -1,4 +1,4 @@
-"""Fields to grade with: coordinates, affine functions, and ramps between two values, for thresholds that vary in space."""
+"""Fields for grading: coordinates, affine functions, and ramps between two values, for thresholds that vary in space."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple, as_triple
+from tpmscad.fields.argument_checks import Direction, as_finite, as_triple, as_unit_vector
+from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
-from tpmscad.fields.primitive_regions import Direction, HalfSpaceRegion, as_unit_vector
+from tpmscad.fields.primitive_regions import HalfSpaceRegion
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,23 +23,27 @@ class AffineFunction(Field):
     offset: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        a, b, c = self.slope
+        """Values at coordinates that broadcast."""
         value = np.full((1,) * x.ndim, self.offset)
-        for factor, t in zip((a, b, c), (x, y, z), strict=True):
+        for factor, t in zip(self.slope, (x, y, z), strict=True):
             if factor != 0:
                 value = value + factor * t
         return value
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
         one = np.ones((1,) * x.ndim)
         return self.at(x, y, z), self.slope[0] * one, self.slope[1] * one, self.slope[2] * one
 
 
 @dataclass(frozen=True, slots=True)
 class RampField(Field):
-    """From `low` where by <= start to `high` where by >= end, along t in between: t itself, or 10 t^3 - 15 t^4 + 6 t^5."""
+    """`low` where parameter <= start, `high` where parameter >= end, and a transition in t between them.
 
-    by: Field
+    The transition is t itself, or 10 t^3 - 15 t^4 + 6 t^5 if `smooth`.
+    """
+
+    parameter: Field
     start: float
     end: float
     low: float
@@ -46,48 +51,106 @@ class RampField(Field):
     smooth: bool
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        return self._value(self.by.at(x, y, z))[0]
+        """Values at coordinates that broadcast."""
+        return self._transition(self.parameter.at(x, y, z))[0]
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        by, bx, by_, bz = self.by.jet(x, y, z)
-        value, t = self._value(by)
+        """Value and partial derivatives at coordinates that broadcast."""
+        parameter, px, py, pz = self.parameter.jet(x, y, z)
+        value, t = self._transition(parameter)
         steep = 30.0 * (t * t) * ((1.0 - t) * (1.0 - t)) if self.smooth else ((t > 0) & (t < 1)).astype(float)
         rate = ((self.high - self.low) / (self.end - self.start)) * steep
-        return value, rate * bx, rate * by_, rate * bz
+        return value, rate * px, rate * py, rate * pz
 
-    def _value(self, by: Array) -> tuple[Array, Array]:
-        t = np.minimum(np.maximum((by - self.start) / (self.end - self.start), 0.0), 1.0)
+    def _transition(self, parameter: Array) -> tuple[Array, Array]:
+        """Value of the ramp and the clamped t."""
+        t = np.minimum(np.maximum((parameter - self.start) / (self.end - self.start), 0.0), 1.0)
         s = t * t * t * (10.0 + t * (6.0 * t - 15.0)) if self.smooth else t
         return (1.0 - s) * self.low + s * self.high, t
 
 
 def linear(slope: Sequence[float], offset: float = 0.0) -> AffineFunction:
-    """The affine function offset + slope . p."""
-    return AffineFunction(as_triple(slope, "slope"), _as_finite(offset, "offset"))
+    """Return the affine function offset + slope . p.
+
+    Parameters
+    ----------
+    slope : (sx, sy, sz)
+        Gradient, per model unit.
+    offset : float
+        Value at the origin.
+
+    Returns
+    -------
+    AffineFunction
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If a number is not finite.
+    """
+    return AffineFunction(as_triple(slope, "slope"), as_finite(offset, "offset"))
 
 
 def coordinate(axis: Direction, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> HalfSpaceRegion:
-    """The distance from `origin` along an axis ("x", "y", "z" or a vector)."""
+    """Return the signed distance from an origin along an axis.
+
+    Parameters
+    ----------
+    axis : str or (x, y, z)
+        "x", "y", "z", "-x", "-y", "-z" or a vector of any length.
+    origin : (x, y, z)
+        Point of distance zero, in model units.
+
+    Returns
+    -------
+    HalfSpaceRegion
+        The field, also the half-space behind the origin.
+
+    Raises
+    ------
+    InvalidRequest
+        If the axis has no direction.
+    """
     return HalfSpaceRegion(as_triple(origin, "origin"), as_unit_vector(axis, "axis"))
 
 
 def ramp(by: FieldLike | str, span: Sequence[float], values: Sequence[float], *, smooth: bool = True) -> RampField:
-    """A field that goes from values[0] to values[1] while `by` goes from span[0] to span[1], and is constant beyond.
+    """Return a field that changes from one value to another while a parameter crosses an interval.
 
-    by: any field (a coordinate, a distance), or "x", "y", "z". smooth: with two continuous derivatives; otherwise linear.
+    Parameters
+    ----------
+    by : Field, callable or {"x", "y", "z"}
+        The parameter: a coordinate, a distance or any other field.
+    span : (start, end)
+        Values of the parameter at which the ramp starts and ends; start may exceed end.
+    values : (first, last)
+        Values of the ramp at the start and the end; constant beyond them.
+    smooth : bool
+        True for a quintic transition with two continuous derivatives, False for a linear one.
+
+    Returns
+    -------
+    RampField
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the span is empty or a number is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> threshold = fields.ramp("x", (0, 40), (-0.6, 0.2))
+    >>> round(float(threshold((20.0, 0.0, 0.0))), 6)
+    -0.2
     """
     field = coordinate(by) if isinstance(by, str) else as_field(by)
     if len(span) != 2 or len(values) != 2:
         raise InvalidRequest(f"a ramp has a span of two numbers and two values, not {span!r} and {values!r}")
-    start, end = (_as_finite(t, "span") for t in span)
-    low, high = (_as_finite(c, "values") for c in values)
+    start, end = (as_finite(t, "span") for t in span)
+    low, high = (as_finite(c, "values") for c in values)
     if start == end:
         raise InvalidRequest(f"the span of a ramp is empty: it starts and ends at {start:g}")
     return RampField(field, start, end, low, high, smooth)
-
-
-def _as_finite(value: float, name: str) -> float:
-    number = float(value)
-    if not np.isfinite(number):
-        raise InvalidRequest(f"{name} {value!r} must be finite")
-    return number

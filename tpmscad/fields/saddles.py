@@ -1,7 +1,8 @@
-"""Necks of a field: its saddles, and the width of the solid or void there.
+"""Necks of a field: its saddle points, and the width of the solid or void there.
 
-Where a phase is narrowest, f has a saddle: of the solid, f < 0, with a positive second derivative across (a strut has two, a wall
-one); of the void the same with signs turned. The width is twice the distance from the saddle to the surface {f = 0}.
+Where a phase is narrowest, f has a saddle point. In the solid, f < 0, the Hessian then has positive eigenvalues across the neck:
+two in a strut, one in a wall; in the void the signs are reversed. The width of the neck is twice the distance from the saddle to
+the surface {f = 0}.
 """
 
 from __future__ import annotations
@@ -15,24 +16,33 @@ from tpmscad.fields import Field
 from tpmscad.fields.sample_grid import SampleGrid
 
 MAX_NEWTON_STEPS = 12
+"""Steps of Newton's method for a critical point, each at most half a grid spacing."""
+
 DIFFERENCE_STEP_SPACINGS = 1e-4
-"""Step of the differences of exact gradients that make the Hessian, in parts of the grid's spacing times ten thousandth."""
+"""Step of the central differences of exact gradients for the Hessian, in grid spacings."""
 
 NEWTON_TOL_SPACINGS = 1e-6
-"""Movement of the last Newton step, in spacings, by which a point counts as critical."""
+"""Length of the last Newton step, in grid spacings, below which a point is a critical point."""
 
 COINCIDENCE_TOL_SPACINGS = 1e-2
-"""Distance, in spacings, within which two points are one."""
+"""Distance, in grid spacings, within which two critical points are the same."""
 
 RAY_DIRECTIONS = 96
+"""Directions in which the surface is searched from a saddle point."""
+
 SAMPLES_PER_RAY = 24
+"""Samples of the field along a ray."""
+
 CONE_HALF_ANGLES_RAD = (0.25, 0.08, 0.025)
-"""Half angles (rad) of the rounds of directions around the nearest one found: the distance is then good to 1e-3 of itself."""
+"""Half angles of the cones of directions that refine the shortest ray; the distance is then accurate to 1e-3 of itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Neck:
-    """A saddle: its position, the phase that is narrow there, its width in model units (inf: wider than was looked for)."""
+    """A narrow place: the saddle's position, the narrow phase ("solid" or "void"), and its width in model units.
+
+    The width is inf if it exceeds the search distance.
+    """
 
     position: tuple[float, float, float]
     phase: str
@@ -41,7 +51,7 @@ class Neck:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Saddles:
-    """Saddles of a field: points (n, 3), values (n,)."""
+    """Saddle points of a field: `points` (n, 3), `values` (n,)."""
 
     points: Array
     values: Array
@@ -51,33 +61,35 @@ class Saddles:
 
 
 def find_saddles(field: Field, grid: SampleGrid, where: BoolArray, closest: float) -> Saddles:
-    """Saddles near the cells of the grid that have a corner in the mask, if the phase may be narrower than `closest` there.
+    """Saddle points near grid cells with a corner in the mask `where` (nx, ny, nz) whose neck may be narrower than 2 * `closest`.
 
-    By Newton's method from every cell over which each component of the gradient changes sign.
+    Newton's method starts from the center of every cell over which each component of the gradient changes sign. A neck is kept
+    if |f| <= k closest^2 / 2 with the curvature k across it, the quadratic estimate of its half width.
     """
-    _, slope = field.value_and_gradient_on_grid(*grid.axes)
+    _, gradient = field.value_and_gradient_on_grid(*grid.axes)
     cells = _any_corner(where)
     for axis in range(3):
-        cells &= _any_corner(slope[..., axis] >= 0) & _any_corner(slope[..., axis] <= 0)
+        cells &= _any_corner(gradient[..., axis] >= 0) & _any_corner(gradient[..., axis] <= 0)
     start = np.argwhere(cells) + 0.5
     low, spacing = np.array(grid.low), grid.spacing
-    points, settled = _find_critical_points(field, low + start * spacing, spacing)
+    points, converged = _find_critical_points(field, low + start * spacing, spacing)
     inside = np.all((points >= low - 1e-9 * spacing) & (points <= np.array(grid.high) + 1e-9 * spacing), axis=1)
     near = np.all(np.abs(points - (low + start * spacing)) <= 1.5 * spacing, axis=1)
-    points = np.clip(points[settled & inside & near], low, np.array(grid.high))
-    _, once = np.unique(np.round((points - low) / (spacing * COINCIDENCE_TOL_SPACINGS)), axis=0, return_index=True)
-    points = points[np.sort(once)]
+    points = np.clip(points[converged & inside & near], low, np.array(grid.high))
+    _, first = np.unique(np.round((points - low) / (spacing * COINCIDENCE_TOL_SPACINGS)), axis=0, return_index=True)
+    points = points[np.sort(first)]
     if len(points) == 0:
         return Saddles(points, np.zeros(0))
-    values, bend = field(points), np.linalg.eigvalsh(_difference_hessian(field, points, spacing))
-    saddle = (bend[:, 0] < 0) & (bend[:, 2] > 0)
-    across = np.where(values < 0, bend[:, 2], -bend[:, 0])
+    values, eigenvalues = field(points), np.linalg.eigvalsh(_difference_hessian(field, points, spacing))
+    saddle = (eigenvalues[:, 0] < 0) & (eigenvalues[:, 2] > 0)
+    across = np.where(values < 0, eigenvalues[:, 2], -eigenvalues[:, 0])
     narrow = np.abs(values) <= across * closest**2 / 2
     return Saddles(points[saddle & narrow], values[saddle & narrow])
 
 
 def _find_critical_points(field: Field, points: Array, spacing: Array) -> tuple[Array, BoolArray]:
-    settled = np.zeros(len(points), bool)
+    """Critical points by Newton's method with clipped steps from points (n, 3), and whether each has converged (n,)."""
+    converged = np.zeros(len(points), bool)
     for _ in range(MAX_NEWTON_STEPS):
         if len(points) == 0:
             break
@@ -85,12 +97,12 @@ def _find_critical_points(field: Field, points: Array, spacing: Array) -> tuple[
         step = -np.einsum("nij,nj->ni", np.linalg.pinv(hessian, hermitian=True), gradient)
         step = np.clip(step, -0.5 * spacing, 0.5 * spacing)
         points = points + step
-        settled = np.all(np.abs(step) <= NEWTON_TOL_SPACINGS * spacing, axis=1)
-    return points, settled
+        converged = np.all(np.abs(step) <= NEWTON_TOL_SPACINGS * spacing, axis=1)
+    return points, converged
 
 
 def _difference_hessian(field: Field, points: Array, spacing: Array) -> Array:
-    """Second derivatives (n, 3, 3) by central differences of the exact gradient."""
+    """Symmetric Hessians (n, 3, 3) by central differences of the exact gradient."""
     rows = []
     for axis in range(3):
         move = np.zeros(3)
@@ -101,13 +113,14 @@ def _difference_hessian(field: Field, points: Array, spacing: Array) -> Array:
 
 
 def _any_corner(mask: BoolArray) -> BoolArray:
+    """Cells (nx - 1, ny - 1, nz - 1) of which any corner is in a mask (nx, ny, nz)."""
     for axis in range(3):
         mask = np.take(mask, range(mask.shape[axis] - 1), axis) | np.take(mask, range(1, mask.shape[axis]), axis)
     return mask
 
 
 def measure_neck_widths(field: Field, found: Saddles, grid: SampleGrid, farthest: float) -> tuple[Array, Array]:
-    """Twice the distance of saddles to the surface in the domain (n,), inf beyond `farthest`, and the way there (n, 3)."""
+    """Twice the distance of saddles to the surface inside the grid (n,), inf beyond `farthest`, and its direction (n, 3)."""
     sign = np.where(found.values < 0, 1.0, -1.0)
     everywhere = np.broadcast_to(spread_directions(RAY_DIRECTIONS), (len(found), RAY_DIRECTIONS, 3))
     distance, direction = _cast_rays(field, found.points, sign, everywhere, grid, farthest)
@@ -125,7 +138,7 @@ def measure_neck_widths(field: Field, found: Saddles, grid: SampleGrid, farthest
 def _cast_rays(
     field: Field, points: Array, sign: Array, directions: Array, grid: SampleGrid, farthest: float
 ) -> tuple[Array, Array]:
-    """The first change of sign along any of the directions (n, d, 3), by linear interpolation between radii."""
+    """Shortest ray to a sign change over directions (n, d, 3), interpolated linearly between radii: distance and direction."""
     radii = np.linspace(0.0, farthest, SAMPLES_PER_RAY)
     rays = points[:, None, None] + directions[:, :, None] * radii[:, None]
     inside = np.all((rays >= np.array(grid.low)) & (rays <= np.array(grid.high)), axis=-1)
@@ -143,7 +156,7 @@ def _cast_rays(
 
 
 def spread_directions(count: int) -> Array:
-    """Unit vectors spread over the sphere (a Fibonacci spiral): (count, 3)."""
+    """Unit vectors distributed over the sphere on a Fibonacci spiral: (count, 3)."""
     k = np.arange(count) + 0.5
     z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5)) * k
     ring = np.sqrt(1 - z**2)

@@ -1,7 +1,4 @@
-"""The sampling grid: a box with so many samples along each axis, ends included, and fields read on it.
-
-`Grid.twice` has twice the samples along each axis (not the nested 2n - 1): none of its inner samples is a sample of the grid.
-"""
+"""Uniform sampling grids in a box, ends included, and fields sampled on them."""
 
 from __future__ import annotations
 
@@ -16,15 +13,18 @@ from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 
 FieldFunction = Callable[[Array], Array]
+"""Any function of points (..., 3) -> (...), a Field among others."""
+
 BoxBounds = tuple[tuple[float, float, float], tuple[float, float, float]]
+"""Corners ((x0, y0, z0), (x1, y1, z1)) of a box."""
 
 POINTS_PER_SLAB = 1 << 18
-"""Points per call when a field is read point by point: enough to hide the call, little enough for the cache."""
+"""Points per call of a function without `on_grid`: enough to hide the overhead of a call, few enough for the cache."""
 
 
 @dataclass(frozen=True)
 class SampleGrid:
-    """A box [low, high] in model units and the number of samples along x, y, z (at least 2 each)."""
+    """A box [low, high] in model units and the numbers of samples along x, y and z, at least 2 each."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -38,27 +38,32 @@ class SampleGrid:
 
     @cached_property
     def axes(self) -> tuple[Array, Array, Array]:
+        """Coordinates of the grid planes along x, y and z."""
         x, y, z = (np.linspace(a, b, n) for a, b, n in zip(self.low, self.high, self.shape, strict=True))
         return x, y, z
 
     @property
     def spacing(self) -> Array:
+        """Distances of neighbouring samples: (3,)."""
         return (np.array(self.high) - self.low) / (np.array(self.shape) - 1)
 
     @property
     def extent(self) -> Array:
+        """Edges of the box: (3,)."""
         return np.array(self.high) - self.low
 
     @property
     def size(self) -> int:
+        """Number of samples."""
         return int(np.prod(self.shape))
 
     def double_samples(self) -> SampleGrid:
+        """Grid with twice the samples along each axis, not 2 n - 1: none of its inner samples is one of this grid."""
         nx, ny, nz = self.shape
         return SampleGrid(self.low, self.high, (2 * nx, 2 * ny, 2 * nz))
 
     def points(self, index: ArrayLike | None = None) -> Array:
-        """All points (nx, ny, nz, 3), or those of flat (C order) indices (n,): (n, 3)."""
+        """All points (nx, ny, nz, 3), or the points (n, 3) of flat indices (n,) in C order."""
         if index is None:
             return grid_points(self.axes)
         parts = np.unravel_index(np.asarray(index), self.shape)
@@ -66,14 +71,14 @@ class SampleGrid:
 
 
 def grid_points(axes: tuple[Array, Array, Array]) -> Array:
-    """The points of all x with all y with all z: (nx, ny, nz, 3)."""
+    """Points of all x with all y with all z: (nx, ny, nz, 3)."""
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
 
 
 def sample_field(field: FieldFunction, grid: SampleGrid, name: str = "the field") -> Array:
-    """Values of a field on the grid (nx, ny, nz), by its own `on_grid(x, y, z)` where it has one.
+    """Values of a field on the grid (nx, ny, nz), by its method `on_grid(x, y, z)` if it has one.
 
-    Raises InvalidRequest for a field that does not take points (..., 3), or returns a value that is not finite.
+    InvalidRequest if the field does not take points (..., 3) or returns a value that is not finite.
     """
     on_grid = getattr(field, "on_grid", None)
     if on_grid is not None:
@@ -96,7 +101,7 @@ def sample_field(field: FieldFunction, grid: SampleGrid, name: str = "the field"
 
 
 def call_field(field: FieldFunction, points: Array, name: str) -> Array:
-    """field(points), with a word on what is wrong if it can't be called on an array of points."""
+    """field(points); InvalidRequest with the remedy if it cannot be called with an array of points or gives another shape."""
     try:
         values = np.asarray(field(points), float)
     except (TypeError, ValueError, IndexError) as error:

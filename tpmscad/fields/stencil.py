@@ -1,7 +1,7 @@
-"""Sums over a table with separable weights, sum_ijk a_i(x) b_j(y) c_k(z) table[i, j, k], few of the weights not zero.
+"""Separable interpolation in a table: sum_ijk a_i(x) b_j(y) c_k(z) table[i, j, k] with weights of compact support.
 
-On a grid the axes are contracted one after the other; on points the same sums are formed in the same order, point by point, so
-that both give the same bits.
+On a grid the axes are contracted one after the other. On points the same sums are formed in the same order for each point, so
+that both routes give the same bits.
 """
 
 from __future__ import annotations
@@ -9,36 +9,33 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.fields.evaluation import FieldJet, is_grid
-
-IndexArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stencil:
-    """Of one axis at many coordinates: which entries of the table take part, with which weights, and their derivatives."""
+    """Interpolation along one axis at many coordinates: entries of the table, their weights and the weights' derivatives."""
 
-    entries: Sequence[IndexArray]
+    entries: Sequence[IntArray]
     weights: Sequence[Array]
-    slopes: Sequence[Array]
+    derivatives: Sequence[Array]
 
 
 def contract_table(table: Array, stencils: Sequence[Stencil], coordinates: Sequence[Array]) -> Array:
+    """Values at coordinates that broadcast."""
     return _contract(table, stencils, [s.weights for s in stencils], is_grid(*coordinates))
 
 
 def contract_table_jet(table: Array, stencils: Sequence[Stencil], coordinates: Sequence[Array]) -> FieldJet:
+    """Values and derivatives at coordinates that broadcast."""
     grid = is_grid(*coordinates)
     weights = [s.weights for s in stencils]
-    slopes = []
+    gradient = []
     for axis, stencil in enumerate(stencils):
-        turned = [stencil.slopes if other == axis else w for other, w in enumerate(weights)]
-        slopes.append(_contract(table, stencils, turned, grid))
-    return _contract(table, stencils, weights, grid), slopes[0], slopes[1], slopes[2]
+        differentiated = [stencil.derivatives if other == axis else w for other, w in enumerate(weights)]
+        gradient.append(_contract(table, stencils, differentiated, grid))
+    return _contract(table, stencils, weights, grid), gradient[0], gradient[1], gradient[2]
 
 
 def _contract(table: Array, stencils: Sequence[Stencil], weights: Sequence[Sequence[Array]], grid: bool) -> Array:
@@ -58,6 +55,7 @@ def _contract(table: Array, stencils: Sequence[Stencil], weights: Sequence[Seque
 
 
 def _weighted_sum(weights: Sequence[Array], parts: Sequence[Array]) -> Array:
+    """Sum of weight * part in the given order."""
     total = weights[0] * parts[0]
     for weight, part in zip(weights[1:], parts[1:], strict=True):
         total = total + weight * part

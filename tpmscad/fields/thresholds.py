@@ -1,7 +1,7 @@
-"""Porous structures cut from a field by thresholds: rod, pore and sheet types (porous blending, section 2.2).
+"""Porous structures of a field by thresholds: rod, pore and sheet types (porous blending, section 2.2).
 
-A threshold is a number or a field, the threshold distribution field of the paper. The values are differences of the field and its
-threshold, so their gradients are exact, too.
+A threshold is a number or a field, the threshold distribution field of the paper. The structure is the difference of the field
+and its threshold, so its gradient is exact.
 """
 
 from __future__ import annotations
@@ -14,21 +14,80 @@ from tpmscad.fields.nodal_field import NodalField
 
 
 def rod(phi: FieldLike, c: FieldLike) -> Field:
-    """{phi <= c}, as phi - c."""
+    """Return the rod structure {phi <= c} as the field phi - c.
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field, for example `fields.tpms("gyroid")`.
+    c : Field, float or callable
+        The threshold.
+
+    Returns
+    -------
+    Field
+        phi - c.
+
+    Raises
+    ------
+    InvalidRequest
+        If a constant threshold makes nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> rods = fields.rod(fields.tpms("schwarz_p", 10.0), -0.8)
+    """
     phi, c = as_field(phi), as_field(c)
     _check_range(phi, -np.inf, _constant_value(c), f"rod threshold {_constant_value(c):g}")
     return phi - c
 
 
 def pore(phi: FieldLike, c: FieldLike) -> Field:
-    """{phi >= c}, as c - phi."""
+    """Return the pore structure {phi >= c} as the field c - phi.
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field.
+    c : Field, float or callable
+        The threshold.
+
+    Returns
+    -------
+    Field
+        c - phi.
+
+    Raises
+    ------
+    InvalidRequest
+        If a constant threshold makes nothing or everything of a catalogued surface solid.
+    """
     phi, c = as_field(phi), as_field(c)
     _check_range(phi, _constant_value(c), np.inf, f"pore threshold {_constant_value(c):g}")
     return c - phi
 
 
 def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
-    """{lo <= phi <= hi}, as max(lo - phi, phi - hi). Of a signed distance it is the layer between two offsets."""
+    """Return the sheet structure {lo <= phi <= hi} as the field max(lo - phi, phi - hi).
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field. For a signed distance the sheet is the layer between two offset surfaces.
+    lo, hi : Field, float or callable
+        The thresholds, lo < hi.
+
+    Returns
+    -------
+    Field
+        max(lo - phi, phi - hi).
+
+    Raises
+    ------
+    InvalidRequest
+        If the sheet is empty, or constant thresholds make nothing or everything of a catalogued surface solid.
+    """
     phi, lo, hi = as_field(phi), as_field(lo), as_field(hi)
     low, high = _constant_value(lo), _constant_value(hi)
     if low >= high:
@@ -40,19 +99,19 @@ def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
 
 
 def _constant_value(threshold: Field) -> float:
-    """The value of a constant threshold; nan, with which every comparison is false, of a field."""
+    """Value of a constant threshold; nan for a field, with which every comparison is false."""
     return threshold.value if isinstance(threshold, ConstantField) else np.nan
 
 
 def _check_range(phi: Field, low: float, high: float, what: str) -> None:
-    """Refuse thresholds between which a surface of the catalogue has nothing, or everything."""
+    """Raise InvalidRequest if nothing or everything of a catalogued surface lies between two thresholds."""
     if not isinstance(phi, NodalField):
         return
-    least, most = phi.info.value_range
-    if low >= most or high <= least:
+    minimum, maximum = phi.info.value_range
+    if low >= maximum or high <= minimum:
         state = "leaves nothing solid"
-    elif low <= least and high >= most:
+    elif low <= minimum and high >= maximum:
         state = "makes everything solid"
     else:
         return
-    raise InvalidRequest(f"{what} {state}: {phi.name} takes values from {least:g} to {most:g}")
+    raise InvalidRequest(f"{what} {state}: {phi.name} takes values from {minimum:g} to {maximum:g}")

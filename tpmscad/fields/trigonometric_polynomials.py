@@ -1,8 +1,8 @@
-"""Trigonometric polynomials, read from their printed formula and evaluated as sums of products of one-variable functions.
+"""Trigonometric polynomials, parsed from a formula and evaluated as sums of products of functions of one variable.
 
-A formula such as "2 (cos x cos y + cos y cos z) - cos 2x + 0.25" becomes sum_i a_i(x) g_i(y, z), one a_i for each distinct
-function of x (1, sin x, cos x, sin 2x, cos 2x), so that on a grid at most five full-size products are formed, whatever the
-length of the formula.
+A formula such as "2 (cos x cos y + cos y cos z) - cos 2x + 0.25" becomes sum_i a_i(x) g_i(y, z) with one term for each distinct
+function of x (1, sin x, cos x, sin 2x, cos 2x). On a grid at most five products of full size are formed, whatever the length of
+the formula.
 """
 
 from __future__ import annotations
@@ -16,30 +16,30 @@ from tpmscad._typing import Array
 from tpmscad.fields.evaluation import FieldJet
 
 Harmonic = tuple[str, int]
-"""("sin", 2) is sin 2t."""
+"""("sin", 2) stands for sin 2t."""
 Term = tuple[float, dict[str, Harmonic]]
 TermGroup = tuple[Harmonic | None, tuple[tuple[float, Harmonic | None, Harmonic | None], ...]]
-"""a(x) and the members (number, b(y), c(z)) of its factor; None stands for the function 1."""
+"""a(x) and the terms (number, b(y), c(z)) of its factor g(y, z); None stands for the function 1."""
 HarmonicTable = dict[Harmonic | None, Array | None]
-"""Values of an axis' functions; None stands for 1. Functions without an entry are 0 (the derivative of 1)."""
+"""Values of the functions of one axis; None stands for 1. Functions without an entry are 0, as the derivative of 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrigonometricPolynomial:
-    """The sum over groups of a(x) times the sum over members of number b(y) c(z); `waves` lists what each axis needs."""
+    """Sum over groups of a(x) times the sum of number b(y) c(z); `harmonics` lists the functions of each axis."""
 
     groups: tuple[TermGroup, ...]
-    waves: tuple[tuple[Harmonic, ...], ...]
+    harmonics: tuple[tuple[Harmonic, ...], ...]
 
     def value(self, x: Array, y: Array, z: Array) -> Array:
-        """The polynomial at angles that broadcast."""
-        a, b, c = (_tabulate(waves, t) for waves, t in zip(self.waves, (x, y, z), strict=True))
+        """Value at angles that broadcast."""
+        a, b, c = (_tabulate(harmonics, t) for harmonics, t in zip(self.harmonics, (x, y, z), strict=True))
         return _sum_groups(self.groups, a, b, c, x.ndim)
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value and the three derivatives by the angles."""
         (a, da), (b, db), (c, dc) = (
-            _tabulate_with_derivatives(waves, t) for waves, t in zip(self.waves, (x, y, z), strict=True)
+            _tabulate_with_derivatives(harmonics, t) for harmonics, t in zip(self.harmonics, (x, y, z), strict=True)
         )
         n = x.ndim
         return (
@@ -51,15 +51,15 @@ class TrigonometricPolynomial:
 
 
 def parse_formula(formula: str) -> TrigonometricPolynomial:
-    """The polynomial of a formula of numbers, sin, cos, multiples of x, y, z, products by juxtaposition, + - and brackets."""
+    """Polynomial of a formula of numbers, sin and cos of multiples of x, y, z, juxtaposed products, + - and parentheses."""
     tokens: list[str] = re.findall(r"\d+\.?\d*|sin|cos|[xyz()+\-]", formula)
     if "".join(tokens) != re.sub(r"\s", "", formula):
         raise ValueError(
-            f"{formula!r} holds something that is neither a number, sin, cos, x, y, z, a sign nor a bracket"
+            f"{formula!r} contains a token that is neither a number, sin, cos, x, y, z, a sign nor a parenthesis"
         )
     terms, rest = _parse_sum(tokens)
     if rest:
-        raise ValueError(f"{formula!r} can't be read from {' '.join(rest)!r} on")
+        raise ValueError(f"{formula!r} cannot be parsed from {' '.join(rest)!r} on")
     grouped: dict[Harmonic | None, dict[tuple[Harmonic | None, Harmonic | None], float]] = {}
     for number, waves in terms:
         members = grouped.setdefault(waves.get("x"), {})
@@ -94,7 +94,7 @@ def _parse_product(tokens: list[str]) -> tuple[list[Term], list[str]]:
         if head == "(":
             factor, tokens = _parse_sum(tokens)
             if tokens[:1] != [")"]:
-                raise ValueError("a bracket is not closed")
+                raise ValueError("a parenthesis is not closed")
             tokens = tokens[1:]
         elif head in ("sin", "cos"):
             multiple = 1
@@ -124,14 +124,14 @@ def _tabulate(waves: tuple[Harmonic, ...], t: Array) -> HarmonicTable:
 
 
 def _tabulate_with_derivatives(waves: tuple[Harmonic, ...], t: Array) -> tuple[HarmonicTable, HarmonicTable]:
-    """The table of values and the table of derivatives."""
-    every = _tabulate(tuple((name, m) for m in sorted({m for _, m in waves}) for name in ("sin", "cos")), t)
-    slopes: HarmonicTable = {}
+    """Table of values and table of derivatives."""
+    values = _tabulate(tuple((name, m) for m in sorted({m for _, m in waves}) for name in ("sin", "cos")), t)
+    derivatives: HarmonicTable = {}
     for name, m in waves:
-        turned = every["cos" if name == "sin" else "sin", m]
-        assert turned is not None
-        slopes[name, m] = (m if name == "sin" else -m) * turned
-    return {wave: every[wave] for wave in (None, *waves)}, slopes
+        cofunction = values["cos" if name == "sin" else "sin", m]
+        assert cofunction is not None
+        derivatives[name, m] = (m if name == "sin" else -m) * cofunction
+    return {wave: values[wave] for wave in (None, *waves)}, derivatives
 
 
 def _sum_groups(

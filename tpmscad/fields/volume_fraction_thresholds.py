@@ -1,11 +1,12 @@
-"""How much of space a field makes solid, and the thresholds for a volume fraction.
+"""Volume fractions of fields, and the thresholds that give a volume fraction, uniform or varying in space.
 
-A box, by default one period, is cut into cells; in each the field is taken as linear, by its value and gradient at the center,
-and the volume it cuts off the cell is exact. That is accurate to second order; two grids are extrapolated. ACCURACY holds then.
+A box, by default one period, is divided into cells. In each cell the field is linearised from its value and gradient at the
+center, and the volume that the linear function cuts off the cell is exact. The method is of second order, and Richardson
+extrapolation from two grids reaches FRACTION_ACCURACY. (`volume_quadrature` integrates along lines between exact roots; it takes
+longer and is the reference for certified solids.)
 
-Thresholds for a volume fraction that varies in space: what a uniform structure of the local fraction has, place by place.
-
-The threshold is a spline of the fraction, through the fractions of a uniform structure at a row of thresholds.
+A threshold field for a varying volume fraction is that of a uniform structure with the local fraction. It is evaluated by a
+spline of the threshold as a function of the fraction.
 """
 
 from __future__ import annotations
@@ -20,38 +21,71 @@ from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.argument_checks import as_box_corners
 from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import Field, FieldLike, as_field
 
 SAMPLES_PER_AXIS = 96
-"""Cells per axis of the finer grid; the other has half as many. 0.3 s."""
+"""Cells per axis of the finer grid; the coarser one has half as many."""
 
 FRACTION_ACCURACY = 3e-5
-"""Of a volume fraction, with that many samples in the period of a smooth field: the worst of the catalogue at six levels each,
-where the median is 3e-6. Creases of the field, of a sheet for instance, may cost a digit."""
+"""Error bound of a volume fraction with SAMPLES_PER_AXIS cells in the period of a smooth field; creases may cost a digit."""
 
 MIN_SLOPE_SHARE = 1e-3
-"""Least share of an axis in a cell's slope: the cut volume is a difference of cubes divided by the three shares."""
+"""Least share of an axis in a cell's slope, since the cut volume is a difference of cubes divided by the three shares."""
 
 THRESHOLD_RTOL = 1e-10
-"""Of a threshold, relative to the range of the field: far below what the quadrature tells apart."""
+"""Tolerance of a threshold relative to the range of the field, far below the error of the quadrature."""
 
 BRACKET_RANGE_FRACTION = 1e-3
-"""Of the range: where the threshold of both grids is looked for first, around that of the coarse one."""
+"""Half width of the first bracket around the threshold of the coarse grid, as a fraction of the field's range."""
+
+THRESHOLD_NODES = 17
+"""Thresholds at which fractions are sampled for the spline; its error is of the order of FRACTION_ACCURACY."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CellSamples:
-    """Values at the centers of cells (n,), how much the field changes along each edge (n, 3), and its bounds in the cell (n,)."""
+    """Cells of a grid: values at the centers (n,), changes along the edges (n, 3), bounds of the linear function (n,)."""
 
-    values: Array
-    changes: Array
-    lowest: Array
-    highest: Array
+    center_values: Array
+    edge_changes: Array
+    lower_bounds: Array
+    upper_bounds: Array
 
 
 def volume_fraction(field: FieldLike, domain: BoxCorners | None = None, *, samples: int = SAMPLES_PER_AXIS) -> float:
-    """The part of a box ((x0, y0, z0), (x1, y1, z1)), by default one period, where f <= 0."""
+    """Return the volume fraction of the solid of a field in a box.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field; f <= 0 is solid.
+    domain : ((x0, y0, z0), (x1, y1, z1)), optional
+        The box, in model units; by default one period.
+    samples : int
+        Cells per axis of the finer of two grids, at least 4.
+
+    Returns
+    -------
+    float
+        Volume of the solid per volume of the box, to 3e-5 for a smooth field with the default samples.
+
+    Raises
+    ------
+    InvalidRequest
+        If the field is not periodic and no domain is given, or the domain or samples are invalid.
+
+    Notes
+    -----
+    Exact volumes of linear functions in cells, extrapolated from two grids.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> round(fields.volume_fraction(fields.tpms("gyroid", 10.0)), 4)
+    0.5
+    """
     fine, coarse = _sample_two_grids(as_field(field), domain, samples)
     return _richardson(_fraction_below(fine, 0.0), _fraction_below(coarse, 0.0))
 
@@ -65,9 +99,38 @@ def threshold_for(
     domain: BoxCorners | None = None,
     samples: int = SAMPLES_PER_AXIS,
 ) -> float | tuple[float, float]:
-    """The threshold with which `rod` or `pore` of phi has a volume fraction in a box, by default one period.
+    """Return the threshold with which a structure has a volume fraction.
 
-    For kind "sheet" the two thresholds level - t, level + t.
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field.
+    volume_fraction : float
+        Volume of the solid per volume of the box, between 0 and 1.
+    kind : {"rod", "pore", "sheet"}
+        The structure cut from phi.
+    level : float
+        Isovalue in the middle of a sheet.
+    domain : ((x0, y0, z0), (x1, y1, z1)), optional
+        The box, in model units; by default one period.
+    samples : int
+        Cells per axis of the finer of two grids, at least 4.
+
+    Returns
+    -------
+    float or (float, float)
+        The threshold of `rod` or `pore`, or the thresholds level - t and level + t of `sheet`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the fraction is not between 0 and 1, the kind is unknown, or the box is invalid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> phi = fields.tpms("gyroid", 10.0)
+    >>> structure = fields.rod(phi, fields.threshold_for(phi, 0.3))
     """
     if not 0 < volume_fraction < 1:
         raise InvalidRequest(f"volume fraction {volume_fraction!r} must be between 0 and 1")
@@ -77,13 +140,12 @@ def threshold_for(
     def excess(cells: _CellSamples, t: float) -> float:
         return part(cells, t) - volume_fraction
 
-    least = min(float(cells.lowest.min()) for cells in grids)
-    most = max(float(cells.highest.max()) for cells in grids)
+    minimum = min(float(cells.lower_bounds.min()) for cells in grids)
+    maximum = max(float(cells.upper_bounds.max()) for cells in grids)
     if kind == "sheet":
-        widest = max(most - level, level - least)
-        t = _solve_threshold(excess, grids, 0.0, widest)
+        t = _solve_threshold(excess, grids, 0.0, max(maximum - level, level - minimum))
         return level - t, level + t
-    return _solve_threshold(excess, grids, least, most)
+    return _solve_threshold(excess, grids, minimum, maximum)
 
 
 def volume_fractions(
@@ -95,14 +157,14 @@ def volume_fractions(
     domain: BoxCorners | None = None,
     samples: int = SAMPLES_PER_AXIS,
 ) -> Array:
-    """Volume fractions (n,) of `rod` or `pore` of phi with thresholds (n,), or of sheets from level - t to level + t."""
+    """Volume fractions (n,) of `rod` or `pore` of phi with thresholds t (n,), or of sheets from level - t to level + t."""
     fine, coarse = _sample_two_grids(as_field(phi), domain, samples)
     part = _fraction_function(kind, level)
     return np.array([_richardson(part(fine, t), part(coarse, t)) for t in thresholds.tolist()])
 
 
 def _fraction_function(kind: str, level: float) -> Callable[[_CellSamples, float], float]:
-    """part(cells, t): what a threshold makes solid."""
+    """Function (cells, t) -> fraction of the cells that the structure of threshold t fills."""
     if kind == "sheet":
         return lambda cells, t: _fraction_below(cells, level + t) - _fraction_below(cells, level - t)
     if kind == "rod":
@@ -115,20 +177,21 @@ def _fraction_function(kind: str, level: float) -> Callable[[_CellSamples, float
 def _solve_threshold(
     excess: Callable[[_CellSamples, float], float], grids: tuple[_CellSamples, _CellSamples], low: float, high: float
 ) -> float:
-    """Where the excess, extrapolated from the fine and the coarse grid, is zero: near where that of the coarse grid is."""
+    """Root of the extrapolated excess, bracketed first around the root of the coarse grid alone."""
     tol, span = THRESHOLD_RTOL * max(abs(low), abs(high)), BRACKET_RANGE_FRACTION * (high - low)
     guess = brentq(partial(excess, grids[1]), low, high, xtol=tol)
-    near = max(low, guess - span), min(high, guess + span)
+    bracket = max(low, guess - span), min(high, guess + span)
 
-    def both(c: float) -> float:
+    def extrapolated(c: float) -> float:
         return _richardson(excess(grids[0], c), excess(grids[1], c))
 
-    if both(near[0]) * both(near[1]) > 0:
-        near = low, high
-    return float(brentq(both, *near, xtol=tol))
+    if extrapolated(bracket[0]) * extrapolated(bracket[1]) > 0:
+        bracket = low, high
+    return float(brentq(extrapolated, *bracket, xtol=tol))
 
 
 def _sample_two_grids(field: Field, domain: BoxCorners | None, samples: int) -> tuple[_CellSamples, _CellSamples]:
+    """Cells of the fine grid and of the coarse one."""
     if samples < 4:
         raise InvalidRequest(f"{samples} samples per axis are too few: at least 4, or 96 for five digits")
     low, high = _resolve_box(field, domain)
@@ -137,6 +200,7 @@ def _sample_two_grids(field: Field, domain: BoxCorners | None, samples: int) -> 
 
 
 def _resolve_box(field: Field, domain: BoxCorners | None) -> tuple[Array, Array]:
+    """Corners of the domain, by default of one period."""
     if domain is None:
         periods = field.periods()
         if periods is None or 0 in periods:
@@ -144,42 +208,39 @@ def _resolve_box(field: Field, domain: BoxCorners | None) -> tuple[Array, Array]
                 "the field is not periodic: give the box of the volume as domain=((x0, y0, z0), (x1, y1, z1))"
             )
         return np.zeros(3), np.array(periods)
-    box = np.asarray(domain, float)
-    if box.shape != (2, 3) or not np.isfinite(box).all() or not (box[0] < box[1]).all():
-        raise InvalidRequest(
-            f"domain {domain!r} must be two corners (x, y, z), each coordinate of the first below the second's"
-        )
-    return box[0], box[1]
+    return as_box_corners(domain)
 
 
 def _sample_cells(field: Field, low: Array, high: Array, samples: int) -> _CellSamples:
     size = (high - low) / samples
     axes = (low[axis] + size[axis] * (np.arange(samples) + 0.5) for axis in range(3))
-    values, slopes = field.value_and_gradient_on_grid(*axes)
-    changes = np.abs(slopes.reshape(-1, 3)) * size
-    flat, reach = values.reshape(-1), (changes[:, 0] + changes[:, 1] + changes[:, 2]) / 2
-    return _CellSamples(flat, changes, flat - reach, flat + reach)
+    values, gradients = field.value_and_gradient_on_grid(*axes)
+    changes = np.abs(gradients.reshape(-1, 3)) * size
+    flat, half_range = values.reshape(-1), (changes[:, 0] + changes[:, 1] + changes[:, 2]) / 2
+    return _CellSamples(flat, changes, flat - half_range, flat + half_range)
 
 
 def _richardson(fine: float, coarse: float) -> float:
+    """Extrapolation of a second-order method from steps h and 2 h."""
     return fine + (fine - coarse) / 3
 
 
 def _fraction_below(cells: _CellSamples, c: float) -> float:
-    under = cells.highest <= c
-    partly = np.flatnonzero((cells.lowest < c) ^ under)
+    """Fraction of the cells' volume where the linearised field is below c."""
+    full = cells.upper_bounds <= c
+    cut = np.flatnonzero((cells.lower_bounds < c) ^ full)
     return float(
-        (np.count_nonzero(under) + _cube_volumes_below(c - cells.values[partly], cells.changes[partly]).sum())
-        / under.size
+        (np.count_nonzero(full) + _cube_volumes_below(c - cells.center_values[cut], cells.edge_changes[cut]).sum())
+        / full.size
     )
 
 
 def _cube_volumes_below(height: Array, changes: Array) -> Array:
-    """The volume of {changes . u <= height} in the unit cube |u| <= 1/2, by inclusion and exclusion of its corners."""
+    """Volume of {changes . u <= height} in the unit cube |u| <= 1/2, by inclusion-exclusion over its corners."""
     total = np.maximum(changes.sum(axis=1), np.finfo(float).tiny)
     a, b, c = np.maximum(changes / total[:, None], MIN_SLOPE_SHARE).T
     depth = np.clip(height / total, -0.5, 0.5)
-    # the smaller of the two parts: the formula then has fewer terms that cancel
+    # of the two parts the smaller: fewer terms of the formula cancel
     t = (0.5 - np.abs(depth)) * (a + b + c)
     corners = t**3
     for edge in (a, b, c):
@@ -190,37 +251,40 @@ def _cube_volumes_below(height: Array, changes: Array) -> Array:
     return np.where(depth > 0, 1 - part, part)
 
 
-THRESHOLD_NODES = 17
-"""Thresholds whose fractions are sampled; for gyroid rods of 0.2 to 0.5 the spline is off by 2e-5 at most."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class GradedThreshold(Field):
-    """The threshold of the fraction `by`, which stays within the spline's range; `sign` -1 for the lower one of a sheet."""
+    """Threshold as a spline of the field `fraction`; `sign` is -1 for the lower threshold of a sheet.
 
-    by: Field
-    table: CubicSpline
+    Evaluation raises InvalidRequest where the fraction leaves the spline's range.
+    """
+
+    fraction: Field
+    threshold_of_fraction: CubicSpline
     level: float
     sign: float
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
-        return self.level + self.sign * np.asarray(self.table(self._within(self.by.at(x, y, z))))
+        """Values at coordinates that broadcast."""
+        fraction = self.fraction.at(x, y, z)
+        self._check_within_span(fraction)
+        return self.level + self.sign * np.asarray(self.threshold_of_fraction(fraction))
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        by, bx, by_, bz = self.by.jet(x, y, z)
-        by = self._within(by)
-        value, rate = self.level + self.sign * np.asarray(self.table(by)), self.sign * np.asarray(self.table(by, 1))
-        return value, rate * bx, rate * by_, rate * bz
+        """Value and partial derivatives at coordinates that broadcast."""
+        fraction, fx, fy, fz = self.fraction.jet(x, y, z)
+        self._check_within_span(fraction)
+        value = self.level + self.sign * np.asarray(self.threshold_of_fraction(fraction))
+        rate = self.sign * np.asarray(self.threshold_of_fraction(fraction, 1))
+        return value, rate * fx, rate * fy, rate * fz
 
-    def _within(self, fraction: Array) -> Array:
-        low, high = self.table.x[[0, -1]]
-        least, most = fraction.min(initial=high), fraction.max(initial=low)
-        if least < low - FRACTION_ACCURACY or most > high + FRACTION_ACCURACY:
+    def _check_within_span(self, fraction: Array) -> None:
+        low, high = self.threshold_of_fraction.x[[0, -1]]
+        minimum, maximum = fraction.min(initial=high), fraction.max(initial=low)
+        if minimum < low - FRACTION_ACCURACY or maximum > high + FRACTION_ACCURACY:
             raise InvalidRequest(
-                f"a volume fraction of {least if least < low else most:.4g} is asked for, the span is {low:g} to {high:g}: "
-                "widen the span, or end the fraction's ramp within it"
+                f"the volume fraction takes the value {minimum if minimum < low else maximum:.4g}, outside the span from {low:g} "
+                f"to {high:g}: widen the span, or end the fraction's ramp within it"
             )
-        return fraction
 
 
 def graded_threshold(
@@ -232,12 +296,42 @@ def graded_threshold(
     level: float = 0.0,
     domain: BoxCorners | None = None,
 ) -> Field | tuple[Field, Field]:
-    """The threshold field with which `rod` or `pore` of phi has the volume fraction `fraction` where it changes slowly.
+    """Return the threshold field with which a structure has a volume fraction that varies slowly in space.
 
-    fraction: a field with values within span = (least, greatest). phi: periodic, or with a `domain` to sample, as for
-    `threshold_for`. For kind "sheet" the two threshold fields about `level`.
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field.
+    fraction : Field, float or callable
+        The local volume fraction.
+    span : (least, greatest)
+        Range of the volume fraction, between 0 and 1.
+    kind : {"rod", "pore", "sheet"}
+        The structure cut from phi.
+    level : float
+        Isovalue in the middle of a sheet.
+    domain : ((x0, y0, z0), (x1, y1, z1)), optional
+        Box in which volume fractions are measured, in model units; by default one period.
+
+    Returns
+    -------
+    Field or (Field, Field)
+        The threshold of `rod` or `pore`, or the lower and upper threshold of `sheet`. Everywhere it is the threshold of the
+        uniform structure with the local fraction.
+
+    Raises
+    ------
+    InvalidRequest
+        If the span or kind is invalid; on evaluation, if the fraction leaves the span.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> phi = fields.tpms("gyroid", 10.0)
+    >>> fraction = fields.ramp("x", (0, 40), (0.2, 0.5))
+    >>> part = fields.rod(phi, fields.graded_threshold(phi, fraction, (0.2, 0.5)))
     """
-    by = as_field(fraction)
+    local_fraction = as_field(fraction)
     try:
         low, high = (float(f) for f in span)
     except (TypeError, ValueError):
@@ -246,12 +340,15 @@ def graded_threshold(
         raise InvalidRequest(f"span {span!r} must be two volume fractions between 0 and 1, the least first")
     ends = [threshold_for(phi, f, kind, level=level, domain=domain) for f in (low, high)]
     first, last = (e[1] - level if isinstance(e, tuple) else e for e in ends)
-    rows = np.linspace(first, last, THRESHOLD_NODES)
-    found = volume_fractions(phi, rows, kind, level=level, domain=domain)
-    found[0], found[-1] = low, high
-    if not (np.diff(found) > 0).all():
-        raise InvalidRequest(f"volume fractions from {low:g} to {high:g} do not tell thresholds apart: narrow the span")
-    table = CubicSpline(found, rows)
+    thresholds = np.linspace(first, last, THRESHOLD_NODES)
+    fractions = volume_fractions(phi, thresholds, kind, level=level, domain=domain)
+    fractions[0], fractions[-1] = low, high
+    if not (np.diff(fractions) > 0).all():
+        raise InvalidRequest(
+            f"the threshold is not a function of the volume fraction from {low:g} to {high:g}: narrow the span"
+        )
+    spline = CubicSpline(fractions, thresholds)
     if kind == "sheet":
-        return GradedThreshold(by, table, level, -1.0), GradedThreshold(by, table, level, 1.0)
-    return GradedThreshold(by, table, 0.0, 1.0)
+        lower, upper = (GradedThreshold(local_fraction, spline, level, sign) for sign in (-1.0, 1.0))
+        return lower, upper
+    return GradedThreshold(local_fraction, spline, 0.0, 1.0)

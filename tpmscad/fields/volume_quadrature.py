@@ -1,8 +1,9 @@
-"""The volume of a field's solid in a box by columns, without patches: the independent figure that a solid is held against.
+"""Volume of a field's solid in a box by quadrature along lines: the independent reference for certified solids.
 
-Along each line of a grid the solid's pieces end at roots of the field, found to round-off; across the lines the midpoint rule is
-taken. The lines of the three directions share the volume point by point by n_a^4 / sum_b n_b^4, n along the gradient, so that
-lines that graze the surface, where the midpoint rule would fail, have no part in it: a wall of any thickness is measured alike.
+The solid's segments on each line of a grid end at roots of the field, found to round-off; across the lines the midpoint rule is
+used. Lines of all three directions a contribute with the weight n_a^4 / sum_b n_b^4, n being the direction of the gradient, a
+partition of unity. Lines tangential to the surface, for which the midpoint rule fails, thus have no weight, and walls of any
+thickness are measured with the same accuracy. (`volume_fraction_thresholds` is faster and less accurate.)
 """
 
 from __future__ import annotations
@@ -14,29 +15,28 @@ from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.splines.quadrature import gauss_legendre_unit
 
 ROOT_STEPS = 12
-"""Steps of the root finder: round-off from a bracket of any grid."""
+"""Steps of the root finder, which reach round-off from the bracket of any grid."""
 
 GAUSS_POINTS = 2
-"""Points on each piece of a line."""
+"""Gauss-Legendre points on each segment of a line."""
 
 MIN_LINES = 40
-"""Lines of the grid along the longest edge, at least."""
+"""Least number of lines along the longest edge."""
 
 VOLUME_RTOL, MAX_REFINEMENTS = 1e-3, 2
-"""Relative change from one grid to the next at which a volume is taken, and grids half as wide again that are tried for it: long
-boxes of small cells need them."""
+"""Relative change between two grids at which a volume is accepted, and number of further grids, each finer by a factor 1.5."""
 
 WHOLE_PERIODS_TOL = 1e-9
+"""Deviation of the number of periods in a box from an integer, below which the box holds whole periods."""
 
 SLOPE_FLOOR_FRACTION = 0.1
-"""Part of the mean square slope that stands in where the field has none: with a hundredth, a rod of sixteen lines to the cell was
-off by 5e-3, with a fifth a wall of a five-hundredth of the cell by 1e-3."""
+"""Fraction of the mean squared derivative added to each squared derivative: the weights stay smooth at critical points."""
 
 
 def integrate_volume(field: Field, lo: Array, hi: Array, spacing: float) -> tuple[float, float]:
-    """The volume of {field < 0} in [lo, hi], and how much the last refinement of the grid changed it. `spacing` is tried first.
+    """Volume of {field < 0} in [lo, hi] and its change by the last refinement; `spacing` is that of the first grid.
 
-    Of boxes of whole periods one is measured: `spacing` need not be a part of the period.
+    In a box of whole periods only one period is measured.
     """
     lo, hi, copies = _crop_to_one_period(field, lo, hi)
     spacing = min(spacing, float((hi - lo).max()) / MIN_LINES)
@@ -50,7 +50,7 @@ def integrate_volume(field: Field, lo: Array, hi: Array, spacing: float) -> tupl
 
 
 def _crop_to_one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Array, int]:
-    """The box along each axis cut down to a period where it has a whole number of them, and how many such boxes it is."""
+    """Box reduced to one period along each axis with a whole number of them, and the number of such boxes."""
     periods = field.periods()
     if periods is None or min(periods) <= 0:
         return lo, hi, 1
@@ -61,20 +61,22 @@ def _crop_to_one_period(field: Field, lo: Array, hi: Array) -> tuple[Array, Arra
 
 
 def _integrate_on_grid(field: Field, lo: Array, hi: Array, spacing: float) -> float:
-    if isinstance(field, MinMaxField) and field.sign < 0:  # level sets that do not meet: the solids are apart
+    """Volume by lines of all three directions on one grid."""
+    if isinstance(field, MinMaxField) and field.sign < 0:  # a union of level sets that do not meet: disjoint solids
         return _integrate_on_grid(field.first, lo, hi, spacing) + _integrate_on_grid(field.second, lo, hi, spacing)
     walls = _split_intersection(field)
     return sum(_integrate_columns(walls, lo, hi, spacing, axis) for axis in range(3))
 
 
 def _split_intersection(field: Field) -> tuple[Field, ...]:
+    """Fields whose maximum the field is."""
     if isinstance(field, MinMaxField) and field.sign > 0:
         return (*_split_intersection(field.first), *_split_intersection(field.second))
     return (field,)
 
 
 def _integrate_columns(walls: tuple[Field, ...], lo: Array, hi: Array, spacing: float, axis: int) -> float:
-    """One direction's share of the volume where all the walls' fields are negative."""
+    """Contribution of the lines along one axis to the volume where all fields are negative."""
     counts = np.maximum(8, np.ceil((hi - lo) / spacing)).astype(int)
     step = (hi - lo) / counts
     lines = [low + s * (np.arange(n) + 0.5) for low, s, n in zip(lo, step, counts, strict=True)]
@@ -102,14 +104,13 @@ def _integrate_columns(walls: tuple[Field, ...], lo: Array, hi: Array, spacing: 
         points = np.stack([line[i] for line, i in zip(lines, at, strict=True)], axis=1)
         points[:, axis] = first + node * length
         square = walls[0].gradient(points) ** 2
-        square += SLOPE_FLOOR_FRACTION * np.mean(
-            square
-        )  # where the field is level all directions share alike, and smoothly
+        square += SLOPE_FLOOR_FRACTION * np.mean(square)  # equal weights of the three directions at critical points
         total += weight * float((length * square[:, axis] ** 2 / (square**2).sum(axis=1)).sum())
     return across * total
 
 
 def _broadcast_along(values: Array, axis: int) -> Array:
+    """Values (n,) with shape n along one of three axes, 1 along the others."""
     shape = [1, 1, 1]
     shape[axis] = -1
     return values.reshape(shape)
@@ -118,10 +119,10 @@ def _broadcast_along(values: Array, axis: int) -> Array:
 def _find_roots_on_lines(
     field: Field, points: Array, axis: int, low: Array, high: Array, f_low: Array, f_high: Array
 ) -> Array:
-    """Where the field vanishes between coordinates of opposite signs, by the Illinois rule."""
+    """Roots of the field between coordinates of opposite signs by the Illinois variant of regula falsi."""
     points = points.copy()
-    begins = f_low >= 0
-    kept = np.zeros(len(low), np.int64)  # the end that the last step kept: +1 high, -1 low
+    low_is_void = f_low >= 0
+    kept = np.zeros(len(low), np.int64)  # end kept by the last step: +1 high, -1 low
     middle = low
     for _ in range(ROOT_STEPS):
         difference = f_high - f_low
@@ -129,8 +130,8 @@ def _find_roots_on_lines(
         middle = low + ratio * (high - low)
         points[:, axis] = middle
         f = field(points)
-        same = (f >= 0) == begins
-        # an end that stays for a second time counts half, so that both close in
+        same = (f >= 0) == low_is_void
+        # the value of an end that is kept twice is halved, so that both ends converge
         f_high = np.where(same, np.where(kept > 0, 0.5 * f_high, f_high), f)
         f_low = np.where(same, f, np.where(kept < 0, 0.5 * f_low, f_low))
         low, high = np.where(same, middle, low), np.where(same, high, middle)

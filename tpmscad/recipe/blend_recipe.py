@@ -41,7 +41,7 @@ from tpmscad.blending.initial_weights import WEIGHT_NAMES, WeightSpec
 from tpmscad.blending.porous_blending import METHODS, blend
 from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
-from tpmscad.fields.primitive_regions import as_unit_vector
+from tpmscad.fields.argument_checks import as_unit_vector
 from tpmscad.recipe.field_kind import read_box_corners, read_direction, read_triple
 from tpmscad.recipe.field_reader import make_field_reader
 from tpmscad.recipe.toml_entry import Entry, read_document

@@ -1,13 +1,14 @@
 """Quadrilaterals of the hyperbolic plane in Klein's model, as projective images of the unit square.
 
-A polygon of a mirror surface has geodesic sides and angles pi / n, so its mirror images tile the hyperbolic plane as they tile
-the surface. In Klein's model reflections are projective maps (harmonic homologies), and so they are on the unit square mapped
-onto the quadrilateral projectively: a patch X on the square that takes them to the mirrors of its sides,
+The fundamental polygon of a mirror surface has geodesic sides and angles pi / n, so that its mirror images tile the hyperbolic
+plane as they tile the surface. In Klein's model reflections are projective maps (harmonic homologies), and so they are on the
+unit square if it is mapped projectively onto the quadrilateral. A patch X on the square that intertwines the homologies h_i with the
+reflections M_i in the mirror planes of its sides,
 
     X(h_i(u, v)) = M_i X(u, v),
 
-goes on smoothly into all its copies, corners of any angle included. Quadrilaterals of given angles form a family of one
-parameter, here the product of the normals of two opposite sides.
+joins all its copies smoothly, also at corners of any angle. Quadrilaterals of given angles form a one-parameter family; the
+parameter is the Minkowski product of the normals of two opposite sides.
 """
 
 from __future__ import annotations
@@ -25,10 +26,12 @@ _UNIT_SQUARE = np.array([[1.0, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]])  # homog
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KleinQuadrilateral:
-    """`projection` (3, 3) takes (1, u, v) to the homogeneous coordinates (time, x, y) of Klein's model.
+    """A quadrilateral in Klein's model.
 
-    `centres` (4, 3), homogeneous in (1, u, v): the reflection in side i moves points along lines through the i-th. `other` is
-    the product of the other pair's normals, which the angles and the parameter determine.
+    - `projection` (3, 3): maps (1, u, v) to the homogeneous coordinates (time, x, y).
+    - `centres` (4, 3): centres of the homologies, homogeneous in (1, u, v); the reflection in side i moves points along lines
+      through the i-th.
+    - `other`: product of the normals of the other pair of sides, which follows from the angles and the parameter.
     """
 
     projection: Array
@@ -36,7 +39,7 @@ class KleinQuadrilateral:
     other: float
 
     def dirichlet_tensor(self, u: Array, v: Array) -> Array:
-        """sqrt(det g) g^-1 of the hyperbolic metric g at the pairs (u, v): (..., 2, 2), what Dirichlet's energy takes."""
+        """Tensor sqrt(det g) g^-1 of the Dirichlet energy for the hyperbolic metric g at the pairs (u, v): (..., 2, 2)."""
         point = np.stack([np.ones_like(u), u, v], axis=-1) @ self.projection.T
         tangents = self.projection[:, 1:].T  # (2, 3)
         along = point @ _MINKOWSKI_FORM @ tangents.T
@@ -46,10 +49,10 @@ class KleinQuadrilateral:
 
 
 def solve_klein_quadrilateral(angles: ArrayLike, product: float) -> KleinQuadrilateral:
-    """The quadrilateral with these angles (4,), at the corner where side i begins, and sides 0 and 2 at distance arcosh(product).
+    """Quadrilateral of given angles (4,), at the corner where side i begins, with sides 0 and 2 at distance arcosh(product).
 
-    product > 1. Minus the sides' normals' products are the cosines of the angles; that all four normals lie in three dimensions
-    determines the remaining product.
+    `product` > 1. The products of the normals of adjacent sides are minus the cosines of the angles. The Gram matrix of the four
+    normals has rank three, which determines the remaining product.
     """
     cosines = np.cos(angles)
 
@@ -63,7 +66,7 @@ def solve_klein_quadrilateral(angles: ArrayLike, product: float) -> KleinQuadril
 
     roots = np.roots(np.polyfit([0.0, 1.0, 2.0], [np.linalg.det(gram(x)) for x in (0.0, 1.0, 2.0)], 2))
     other = float(roots.real.max())
-    values, vectors = np.linalg.eigh(gram(other))  # one negative, one zero, two positive, in this order
+    values, vectors = np.linalg.eigh(gram(other))  # in this order one negative, one zero, two positive
     normals = vectors[:, [0, 3, 2]] * np.sqrt(np.abs(values[[0, 3, 2]]))
     duals = normals @ _MINKOWSKI_FORM
     vertices = np.array([np.cross(duals[i - 1], duals[i]) for i in range(4)])

@@ -1,8 +1,8 @@
-"""The symmetry that makes the whole surface of one patch, derived from the patch itself.
+"""The space group that generates the whole surface from one patch, derived from the patch itself.
 
-A motion is x -> R x + t in cells. All of them belong to a cubic space group in its standard axes: rotations are signed
-permutations and translations multiples of 1/8, so what is computed from points of the patch is rounded to these, exactly, and
-refused if it was not within round-off of them.
+A motion is x -> R x + t in cells. All motions belong to a cubic space group in its standard axes: rotations are signed permutation
+matrices and translations are multiples of 1/8. Motions computed from points of the patch are therefore rounded to exact ones, and
+an error is raised if the rounding changes them by more than round-off.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.surface_patch import primitive_patch
 
 SIDE_MIDDLES = ((0.5, 0.0), (1.0, 0.5), (0.5, 1.0), (0.0, 0.5))
-"""(u, v) in the middle of sides 0..3: v = 0, u = 1, v = 1, u = 0."""
+"""(u, v) of the midpoints of sides 0..3: v = 0, u = 1, v = 1, u = 0."""
 
 TRANSLATION_DENOMINATOR = 8
-"""Translations of the space groups are multiples of 1/GRAIN of the cell."""
+"""Translations of the space groups are multiples of one over this number of the cell."""
 
 MOTION_ROUND_OFF_TOL = 1e-12
-"""How far a derived motion may be from the exact one; 1e-15 was measured."""
-
+"""Greatest difference between a derived motion and the exact one, entry by entry."""
 
 GridPoint = tuple[float, ...]
+"""Coordinates in multiples of the least translation, as a key of dictionaries."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchSymmetry:
-    """Motions of the patch, the same for both references; proper unless said otherwise, lengths in cells.
+    """Motions of a primitive patch, the same for both references; all but `swap` are proper. Lengths in cells.
 
-    - `edge_motions` (4,): onto the neighbour over each side, a half-turn about the normal in
-      the side's middle; +offset stays +offset. With s counted along the side, T X(side, s) = X(side, 1 - s).
-    - `swap`, a single motion: the rotoinversion of order 4 about the patch's centre, which maps the
-      patch onto itself and +offset onto -offset: S X(u, v; d) = X(1 - v, u; -d).
-    - `cell_motions` (n,): one for each patch of the cubic cell, whose translations
-      are the integer vectors; the n patches hang together by their sides and lie about the cell's middle.
-    - `centring` (c, 3): the translations, modulo the integers, that keep the surface's sides.
-    - `side_middles` (4, 3): the mid-points of the minimal patch's sides; the nodal patch's lie on the same axes.
-    - `handedness`: +1 where du x dv is along the normal, else -1.
+    - `edge_motions` (4,): onto the neighbour across each side, a half-turn about the normal at the side's midpoint, which maps
+      +offset to +offset. With the parameter s along the side, T X(side, s) = X(side, 1 - s).
+    - `swap`, a single motion: the rotoinversion of order 4 about the centre of the patch, which maps the patch onto itself and
+      +offset to -offset: S X(u, v; d) = X(1 - v, u; -d).
+    - `cell_motions` (n,): one for each patch of the cubic cell, modulo integer translations. The n patches are connected across
+      their sides and surround the middle of the cell.
+    - `centring` (c, 3): translations modulo the integers that preserve the sides of the surface.
+    - `side_middles` (4, 3): midpoints of the minimal patch's sides; those of the nodal patch lie on the same axes.
+    - `handedness`: +1 if du x dv is along the normal, else -1.
     """
 
     edge_motions: Motion
@@ -55,13 +55,29 @@ class PatchSymmetry:
 
 @cache
 def patch_symmetry(name: str) -> PatchSymmetry:
-    """The symmetry of a catalogued surface's patch."""
+    """Return the motions that generate a surface from its primitive patch.
+
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface with an exact patch.
+
+    Returns
+    -------
+    PatchSymmetry
+        The motions; repeated calls return the same object, whose arrays are read-only.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown or has no exact patch.
+    """
     info = find_surface(name)
     surface = primitive_patch(info.name)
     middle = surface.jet(*np.array(SIDE_MIDDLES).T)
     centre = surface.jet(0.5, 0.5)
     edges = _round_motion(_motion_about(2 * _outer_products(middle.normal) - np.eye(3), middle.position))
-    # S takes du to dv = n x du, dv to -du and n to -n.
+    # S maps du to dv = n x du, dv to -du and n to -n
     n = centre.normal
     swap = _round_motion(_motion_about(np.cross(n, np.eye(3)).T - _outer_products(n), centre.position))
     cell = _grow_unit_cell(edges, np.rint(TRANSLATION_DENOMINATOR * centre.position), info.patches_per_cell)
@@ -74,14 +90,17 @@ def patch_symmetry(name: str) -> PatchSymmetry:
 
 
 def _outer_products(n: Array) -> Array:
+    """Dyads n n^T of vectors (..., 3): (..., 3, 3)."""
     return n[..., :, None] * n[..., None, :]
 
 
 def _motion_about(rotation: Array, fixed: Array) -> Motion:
+    """Rotation about a fixed point."""
     return Motion(rotation, fixed - np.einsum("...ij,...j->...i", rotation, fixed))
 
 
 def _round_motion(motion: Motion) -> Motion:
+    """The motion of a cubic space group nearest to a derived one; ArithmeticError if it differs by more than round-off."""
     exact = Motion(
         np.rint(motion.rotation) + 0.0,
         np.rint(TRANSLATION_DENOMINATOR * motion.translation) / TRANSLATION_DENOMINATOR + 0.0,
@@ -93,11 +112,10 @@ def _round_motion(motion: Motion) -> Motion:
 
 
 def _grow_unit_cell(edges: Motion, centre: Array, count: int) -> Motion:
-    """One motion per patch modulo integers, grown side by side from the primitive.
+    """One motion per patch modulo integer translations, grown across sides from the primitive patch.
 
-    Each step takes the patch that shares most sides with those taken, which keeps the border short (40, 48, 22 open sides for
-    gyroid, Diamond, Schwarz P); ties go to the patch nearest to the middle of those taken, then to the first found. A patch
-    is known by its centre, in whole grains.
+    Each step takes the patch that shares most sides with those taken, which keeps the border short; ties are broken by the
+    distance to the mean of those taken, then by order of discovery. A patch is identified by its centre on the grid.
     """
     around = edges.apply_to_vectors(centre) + TRANSLATION_DENOMINATOR * edges.translation
     taken: dict[GridPoint, Motion] = {}
@@ -139,7 +157,7 @@ def _grid_point(grains: Array) -> GridPoint:
 
 
 def _find_centring(edges: Motion) -> Array:
-    """The pure translations, modulo integers, among all words in the four half-turns: (c, 3)."""
+    """Pure translations modulo the integers in the group generated by the four half-turns: (c, 3)."""
     found: dict[bytes, Motion] = {}
     fresh = [Motion(np.eye(3), np.zeros(3))]
     while fresh:

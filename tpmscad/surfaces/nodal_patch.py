@@ -1,8 +1,9 @@
-"""The trigonometric level sets f = 0 of the same names, on the patches of the minimal surfaces.
+"""Patches of the nodal level sets f = 0, parametrised over the patches of the minimal surfaces.
 
-The point at (u, v) is where the minimal surface's normal at (u, v) meets the level set, 1.2e-2 of the cell away at most. That
-map is smooth and commutes with every common symmetry, so both surfaces have the same neighbours, rotoinversions and transitions.
-Its derivatives, and those of the unit gradient, follow from the chain rule with exact derivatives of f up to the third.
+The point at (u, v) is the intersection of the level set with the minimal surface's normal at (u, v), at most 1.2e-2 of the cell
+away. The map is smooth and commutes with every common symmetry, so that both surfaces have the same neighbours, rotoinversions
+and transitions. Its derivatives and those of the unit normal follow from the chain rule with exact derivatives of f up to order
+three.
 """
 
 from __future__ import annotations
@@ -15,19 +16,18 @@ from tpmscad.surfaces.differential_geometry import dot
 from tpmscad.surfaces.plane_waves import NODAL_WAVES
 
 NEWTON_STEPS = 5
-"""From 1.2e-2 of the cell the steps go 2e-4, 4e-8, 2e-15; always as many, so that no point depends on its neighbours."""
-
+"""Newton steps, which reach round-off; their number is fixed, so that no point depends on the other points of the call."""
 
 SECOND_DERIVATIVE_INDICES = {3: (1, 1), 4: (1, 2), 5: (2, 2)}
-"""Which two first derivatives a second derivative's place in a jet stands for."""
+"""First derivatives that make up the second derivative at each position of a jet."""
 
 
 def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
-    """The surface and its unit normal, each with its derivatives by (u, v): (6, ..., 3), value, u, v, uu, uv, vv."""
+    """Surface and unit normal with their derivatives by (u, v): (6, ..., 3) each, value, u, v, uu, uv, vv."""
     carrier, along = minimal_patch.mid_and_normal(name, u, v)
     height = _solve_height(name, carrier[0], along[0])
     k = 2 * np.pi * NODAL_WAVES[name].wave_vectors
-    foot = carrier + height[..., None] * along  # with the height held still; its derivatives are added below
+    foot = carrier + height[..., None] * along  # at constant height; the derivatives of the height are added below
     wave = NODAL_WAVES[name].amplitudes * np.exp(1j * (foot[0] @ k.T))
     slope = -wave.imag @ k
     steepness = dot(slope, along[0])
@@ -52,7 +52,7 @@ def mid_and_normal(name: str, u: Array, v: Array) -> tuple[Array, Array]:
 
 
 def _solve_height(name: str, points: Array, directions: Array) -> Array:
-    """Signed distance from points along directions to f = 0: (...)."""
+    """Signed distance from points along directions to f = 0 by Newton's method: (...)."""
     k = 2 * np.pi * NODAL_WAVES[name].wave_vectors
     amplitude = NODAL_WAVES[name].amplitudes
     phase, rate = points @ k.T, directions @ k.T
@@ -65,7 +65,7 @@ def _solve_height(name: str, points: Array, directions: Array) -> Array:
 
 
 def _normalise_jet(g: Array) -> Array:
-    """The jet of g / |g| from the jet of g."""
+    """Jet of g / |g| from the jet of g."""
     length = np.linalg.norm(g[0], axis=-1, keepdims=True)
     n = np.empty_like(g)
     n[0] = g[0] / length

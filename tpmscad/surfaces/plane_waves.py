@@ -33,7 +33,7 @@ class PlaneWaves:
     amplitudes: Array
 
     def value(self, points: Array) -> Array:
-        """f at points (..., 3): (...)."""
+        """Values f at points (..., 3): (...)."""
         return np.asarray((self._waves(points)).real.sum(axis=-1))
 
     def gradient(self, points: Array) -> Array:
@@ -42,7 +42,7 @@ class PlaneWaves:
         return np.asarray(-self._waves(points).imag @ k)
 
     def jet(self, points: Array) -> tuple[Array, Array, Array]:
-        """f (...), its gradient (..., 3) and its Hessian (..., 3, 3)."""
+        """Values (...), gradients (..., 3) and Hessians (..., 3, 3) of f."""
         k = 2 * np.pi * self.wave_vectors
         wave = self._waves(points)
         dyads = (k[:, :, None] * k[:, None, :]).reshape(-1, 9)

@@ -1,22 +1,22 @@
-"""The spinor of the Enneper-Weierstrass integrals as power series on the hyperbolic quadrilateral of the surface.
+"""Power series of the Enneper-Weierstrass spinor on the hyperbolic quadrilateral of the surface.
 
 The patch is one face of the cube on the Gauss sphere, whose corners are flat points. The Gauss map is branched there, so series
 in the Gauss coordinate tau have square roots at the corners; in the Poincare-disc coordinate t of the regular {4, 6}
-quadrilateral (four corners at t = i^k CORNER, angles of 60 degrees) everything is holomorphic up to |t| = 1. With
+quadrilateral (four corners at t = i^k CORNER_RADIUS, angles of 60 degrees) everything is holomorphic up to |t| = 1. With
 R = P^(-1/2), P = tau^8 - 14 tau^4 + 1, the Weierstrass function of gyroid, Diamond and Schwarz P alike,
 
     alpha = (R dtau/dt)^(1/2) = sum SPINOR_A[k] t^(4k),      beta = tau alpha = sum SPINOR_B[k] t^(4k + 1).
 
-How the digits were made. The Schwarzian of t(tau) is a quadratic differential of the octahedral group with double poles at
+Derivation of the coefficients. The Schwarzian of t(tau) is a quadratic differential of the octahedral group with double poles at
 the flat points, hence {t, tau} = 72 tau^2 (1 + tau^4)^2 / P^2, and t = C y1 / y2 with the solutions y1 = tau + ...,
 y2 = 1 + ... of y'' + 36 tau^2 (1 + tau^4)^2 P^(-2) y = 0. So y1 / y2, its inverse and
 alpha C^(1/2) = y2(tau) P(tau)^(-1/4) are power series in (t / C)^4 with *rational* coefficients, 1 + 1/2 + 33/280 + ...,
 computed exactly, and C puts the corners at |t| = |tau| (connection formula of 2F1(11/24, 7/24; 5/4) and 2F1(5/24, 1/24; 3/4)):
 
-    C = 108^(1/4) CORNER Gamma(3/4) Gamma(11/24) Gamma(23/24) / (Gamma(5/4) Gamma(5/24) Gamma(17/24)).
+    C = 108^(1/4) CORNER_RADIUS Gamma(3/4) Gamma(11/24) Gamma(23/24) / (Gamma(5/4) Gamma(5/24) Gamma(17/24)).
 
-The test suite repeats that derivation in exact arithmetic. The coefficients stay below 4. On the patch |t|^4 <= 0.0718, where 18
-terms reach round-off in second derivatives; 24 do so on the margin around it, |t|^4 <= 0.152.
+The test suite repeats the derivation in exact arithmetic. The coefficients stay below 4. On the patch |t|^4 <= 0.0718, so that 18
+terms give second derivatives to round-off; 24 terms do so on the margin around it, |t|^4 <= 0.152.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 CORNER_RADIUS = (np.sqrt(3.0) - 1.0) / np.sqrt(2.0)
-"""|t| = |tau| at the flat points."""
+"""|t| = |tau| at the flat points, the corners of the quadrilateral."""
 
 SPINOR_A: NDArray[np.float64] = np.array(
     [

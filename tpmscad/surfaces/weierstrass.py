@@ -1,8 +1,8 @@
 """Gyroid, Diamond and Schwarz P from the Enneper-Weierstrass integrals, to machine precision up to the flat points.
 
 Units are those of the integrals themselves ("raw"): the curvature is 2 at the centre of the patch. With the spinor
-(alpha, beta) of `series`, holomorphic in the disc coordinate t, and the Bonnet rotation e^(i theta), the surface (TPMS2STEP,
-eq. 1, with its e^(i theta) moved inside Re, where it belongs) and its normal are
+(alpha, beta) of `spinor_series`, holomorphic in the disc coordinate t, and the Bonnet rotation e^(i theta), the surface
+(TPMS2STEP, eq. 1, with its factor e^(i theta) moved inside Re) and its normal are
 
     X = Re e^(i theta) int phi dt,    phi = (alpha^2 - beta^2, i (alpha^2 + beta^2), 2 alpha beta),
     n = (2 Re(conj(alpha) beta), 2 Im(conj(alpha) beta), |beta|^2 - |alpha|^2) / m,    m = |alpha|^2 + |beta|^2.
@@ -12,7 +12,7 @@ Associates share their normals. With W = alpha beta' - alpha' beta (zero at the 
     n_t = W conj(phi) / m^2,    n_t conj(t) = -2 |W|^2 / m^2 n,    principal curvatures +-2 |W| / m^2.
 
 The parameters (x, y) are the coordinates of Klein's model of the disc, in which the quadrilateral is a square with straight
-sides, |x|, |y| <= HALF_SIDE; the map (x, y) -> X is real-analytic and regular on the closed square, corners included.
+sides, |x|, |y| <= KLEIN_HALF_SIDE; the map (x, y) -> X is real-analytic and regular on the closed square, corners included.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from tpmscad._typing import Array
 from tpmscad.surfaces.spinor_series import SPINOR_A, SPINOR_B
 
 KLEIN_HALF_SIDE = 1.0 / np.sqrt(3.0)
-"""Half the side of the square in Klein's model."""
+"""Half the side of the square in the Klein disc."""
 
 MIN_CURVATURE_RADIUS = 0.5
-"""Least radius of curvature, at the patch's centre, raw."""
+"""Least radius of curvature, attained at the centre of the patch, in raw units."""
 
 Complex = NDArray[np.complex128]
 
 SpinorSeries = tuple[int, Array]
-"""(first, c) for sum c[k] t^(4k + first), first in 0..3."""
+"""(first, c) stands for sum c[k] t^(4k + first), first in 0..3."""
 
 
 def _product(p: SpinorSeries, q: SpinorSeries) -> SpinorSeries:
@@ -42,8 +42,8 @@ def _product(p: SpinorSeries, q: SpinorSeries) -> SpinorSeries:
 
 def _derivative(p: SpinorSeries) -> SpinorSeries:
     first, c = p
-    slopes = (4.0 * np.arange(len(c)) + first) * c
-    return (first - 1, slopes) if first else (3, slopes[1:])
+    coefficients = (4.0 * np.arange(len(c)) + first) * c
+    return (first - 1, coefficients) if first else (3, coefficients[1:])
 
 
 def _integral(p: SpinorSeries) -> SpinorSeries:
@@ -62,7 +62,7 @@ _TABLES = (
 
 
 def evaluate_weierstrass(x: Array, y: Array, bonnet: complex) -> tuple[Array, Array]:
-    """The surface and its unit normal with their derivatives by x and y: two (6, 3, ...), raw; x, y of one shape (...).
+    """Surface and unit normal with their derivatives by x and y at Klein coordinates of one shape (...): two (6, 3, ...), raw.
 
     The first axis is value, x, y, xx, xy, yy, the second the coordinate. `bonnet` is e^(i theta): 1 for Diamond, i for
     Schwarz P.
@@ -104,7 +104,7 @@ def _chain_rule(
     t_xy: Complex,
     t_yy: Complex,
 ) -> Array:
-    """Derivatives by x and y of a real function of t from its Wirtinger derivatives by t, tt and t conj(t)."""
+    """Derivatives by x and y of a real function of t from its Wirtinger derivatives `d`, `dd`, `mixed` by t, tt and t conj(t)."""
     return np.stack(
         [
             value,
@@ -123,17 +123,19 @@ def _abs_squared(z: Complex) -> Array:
 
 
 def _null_vector(p: Complex, q: Complex, r: Complex) -> Complex:
+    """The vector (p - q, i (p + q), r); with p = alpha^2, q = beta^2, r = 2 alpha beta it is null: phi . phi = 0."""
     return np.stack([p - q, 1j * (p + q), r])
 
 
 def _klein_to_poincare(x: Array, y: Array) -> tuple[Complex, Complex, Complex, Complex, Complex, Complex]:
-    """t = e^(i pi / 4) z / (1 + r), z = x + iy, r = (1 - |z|^2)^(1/2), with t_x, t_y, t_xx, t_xy, t_yy.
+    """Map from the Klein to the Poincare disc with its derivatives: t, t_x, t_y, t_xx, t_xy, t_yy.
 
-    Klein's model to Poincare's, turned by an eighth so that the square's sides are the quadrilateral's.
+    t = e^(i pi / 4) z / (1 + r) with z = x + iy, r = (1 - |z|^2)^(1/2). The rotation by an eighth of a turn takes the sides of
+    the square to those of the quadrilateral.
     """
     z = x + 1j * y
     r = np.sqrt(1 - x * x - y * y)
-    g = 1 / (1 + r)  # and its derivatives: g_x = x g^2 / r, with (g^2 / r)_x = x h
+    g = 1 / (1 + r)  # with the derivatives g_x = x g^2 / r and (g^2 / r)_x = x h
     g1 = g * g / r
     h = (2 * g / r + 1 / r**2) * g1
     turn = np.sqrt(0.5) * (1 + 1j)

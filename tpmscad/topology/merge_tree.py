@@ -23,7 +23,7 @@ NO_BASIN, SEVERAL_BASINS = np.int32(-1), np.int32(-2)
 
 
 def pad_keys(values: Array, sign: int, around: float) -> Array:
-    """sign * values, padded by one voxel of value `around` on every side."""
+    """Keys sign * values, padded by one voxel of value `around` on every side."""
     keys = np.full(tuple(n + 2 for n in values.shape), around)
     np.multiply(values, float(sign), out=keys[1:-1, 1:-1, 1:-1])
     return keys

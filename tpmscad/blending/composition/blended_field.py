@@ -20,7 +20,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.weights.volume_weight import VolumeWeight
 from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.fields import Field
-from tpmscad.fields.function_field import FunctionField
+from tpmscad.fields.field import FunctionField
 from tpmscad.fields.sample_grid import BoxBounds
 
 
@@ -171,7 +171,7 @@ def _weight_value_and_gradient(weight: WeightFunction, points: Array) -> tuple[A
 
 def _evaluate_structure(structure: Field, points: Array) -> Array:
     """Values as the caller would get them: a foreign function is called with all points at once, so that its bits are kept."""
-    if isinstance(structure, FunctionField) and not structure.split:
+    if isinstance(structure, FunctionField) and not structure.takes_coordinates:
         values = np.asarray(structure.function(points), float)
         if values.shape == points.shape[:-1]:
             return values
