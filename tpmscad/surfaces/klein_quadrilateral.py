@@ -2,8 +2,8 @@
 
 The fundamental polygon of a mirror surface has geodesic sides and angles pi / n, so that its mirror images tile the hyperbolic
 plane as they tile the surface. In Klein's model reflections are projective maps (harmonic homologies), and so they are on the
-unit square if it is mapped projectively onto the quadrilateral. A patch X on the square that intertwines the homologies h_i with the
-reflections M_i in the mirror planes of its sides,
+unit square if it is mapped projectively onto the quadrilateral. A patch X on the square that intertwines the homologies h_i with
+the reflections M_i in the mirror planes of its sides,
 
     X(h_i(u, v)) = M_i X(u, v),
 

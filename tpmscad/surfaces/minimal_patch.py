@@ -2,8 +2,8 @@
 
 The Weierstrass frame has its z axis along a cubic axis and its x and y axes along face diagonals; the centre of the patch lies at
 a point of site symmetry -4. All three placements are proper motions that align the normal with the gradient of the nodal
-function; for the gyroid this selects one of the two Bonnet angles +-theta. The cell edges are closed forms in the complete elliptic
-integrals K = K(k = 1/2) and K' = K(k = sqrt(3)/2).
+function; for the gyroid this selects one of the two Bonnet angles +-theta. The cell edges are closed forms in the complete
+elliptic integrals K = K(k = 1/2) and K' = K(k = sqrt(3)/2).
 """
 
 from __future__ import annotations
