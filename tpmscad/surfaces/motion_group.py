@@ -1,8 +1,8 @@
 """The space group that generates the whole surface from one patch, derived from the patch itself.
 
 A motion is x -> R x + t in cells. All motions belong to a cubic space group in its standard axes: rotations are signed
-permutation matrices and translations are multiples of 1/8. Motions computed from points of the patch are therefore rounded to exact ones, and
-an error is raised if the rounding changes them by more than round-off.
+permutation matrices and translations are multiples of 1/8. Motions computed from points of the patch are therefore rounded to
+exact ones, and an error is raised if the rounding changes them by more than round-off.
 """
 
 from __future__ import annotations
