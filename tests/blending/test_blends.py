@@ -1,4 +1,4 @@
-"""Blends that are known to go wrong, and what becomes of them."""
+"""Blends whose initial weights have topological defects, and the results of the methods for them."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ RECOMMENDED = {
 
 @cache
 def recommended(pair: str) -> BlendResult:
-    """The blend of a pair along the box, as recommended."""
+    """The blend of a pair along the box, with the default options."""
     return blend(RECOMMENDED[pair], [LEFT, RIGHT], [MIDDLE], resolution=SIZE)
 
 
 def counted(result: BlendResult, shape):
-    """Isolated components and holes by scipy's labels, on a grid of points; faces join."""
+    """Numbers of isolated components and cavities by scipy's face-connected labels, on a grid of this shape."""
     axes = [np.linspace(0, length, n) for length, n in zip((1, 0.25, 0.25), shape, strict=True)]
     values = result.field.on_grid(*axes)
     n0 = ndimage.label(values <= 0)[1] - 1
@@ -71,7 +71,7 @@ def test_a_blend_has_no_error_at_its_resolution_and_at_twice_it(pair):
 
 
 @pytest.mark.parametrize("pair", ["components", "two pores"])
-def test_a_blend_that_one_dimension_mends_has_no_error_on_grids_the_solver_never_saw(pair):
+def test_a_blend_with_a_univariate_weight_has_no_defect_on_grids_that_the_optimiser_did_not_use(pair):
     result = recommended(pair)
     assert result.weights[0].coefficients.ndim == 1
     assert counted(result, (101, 67, 73)) == (0, 0)
@@ -87,7 +87,7 @@ def test_initial_errors_are_those_of_the_initial_weight():
 
 
 @pytest.mark.parametrize("method", ["beta-growth", "discrete-reconstruction", "sigmoid", "gaussian-rbf"])
-def test_an_earlier_method_says_what_it_leaves_and_leaves_the_outside_alone(method):
+def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
     first, second = RECOMMENDED["components"]
     result = blend([first, second], [LEFT, RIGHT], [MIDDLE], resolution=SIZE, method=method)
     assert result.converged == (result.errors.remaining == 0)
@@ -110,7 +110,7 @@ def test_no_objective_left_is_not_success_where_the_paper_ignores_a_pair():
     assert result.converged == (result.errors.remaining == 0)
 
 
-def test_structures_that_never_share_solid_are_not_said_to_be_joined():
+def test_structures_without_common_solid_are_not_reported_as_joined():
     torn = structure("rod", "schwarz_p", -0.6, periods=2), structure("sheet", "schwarz_p", -0.4, 0.4, periods=2)
     result = blend(torn, [LEFT, RIGHT], [MIDDLE], resolution=SIZE, max_iterations=12)
     assert not result.converged
@@ -120,7 +120,7 @@ def test_structures_that_never_share_solid_are_not_said_to_be_joined():
 
 @cache
 def in_a_ball(drop_intrinsic: bool) -> BlendResult:
-    """Rods that the ball around them cuts into chips."""
+    """Rods in a ball, which cuts chips off them."""
     ball = fields.sphere((0.5, 0.5, 0.5), 0.6)
     rods = [structure("rod", name, level, periods=4) & ball for name, level in (("schwarz_p", -0.8), ("iwp", -2.0))]
     regions = [fields.box((0, 0, 0), (0.5, 1, 1)), fields.box((0.5, 0, 0), (1, 1, 1))]
@@ -136,7 +136,7 @@ def test_chips_at_the_skin_of_a_free_form_model_are_intrinsic_and_neither_succes
     assert "intrinsic" in result.message
 
 
-def test_intrinsic_parts_left_out_leave_one_component_and_every_other_value_as_it_was():
+def test_removal_of_intrinsic_defects_leaves_one_component_and_keeps_all_other_values():
     kept, bare = in_a_ball(False), in_a_ball(True)
     axes = [np.linspace(0, 1, 100)] * 3
     before, after = (result.field.on_grid(*axes) for result in (kept, bare))
@@ -263,7 +263,7 @@ def test_cylinder_coordinates_are_named_by_hand_too():
     assert (result.weights[0].start, result.weights[0].end) == pytest.approx((0.15, 0.35), abs=1e-9)
 
 
-def test_keep_fraction_brings_the_solid_between_that_of_the_structures_and_leaves_the_outside_alone():
+def test_keep_fraction_interpolates_the_solid_fraction_and_keeps_the_outside():
     first, second = RECOMMENDED["two rods"]
     x = np.linspace(0.32, 0.68, 10)
     points = np.random.default_rng(4).uniform((0, 0, 0), (1, 0.25, 0.25), (120_000, 3))
@@ -285,7 +285,7 @@ def test_keep_fraction_brings_the_solid_between_that_of_the_structures_and_leave
     assert np.allclose(result.field.gradient(where), np.stack(quotients, -1), atol=2e-4)
 
 
-def test_keep_fraction_goes_by_the_initial_weight_where_the_blending_region_is_no_layer():
+def test_keep_fraction_uses_the_initial_weight_where_the_blending_region_is_no_layer():
     first, second = RECOMMENDED["two rods"]
     wave = fields.from_function(lambda p: p[:, 0] + 0.1 * np.sin(8 * np.pi * p[:, 1]) - 0.5)
     limits = fields.box((0, 0, 0), (1, 0.25, 0.25))

@@ -1,4 +1,4 @@
-"""Laws of rounded extremes: smooth, untouched beyond their width, and neutral."""
+"""Laws of rounded extremes: smooth, unchanged beyond their width, and volume-neutral."""
 
 from __future__ import annotations
 

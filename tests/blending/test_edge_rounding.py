@@ -1,4 +1,4 @@
-"""Edges of blended walls: rounded by no more than is allowed, and nothing else is touched."""
+"""Edges of blended walls are rounded within the allowed displacement, and nothing else changes."""
 
 from __future__ import annotations
 
@@ -43,31 +43,31 @@ WALL = fields.sheet(fields.coordinate("z"), -HALF, HALF)
 @pytest.mark.parametrize("allowed", [1e-2, 1e-4])
 def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_allowed(allowed: float) -> None:
     field = tapered(WALL)
-    eased = round_edges(field, LO, HI, allowed)
-    assert eased is not None
+    rounding = round_edges(field, LO, HI, allowed)
+    assert rounding is not None
 
     def tip(f: fields.Field) -> float:
         return brentq(lambda x: float(f(np.array([x, 0.3, 0.0]))), 0.51, 1.49, xtol=1e-14)
 
     # (1 - w) (-HALF) + w VOID = 0
     assert tip(field) == pytest.approx(0.5 + HALF / (HALF + VOID))
-    moved = abs(tip(eased.field) - tip(field))
+    moved = abs(tip(rounding.field) - tip(field))
     assert 0.6 * allowed < moved <= 1.01 * allowed
-    assert eased.max_displacement == pytest.approx(allowed, rel=0.12)
+    assert rounding.max_displacement == pytest.approx(allowed, rel=0.12)
     # |z| = HALF - VOID w / (1 - w) has the slope VOID / (1 - w)^2 at the edge, where w = HALF / (HALF + VOID)
     half = np.arctan((HALF + VOID) ** 2 / VOID)
-    assert eased.opening_deg == pytest.approx(np.degrees(2 * half), rel=1e-3)
+    assert rounding.opening_deg == pytest.approx(np.degrees(2 * half), rel=1e-3)
 
 
 @pytest.mark.parametrize("allowed", [1e-2, 1e-3])
 def test_the_tip_has_the_radius_that_is_said_and_more_than_a_cut_edge_has(allowed: float) -> None:
-    eased = round_edges(tapered(WALL), LO, HI, allowed)
-    assert eased is not None
+    rounding = round_edges(tapered(WALL), LO, HI, allowed)
+    assert rounding is not None
     z = 0.02 * allowed * np.arange(-1, 2)
-    x = [brentq(lambda x, z=z: float(eased.field(np.array([x, 0.3, z]))), 0.51, 1.49, xtol=1e-15) for z in z]
+    x = [brentq(lambda x, z=z: float(rounding.field(np.array([x, 0.3, z]))), 0.51, 1.49, xtol=1e-15) for z in z]
     radius = (z[2] - z[1]) ** 2 / abs(x[0] - 2 * x[1] + x[2])
-    assert eased.radius == pytest.approx(radius, rel=0.02)
-    half = np.radians(0.5 * eased.opening_deg)
+    assert rounding.radius == pytest.approx(radius, rel=0.02)
+    half = np.radians(0.5 * rounding.opening_deg)
     assert radius > 0.95 * allowed / (1 / np.sin(half) - 1)
 
 
@@ -75,14 +75,14 @@ def test_the_tip_has_the_radius_that_is_said_and_more_than_a_cut_edge_has(allowe
 @pytest.mark.parametrize("allowed", [1e-2, 1e-3])
 def test_nothing_beside_the_edge_moves_further_than_allowed_and_some_of_it_outwards(allowed: float) -> None:
     field = tapered(WALL)
-    eased = round_edges(field, LO, HI, allowed)
-    assert eased is not None
+    rounding = round_edges(field, LO, HI, allowed)
+    assert rounding is not None
     heights = np.linspace(-HALF, HALF, 401) * (1 - 1e-9)
     moved = []
     for z in heights[np.abs(heights) > 0.05 * allowed]:
         ends = [
             brentq(lambda x, f=f, z=z: float(f(np.array([x, 0.3, z]))), 0.4, 1.49, xtol=1e-14)
-            for f in (field, eased.field)
+            for f in (field, rounding.field)
         ]
         # along x; across the surface it is less
         steep = field.gradient(np.array([ends[0], 0.3, z]))
@@ -93,12 +93,12 @@ def test_nothing_beside_the_edge_moves_further_than_allowed_and_some_of_it_outwa
 
 def test_only_the_edge_is_touched() -> None:
     field = tapered(WALL)
-    eased = round_edges(field, LO, HI, 1e-3)
-    assert eased is not None
+    rounding = round_edges(field, LO, HI, 1e-3)
+    assert rounding is not None
     points = np.random.default_rng(0).uniform(LO, HI, (20_000, 3))
     far = np.abs(points[:, 2]) > 0.02
-    assert np.array_equal(eased.field(points)[far], field(points)[far])
-    assert not np.array_equal(eased.field(points), field(points))
+    assert np.array_equal(rounding.field(points)[far], field(points)[far])
+    assert not np.array_equal(rounding.field(points), field(points))
 
 
 @pytest.mark.parametrize(

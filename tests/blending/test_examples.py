@@ -1,4 +1,4 @@
-"""The blending examples run and hold what they check."""
+"""The blending examples run, and their own checks hold."""
 
 from __future__ import annotations
 

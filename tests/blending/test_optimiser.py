@@ -1,4 +1,4 @@
-"""The parts of the optimiser against independent computations."""
+"""The parts of the optimiser, compared with independent computations."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1
 MIDDLE = fields.box((0.25, 0, 0), (0.75, 0.5, 0.5))
 PAIR = fields.rod(fields.tpms("schwarz_p", period=0.25), -0.8), fields.rod(fields.tpms("iwp", period=0.25), -2.2)
 FIELD = BlendedField(PAIR, (LEFT, RIGHT), (MIDDLE,), ())
-SCENES = (
+COMPOSITIONS = (
     sample_composition(FIELD, SampleGrid((0, 0, 0), (1, 0.5, 0.5), (37, 21, 19))),
     sample_composition(FIELD, SampleGrid((0, 0, 0), (1, 0.5, 0.5), (74, 42, 38))),
 )
-LINE = make_initial_weight(LineWeightSpec(LinearCoordinate()), FIELD, SCENES, 0)
-VOLUME = make_initial_weight(VolumeWeightSpec((20, 9, 8), (3, 2, 3)), FIELD, SCENES, 0)
+LINE = make_initial_weight(LineWeightSpec(LinearCoordinate()), FIELD, COMPOSITIONS, 0)
+VOLUME = make_initial_weight(VolumeWeightSpec((20, 9, 8), (3, 2, 3)), FIELD, COMPOSITIONS, 0)
 
 
 @pytest.mark.parametrize("weight", [LINE, VOLUME], ids=["line", "volume"])
 @pytest.mark.parametrize("strict", [True, False])
 def test_the_gradient_of_the_objective_is_the_limit_of_difference_quotients(weight, strict):
-    affine = SCENES[0].affine_form([weight], 0)
+    affine = COMPOSITIONS[0].affine_form([weight], 0)
     movable = affine.slope != 0
 
     def value(coefficients):
@@ -48,14 +48,14 @@ def test_the_gradient_of_the_objective_is_the_limit_of_difference_quotients(weig
     )
     seen = value(weight.coefficients)
     assert seen.n_active > 0
-    gradient = affine.gradient(weight, seen.to_dense(SCENES[0].grid.shape))
+    gradient = affine.gradient(weight, seen.to_dense(COMPOSITIONS[0].grid.shape))
     step = 1e-7
     for _ in range(3):
-        way = np.where(weight.is_free, rng.normal(size=weight.is_free.shape), 0.0)
-        quotient = (value(weight.coefficients + step * way).value - value(weight.coefficients - step * way).value) / (
-            2 * step
-        )
-        assert quotient == pytest.approx(float(np.sum(gradient * way)), rel=1e-4, abs=1e-6)
+        direction = np.where(weight.is_free, rng.normal(size=weight.is_free.shape), 0.0)
+        quotient = (
+            value(weight.coefficients + step * direction).value - value(weight.coefficients - step * direction).value
+        ) / (2 * step)
+        assert quotient == pytest.approx(float(np.sum(gradient * direction)), rel=1e-4, abs=1e-6)
 
 
 @pytest.mark.parametrize("strict", [True, False])
@@ -65,14 +65,16 @@ def test_the_objective_falls_along_its_gradient_by_samples_in_both_regions_of_th
     movable = rng.random(values.shape) < 0.8
     seen = evaluate_objective(values, movable, strict=strict)
     assert {-1.0, 1.0} == set(seen.derivatives)
-    way, step = rng.normal(size=values.shape), 1e-8
-    ends = [evaluate_objective(values + side * step * way, movable, strict=strict).value for side in (1, -1)]
-    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(float(np.sum(seen.to_dense(values.shape) * way)), rel=1e-5)
+    direction, step = rng.normal(size=values.shape), 1e-8
+    ends = [evaluate_objective(values + side * step * direction, movable, strict=strict).value for side in (1, -1)]
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(
+        float(np.sum(seen.to_dense(values.shape) * direction)), rel=1e-5
+    )
 
 
 def test_the_objective_counts_the_pairs_that_persistence_has_inside_the_blending_region():
-    affine = SCENES[0].affine_form([LINE], 0)
-    values, everywhere = affine.values(LINE), np.ones(SCENES[0].grid.shape, bool)
+    affine = COMPOSITIONS[0].affine_form([LINE], 0)
+    values, everywhere = affine.values(LINE), np.ones(COMPOSITIONS[0].grid.shape, bool)
     pairs = [topology.compute_persistence(values, dimension).alive_at() for dimension in (0, 2)]
     mortal = [np.isfinite(p.death) for p in pairs]
     expected = sum(np.minimum(p.death[m], -p.birth[m]).sum() for p, m in zip(pairs, mortal, strict=True))
@@ -83,9 +85,9 @@ def test_the_objective_counts_the_pairs_that_persistence_has_inside_the_blending
     assert (nothing.value, nothing.n_active, nothing.n_ignored) == (0.0, 0, seen.n_active)
 
 
-def test_descent_ends_where_the_objective_is_zero_or_says_what_it_left():
-    done = descend(SCENES[0], [LINE], 30, strict=False, convention="strict")
-    seen = count_defects(SCENES[0].values(done.weights))
+def test_descent_ends_at_objective_zero_or_reports_the_remaining_pairs():
+    done = descend(COMPOSITIONS[0], [LINE], 30, strict=False, convention="strict")
+    seen = count_defects(COMPOSITIONS[0].values(done.weights))
     assert (done.objective.value == 0.0) == (done.objective.n_active == 0)
     assert seen.n0 + seen.n2 >= done.objective.n_active + done.objective.n_ignored - 1
     free = LINE.is_free
@@ -97,8 +99,8 @@ def test_nearest_coefficients_are_those_of_a_general_optimiser(weight):
     rng = np.random.default_rng(4)
     points = rng.uniform((0.4, 0.1, 0.1), (0.6, 0.4, 0.4), (4, 3))
     side = np.array([1.0, -1.0, 1.0, -1.0])
-    demands = WeightConstraints(points, weight(points) + side * 0.05, side)
-    found, short = project_onto_constraints(weight, weight.coefficients, demands, tol=1e-6)
+    constraints = WeightConstraints(points, weight(points) + side * 0.05, side)
+    found, short = project_onto_constraints(weight, weight.coefficients, constraints, tol=1e-6)
     assert short <= 1e-6
     assert np.array_equal(found[~weight.is_free], weight.coefficients[~weight.is_free])
     rows = weight.design_matrix(points).toarray()
@@ -120,7 +122,7 @@ def test_nearest_coefficients_are_those_of_a_general_optimiser(weight):
     assert np.sum((found.ravel()[used] - flat[used]) ** 2) == pytest.approx(2 * oracle.fun, rel=2e-3)
 
 
-def test_contradictory_demands_are_left_out_and_the_others_met():
+def test_contradictory_constraints_are_left_out_and_the_others_satisfied():
     here, there = np.array([[0.5, 0.2, 0.2]]), np.array([[0.6, 0.2, 0.2]])
     groups = [
         WeightConstraints(here, np.array([0.7]), np.array([1.0])),
@@ -137,7 +139,7 @@ def test_contradictory_demands_are_left_out_and_the_others_met():
     assert weight(there)[0] <= 0.5 + 1e-3
 
 
-def test_the_census_is_that_of_face_connected_labels():
+def test_defects_are_counted_with_face_connected_labels():
     rng = np.random.default_rng(2)
     for sigma in (0.0, 0.7, 1.2):
         values = ndimage.gaussian_filter(rng.normal(size=(17, 14, 11)), sigma) if sigma else rng.normal(size=(9, 8, 12))

@@ -1,4 +1,4 @@
-"""Requests that can't be blended are refused with what is wrong and what would do."""
+"""Requests that cannot be blended are refused with the fault and a remedy."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ def test_under_sampled_structures_are_refused_with_a_resolution_that_would_do():
     fine = fields.rod(fields.tpms("iwp", period=1 / 16), -2.0)
     with pytest.raises(InvalidRequest, match=r"under-sampled.*3\.1 samples per period") as caught:
         blend((ROD, fine), (LEFT, RIGHT), [MIDDLE], resolution=(50, 26, 26))
-    told = tuple(int(n) for n in str(caught.value).split("resolution of (")[1].split(")")[0].split(","))
+    enough = tuple(int(n) for n in str(caught.value).split("resolution of (")[1].split(")")[0].split(","))
     assert (
-        count_defects(fine.on_grid(*(np.linspace(0, s, n) for s, n in zip((1, 0.5, 0.5), told, strict=True)))).n0 == 0
+        count_defects(fine.on_grid(*(np.linspace(0, s, n) for s, n in zip((1, 0.5, 0.5), enough, strict=True)))).n0 == 0
     )
     refused(
         "under-sampled.*isolated components and holes there",
@@ -109,7 +109,7 @@ def test_progress_reports_the_beginning_and_the_end_of_each_stage_in_turn():
 
 def test_errors_become_plain_values_for_a_report():
     result = blend((ROD, OTHER), (LEFT, RIGHT), [MIDDLE], resolution=SIZE)
-    told = result.errors.to_dict()
-    assert told["resolutions"] == (SIZE, (48, 26, 24))
-    assert set(told["n0"]) == {"initial", "final", "intrinsic"}
+    report = result.errors.to_dict()
+    assert report["resolutions"] == (SIZE, (48, 26, 24))
+    assert set(report["n0"]) == {"initial", "final", "intrinsic"}
     assert set(result.seconds) >= {"sampling", "weights", "optimisation", "check"}

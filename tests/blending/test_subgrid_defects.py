@@ -1,4 +1,4 @@
-"""Specks between the samples: found where they are, nowhere else, and taken away."""
+"""Subgrid defects are found where they are and nowhere else, and are removed."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ GRID = SampleGrid((0, 0, 0), (1, 1, 1), (25, 22, 27))
 ALL = fields.box((-1, -1, -1), (2, 2, 2))
 
 
-def seen(field: fields.Field) -> np.ndarray:
-    """The specks of one field, taken as a blend of itself with itself all over the grid."""
+def subgrid_points(field: fields.Field) -> np.ndarray:
+    """The subgrid defects of one field, taken as a blend of itself with itself on the whole grid."""
     blended = BlendedField((field, field), (ALL, ~ALL), (ALL,), (fields.constant(0.5),))
-    there = sample_composition(blended, GRID)
-    return find_subgrid_defects(there, blended, there.structures[0]).points
+    composition = sample_composition(blended, GRID)
+    return find_subgrid_defects(composition, blended, composition.structures[0]).points
 
 
 def balls(sign: int) -> tuple[fields.Field, np.ndarray]:
-    """A slab below z = 0.3 and balls above it, too small for any sample to see; or the same with solid and void changed."""
+    """A slab below z = 0.3 and balls between the samples above it, or the same with solid and void exchanged."""
     rng = np.random.default_rng(0)
     cells = np.stack(np.meshgrid(range(3, 21, 7), range(3, 18, 7), range(12, 23, 7), indexing="ij"), -1).reshape(-1, 3)
     centers = np.array([axis[i] for axis, i in zip(GRID.axes, cells.T, strict=True)]).T
@@ -42,24 +42,24 @@ def test_every_ball_between_the_samples_is_found_and_nothing_else(sign: int) -> 
     field, centers = balls(sign)
     values = field.on_grid(*GRID.axes)
     assert ndimage.label(sign * values <= 0)[1] == 1, "a sample sees a ball"
-    found = seen(field)
+    found = subgrid_points(field)
     assert len(found) == len(centers)
     apart = np.linalg.norm(found[:, None] - centers[None], axis=2).min(axis=1)
     assert (apart < 0.6 * GRID.spacing.min()).all()
 
 
-def test_spikes_and_thin_walls_that_hang_together_are_no_specks() -> None:
+def test_connected_spikes_and_thin_walls_are_no_subgrid_defects() -> None:
     cone = fields.from_function(lambda p: np.hypot(p[:, 0] - 0.51, p[:, 1] - 0.47) - 0.1 * (0.93 - p[:, 2]))
     wall = fields.box((0.2, 0.2, -1), (0.2 + 0.3 * GRID.spacing[0], 0.8, 0.613))
-    assert len(seen(fields.halfspace((0, 0, 0.3), "z") | cone | wall)) == 0
+    assert len(subgrid_points(fields.halfspace((0, 0, 0.3), "z") | cone | wall)) == 0
 
 
-def test_a_hole_at_the_border_of_the_domain_is_open_and_a_speck_there_is_not() -> None:
+def test_a_cavity_at_the_border_of_the_domain_is_open_and_a_component_there_is_isolated() -> None:
     center = GRID.low[0], GRID.axes[1][8] + 0.5 * GRID.spacing[1], GRID.axes[2][20] + 0.5 * GRID.spacing[2]
     ball = fields.sphere(center, 0.4 * GRID.spacing.min())
     slab = fields.halfspace((0, 0, 0.3), "z")
-    assert len(seen(slab | ball)) == 1
-    assert len(seen(-(slab | ball))) == 0
+    assert len(subgrid_points(slab | ball)) == 1
+    assert len(subgrid_points(-(slab | ball))) == 0
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""Laws of the weights, whatever their kind."""
+"""Laws that hold for weights of every kind."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ BOX = (0.0, 0.0, 0.0), (1.0, 0.8, 0.6)
 GRID = SampleGrid(*BOX, (31, 26, 19))
 
 
-def zones(grid, bend=0.1, half=0.2):
+def stage_masks(grid, bend=0.1, half=0.2):
     x, y, _ = np.moveaxis(grid.points(), -1, 0)
     depth = x - 0.5 - bend * np.sin(4 * y)
     return StageMasks(grid, depth < -half, depth > half, abs(depth) <= half)
 
 
 def bent_volume(count=(17, 14, 11), degree=(3, 2, 3)):
-    return fit_volume_weight(zones(GRID), zones(GRID.double_samples()), count, degree)
+    return fit_volume_weight(stage_masks(GRID), stage_masks(GRID.double_samples()), count, degree)
 
 
 def first(points):
@@ -53,10 +53,10 @@ WEIGHTS = {
     "cylinder": make_line_weight(CylinderRadius((0.2, 0.1, 0.0)), (0.2, 0.5), (0.0, 1.1), count=50),
     "sphere": make_line_weight(SphereRadius((0.1, 0.2, 0.3)), (0.3, 0.6), (0.0, 1.2), degree=4),
     "volume": bent_volume(),
-    "promoted line": convert_line_to_volume(
+    "converted line": convert_line_to_volume(
         make_line_weight(LinearCoordinate(), (0.3, 0.7), (0.0, 1.0)),
-        zones(GRID, 0.0),
-        zones(GRID.double_samples(), 0.0),
+        stage_masks(GRID, 0.0),
+        stage_masks(GRID.double_samples(), 0.0),
     ),
     "sigmoid": ProfileWeight(LinearCoordinate(), 0.3, 0.7),
     "beta growth": ProfileWeight(LinearCoordinate(), 0.3, 0.7, rising=False, profile="beta-growth", middle=0.4),
@@ -117,7 +117,7 @@ def test_the_design_matrix_is_the_weight_as_a_linear_map_of_its_coefficients(spl
     assert np.allclose(np.asarray(rows.sum(axis=1)).ravel(), 1.0)
 
 
-def test_adjoint_is_the_transpose_of_evaluation(spline):
+def test_apply_transpose_is_the_transpose_of_evaluation(spline):
     rng = np.random.default_rng(5)
     values = rng.normal(size=GRID.shape) * (rng.random(GRID.shape) < 0.1)
     direction = rng.random(spline.coefficients.shape)
@@ -131,9 +131,9 @@ def test_free_coefficients_leave_the_weight_alone_outside_the_blending_region():
     moved = weight.with_coefficients(
         np.where(weight.is_free, np.random.default_rng(0).random(weight.is_free.shape), weight.coefficients)
     )
-    outside = ~zones(grid).mixing
+    outside = ~stage_masks(grid).mixing
     values = moved.on_grid(*grid.axes)
-    assert np.allclose(values[outside], zones(grid).second_region[outside], atol=1e-13)
+    assert np.allclose(values[outside], stage_masks(grid).second_region[outside], atol=1e-13)
 
 
 @settings(max_examples=25, deadline=None)
@@ -168,8 +168,8 @@ def test_too_few_free_coefficients_are_refined_away_or_refused_with_the_number_n
     )
 
 
-def test_a_support_that_meets_both_regions_makes_the_knots_be_refined_or_is_refused():
-    fine = zones(GRID.double_samples(), half=0.06)
+def test_knots_are_refined_where_a_support_meets_both_regions_or_the_request_is_refused():
+    fine = stage_masks(GRID.double_samples(), half=0.06)
     weight = choose_knots(fine, (7, 6, 5), (3, 3, 3))
     assert weight.coefficients.shape > (7, 6, 5)
     assert weight.is_free.sum() >= MIN_FREE_COEFFICIENTS
@@ -178,7 +178,7 @@ def test_a_support_that_meets_both_regions_makes_the_knots_be_refined_or_is_refu
 
 
 def test_distance_transforms_give_the_targets_of_trees():
-    area = zones(GRID)
+    area = stage_masks(GRID)
     values, used = assign_target_values(area)
     centres = [(axis[:-1] + axis[1:]) / 2 for axis in GRID.axes]
     where = np.stack(np.meshgrid(*centres, indexing="ij"), axis=-1)
@@ -194,8 +194,8 @@ def test_distance_transforms_give_the_targets_of_trees():
 
 
 def test_local_lspia_converges_to_the_least_squares_fit_of_the_free_coefficients():
-    area = zones(GRID)
-    start = choose_knots(zones(GRID.double_samples()), (13, 11, 9), (3, 2, 3))
+    area = stage_masks(GRID)
+    start = choose_knots(stage_masks(GRID.double_samples()), (13, 11, 9), (3, 2, 3))
     values, used = assign_target_values(area)
     x, y, z = ((axis[:-1] + axis[1:]) / 2 for axis in GRID.axes)
     where = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)[used]
@@ -212,16 +212,16 @@ def test_local_lspia_converges_to_the_least_squares_fit_of_the_free_coefficients
     assert rms[2] < 1.005 * least
 
 
-def test_a_freer_weight_has_the_same_values():
+def test_a_refined_weight_has_the_same_values():
     line, coarse, fine = (
         make_line_weight(LinearCoordinate(), (0.3, 0.7), (0.0, 1.0)),
-        zones(GRID, 0.0),
-        zones(GRID.double_samples(), 0.0),
+        stage_masks(GRID, 0.0),
+        stage_masks(GRID.double_samples(), 0.0),
     )
     volume = convert_line_to_volume(line, coarse, fine)
     assert np.allclose(volume(points()), line(points()), atol=1e-12)
     bent = bent_volume((9, 8, 7))
-    finer = refine_knots(bent, zones(GRID), zones(GRID.double_samples()))
+    finer = refine_knots(bent, stage_masks(GRID), stage_masks(GRID.double_samples()))
     assert finer.is_free.sum() > 2 * bent.is_free.sum()
     assert np.allclose(finer(points()), bent(points()), atol=1e-12)
     round_line = make_line_weight(SphereRadius((0.5, 0.4, 0.3)), (0.2, 0.4), (0.0, 0.7))

@@ -147,8 +147,8 @@ def blend(
     >>> left, right = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))
     >>> middle = fields.box((0.3, 0, 0), (0.7, 0.5, 0.5))
     >>> result = blend([gyroid, schwarz], [left, right], [middle], resolution=(24, 13, 12))
-    >>> result.converged, result.errors.n0.final
-    (True, (0, 0))
+    >>> result.converged, result.errors.remaining
+    (True, 0)
     """
     check_counts(len(structures), len(regions), len(blending_regions))
     check_options(method, METHODS, max_change, minimum_neck)
