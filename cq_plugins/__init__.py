@@ -1,1 +1,1 @@
-"""Plug-ins for CadQuery: importing one gives `cadquery.Workplane` its methods."""
+"""Plug-ins for CadQuery: the import of a module adds its methods to `cadquery.Workplane`."""

@@ -1,4 +1,4 @@
-"""`python -m tpmscad`: the command line."""
+"""The command line as `python -m tpmscad`."""
 
 from __future__ import annotations
 

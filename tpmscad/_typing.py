@@ -1,4 +1,4 @@
-"""Type aliases that every room shares."""
+"""Type aliases that all packages share."""
 
 from __future__ import annotations
 

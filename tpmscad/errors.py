@@ -1,4 +1,4 @@
-"""The errors that reach a user: each message names the value, the limit and what to change."""
+"""The errors that reach a user. Each message names the value, the limit and what to change."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class TpmscadError(Exception):
 
 
 class InvalidRequest(TpmscadError, ValueError):
-    """The request cannot be carried out as it stands: nothing was computed and nothing was written."""
+    """The request cannot be carried out as written; nothing was written."""
 
 
 class RecipeError(InvalidRequest):
@@ -33,7 +33,13 @@ class NotQuadric(InvalidRequest):
 
 
 class NotMet(TpmscadError):
-    """The result misses the request; `certificate` holds the measured values."""
+    """The result misses the request.
+
+    Attributes
+    ----------
+    certificate : Certificate, BlendResult or None
+        What was measured; `certificate.to_dict()` gives plain values.
+    """
 
     def __init__(self, message: str, certificate: Any = None) -> None:
         super().__init__(message)
@@ -55,7 +61,14 @@ class LevelSetError(TpmscadError):
 class KernelError(TpmscadError):
     """The kernel refused an operation, or returned a result that its own checks reject.
 
-    `operation` names it, `status` is the kernel's answer, and `shape` is the input where there is one.
+    Attributes
+    ----------
+    operation : str
+        Name of the operation.
+    status : str
+        The kernel's answer.
+    shape : TopoDS_Shape or None
+        The input of the operation, if there is one.
     """
 
     def __init__(self, operation: str, status: str, shape: Any = None) -> None:

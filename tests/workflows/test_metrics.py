@@ -142,7 +142,7 @@ def test_the_command_line_prints_and_reports_them(
 def test_what_can_not_be_measured_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="valid closed solids"):
         measure(bd.Rectangle(2, 2).face())
-    with pytest.raises(InvalidRequest, match="hold the solid"):
+    with pytest.raises(InvalidRequest, match="contain the solid"):
         measure(bd.Box(2, 2, 2), within=((0, 0, 0), (1, 1, 1)))
     with pytest.raises(InvalidRequest, match="touch"):
         measure(bd.Compound([bd.Box(2, 2, 2).solid(), (bd.Pos(2, 0, 0) * bd.Box(2, 2, 2)).solid()]))

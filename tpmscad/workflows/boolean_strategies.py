@@ -57,6 +57,7 @@ class BooleanResult:
 
     @property
     def solids(self) -> tuple[Any, ...]:
+        """The kernel's solids, largest first."""
         return self.built.solids
 
 

@@ -37,10 +37,12 @@ class Check:
 
     @property
     def passed(self) -> bool:
+        """Whether the value is at most the limit; NaN is not."""
         return self.value <= self.limit
 
     @property
     def shortfall(self) -> str:
+        """The text of the certificate if the check fails."""
         return self.message or f"{self.name} {self.value:.3g} exceeds {self.limit:g}"
 
 
@@ -225,7 +227,7 @@ def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
 
 
 def describe_piece(volume: float, largest: float) -> str:
-    """ "chip of volume ..." for a piece that is small beside the largest one, else "piece of volume ..."."""
+    """Whether a piece is a chip beside the largest one, and its volume."""
     return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of volume {volume:.4g}"
 
 

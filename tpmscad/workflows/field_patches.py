@@ -62,15 +62,18 @@ class FieldPatches:
 
     @property
     def brep(self) -> Brep:
+        """The patches and the caps of the box."""
         return self.fitted.brep
 
     @property
     def deviation(self) -> Deviation:
+        """Distance between the patches and the level set, in both directions."""
         to_field, from_field = self.fitted.patches_to_field, self.fitted.field_to_patches
         return Deviation(max(to_field, from_field), self.fitted.rms, to_field, from_field)
 
     @property
     def continuity(self) -> EdgeContinuity:
+        """Position, tangent and curvature mismatch across the edges."""
         gap = float(self.brep.edges.deviation.max(initial=0.0))
         return EdgeContinuity(gap, self.fitted.jump_deg, self.fitted.curvature_jump, 0)
 

@@ -122,14 +122,17 @@ class LatticeBlock:
 
     @cached_property
     def closed(self) -> Brep:
+        """The lattice cut by a box around the body and closed by caps."""
         return self.trim_to_box()
 
     @cached_property
     def built(self) -> kernel.BuiltSolids:
+        """The kernel's solids of `closed`."""
         return kernel.build_solids(self.closed)
 
     @property
     def shape(self) -> Any:
+        """The TopoDS shape of `built`."""
         return self.built.shape
 
 

@@ -1,4 +1,9 @@
-"""What parts are designed by, measured on the finished solid: volume fraction, surface, hydraulic diameter, walls and pores."""
+"""The figures that parts are designed by, measured on the finished solid.
+
+Volume fraction, wetted surface and hydraulic diameter follow from the exact volumes and areas of the kernel's solids and from the
+envelope, the box or body in which void counts. The smallest wall and the smallest pore are found on samples of the surface: the
+smallest ball in the solid (in the void) that touches two opposite sides.
+"""
 
 from __future__ import annotations
 
@@ -7,45 +12,64 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad import kernel
+from tpmscad._typing import BoolArray
 from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Creases, FaceSamples, face_moments, faces_of, read_body
 from tpmscad.workflows.model import Model
 
 SAMPLE_SPACING_FRACTION = 0.4
-"""Samples are at most so far apart, of volume / area, which is half the wall of a sheet. Walls of a gyroid come out 0.3 %
-too thin at that."""
+"""Greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
 
 MAX_SAMPLES = 2_000_000
-"""Half a gigabyte with their tree; beyond, samples are set further apart, and `spacing` says so."""
+"""Greatest number of samples, about half a gigabyte with their search tree; `Metrics.spacing` reports a larger spacing."""
 
 N_ENVELOPE_SAMPLES = 20_000
-"""Samples to find the faces on the envelope by."""
+"""Samples by which faces on the envelope are found."""
 
 ENVELOPE_TOL_DIAGONALS = 1e-6
-"""Of the diagonal: what is nearer to the envelope than that lies on it."""
+"""In diagonals of the shape: distance below which a sample lies on the envelope."""
 
 
 @dataclass(frozen=True, slots=True)
 class LocatedWidth:
-    """A diameter, and where its ball sits."""
+    """The diameter of a ball, and its center."""
 
     width: float
     at: tuple[float, float, float]
 
+    def __str__(self) -> str:
+        return f"{self.width:.4g} at " + " ".join(f"{x:.4g}" for x in self.at)
+
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
-    """Lengths in the shape's unit (mm for files). The envelope is the box or the body in which void counts.
+    """The figures of a solid, in the unit of the shape (mm for files).
 
-    wetted_area: of the faces that do not lie on the envelope. surface_per_volume: wetted_area / envelope_volume.
-    hydraulic_diameter: 4 x void volume / wetted_area. smallest_wall, smallest_pore: the smallest ball in the solid, in the void,
-    that touches two opposite sides (tapering by 5 degrees at most); None where no sides are opposite. Wedges, where the two sides
-    meet in a sharp edge nearby, are left out: they run out to nothing at every cut. spacing: between the samples; widths are
-    off by about spacing^2 / (8 x radius of curvature).
+    Attributes
+    ----------
+    volume, area : float
+        Of the solid.
+    envelope_volume : float
+        Volume of the envelope, the box or body in which void counts.
+    volume_fraction : float
+        `volume` / `envelope_volume`.
+    wetted_area : float
+        Area of the faces that do not lie on the envelope.
+    surface_per_volume : float
+        `wetted_area` / `envelope_volume`.
+    hydraulic_diameter : float or None
+        4 x void volume / `wetted_area`; None if no face is wetted.
+    smallest_wall, smallest_pore : LocatedWidth or None
+        Diameter and center of the smallest ball in the solid, or in the void, that touches two opposite sides (which may
+        taper by 5 degrees); None if no sides are opposite. Sides that meet in a sharp edge nearby are left out, because their
+        distance goes to zero at every cut.
+    pieces : int
+        Number of solids.
+    spacing : float
+        Greatest distance of neighbouring samples. Widths are accurate to about spacing^2 / (8 x radius of curvature).
     """
 
     volume: float
@@ -61,36 +85,55 @@ class Metrics:
     spacing: float
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, ready for JSON."""
+        """The metrics as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The attributes by name.
+        """
         return asdict(self)
 
     def __str__(self) -> str:
-        def told(found: LocatedWidth | None) -> str:
-            return (
-                "no two opposite sides"
-                if found is None
-                else f"{found.width:.4g} at " + " ".join(f"{x:.4g}" for x in found.at)
-            )
-
         diameter = "no wetted surface" if self.hydraulic_diameter is None else f"{self.hydraulic_diameter:.6g}"
         return "\n".join(
             [
                 f"fraction    {self.volume_fraction:.6g} of {self.envelope_volume:.6g}",
                 f"surface     {self.wetted_area:.6g} wetted, {self.surface_per_volume:.6g} per volume",
                 f"hydraulic   {diameter}",
-                f"wall        {told(self.smallest_wall)}",
-                f"pore        {told(self.smallest_pore)}",
+                f"wall        {self.smallest_wall or 'no two opposite sides'}",
+                f"pore        {self.smallest_pore or 'no two opposite sides'}",
                 f"pieces      {self.pieces}",
             ]
         )
 
 
 def measure(source: Any, *, within: Any = None, spacing: float | None = None) -> Metrics:
-    """Metrics of a Model, a build123d, CadQuery or TopoDS shape, or a STEP file.
+    """Measure the figures that parts are designed by: volume fraction, wetted surface, hydraulic diameter, walls and pores.
 
-    within: the envelope, a box ((x0, y0, z0), (x1, y1, z1)) or a body (a shape or a STEP file); by default the box around the
-    shape. spacing: greatest distance of the samples, by default 0.4 of volume / area.
-    InvalidRequest for a shape without valid closed solids, for solids that touch, and for an envelope that is too small.
+    Parameters
+    ----------
+    source : Model, shape, str or Path
+        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid closed solids.
+    within : ((x0, y0, z0), (x1, y1, z1)), shape, str or Path, optional
+        The envelope in which void counts: a box or a body. By default the bounding box of the shape.
+    spacing : float, optional
+        Greatest distance of the samples on the surface; by default 0.4 x volume / area.
+
+    Returns
+    -------
+    Metrics
+        The figures, in the unit of the shape (mm for files).
+
+    Raises
+    ------
+    InvalidRequest
+        If the shape has no valid closed solids, if solids touch each other, or if the envelope is smaller than the solid.
+
+    Examples
+    --------
+    >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
+    >>> print(tpmscad.measure(model, within=((0, 0, 0), (20, 20, 20))).smallest_wall)
     """
     if isinstance(source, Model):
         source = source.built.shape
@@ -100,25 +143,17 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         raise InvalidRequest(f"only valid closed solids can be measured, this is {str(report).splitlines()[0]}")
     faces = faces_of(shape)
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
-    coarse = kernel.sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
-    envelope_volume, on_envelope = _locate_envelope(
-        report.bounds if within is None else within, coarse, ENVELOPE_TOL_DIAGONALS * size
+    envelope_volume, wetted = _measure_envelope(
+        report, faces, report.bounds if within is None else within, size, spacing
     )
-    if envelope_volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
-        raise InvalidRequest(
-            f"the envelope's volume {envelope_volume:.6g} is less than the solid's, {report.volume:.6g}: it has to hold the solid"
-        )
-    off = np.bincount(coarse.face[~on_envelope], minlength=len(faces))
-    dry = (off == 0) & (np.bincount(coarse.face, minlength=len(faces)) > 0)
-    wetted = report.area - float(face_moments([face for face, on in zip(faces, dry, strict=True) if on])[:, 0].sum())
-    wetted = wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
-    void = max(0.0, envelope_volume - report.volume)
     spacing = spacing or max(SAMPLE_SPACING_FRACTION * report.volume / report.area, (report.area / MAX_SAMPLES) ** 0.5)
     samples, creases = kernel.sample_faces(faces, spacing), kernel.find_creases(faces, spacing)
     if kernel.have_touching_solids(shape, samples, ENVELOPE_TOL_DIAGONALS * size, spacing):
         raise InvalidRequest(
             "solids that touch have no surface of their own there: measure one of them, or unite them first"
         )
+    void = max(0.0, envelope_volume - report.volume)
+    reach = 2.0 * report.volume / report.area
     return Metrics(
         volume=report.volume,
         area=report.area,
@@ -127,33 +162,50 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         wetted_area=wetted,
         surface_per_volume=wetted / envelope_volume,
         hydraulic_diameter=4.0 * void / wetted if wetted else None,
-        smallest_wall=_measure_smallest_width(samples, creases, 1.0, 2.0 * report.volume / report.area, size, spacing),
-        smallest_pore=_measure_smallest_width(samples, creases, -1.0, 2.0 * report.volume / report.area, size, spacing),
+        smallest_wall=_measure_smallest_width(samples, creases, 1.0, reach, size, spacing),
+        smallest_pore=_measure_smallest_width(samples, creases, -1.0, reach, size, spacing),
         pieces=report.solids,
         spacing=spacing,
     )
 
 
-def _locate_envelope(within: Any, samples: FaceSamples, near: float) -> tuple[float, NDArray[np.bool_]]:
-    """The envelope's volume, and which samples lie on its surface."""
+def _measure_envelope(
+    report: kernel.ShapeReport, faces: Any, within: Any, size: float, spacing: float | None
+) -> tuple[float, float]:
+    """The volume of the envelope, and the area of the faces that do not lie on it."""
+    samples = kernel.sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
+    volume, on_envelope = _locate_envelope(within, samples, ENVELOPE_TOL_DIAGONALS * size)
+    if volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
+        raise InvalidRequest(
+            f"the envelope's volume {volume:.6g} is less than the solid's, {report.volume:.6g}: it has to contain the solid"
+        )
+    n_off = np.bincount(samples.face[~on_envelope], minlength=len(faces))
+    dry = (n_off == 0) & (np.bincount(samples.face, minlength=len(faces)) > 0)
+    dry_faces = [face for face, is_dry in zip(faces, dry, strict=True) if is_dry]
+    wetted = report.area - float(face_moments(dry_faces)[:, 0].sum())
+    return volume, wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
+
+
+def _locate_envelope(within: Any, samples: FaceSamples, tol: float) -> tuple[float, BoolArray]:
+    """The volume of the envelope, and which samples lie on its surface: (n,)."""
     try:
         low, high = np.asarray(within, float)
     except (TypeError, ValueError):
         body = read_body(within)
-        return body.volume, kernel.lie_on_surface(body.shape, samples, near)
+        return body.volume, kernel.lie_on_surface(body.shape, samples, tol)
     if low.shape != (3,) or not (high > low).all():
         raise InvalidRequest(
             f"the envelope {within!r} must be a body or two opposite corners, ((x0, y0, z0), (x1, y1, z1))"
         )
-    on = (np.abs(samples.points - low) < near) & (samples.normals < -0.5)
-    on |= (np.abs(samples.points - high) < near) & (samples.normals > 0.5)
-    return float((high - low).prod()), on.any(axis=1)
+    on_planes = (np.abs(samples.points - low) < tol) & (samples.normals < -0.5)
+    on_planes |= (np.abs(samples.points - high) < tol) & (samples.normals > 0.5)
+    return float((high - low).prod()), on_planes.any(axis=1)
 
 
 def _measure_smallest_width(
     samples: FaceSamples, creases: Creases, sign: float, reach: float, size: float, spacing: float
 ) -> LocatedWidth | None:
-    """The least width between opposite sides, in the solid (sign 1) or outside (-1)."""
+    """The least width between opposite sides, in the solid (sign = 1) or in the void (-1)."""
     found = find_smallest_width(
         np.concatenate([samples.points, creases.points, creases.points]),
         sign * np.concatenate([samples.normals, creases.normals[:, 0], creases.normals[:, 1]]),
