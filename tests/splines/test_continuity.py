@@ -67,8 +67,8 @@ def test_the_exact_surface_satisfies_the_conditions_of_valence_six(name: str, sh
     samples = patch.jet(*np.meshgrid(axis.points, axis.points, indexing="ij"), share * patch.max_offset).position
     poles = coordinates_from_surface(fit_surface(samples, axis, axis), axis, axis).reshape(-1, 3)
     for joint in half_turns(name):
-        here = side_derivative_rows(joint.side, axis, axis, y, 2, bend=0.5)
-        there = side_derivative_rows(joint.other, axis, axis, -y, 2, bend=0.5)
+        here = side_derivative_rows(joint.side, axis, axis, y, 2, k=0.5)
+        there = side_derivative_rows(joint.other, axis, axis, -y, 2, k=0.5)
         for order, sign in enumerate((1, -1, 1)):
             shift = joint.translation if order == 0 else 0.0
             copy = sign * (there[order] @ poles) @ joint.rotation.T + shift

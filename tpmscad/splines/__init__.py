@@ -1,4 +1,11 @@
-"""B-splines as values, their fits and bounds, and continuity between rigid copies as linear conditions on the poles."""
+"""B-splines: bases, curves and surfaces, fits by progressive iteration, continuity as linear rows, and error bounds.
+
+The modules from the lowest up: `basis` and `quadrature` (evaluators and rules), `bspline`, `knots`, `curve_batch`,
+`tensor_product` (values and their evaluation), `spline_axis` (orthonormal coordinates), `continuity_conditions` and
+`affine_subspace` (G2 conditions and their solution space), `surface_fit` (the direct least-squares solution),
+`progressive_iteration` and `constrained_iteration` (PIA, LSPIA, CPIA), `adaptive_fit` (the fewest poles for a tolerance) and
+`error_bounds` (a-priori bounds).
+"""
 
 from __future__ import annotations
 

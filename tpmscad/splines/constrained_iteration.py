@@ -86,8 +86,8 @@ class NetConvergence:
     Examples
     --------
     >>> from tpmscad.splines import NetConvergence
-    >>> NetConvergence(1, 2e-15).scaled(10.0).bound
-    2e-14
+    >>> NetConvergence(1, 0.25).scaled(2.0).bound
+    0.5
     """
 
     iterations: int

@@ -9,14 +9,14 @@ The theorem is about scalar functions; applied to <e, S> for the unit vector e a
 over the components, as eq. 3 of TPMS2STEP prints them, are smaller by up to sqrt(3), and the bound then fails.
 
 **Zheng-Sederberg** (Estimating tessellation parameter intervals for rational curves and surfaces, ACM Trans. Graph. 19 (2000);
-TPMS2STEP, eq. 4) with unit weights is the middle term of the same sum, L^2 n^2 A_ij / 4 with n^2 A_ij in the place of M_uv:
-it bounds how far the bilinear facet over a cell of the grid is from its two triangles, not how far the surface is from them.
+TPMS2STEP, eq. 4) with unit weights is the middle term of the same sum, L^2 n^2 A_ij / 4 with n^2 A_ij in the place of M_uv.
+It bounds the distance between the bilinear facet over a cell of the grid and its two triangles, not that of the surface.
 
-**A fit.** With S the original, F the fit, and the mesh of both over one grid, the paper's virtual surface gives
+**A fit.** Let S be the original, F the fit, and consider the mesh of both over one grid. The paper's virtual surface gives
 |S - F| <= Filip(S) + max over the vertices |S - F| + Filip(F), between points of equal parameters, hence also orthogonally.
 
 Suprema over B-splines come from control nets: a derivative is a B-spline and lies in the convex hull of its poles, span by
-span. The bounds decay like h^2 whatever the degree, so they are reported and start a search, never end it.
+span. The bounds decay like h^2 for every degree. They are reported and may start a search, but never end it.
 """
 
 from __future__ import annotations
@@ -30,27 +30,108 @@ from tpmscad.splines.knots import insert_knot
 
 
 def filip_bound(m_uu: float, m_uv: float, m_vv: float, step_u: float, step_v: float) -> float:
-    """Greatest distance between a surface and its triangle mesh over a grid of the given steps, at equal parameters.
+    """Upper bound on the distance between a surface and its triangle mesh over a grid, at equal parameters.
 
-    m_uu, m_uv, m_vv are upper bounds of the norms of the second derivatives.
+    Parameters
+    ----------
+    m_uu, m_uv, m_vv : float
+        Upper bounds of the norms of the second derivatives.
+    step_u, step_v : float
+        Steps of the grid.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of the surface.
+
+    Notes
+    -----
+    Filip, Magedson, Markot (1986); TPMS2STEP, eq. 3, with vector norms.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import filip_bound
+    >>> filip_bound(1.0, 0.0, 1.0, 2.0, 2.0)
+    1.0
     """
     return (step_u**2 * m_uu + 2 * step_u * step_v * m_uv + step_v**2 * m_vv) / 8
 
 
 def filip_step(m_uu: float, m_uv: float, m_vv: float, tol: float) -> float:
-    """The step, equal in u and v, at which `filip` is tol."""
+    """Step, equal in u and v, at which `filip_bound` equals a tolerance.
+
+    Parameters
+    ----------
+    m_uu, m_uv, m_vv : float
+        Upper bounds of the norms of the second derivatives.
+    tol : float
+        The tolerance, in the unit of the surface.
+
+    Returns
+    -------
+    float
+        The step.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import filip_step
+    >>> filip_step(1.0, 0.0, 1.0, 1.0)
+    2.0
+    """
     return float(np.sqrt(8 * tol / (m_uu + 2 * m_uv + m_vv)))
 
 
 def zheng_sederberg_bound(m_uv: float, step_u: float, step_v: float) -> float:
-    """Greatest distance between the bilinear facet on four points of a surface and its two triangles, at equal parameters."""
+    """Upper bound on the distance between a bilinear facet and its two triangles, at equal parameters.
+
+    Parameters
+    ----------
+    m_uv : float
+        Upper bound of the norm of the mixed second derivative.
+    step_u, step_v : float
+        Steps of the grid.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of the surface.
+
+    Notes
+    -----
+    Zheng, Sederberg (2000); TPMS2STEP, eq. 4, with unit weights.
+
+    Examples
+    --------
+    >>> from tpmscad.splines import zheng_sederberg_bound
+    >>> zheng_sederberg_bound(1.0, 2.0, 2.0)
+    1.0
+    """
     return step_u * step_v * m_uv / 4
 
 
 def second_derivative_bounds(surface: BSplineSurface, pieces: int = 1) -> tuple[float, float, float]:
-    """Upper bounds of |S_uu|, |S_uv|, |S_vv| over the domain, each from the control net of that derivative.
+    """Upper bounds of the norms of the second derivatives of a surface, from control nets.
 
-    Cutting every span into `pieces` first makes the nets, and so the bounds, tighter.
+    Parameters
+    ----------
+    surface : BSplineSurface
+        The surface.
+    pieces : int, optional
+        Parts that every span is first cut into; more parts make the bounds tighter.
+
+    Returns
+    -------
+    m_uu, m_uv, m_vv : float
+        Bounds of |S_uu|, |S_uv|, |S_vv| over the domain.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, second_derivative_bounds
+    >>> knots = bezier_knots(1)
+    >>> saddle = BSplineSurface(np.array([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]]), knots, knots, 1, 1)
+    >>> second_derivative_bounds(saddle)
+    (0.0, 1.0, 0.0)
     """
     return (
         float(derivative_bounds(surface, 2, 0, pieces).max()),
@@ -60,7 +141,31 @@ def second_derivative_bounds(surface: BSplineSurface, pieces: int = 1) -> tuple[
 
 
 def derivative_bounds(surface: BSplineSurface, du: int, dv: int, pieces: int = 1) -> Array:
-    """Upper bounds of the norm of the derivative of orders (du, dv), one for every piece of every span: (U', V')."""
+    """Upper bounds of the norm of a mixed derivative, span by span.
+
+    Parameters
+    ----------
+    surface : BSplineSurface
+        The surface.
+    du, dv : int
+        Orders of the derivative.
+    pieces : int, optional
+        Parts that every span is first cut into.
+
+    Returns
+    -------
+    ndarray, shape (U', V')
+        One bound for every part of every span.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, derivative_bounds
+    >>> knots = bezier_knots(1)
+    >>> saddle = BSplineSurface(np.array([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 1]]]), knots, knots, 1, 1)
+    >>> derivative_bounds(saddle, 1, 1)
+    array([[1.]])
+    """
     if du > surface.degree_u or dv > surface.degree_v:
         spans = [len(np.unique(knots)) - 1 for knots in (surface.knots_u, surface.knots_v)]
         return np.zeros((spans[0] * pieces, spans[1] * pieces))
@@ -79,14 +184,45 @@ def derivative_bounds(surface: BSplineSurface, du: int, dv: int, pieces: int = 1
 def fit_error_bound(
     samples: Array, u: Array, v: Array, second: tuple[float, float, float], fitted: BSplineSurface
 ) -> float:
-    """Upper bound on the distance between an original surface and a fit of it, at equal parameters, by the virtual surface.
+    """Upper bound on the distance between a surface and a fit of it, at equal parameters, by the virtual surface.
 
-    samples (m, n, 3) are the original at the grid u (m,), v (n,), which must reach the borders of the domain; `second` are
-    upper bounds of the norms of its second derivatives.
+    Parameters
+    ----------
+    samples : ndarray, shape (m, n, 3)
+        Points of the original on the grid.
+    u, v : ndarray, shape (m,), (n,)
+        Parameters of the grid; they must reach the borders of the domain.
+    second : tuple of float
+        Upper bounds of the norms of the second derivatives of the original.
+    fitted : BSplineSurface
+        The fit.
+
+    Returns
+    -------
+    float
+        The bound, in the unit of the surface.
+
+    Raises
+    ------
+    ValueError
+        If the grid does not span the domain of the fit.
+
+    Notes
+    -----
+    TPMS2STEP, section 3.3, in rigorous form; see the module's documentation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, fit_error_bound
+    >>> knots, t = bezier_knots(1), np.array([0.0, 1.0])
+    >>> square = BSplineSurface(np.array([[[0.0, 0, 0], [0, 1, 0]], [[1, 0, 0], [1, 1, 0]]]), knots, knots, 1, 1)
+    >>> fit_error_bound(square.poles, t, t, (0.0, 0.0, 0.0), square)
+    0.0
     """
     ends = ((u[0], u[-1]), (v[0], v[-1]))
     if ends != fitted.domain:
-        raise ValueError(f"a grid over {ends} says nothing about a domain {fitted.domain}")
+        raise ValueError(f"a grid over {ends} does not bound a fit on the domain {fitted.domain}: let the grid span it")
     step_u, step_v = float(np.diff(u).max()), float(np.diff(v).max())
     vertices = float(np.linalg.norm(samples - fitted.grid(u, v), axis=-1).max())
     return (
@@ -97,7 +233,7 @@ def fit_error_bound(
 
 
 def _refine_spans(poles: Array, knots: Array, degree: int, pieces: int) -> tuple[Array, Array]:
-    """The same B-spline along the first axis with every span cut into pieces."""
+    """Poles and knots of the same B-spline along the first axis with every span cut into equal parts."""
     breaks = np.unique(knots)
     for start, end in zip(breaks[:-1], breaks[1:], strict=True):
         for t in np.linspace(start, end, pieces + 1)[1:-1]:

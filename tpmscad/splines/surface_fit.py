@@ -66,7 +66,7 @@ def least_squares_coordinates(samples: Array, axis_u: SplineAxis, axis_v: Spline
 
 
 def apply_bases(left: Array, grid: Array, right: Array) -> Array:
-    """left @ grid @ right^T for every last component: (m, U), (U, V, D), (n, V) give (m, n, D)."""
+    """The products left @ grid @ right^T for every last component: (m, U), (U, V, D), (n, V) give (m, n, D)."""
     half = (left @ grid.reshape(len(grid), -1)).reshape(len(left), *grid.shape[1:])
     return right @ half
 
