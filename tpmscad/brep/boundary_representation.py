@@ -1,25 +1,33 @@
-"""The patch complex: a boundary representation in arrays, the waist of the program. No kernel object is in it.
+"""The boundary representation (Brep): faces on shared edges and vertices, in arrays, without a kernel object.
 
-Geometry is stored once and placed by rigid motions: a *carrier* (B-spline primitive, plane or quadric), a 3-D *curve* (B-spline,
-circle or ellipse) and a parameter curve serve every face, edge and edge use that is a copy of another. A motion is x -> R x + t
-with R orthogonal, mirrors included; a mirrored copy keeps its parameters, and its own S_u x S_v is taken after the motion.
+Geometry is stored once and placed by rigid motions (`tpmscad.rigid_motion.Motion`): a *carrier* (B-spline surface, plane or
+quadric), a *curve* (B-spline, circle or ellipse) and a *pcurve* (parameter curve) serve every face, edge and edge use that is a
+copy of another. A mirrored copy keeps its parameters; its own S_u x S_v is taken after the motion.
 
-    vertices        (V, 3)
-    edges           one curve each, the piece of it between two parameters, from a start vertex to an end vertex
-    uses            an edge as one side of a loop, with its direction and its parameter curve on the face's carrier
-    loops           consecutive uses, closed; the face lies on the left of each use in the carrier's (u, v)
-    faces           a placed carrier, a sense, loops (any order), a tag
+    vertices   (V, 3)    positions
+    edges      E         a placed curve between two parameters, from a start vertex to an end vertex
+    uses       K         edge uses (half-edges): an edge as one side of a loop, its direction, its pcurve on the carrier
+    loops                consecutive uses, closed; the face lies on the left of each use in the (u, v) of the carrier
+    faces      F         a placed carrier, the sense of its outward normal, loops in any order, a tag
 
-A use's parameter curve and its edge's curve take the same parameter: carrier(pcurve(t)) = curve(t) for t in the edge's range,
-whichever way the use runs. On a plane there is none (index -1), the edge's projection serves.
+Two faces that share an edge use it once each, in opposite directions as seen from outside (+1 and -1 along the curve):
 
-On a quadric there is always one, a `Curve` in its (u, v). A face on a quadric has no seam: its loops close in (u, v) without a
-period's step (angles may lie anywhere, so long as the loop is in one piece), and a surface that closes on itself is at least two
-faces. A sphere's pole and a cone's apex are vertices where a face reaches them, never edges: two uses that meet there end at
-different u on the line v = const which is the pole, and the loop is understood to run straight along this line from one to the
-next. No edge belongs to that step, its length and its `dv` are zero; the kernel gets its degenerated edge there.
+         face 0, sense +1
+      o <--------------- o      use of face 0: edge e, sense -1
+      |------- e ------->|      edge e: start o, end o
+      o ---------------> o      use of face 1: edge e, sense +1
+         face 1, sense +1
 
-A part of a complex: some of its faces, those on splines, or the same faces seen from the other side.
+Invariants
+
+- The pcurve of a use and the curve of its edge share their parameter: carrier(pcurve(t)) = curve(t), both placed, for t in the
+  span of the edge, whichever way the use runs. How far they differ is the `deviation` of the edge.
+- On a plane there is no pcurve (index -1): the edge is projected onto the plane.
+- On a quadric there is always one. A face on a quadric has no seam: its loops close in (u, v) without a jump by a period
+  (angles may lie in any period), and a surface that closes on itself carries at least two faces.
+- The pole of a sphere and the apex of a cone are vertices where a face reaches them, never edges. Two uses that meet there end
+  at different u on the line v = const that is the pole; the loop runs straight along this line from one to the other. The step
+  has no edge, and neither length nor dv; the kernel gets a degenerate edge there.
 """
 
 from __future__ import annotations
@@ -37,10 +45,10 @@ from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Edges:
-    """E edges: edge i is the placed curve on [span[i, 0], span[i, 1]], from vertex start[i] to vertex end[i].
+    """E edges: edge i is curve[i], moved by motion[i], on [span[i, 0], span[i, 1]], from vertex start[i] to vertex end[i].
 
-    `deviation` is the greatest measured distance, in model units, between the edge's curve and the carriers it bounds, along
-    the shared parameter; zero to round-off where the edge is a patch side.
+    `deviation` is the largest measured distance, in model units, between the curve and the carriers of the adjacent faces at
+    equal parameters; round-off where the edge is a side of the patches.
     """
 
     curve: IntArray
@@ -56,7 +64,7 @@ class Edges:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeUses:
-    """K edge uses in loop order: the edge, +1 or -1 along its parameter, the parameter curve's index, -1 on planes."""
+    """K edge uses (half-edges) in loop order: edge, direction along its curve (+1 or -1), pcurve (-1 on planes)."""
 
     edge: IntArray
     sense: IntArray
@@ -70,7 +78,7 @@ class EdgeUses:
 class Faces:
     """F faces: face i has loops loop_start[i] .. loop_start[i + 1] - 1, loop j has uses use_start[j] .. use_start[j + 1] - 1.
 
-    The outward normal (out of the solid) is sense[i] times S_u x S_v of the placed carrier. `tag` indexes the complex's tags.
+    The outward normal, out of the solid, is sense[i] times S_u x S_v of the placed carrier. `tag` indexes `Brep.tags`.
     """
 
     carrier: IntArray
@@ -86,7 +94,7 @@ class Faces:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Brep:
-    """Faces on shared edges and vertices, in model units."""
+    """A boundary representation, in model units; see the module for its invariants."""
 
     carriers: tuple[Carrier, ...]
     curves: tuple[EdgeCurve, ...]
@@ -99,18 +107,18 @@ class Brep:
 
     @property
     def face_of_use(self) -> IntArray:
-        """(K,) the face each use belongs to."""
+        """The face that each edge use belongs to: (K,)."""
         loop_of_use = np.repeat(np.arange(len(self.faces.use_start) - 1), np.diff(self.faces.use_start))
         face_of_loop = np.repeat(np.arange(len(self.faces)), np.diff(self.faces.loop_start))
         return face_of_loop[loop_of_use]
 
     def faces_with_tag(self, tag: str) -> IntArray:
-        """Indices of the faces with this tag; the tag must be one of the complex's."""
+        """Indices of the faces with a tag, which must be one of `tags`."""
         return np.flatnonzero(self.faces.tag == self.tags.index(tag))
 
 
 def scale_brep(brep: Brep, factor: float) -> Brep:
-    """The complex enlarged about the origin. Parameters of carriers scale where they are lengths on quadrics, others stay."""
+    """The boundary representation scaled about the origin; parameters of quadrics that are lengths scale with it."""
     edges, faces = brep.edges, brep.faces
     pcurves, uses = _scale_length_parameters(brep, factor)
     return replace(
@@ -152,55 +160,55 @@ def translate_brep(brep: Brep, by: Array) -> Brep:
 
 
 def _scale_length_parameters(brep: Brep, factor: float) -> tuple[tuple[BSplineCurve, ...], EdgeUses]:
-    """Parameter curves with v scaled where it is a length, on cylinders and cones; one that others use as well is kept beside."""
+    """The pcurves with v scaled where it is a length, on cylinders and cones; one shared with other carriers is copied first."""
     uses, pcurves = brep.uses, list(brep.pcurves)
     has_length = np.array([isinstance(c, CylindricalSurface | ConicalSurface) for c in brep.carriers], bool)
-    by_length = has_length[brep.faces.carrier[brep.face_of_use]]
-    index, elsewhere = uses.pcurve.copy(), set(uses.pcurve[~by_length].tolist())
-    for p in np.unique(uses.pcurve[by_length]).tolist():
+    on_length_carrier = has_length[brep.faces.carrier[brep.face_of_use]]
+    index, shared_elsewhere = uses.pcurve.copy(), set(uses.pcurve[~on_length_carrier].tolist())
+    for p in np.unique(uses.pcurve[on_length_carrier]).tolist():
         old = brep.pcurves[p]
         new = BSplineCurve(old.poles * np.array([1.0, factor]), old.knots, old.degree)
-        if p in elsewhere:
-            index[by_length & (uses.pcurve == p)] = len(pcurves)
+        if p in shared_elsewhere:
+            index[on_length_carrier & (uses.pcurve == p)] = len(pcurves)
             pcurves.append(new)
         else:
             pcurves[p] = new
     return tuple(pcurves), replace(uses, pcurve=index)
 
 
-def select_faces(whole: Brep, kept: IntArray) -> Brep:
-    """The complex of some of the faces, on the edges and vertices that these use."""
-    faces, uses, e = whole.faces, whole.uses, whole.edges
-    loops = [range(faces.loop_start[f], faces.loop_start[f + 1]) for f in kept]
-    spans = [range(faces.use_start[loop], faces.use_start[loop + 1]) for of in loops for loop in of]
-    at = np.array([k for span in spans for k in span], np.int64)
-    used, edge = np.unique(uses.edge[at], return_inverse=True)
-    vertices, ends = np.unique(np.concatenate([e.start[used], e.end[used]]), return_inverse=True)
+def select_faces(brep: Brep, selected: IntArray) -> Brep:
+    """The boundary representation of the selected faces, on the edges and vertices that these use."""
+    faces, uses, edges = brep.faces, brep.uses, brep.edges
+    loops_of_face = [range(faces.loop_start[f], faces.loop_start[f + 1]) for f in selected]
+    uses_of_loop = [range(faces.use_start[j], faces.use_start[j + 1]) for loops in loops_of_face for j in loops]
+    use = np.array([k for loop in uses_of_loop for k in loop], np.int64)
+    used, edge = np.unique(uses.edge[use], return_inverse=True)
+    vertices, ends = np.unique(np.concatenate([edges.start[used], edges.end[used]]), return_inverse=True)
     start, end = np.split(ends.ravel(), 2)
     return replace(
-        whole,
-        vertices=whole.vertices[vertices],
-        edges=Edges(e.curve[used], e.motion[used], e.span[used], start, end, e.deviation[used]),
-        uses=EdgeUses(edge.ravel(), uses.sense[at], uses.pcurve[at]),
+        brep,
+        vertices=brep.vertices[vertices],
+        edges=Edges(edges.curve[used], edges.motion[used], edges.span[used], start, end, edges.deviation[used]),
+        uses=EdgeUses(edge.ravel(), uses.sense[use], uses.pcurve[use]),
         faces=Faces(
-            carrier=faces.carrier[kept],
-            motion=faces.motion[kept],
-            sense=faces.sense[kept],
-            tag=faces.tag[kept],
-            loop_start=np.cumsum([0, *map(len, loops)]),
-            use_start=np.cumsum([0, *map(len, spans)]),
+            carrier=faces.carrier[selected],
+            motion=faces.motion[selected],
+            sense=faces.sense[selected],
+            tag=faces.tag[selected],
+            loop_start=np.cumsum([0, *map(len, loops_of_face)]),
+            use_start=np.cumsum([0, *map(len, uses_of_loop)]),
         ),
     )
 
 
-def spline_faces(patches: Brep) -> Iterator[tuple[IntArray, BSplineSurface]]:
-    """B-spline surfaces in turn, each with the faces on it (f,)."""
-    for index in np.unique(patches.faces.carrier).tolist():
-        carrier = patches.carriers[index]
+def spline_faces(brep: Brep) -> Iterator[tuple[IntArray, BSplineSurface]]:
+    """The B-spline surfaces that carry faces, each with the indices of its faces (f,)."""
+    for index in np.unique(brep.faces.carrier).tolist():
+        carrier = brep.carriers[index]
         if isinstance(carrier, BSplineSurface):
-            yield np.flatnonzero(patches.faces.carrier == index), carrier
+            yield np.flatnonzero(brep.faces.carrier == index), carrier
 
 
-def reverse_faces(patches: Brep) -> Brep:
-    """The patches that bound what the lattice leaves: the other side of every one is out."""
-    return replace(patches, faces=replace(patches.faces, sense=-patches.faces.sense))
+def reverse_faces(brep: Brep) -> Brep:
+    """The same faces with reversed outward normals: they bound the complement of the solid."""
+    return replace(brep, faces=replace(brep.faces, sense=-brep.faces.sense))

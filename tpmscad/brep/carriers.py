@@ -1,4 +1,7 @@
-"""The surfaces that faces lie on and the curves that edges run on: B-splines, planes, quadrics, circles, ellipses."""
+"""The surfaces that carry faces and the curves of edges: B-splines, planes, quadrics, circles and ellipses.
+
+All surfaces are called as `surface(u, v, du, dv)`; planes and quadrics have a signed distance with gradient and Hessian too.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.brep.conics import Circle, Ellipse, cross
+from tpmscad.brep.conics import Circle, Ellipse, cross_single
 from tpmscad.brep.quadrics import ConicalSurface, CylindricalSurface, SphericalSurface, ToroidalSurface
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
@@ -37,10 +40,12 @@ class Plane:
 
     @property
     def y_axis(self) -> Array:
-        return cross(self.normal, self.x_axis)
+        """Direction of v: normal x x_axis."""
+        return cross_single(self.normal, self.x_axis)
 
     @property
     def period(self) -> tuple[float, float]:
+        """Periods of u and v; 0 means none."""
         return 0.0, 0.0
 
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
@@ -52,26 +57,27 @@ class Plane:
         return np.zeros_like(u) + constant
 
     def parameters(self, points: ArrayLike) -> Array:
-        """(u, v) of the points' feet: (..., 2)."""
+        """(u, v) of the orthogonal projections of points (..., 3): (..., 2)."""
         return (np.asarray(points, float) - self.origin) @ np.stack([self.x_axis, self.y_axis], axis=1)
 
     def distance(self, points: ArrayLike) -> Array:
-        """Signed distance along the normal: (...)."""
+        """Signed distance of points (..., 3), positive on the side of the normal: (...)."""
         return (np.asarray(points, float) - self.origin) @ self.normal
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Of the distance: (..., 3)."""
+        """Gradient of the distance, the normal: (..., 3)."""
         return np.zeros_like(np.asarray(points, float)) + self.normal
 
     def hessian(self, points: ArrayLike) -> Array:
-        """Of the distance: zeros (..., 3, 3)."""
+        """Hessian of the distance, zero: (..., 3, 3)."""
         return np.zeros((*np.shape(points), 3))
 
     def scaled(self, factor: float) -> Plane:
+        """The plane scaled about the origin."""
         return Plane(factor * self.origin, self.x_axis, self.normal)
 
     def moved(self, motion: Motion) -> Plane:
-        """The plane moved, with its side; under a mirror the parameter v turns round."""
+        """The plane after a rigid motion, with its side; a mirror reverses the parameter v."""
         x_axis, normal = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.normal)
         return Plane(motion.apply(self.origin), x_axis, normal)
 

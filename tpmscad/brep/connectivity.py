@@ -1,4 +1,4 @@
-"""What follows from shared edges alone: closedness, open borders, shells, Euler characteristic."""
+"""Topology of a boundary representation from its shared edges alone: closedness, shells, Euler characteristic."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from tpmscad.brep.boundary_representation import Brep
 
 
 def count_edge_uses(brep: Brep) -> IntArray:
-    """How many loop sides each edge is: (E,)."""
+    """The number of uses of each edge: (E,)."""
     return np.bincount(brep.uses.edge, minlength=len(brep.edges))
 
 
 def find_unmatched_edges(brep: Brep) -> IntArray:
-    """Edges that are not used exactly twice, once in each direction as seen along the outward normals."""
+    """Edges that are not used exactly twice, once in each direction as seen from outside: (n,)."""
     seen_from_outside = brep.uses.sense * brep.faces.sense[brep.face_of_use]
     balance = np.bincount(brep.uses.edge, weights=seen_from_outside, minlength=len(brep.edges))
     return np.flatnonzero((count_edge_uses(brep) != 2) | (balance != 0))
 
 
 def is_closed(brep: Brep) -> bool:
-    """Whether the faces bound a region consistently: no unmatched edge."""
+    """Whether the faces bound a region consistently (watertight): there is no unmatched edge."""
     return len(find_unmatched_edges(brep)) == 0
 
 
 def label_shells(brep: Brep) -> tuple[int, IntArray]:
-    """The number of edge-connected components and each face's, numbered by first face: n, (F,)."""
+    """The number of shells (edge-connected components), and the shell of each face (F,), numbered by first face."""
     face = brep.face_of_use
     n_faces, n_edges = len(brep.faces), len(brep.edges)
     incidence = coo_array((np.ones(len(face), bool), (face, n_faces + brep.uses.edge)), shape=(n_faces + n_edges,) * 2)
@@ -40,19 +40,18 @@ def label_shells(brep: Brep) -> tuple[int, IntArray]:
     return len(first), rank[compact]
 
 
-def euler_characteristic(brep: Brep, shell: IntArray) -> NDArray[np.int64]:
-    """V - E + F of each shell, a face with h holes counting as 1 - h: (n_shells,). `shell` is each face's, as from `shells`."""
-    n = int(shell.max(initial=-1)) + 1
-    of_use = shell[brep.face_of_use]
+def euler_characteristic(brep: Brep, shell_of_face: IntArray) -> NDArray[np.int64]:
+    """V - E + F of each shell of a Brep, a face with h holes counted as 1 - h: (n_shells,)."""
+    n = int(shell_of_face.max(initial=-1)) + 1
     edge_shell = np.zeros(len(brep.edges), np.int64)
-    edge_shell[brep.uses.edge] = of_use
+    edge_shell[brep.uses.edge] = shell_of_face[brep.face_of_use]
     ends = np.concatenate([brep.edges.start, brep.edges.end])
     vertices = np.unique(np.stack([ends, np.concatenate([edge_shell, edge_shell])]), axis=1)
-    holes = np.bincount(shell, weights=np.diff(brep.faces.loop_start) - 1, minlength=n)
+    holes = np.bincount(shell_of_face, weights=np.diff(brep.faces.loop_start) - 1, minlength=n)
     used = np.unique(brep.uses.edge)
     return np.asarray(
         np.bincount(vertices[1], minlength=n)
         - np.bincount(edge_shell[used], minlength=n)
-        + np.bincount(shell, minlength=n)
+        + np.bincount(shell_of_face, minlength=n)
         - holes.astype(np.int64)
     )

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.brep.conics import TWO_PI, cosine_derivative, cross
+from tpmscad.brep.conics import TWO_PI, cosine_derivative, cross_single
 from tpmscad.rigid_motion import Motion
 
 MIN_RADIUS = 1e-150
@@ -38,7 +38,7 @@ class _SurfaceOfRevolution:
 
     @property
     def y_axis(self) -> Array:
-        return cross(self.axis, self.x_axis)
+        return cross_single(self.axis, self.x_axis)
 
     @property
     def period(self) -> tuple[float, float]:

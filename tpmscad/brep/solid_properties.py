@@ -1,4 +1,8 @@
-"""The shape of the solid that a complex bounds: pieces, volume, area, centroid, Betti numbers; from the arrays alone."""
+"""Properties of the solid that a boundary representation bounds: pieces, volume, area, centroid, Betti numbers.
+
+For a solid M in space, chi(M) = chi(boundary) / 2. With b0 pieces and b2 voids, both counted from the shells, the number of
+tunnels is b1 = b0 + b2 - chi(M) (Alexander duality).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +17,7 @@ from tpmscad.brep.moments import integral_properties
 
 @dataclass(frozen=True, slots=True)
 class SolidPiece:
-    """A connected part of the solid: its outer shell's volume and a point of it (centre of the shell's vertices)."""
+    """A connected part of the solid: volume within its outer shell, and the centre of the vertices of this shell."""
 
     volume: float
     near: tuple[float, float, float]
@@ -21,7 +25,7 @@ class SolidPiece:
 
 @dataclass(frozen=True, slots=True)
 class SolidProperties:
-    """Model units. `betti` are (pieces, tunnels, voids) and None where the complex is open."""
+    """Properties in model units. `betti` is (pieces, tunnels, voids), None if the Brep is open; the largest piece comes first."""
 
     closed: bool
     volume: float
@@ -32,10 +36,9 @@ class SolidProperties:
 
 
 def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> SolidProperties:
-    """Measure the complex; pieces come largest first. `moments` are its faces', where they are known already.
+    """Measure the solid that a Brep bounds; pass the `moments` of its faces if they are known already.
 
-    A shell that bounds its inside has positive volume, a void's shell negative. For a solid M in space, chi(M) is half of
-    chi(boundary), which gives the number of tunnels (Alexander duality).
+    The outer shell of a piece has positive volume, the shell of a void negative volume.
     """
     moments = integral_properties.integrate_faces(brep) if moments is None else moments
     count, shell = connectivity.label_shells(brep)
@@ -49,7 +52,7 @@ def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = 
         betti = (pieces, pieces + voids - euler // 2, voids)
     vertex_shell = np.zeros(len(brep.vertices), np.int64)
     vertex_shell[brep.edges.start[brep.uses.edge]] = shell[brep.face_of_use]
-    order = outer[np.argsort(-volumes[outer], kind="stable")]
+    outer_by_volume = outer[np.argsort(-volumes[outer], kind="stable")]
     x, y, z = integral_properties.centroid(moments)
     return SolidProperties(
         closed=closed,
@@ -58,6 +61,7 @@ def measure_solid(brep: Brep, moments: integral_properties.FaceMoments | None = 
         centroid=(float(x), float(y), float(z)),
         betti=betti,
         pieces=tuple(
-            SolidPiece(float(volumes[s]), tuple(brep.vertices[vertex_shell == s].mean(axis=0).tolist())) for s in order
+            SolidPiece(float(volumes[s]), tuple(brep.vertices[vertex_shell == s].mean(axis=0).tolist()))
+            for s in outer_by_volume
         ),
     )

@@ -1,8 +1,8 @@
-"""Whole patches become a complex: vertices and edges that coincide are found once and shared.
+"""Whole patches become a boundary representation: coincident vertices and edges are found once and shared.
 
-Patches made by symmetry meet to round-off, so coincidence is decided with a generous margin: `WELD` of the smallest patch's
-size, a million times the round-off and a thousandth of any feature. Edges are told apart by their mid-parameter points, so two
-edges between the same vertices stay two. What the welded sides differ by is measured and kept as the edge's `deviation`.
+Patches made by symmetry meet to round-off, so coincidence is decided with a generous margin: a millionfold of the round-off, a
+thousandth of any feature. Edges are distinguished by their points at mid-parameter, so two edges between the same vertices stay
+two. How far welded sides differ is measured and becomes the `deviation` of the edge.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 WELD_RADIUS_FRACTION = 1e-5
-"""Points closer than this fraction of the smallest patch's diagonal are one point."""
+"""Points closer than this fraction of the diagonal of the smallest patch are one point."""
 
 
 def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
-    """Labels (n,) of points within `radius` of each other, chained, and the first member of each label."""
+    """Single-linkage clusters of points (n, 3): the label of each point (n,), and the first point of each cluster."""
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
     links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
     _, labels = connected_components(links, directed=False)
@@ -44,24 +44,27 @@ def weld_patches(
     tag: NDArray[np.integer],
     tags: Sequence[str],
 ) -> Brep:
-    """The complex of whole patches: face i is primitives[carrier[i]] moved by motion[i].
+    """The boundary representation of whole patches: face i is primitives[carrier[i]] moved by motion[i].
 
-    Sides must share their parametrisation where they meet (equal or reversed); how far they differ is each edge's deviation.
+    Adjacent sides must have the same parametrisation, equal or reversed. Raises ValueError if sides with common ends and middle
+    differ elsewhere by more than the welding radius, or if their parameter ranges differ.
     """
     samples = np.stack([_sample_sides(primitive) for primitive in primitives])  # (P, 4, 5, 3), counter-clockwise
-    placed = motion[:, None, None].apply(samples[carrier])
+    points = motion[:, None, None].apply(samples[carrier])
     radius = WELD_RADIUS_FRACTION * float(min(np.linalg.norm(s[0, 0] - s[2, 0]) for s in samples))
 
-    corner, first_corner = cluster_points(placed[:, :, 0].reshape(-1, 3), radius)
-    edge, first_use = cluster_points(placed[:, :, 2].reshape(-1, 3), radius)
+    corner, first_corner = cluster_points(points[:, :, 0].reshape(-1, 3), radius)
+    edge, first_use = cluster_points(points[:, :, 2].reshape(-1, 3), radius)
     start = corner.reshape(-1, 4)
     end = np.roll(start, -1, axis=1).ravel()
     start = start.ravel()
 
     use_sense = np.where(start == start[first_use[edge]], 1, -1)
-    along = placed.reshape(-1, 5, 3)
-    own = along[first_use[edge]]
-    mismatch = np.linalg.norm(along - np.where(use_sense[:, None, None] > 0, own, own[:, ::-1]), axis=2).max(axis=1)
+    side_points = points.reshape(-1, 5, 3)
+    shared = side_points[first_use[edge]]
+    mismatch = np.linalg.norm(
+        side_points - np.where(use_sense[:, None, None] > 0, shared, shared[:, ::-1]), axis=2
+    ).max(axis=1)
     deviation = np.zeros(len(first_use))
     np.maximum.at(deviation, edge, mismatch)
     if deviation.max(initial=0.0) > radius:
@@ -69,27 +72,27 @@ def weld_patches(
 
     domains = np.array([primitive.side(s).domain for primitive in primitives for s in range(4)])
     side = np.tile(np.arange(4), len(carrier))
-    owner = np.repeat(carrier, 4)
+    primitive_of_side = np.repeat(carrier, 4)
     curves = [primitive.side(s) for primitive in primitives for s in range(4)]
-    lines = [primitive.side_pcurve(s) for primitive in primitives for s in range(4)]
-    face = first_use // 4
-    curve = (4 * owner + side)[first_use]
-    if not np.array_equal(domains[4 * owner + side], domains[curve][edge]):
+    pcurves = [primitive.side_pcurve(s) for primitive in primitives for s in range(4)]
+    first_face = first_use // 4
+    curve = (4 * primitive_of_side + side)[first_use]
+    if not np.array_equal(domains[4 * primitive_of_side + side], domains[curve][edge]):
         raise ValueError("sides that meet must share their parameter's range")
     return Brep(
         carriers=tuple(primitives),
         curves=tuple(curves),
-        pcurves=tuple(line for forward in lines for line in (forward, forward.reversed())),
-        vertices=placed[:, :, 0].reshape(-1, 3)[first_corner],
+        pcurves=tuple(pcurve for forward in pcurves for pcurve in (forward, forward.reversed())),
+        vertices=points[:, :, 0].reshape(-1, 3)[first_corner],
         edges=Edges(
             curve=curve,
-            motion=motion[face],
+            motion=motion[first_face],
             span=domains[curve],
             start=start[first_use],
             end=end[first_use],
             deviation=deviation,
         ),
-        uses=EdgeUses(edge=edge, sense=use_sense, pcurve=2 * (4 * owner + side) + (use_sense < 0)),
+        uses=EdgeUses(edge=edge, sense=use_sense, pcurve=2 * (4 * primitive_of_side + side) + (use_sense < 0)),
         faces=Faces(
             carrier=np.asarray(carrier, np.int64),
             motion=motion,
@@ -103,6 +106,6 @@ def weld_patches(
 
 
 def _sample_sides(surface: BSplineSurface) -> Array:
-    """Five points of each side, counter-clockwise, ends included: (4, 5, 3)."""
+    """Five points of each side of a patch, counter-clockwise, ends included: (4, 5, 3)."""
     curves = [surface.side(s) for s in range(4)]
     return np.stack([curve(np.linspace(*curve.domain, 5)) for curve in curves])
