@@ -1,8 +1,9 @@
-"""How far a fitted patch is from its reference, measured: orthogonal distances on dense grids, in both directions.
+"""Two-way deviation of a fitted patch from its reference surface: orthogonal distances on dense grids, in both directions.
 
-Each sample's foot on the other surface is found by Gauss-Newton from its own parameters, with the fitted patch's tangents (the
-reference's differ from them by the error that is being measured). The grid knows nothing of the samples the fit used; around
-the worst samples finer grids look again, so that the maximum is not missed between samples.
+The foot point of each sample on the other surface is found by Gauss-Newton iteration, starting at the parameters of the sample.
+Both directions use the tangents of the fitted patch: those of the reference differ from them by the error that is measured. The
+grid is independent of the samples of the fit, and finer grids around the largest local maxima keep the maximum (the one-sided
+Hausdorff distance) from being missed between samples.
 """
 
 from __future__ import annotations
@@ -17,28 +18,30 @@ from tpmscad._typing import Array
 from tpmscad.splines.bspline import BSplineSurface
 
 ReferenceSurface = Callable[[Array, Array], Array]
-"""Positions (..., 3) of the reference surface at (u, v); must hold a little outside the patch's domain, where feet may lie."""
+"""Positions (..., 3) of the reference surface at (u, v); defined a little beyond the domain, where foot points may lie."""
 
 SAMPLES_PER_PARAMETER = 49
-"""Samples along each parameter: three for each lobe of the error of a patch of degree 16."""
+"""Samples along each parameter: three per lobe of the error of a patch of degree 16."""
 
-REFINED_PEAKS, SAMPLES_PER_PEAK_AXIS = 6, 9
-"""So many local maxima are sampled again, so much finer. Measured against 203^2 samples on 75 fits: 0.2 % too low at most;
-2.9 % with equal spacing and one peak."""
+REFINED_PEAKS = 6
+"""Largest local maxima of the sampled distances around which samples are refined: the maximum is then 0.2 % too low at most."""
+
+SAMPLES_PER_PEAK_AXIS = 9
+"""Samples along each parameter between the neighbours of a local maximum."""
 
 FOOT_PARAMETER_TOL = 1e-10
-"""Feet that move less than this in a step are found: what is left of the tangential part is far below any deviation."""
+"""Parameter step at which a foot point has converged: the tangential residual is then far below any deviation."""
 
 REFERENCE_MARGIN_FRACTION = 0.04
-"""Feet on the reference may lie this fraction of the domain outside it; a foot held back there only enlarges the distance."""
+"""Fraction of the domain by which foot points on the reference may lie outside it; clipping there overestimates a distance."""
 
 MAX_FOOT_ITERATIONS = 8
-"""Gauss-Newton steps: each gains the factor of the tangents' relative error, 1e-1 at worst on the coarsest fits."""
+"""Gauss-Newton steps: each reduces the error by the relative error of the tangents, 1e-1 at worst on the coarsest fits."""
 
 
 @dataclass(frozen=True, slots=True)
 class Deviation:
-    """Largest and root-mean-square orthogonal distance, and the largest in each direction, in the units of the surfaces."""
+    """Largest and root-mean-square orthogonal distance, and the largest in each direction, in the unit of the surfaces."""
 
     max: float
     rms: float
@@ -46,11 +49,12 @@ class Deviation:
     from_reference: float
 
     def scaled(self, factor: float) -> Deviation:
-        return Deviation(*(factor * getattr(self, name) for name in self.__slots__))
+        """The deviation in another unit of length."""
+        return Deviation(factor * self.max, factor * self.rms, factor * self.to_reference, factor * self.from_reference)
 
 
 def combine_deviations(each: Sequence[Deviation]) -> Deviation:
-    """The largest of several patches' deviations, and the root mean square over all of them."""
+    """The deviation of several patches together: the largest distances, and the root mean square over all patches."""
     return Deviation(
         max=max(d.max for d in each),
         rms=float(np.sqrt(np.mean([d.rms**2 for d in each]))),
@@ -62,9 +66,11 @@ def combine_deviations(each: Sequence[Deviation]) -> Deviation:
 def measure_deviation(
     fitted: BSplineSurface, reference: ReferenceSurface, samples: int = SAMPLES_PER_PARAMETER
 ) -> Deviation:
-    """The two-way distance between a fitted patch and the reference on the patch's domain."""
+    """The two-way deviation between a fitted patch and the reference surface over the domain of the patch."""
     (u0, u1), (v0, v1) = fitted.domain
-    grid = (1 - np.cos(np.pi * np.linspace(0.0, 1.0, samples))) / 2  # errors' lobes are narrow near borders
+    grid = (
+        1 - np.cos(np.pi * np.linspace(0.0, 1.0, samples))
+    ) / 2  # denser near the sides, where the lobes of the error are narrow
     u, v = np.meshgrid(u0 + (u1 - u0) * grid, v0 + (v1 - v0) * grid, indexing="ij")
     largest, squares = [], []
     for measure in (_distances_to_reference, _distances_from_reference):
@@ -76,7 +82,7 @@ def measure_deviation(
 
 
 def sample_around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
-    """Finer samples about the PEAKS highest local maxima of the sampled distances: two of (n,)."""
+    """Parameters (n,), (n,) of finer samples around the largest local maxima of distances on the grid u x v."""
     rank = distances == maximum_filter(distances, size=3)
     at = np.argwhere(rank)
     at = at[np.argsort(-distances[rank], kind="stable")][:REFINED_PEAKS]
@@ -88,53 +94,64 @@ def sample_around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Ar
 
 
 def mean_square(distances: Array) -> float:
-    """Mean over the parameter square of values on the cosine-spaced grid."""
+    """Mean square over the parameter square of distances (n, n) on the cosine-spaced grid."""
     weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(distances)))
     return float(weight @ distances**2 @ weight / weight.sum() ** 2)
 
 
 def _distances_to_reference(fitted: BSplineSurface, reference: ReferenceSurface, u: Array, v: Array) -> Array:
-    """Distances of fitted points to the reference, whose feet may lie beyond the patch's border: (n,)."""
+    """Distances of points of the fitted patch from the reference; foot points may lie a little beyond the domain: (n,)."""
     points = fitted(u, v)
     tangents = fitted(u, v, 1, 0), fitted(u, v, 0, 1)
     (u0, u1), (v0, v1) = fitted.domain
-    room_u, room_v = REFERENCE_MARGIN_FRACTION * (u1 - u0), REFERENCE_MARGIN_FRACTION * (v1 - v0)
-    a, b = u, v
+    margin_u, margin_v = REFERENCE_MARGIN_FRACTION * (u1 - u0), REFERENCE_MARGIN_FRACTION * (v1 - v0)
+    foot_u, foot_v = u, v
     for _ in range(MAX_FOOT_ITERATIONS):
-        da, db = _gauss_newton_step(points - reference(a, b), *tangents)
-        a, b = np.clip(a + da, u0 - room_u, u1 + room_u), np.clip(b + db, v0 - room_v, v1 + room_v)
-        if max(np.abs(da).max(), np.abs(db).max()) < FOOT_PARAMETER_TOL:
+        du, dv = _gauss_newton_step(points - reference(foot_u, foot_v), *tangents)
+        foot_u, foot_v = (
+            np.clip(foot_u + du, u0 - margin_u, u1 + margin_u),
+            np.clip(foot_v + dv, v0 - margin_v, v1 + margin_v),
+        )
+        if max(np.abs(du).max(), np.abs(dv).max()) < FOOT_PARAMETER_TOL:
             break
-    return np.linalg.norm(points - reference(a, b), axis=-1)
+    return np.linalg.norm(points - reference(foot_u, foot_v), axis=-1)
 
 
 def _distances_from_reference(fitted: BSplineSurface, reference: ReferenceSurface, u: Array, v: Array) -> Array:
-    """Distances of reference points to the fitted patch alone, feet kept on it: an upper bound where it ends: (n,)."""
+    """Distances of points of the reference from the fitted patch, an upper bound beyond its sides: (n,)."""
     return project_to_patch(fitted, reference(u, v), u, v)[0]
 
 
 def project_to_patch(fitted: BSplineSurface, points: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Distances (n,) of points (n, 3) to the patch and their feet's parameters (n,), (n,), looked for from (u, v)."""
+    """Orthogonal projection of points (n, 3) on a patch: distances (n,) and parameters (n,), (n,) of the foot points.
+
+    Gauss-Newton iteration from the parameters (u, v); on a side of the patch the foot point slides along the side.
+    """
     (u0, u1), (v0, v1) = fitted.domain
-    a, b = u, v
+    foot_u, foot_v = u, v
     for _ in range(MAX_FOOT_ITERATIONS):
-        residual, along_u, along_v = points - fitted(a, b), fitted(a, b, 1, 0), fitted(a, b, 0, 1)
-        da, db = _gauss_newton_step(residual, along_u, along_v)
-        leaves_u, leaves_v = (a + da < u0) | (a + da > u1), (b + db < v0) | (b + db > v1)
-        db = np.where(leaves_u, _tangential_step(along_v, residual), db)  # on a border the foot slides along it alone
-        da = np.where(leaves_v, _tangential_step(along_u, residual), da)
-        a, b = np.clip(a + da, u0, u1), np.clip(b + db, v0, v1)
-        if max(np.abs(da).max(), np.abs(db).max()) < FOOT_PARAMETER_TOL:
+        residual, along_u, along_v = (
+            points - fitted(foot_u, foot_v),
+            fitted(foot_u, foot_v, 1, 0),
+            fitted(foot_u, foot_v, 0, 1),
+        )
+        du, dv = _gauss_newton_step(residual, along_u, along_v)
+        leaves_u, leaves_v = (foot_u + du < u0) | (foot_u + du > u1), (foot_v + dv < v0) | (foot_v + dv > v1)
+        dv = np.where(leaves_u, _tangential_step(along_v, residual), dv)
+        du = np.where(leaves_v, _tangential_step(along_u, residual), du)
+        foot_u, foot_v = np.clip(foot_u + du, u0, u1), np.clip(foot_v + dv, v0, v1)
+        if max(np.abs(du).max(), np.abs(dv).max()) < FOOT_PARAMETER_TOL:
             break
-    return np.linalg.norm(points - fitted(a, b), axis=-1), a, b
+    return np.linalg.norm(points - fitted(foot_u, foot_v), axis=-1), foot_u, foot_v
 
 
 def _tangential_step(tangent: Array, residual: Array) -> Array:
+    """The step along one parameter that cancels the component of the residual along its tangent."""
     return np.einsum("ni,ni->n", tangent, residual) / np.einsum("ni,ni->n", tangent, tangent)
 
 
 def _gauss_newton_step(residual: Array, tangent_u: Array, tangent_v: Array) -> tuple[Array, Array]:
-    """The parameter step that cancels the residual's tangential part."""
+    """The parameter step that cancels the tangential component of the residual."""
     uu, uv, vv = (np.einsum("ni,ni->n", p, q) for p, q in ((tangent_u,) * 2, (tangent_u, tangent_v), (tangent_v,) * 2))
     ru, rv = np.einsum("ni,ni->n", tangent_u, residual), np.einsum("ni,ni->n", tangent_v, residual)
     determinant = uu * vv - uv**2

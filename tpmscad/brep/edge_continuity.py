@@ -1,8 +1,8 @@
-"""How smoothly faces join: gap, tangent jump and curvature jump across every edge between B-spline faces, measured.
+"""Continuity across the edges between B-spline faces, measured: gap (G0), tangent jump (G1) and curvature jump (G2).
 
 Both faces are evaluated along the edge, ends included, so that extraordinary vertices are among the samples. Curvature is
-compared as the symmetric 3 x 3 tensor K = A I^-1 II I^-1 A^T (A the tangents, I and II the fundamental forms), which does not
-depend on either parametrisation. Edges that are copies of one another by a rigid motion are measured once.
+compared as the symmetric 3 x 3 tensor K = A I^-1 II I^-1 A^T (A: tangents, I and II: fundamental forms), which does not depend on
+the parametrisations. Of edges that are congruent, adjacent faces included, one is measured.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ SAMPLES_PER_EDGE = 33
 """Samples along an edge, ends included."""
 
 MOTION_DIGITS = 6
-"""Relative motions that agree to this many decimals (rotations; translations in edge lengths) are the same joint."""
+"""Decimals to which the relative motions of two faces must agree (translations in edge lengths) for edges to be congruent."""
 
 
 @dataclass(frozen=True, slots=True)
 class EdgeContinuity:
-    """The worst over all joints: gap (model units), tangent jump (degrees), curvature jump over the greatest curvature."""
+    """Largest gap (model units), tangent jump (degrees), curvature jump relative to the largest curvature; congruence classes."""
 
     gap: float
     tangent_jump_deg: float
@@ -33,22 +33,24 @@ class EdgeContinuity:
 
 
 def measure_edge_continuity(brep: Brep, tags: tuple[str, ...]) -> EdgeContinuity:
-    """Measure every edge both of whose faces are B-splines with one of these tags (zeros where there is none)."""
+    """Measure every edge between two B-spline faces with one of the tags; all values are 0 if there is none."""
     first, second = _smooth_edge_use_pairs(brep, tags)
-    gap = turn = bend = steepest = 0.0
+    gap = tangent_jump = curvature_jump = max_curvature = 0.0
     chosen = _congruence_representatives(brep, first, second)
     for a, b in zip(first[chosen], second[chosen], strict=True):
-        (x, n, k), (y, m, q) = (_evaluate_along_use(brep, int(use)) for use in (a, b))
-        gap = max(gap, float(np.linalg.norm(x - y, axis=1).max()))
-        sine = np.linalg.norm(np.cross(n, m), axis=1)
-        turn = max(turn, float(np.arctan2(sine, np.einsum("ni,ni->n", n, m)).max()))
-        bend = max(bend, float(np.linalg.norm(k - q, ord=2, axis=(1, 2)).max()))
-        steepest = max(steepest, float(np.linalg.norm(k, ord=2, axis=(1, 2)).max()))
-    return EdgeContinuity(gap, float(np.degrees(turn)), bend / steepest if steepest else 0.0, len(chosen))
+        (x_a, n_a, k_a), (x_b, n_b, k_b) = (_evaluate_along_use(brep, int(use)) for use in (a, b))
+        gap = max(gap, float(np.linalg.norm(x_a - x_b, axis=1).max()))
+        sine = np.linalg.norm(np.cross(n_a, n_b), axis=1)
+        tangent_jump = max(tangent_jump, float(np.arctan2(sine, np.einsum("ni,ni->n", n_a, n_b)).max()))
+        curvature_jump = max(curvature_jump, float(np.linalg.norm(k_a - k_b, ord=2, axis=(1, 2)).max()))
+        max_curvature = max(max_curvature, float(np.linalg.norm(k_a, ord=2, axis=(1, 2)).max()))
+    return EdgeContinuity(
+        gap, float(np.degrees(tangent_jump)), curvature_jump / max_curvature if max_curvature else 0.0, len(chosen)
+    )
 
 
 def _smooth_edge_use_pairs(brep: Brep, tags: tuple[str, ...]) -> tuple[IntArray, IntArray]:
-    """The two uses of every edge that joins two B-spline faces with these tags."""
+    """The two uses of every edge between two B-spline faces with one of the tags: (n,), (n,)."""
     face = brep.face_of_use
     smooth = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[brep.faces.carrier]
     wanted = smooth & np.isin(brep.faces.tag, [brep.tags.index(t) for t in tags if t in brep.tags])
@@ -60,7 +62,7 @@ def _smooth_edge_use_pairs(brep: Brep, tags: tuple[str, ...]) -> tuple[IntArray,
 
 
 def _congruence_representatives(brep: Brep, first: IntArray, second: IntArray) -> IntArray:
-    """Indices of one pair of uses for each class of joints that rigid motions carry onto one another."""
+    """Indices of one pair of uses per congruence class of edges, in ascending order."""
     if len(first) == 0:
         return np.zeros(0, np.int64)
     faces, face = brep.faces, brep.face_of_use
@@ -81,7 +83,7 @@ def _congruence_representatives(brep: Brep, first: IntArray, second: IntArray) -
 
 
 def _evaluate_along_use(brep: Brep, use: int) -> tuple[Array, Array, Array]:
-    """Points (n, 3), outward unit normals (n, 3) and curvature tensors (n, 3, 3) of a use's face along its whole curve."""
+    """Points (n, 3), outward unit normals (n, 3) and curvature tensors (n, 3, 3) of the face of a use along its pcurve."""
     faces = brep.faces
     face = brep.face_of_use[use]
     surface = brep.carriers[faces.carrier[face]]

@@ -1,9 +1,9 @@
-"""Local width of a solid, or of the void around it, by balls that touch its surface from within at two opposite places.
+"""Local thickness of a solid, or of the void around it, by the shrinking-ball method on oriented samples of its surface.
 
-Each sample's largest empty tangent ball is found by shrinking: a ball that holds another sample shrinks until it just touches it
-(Ma, Bae and Choi, "3D medial axis point approximation using nearest neighbors and the normal field", 2012). The sample next to
-the far end of its diameter is the opposite side, if its normal is opposite; the width is taken to its tangent plane, which leaves
-an error of the second order in the samples' distance.
+The largest empty ball tangent to the surface at a sample is found by shrinking: a ball that contains another sample shrinks until
+it touches that sample (Ma, Bae and Choi, "3D medial axis point approximation using nearest neighbors and the normal field", The
+Visual Computer, 2012). The sample nearest to the far end of the diameter lies on the opposite side if its normal is opposite. The
+width is measured to the tangent plane there, with an error of second order in the spacing of the samples.
 """
 
 from __future__ import annotations
@@ -17,34 +17,31 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 
 MAX_OPPOSITE_NORMALS_COSINE = np.cos(np.radians(175.0))
-"""Sides are opposite where the outward normals are at least this far apart: they taper by 5 degrees at most. Balls in the corner
-between a wall and a cap, or as narrow as a groove is curved, touch at smaller angles and are not asked. On a gyroid's pores this
-gives 0.4 % less than the least width between exactly opposite sides."""
+"""Largest cosine between the outward normals of opposite sides, which taper by 5 degrees at most: balls in a corner of a wall
+and a cap, or in a groove as narrow as it is curved, do not count."""
 
 MAX_OVERLAP_FRACTION = 0.02
-"""Of the radius: how far the ball may overlap other samples. Necks of fourfold symmetry touch their ball at four places."""
+"""Relative to the radius: overlap of a ball with other samples. In necks of fourfold symmetry a ball touches four places."""
 
 WEDGE_REACH_RADII = 40.0
-"""Two sides that meet in a sharp edge within so many radii of the ball are a wedge of 3 degrees or more, which runs out to
-nothing and has no least width."""
+"""Radii of a ball within which its two sides must not meet in a sharp edge: they form a wedge, which has no least width."""
 
 MAX_SHRINKS = 60
-"""Shrinking ends after about ten; a ball still shrinking then is as good as its last contact."""
-
+"""Shrinking steps; about ten suffice, and a ball that still shrinks is as good as its last contact."""
 
 MAX_FIRST_SAMPLES = 30_000
-"""Samples at which a width is measured, before all those around the smallest; contacts are sought among all."""
+"""Samples at which widths are measured first, before all samples around the smallest; contacts are sought among all."""
 
 REFINED_MINIMA = 100
-"""Widths looked at more closely, by all samples nearby."""
+"""Smallest widths around which all samples are measured."""
 
 REFINED_RADIUS_SPACINGS = 2.0
-"""Spacings of the samples asked first: how far "nearby" reaches."""
+"""Radius of this neighbourhood in spacings of the samples measured first."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharpEdgePoints:
-    """Points on sharp edges (m, 3), and the two smooth sides that meet there (m, 2), sorted."""
+    """Points on sharp edges (m, 3), and the numbers of the two smooth faces that meet there (m, 2), ascending."""
 
     points: Array
     sides: IntArray
@@ -52,73 +49,73 @@ class SharpEdgePoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OppositeWidths:
-    """Diameters of balls between opposite sides, smallest first (n,), their centres (n, 3), and the samples touched (n, 2).
+    """Diameters of balls between opposite sides, smallest first (n,), their centres (n, 3), and their contacts (n, 2).
 
-    wider (m,): samples asked that a ball as large as `reach` touches.
+    samples_at_max_radius (m,): samples whose ball of the largest radius is empty.
     """
 
     width: Array
     centre: Array
-    touched: IntArray
-    wider: IntArray
+    contacts: IntArray
+    samples_at_max_radius: IntArray
 
 
 def shrink_tangent_balls(
-    points: Array, normals: Array, reach: float, start: IntArray, tree: cKDTree
+    points: Array, normals: Array, max_radius: float, sample_indices: IntArray, tree: cKDTree
 ) -> tuple[Array, IntArray]:
-    """Radius of the largest ball inside that touches each sample asked, at most `reach`, and the other sample it touches, or -1.
+    """Radius of the largest empty inner ball at each of the chosen samples, and the other sample it touches: (n,), (n,).
 
-    Normals point outwards; `start` are the samples asked, `tree` holds the points.
+    The contact is -1 if the ball of `max_radius` is empty. Normals point outwards; `tree` holds all points.
     """
-    radius = np.full(len(start), reach)
-    contact = np.full(len(start), -1)
-    active = np.arange(len(start))
+    radius = np.full(len(sample_indices), max_radius)
+    contact = np.full(len(sample_indices), -1)
+    active = np.arange(len(sample_indices))
     for _ in range(MAX_SHRINKS):
-        p, n = points[start[active]], normals[start[active]]
-        _, near = tree.query(p - radius[active, None] * n)
-        away = p - points[near]
-        height = (away * n).sum(axis=1)
-        square = (away * away).sum(axis=1)
+        p, n = points[sample_indices[active]], normals[sample_indices[active]]
+        _, nearest = tree.query(p - radius[active, None] * n)
+        chord = p - points[nearest]
+        height = (chord * n).sum(axis=1)
+        square = (chord * chord).sum(axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             smaller = np.where(height > 1e-9 * np.sqrt(square), square / (2.0 * height), np.inf)
-        shrinks = (near != start[active]) & (smaller < (1.0 - 1e-9) * radius[active])
-        active, near, smaller = active[shrinks], near[shrinks], smaller[shrinks]
+        shrinks = (nearest != sample_indices[active]) & (smaller < (1.0 - 1e-9) * radius[active])
+        active, nearest, smaller = active[shrinks], nearest[shrinks], smaller[shrinks]
         if not len(active):
             break
-        radius[active], contact[active] = smaller, near
+        radius[active], contact[active] = smaller, nearest
     return radius, contact
 
 
 def measure_opposite_widths(
     points: Array,
     normals: Array,
-    side: IntArray,
+    smooth_face: IntArray,
     edges: SharpEdgePoints,
-    reach: float,
-    start: IntArray,
+    max_radius: float,
+    sample_indices: IntArray,
     tree: cKDTree,
 ) -> OppositeWidths:
-    """Widths between opposite sides, up to twice `reach`, where `tangent_balls` asks.
+    """Widths between opposite sides at the chosen samples, up to 2 max_radius.
 
-    side (n,): the smooth side each sample is on.
+    smooth_face (n,): number of the smooth face of each sample.
     """
-    radius, contact = shrink_tangent_balls(points, normals, reach, start, tree)
-    wider = start[contact < 0]
-    p, radius = start[contact >= 0], radius[contact >= 0]
+    radius, contact = shrink_tangent_balls(points, normals, max_radius, sample_indices, tree)
+    at_max_radius = sample_indices[contact < 0]
+    p, radius = sample_indices[contact >= 0], radius[contact >= 0]
     _, q = tree.query(points[p] - 2.0 * radius[:, None] * normals[p])
     facing = (normals[p] * normals[q]).sum(axis=1)
     plane = ((points[q] - points[p]) * normals[q]).sum(axis=1) / (1.0 - np.minimum(facing, 0.0))
     kept = (facing < MAX_OPPOSITE_NORMALS_COSINE) & (np.abs(plane / radius - 1.0) < MAX_OVERLAP_FRACTION)
     p, q, radius = p[kept], q[kept], plane[kept]
     centre = points[p] - radius[:, None] * normals[p]
-    wedge = _in_wedge(centre, radius, np.sort(side[np.stack([p, q], axis=1)], axis=1), edges)
+    wedge = _in_wedge(centre, radius, np.sort(smooth_face[np.stack([p, q], axis=1)], axis=1), edges)
     order = np.argsort(radius, kind="stable")
     order = order[~wedge[order]]
-    return OppositeWidths(2.0 * radius[order], centre[order], np.stack([p, q], axis=1)[order], wider)
+    return OppositeWidths(2.0 * radius[order], centre[order], np.stack([p, q], axis=1)[order], at_max_radius)
 
 
 def _in_wedge(centre: Array, radius: Array, sides: IntArray, edges: SharpEdgePoints) -> NDArray[np.bool_]:
-    """Whether the two sides a ball touches meet in a sharp edge nearby."""
+    """Whether the two smooth faces that a ball touches meet in a sharp edge nearby: (n,)."""
     result = np.zeros(len(centre), bool)
     if not len(edges.points) or not len(centre):
         return result
@@ -132,25 +129,31 @@ def _in_wedge(centre: Array, radius: Array, sides: IntArray, edges: SharpEdgePoi
 
 
 def find_smallest_width(
-    points: Array, normals: Array, side: IntArray, edges: SharpEdgePoints, reach: float, size: float, spacing: float
+    points: Array,
+    normals: Array,
+    smooth_face: IntArray,
+    edges: SharpEdgePoints,
+    max_radius: float,
+    max_diameter: float,
+    spacing: float,
 ) -> tuple[float, Array] | None:
-    """The least width between opposite sides and the centre of its ball (3,), or None where there are none.
+    """The smallest width between opposite sides and the centre (3,) of its ball, or None if there are no opposite sides.
 
-    reach: the radius of the balls tried first; size: the diameter of the largest. spacing: of the samples. Others as for
-    `opposite_widths`.
+    `max_radius` is the radius of the largest balls tried first; it doubles until a width is found or `max_diameter` is exceeded.
+    `spacing` is that of the samples. Points, normals and faces as for `measure_opposite_widths`.
     """
     tree = cKDTree(points)
     stride = -(-len(points) // MAX_FIRST_SAMPLES)
-    asked = np.arange(0, len(points), stride)
-    while len(asked) and reach < 2.0 * size:
-        found = measure_opposite_widths(points, normals, side, edges, reach, asked, tree)
+    samples = np.arange(0, len(points), stride)
+    while len(samples) and max_radius < 2.0 * max_diameter:
+        found = measure_opposite_widths(points, normals, smooth_face, edges, max_radius, samples, tree)
         if len(found.width) and stride > 1:
             around = tree.query_ball_point(
-                points[found.touched[:REFINED_MINIMA, 0]], REFINED_RADIUS_SPACINGS * stride**0.5 * spacing
+                points[found.contacts[:REFINED_MINIMA, 0]], REFINED_RADIUS_SPACINGS * stride**0.5 * spacing
             )
-            asked = np.unique(np.concatenate([found.touched[:, 0], *around]).astype(np.int64))
-            found = measure_opposite_widths(points, normals, side, edges, reach, asked, tree)
+            samples = np.unique(np.concatenate([found.contacts[:, 0], *around]).astype(np.int64))
+            found = measure_opposite_widths(points, normals, smooth_face, edges, max_radius, samples, tree)
         if len(found.width):
             return float(found.width[0]), found.centre[0]
-        asked, reach = found.wider, 2.0 * reach
+        samples, max_radius = found.samples_at_max_radius, 2.0 * max_radius
     return None

@@ -1,15 +1,15 @@
-"""Cylinders, cones, spheres and tori as carriers of faces; a torus, of order four, is counted among the quadrics.
+"""Cylinders, cones, spheres and tori as carriers of faces; the torus, of order four, is counted among the quadrics.
 
-Each has a right-handed frame: origin, axis, and x_axis across it; y = axis x x_axis. With e(u) = cos u x_axis + sin u y_axis its
-points are, as in STEP and in OCC,
+Each is a surface of revolution in a right-handed frame: origin, axis, x_axis orthogonal to the axis, y_axis = axis x x_axis. With
+e(u) = cos u x_axis + sin u y_axis the points are, as in STEP and in OCC,
 
     Cylinder    origin + radius e(u) + v axis
     Cone        origin + (radius + v sin angle) e(u) + v cos angle axis        the nappe where radius + v sin angle >= 0
     Sphere      origin + radius (cos v e(u) + sin v axis)
     Torus       origin + (major + minor cos v) e(u) + minor sin v axis         where major + minor cos v >= 0
 
-and S_u x S_v points away from the axis (of a torus: from the circle in its middle). Signed distances are positive on that side.
-A sphere's two poles and a cone's apex are each a whole line of parameters, v = const, on which S_u = 0.
+S_u x S_v points away from the axis (on a torus: away from the circle in its middle), and signed distances are positive on that
+side. At the poles of a sphere and the apex of a cone S_u = 0: each is one point for a whole line v = const of parameters.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from tpmscad.brep.conics import TWO_PI, cosine_derivative, cross_single
 from tpmscad.rigid_motion import Motion
 
 MIN_RADIUS = 1e-150
-"""Lengths below it are taken for it where they divide: on a quadric's axis, where directions are undefined but finite."""
+"""Smallest divisor: on the axis of a quadric directions are undefined, but must stay finite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SurfaceOfRevolution:
-    """What the quadrics share: points are origin + r(v) e(u) + z(v) axis, for a profile (r, z) in the half-plane r >= 0."""
+    """origin + r(v) e(u) + z(v) axis, for a profile (r, z) in the half-plane r >= 0 that the subclasses give."""
 
     origin: Array
     x_axis: Array
@@ -38,17 +38,18 @@ class _SurfaceOfRevolution:
 
     @property
     def y_axis(self) -> Array:
+        """axis x x_axis, the direction at u = pi / 2."""
         return cross_single(self.axis, self.x_axis)
 
     @property
     def period(self) -> tuple[float, float]:
-        """Of u and of v; 0 where there is none."""
+        """Periods of u and v; 0 means none."""
         return TWO_PI, 0.0
 
     def __call__(self, u: ArrayLike, v: ArrayLike, du: int = 0, dv: int = 0) -> Array:
         """Points, or the mixed derivative of orders (du, dv), at the pairs (u, v), broadcast: (..., 3)."""
         u, v = np.broadcast_arrays(np.asarray(u, float)[..., None], np.asarray(v, float)[..., None])
-        r, z = self._profile(v, dv)
+        r, z = self._profile_point(v, dv)
         across = r * (cosine_derivative(u, du) * self.x_axis + cosine_derivative(u, du - 1) * self.y_axis)
         if du:
             return np.asarray(across)
@@ -59,40 +60,43 @@ class _SurfaceOfRevolution:
         return np.cross(self(u, v, 1, 0), self(u, v, 0, 1))
 
     def parameters(self, points: ArrayLike) -> Array:
-        """(u, v) of the points' feet, angles in [-pi, pi]: (..., 2)."""
-        r, z, e = self._polar(points)
-        return np.stack([np.arctan2(e @ self.y_axis, e @ self.x_axis), self._along(r, z)], axis=-1)
+        """(u, v) of the orthogonal projections of points (..., 3), angles in [-pi, pi]: (..., 2)."""
+        r, z, e = self._cylindrical_coordinates(points)
+        return np.stack([np.arctan2(e @ self.y_axis, e @ self.x_axis), self._profile_parameter(r, z)], axis=-1)
 
     def distance(self, points: ArrayLike) -> Array:
-        """Signed, positive where S_u x S_v points: (...). Behind an apex it is that of the cone prolonged, too short."""
-        r, z, _ = self._polar(points)
+        """Signed distance of points (..., 3), positive on the side of S_u x S_v: (...).
+
+        Behind the apex of a cone it is the distance from the cone extended beyond the apex, an underestimate.
+        """
+        r, z, _ = self._cylindrical_coordinates(points)
         return self._profile_distance(r, z)
 
     def gradient(self, points: ArrayLike) -> Array:
-        """Of the distance, unit vectors: (..., 3)."""
-        r, z, e = self._polar(points)
-        by_r, by_z = self._slope(r, z)
+        """Gradient of the distance, unit vectors: (..., 3)."""
+        r, z, e = self._cylindrical_coordinates(points)
+        by_r, by_z = self._distance_gradient(r, z)
         return by_r[..., None] * e + by_z[..., None] * self.axis
 
     def hessian(self, points: ArrayLike) -> Array:
-        """Of the distance: (..., 3, 3)."""
-        r, z, e = self._polar(points)
-        by_r, by_z = self._slope(r, z)
-        bend = self._bend(r, z)
+        """Hessian of the distance: (..., 3, 3)."""
+        r, z, e = self._cylindrical_coordinates(points)
+        by_r, by_z = self._distance_gradient(r, z)
+        curvature = self._profile_curvature(r, z)
         across = by_z[..., None] * e - by_r[..., None] * self.axis  # along the profile
         around = np.cross(self.axis, e)
         return (
-            bend[..., None, None] * across[..., :, None] * across[..., None, :]
+            curvature[..., None, None] * across[..., :, None] * across[..., None, :]
             + (by_r / np.maximum(r, MIN_RADIUS))[..., None, None] * around[..., :, None] * around[..., None, :]
         )
 
     def moved(self, motion: Motion) -> Self:
-        """The points moved, with their sides; under a mirror the parameter u turns round."""
+        """The surface after a rigid motion, with its sides; a mirror reverses the parameter u."""
         x_axis, axis = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.axis)
         return replace(self, origin=motion.apply(self.origin), x_axis=x_axis, axis=axis)
 
-    def _polar(self, points: ArrayLike) -> tuple[Array, Array, Array]:
-        """Distance from the axis, height along it, and the direction away from it (x_axis where there is none)."""
+    def _cylindrical_coordinates(self, points: ArrayLike) -> tuple[Array, Array, Array]:
+        """Cylindrical coordinates of points: radius, height, and the unit radial direction (x_axis on the axis itself)."""
         arm = np.asarray(points, float) - self.origin
         z = arm @ self.axis
         arm = arm - z[..., None] * self.axis
@@ -100,87 +104,85 @@ class _SurfaceOfRevolution:
         away = np.where(r[..., None] > MIN_RADIUS, arm / np.maximum(r, MIN_RADIUS)[..., None], self.x_axis)
         return r, z, away
 
-    def _profile(self, v: Array, order: int) -> tuple[Array, Array]:
-        """r and z, or their derivatives."""
+    def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
+        """r and z of the profile at v, or their derivatives of the given order."""
         raise NotImplementedError
 
-    def _along(self, r: Array, z: Array) -> Array:
-        """v of the profile's point next to (r, z)."""
+    def _profile_parameter(self, r: Array, z: Array) -> Array:
+        """v of the point of the profile nearest to (r, z)."""
         raise NotImplementedError
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
+        """Signed distance of (r, z) from the profile in the half-plane."""
         raise NotImplementedError
 
-    def _slope(self, r: Array, z: Array) -> tuple[Array, Array]:
-        """Derivatives of the distance by r and by z."""
+    def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
+        """Partial derivatives of the distance with respect to r and z."""
         raise NotImplementedError
 
-    def _bend(self, r: Array, z: Array) -> Array:
-        """Second derivative of the distance along its level line in the half-plane."""
+    def _profile_curvature(self, r: Array, z: Array) -> Array:
+        """Second derivative of the distance along its level curve in the half-plane."""
         raise NotImplementedError
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylindricalSurface(_SurfaceOfRevolution):
-    """v is the height along the axis."""
+    """A cylinder of a radius about the axis; v is the height along the axis."""
 
     radius: float
 
     def scaled(self, factor: float) -> CylindricalSurface:
+        """The surface scaled about the origin of space."""
         return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
-    def _profile(self, v: Array, order: int) -> tuple[Array, Array]:
+    def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return _linear_derivative(v, self.radius, 0.0, order), _linear_derivative(v, 0.0, 1.0, order)
 
-    def _along(self, r: Array, z: Array) -> Array:
+    def _profile_parameter(self, r: Array, z: Array) -> Array:
         return z
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
         return r - self.radius
 
-    def _slope(self, r: Array, z: Array) -> tuple[Array, Array]:
+    def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         return np.ones_like(r), np.zeros_like(r)
 
-    def _bend(self, r: Array, z: Array) -> Array:
+    def _profile_curvature(self, r: Array, z: Array) -> Array:
         return np.zeros_like(r)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConicalSurface(_SurfaceOfRevolution):
-    """`radius` at the origin; it grows with v, the length along the side, for a positive `angle` (radians, within +- pi/2)."""
+    """A cone of `radius` at the origin and half-angle `angle` (radians, within +- pi/2); v is the length along its generators."""
 
     radius: float
     angle: float
 
-    @property
-    def apex_v(self) -> float:
-        """v of the apex."""
-        return -self.radius / float(np.sin(self.angle))
-
     def scaled(self, factor: float) -> ConicalSurface:
+        """The surface scaled about the origin of space."""
         return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
-    def _profile(self, v: Array, order: int) -> tuple[Array, Array]:
+    def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return _linear_derivative(v, self.radius, np.sin(self.angle), order), _linear_derivative(
             v, 0.0, np.cos(self.angle), order
         )
 
-    def _along(self, r: Array, z: Array) -> Array:
+    def _profile_parameter(self, r: Array, z: Array) -> Array:
         return (r - self.radius) * np.sin(self.angle) + z * np.cos(self.angle)
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
         return (r - self.radius) * np.cos(self.angle) - z * np.sin(self.angle)
 
-    def _slope(self, r: Array, z: Array) -> tuple[Array, Array]:
+    def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         return np.full_like(r, np.cos(self.angle)), np.full_like(r, -np.sin(self.angle))
 
-    def _bend(self, r: Array, z: Array) -> Array:
+    def _profile_curvature(self, r: Array, z: Array) -> Array:
         return np.zeros_like(r)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ToroidalSurface(_SurfaceOfRevolution):
-    """Around the circle of radius `major`, at distance `minor` from it."""
+    """The points at distance `minor` from a circle of radius `major` about the axis; v is the angle around that circle."""
 
     major: float
     minor: float
@@ -190,53 +192,55 @@ class ToroidalSurface(_SurfaceOfRevolution):
         return TWO_PI, TWO_PI
 
     def scaled(self, factor: float) -> ToroidalSurface:
+        """The surface scaled about the origin of space."""
         return replace(self, origin=factor * self.origin, major=factor * self.major, minor=factor * self.minor)
 
-    def _profile(self, v: Array, order: int) -> tuple[Array, Array]:
+    def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return self.minor * cosine_derivative(v, order) + (
             0.0 if order else self.major
         ), self.minor * cosine_derivative(v, order - 1)
 
-    def _along(self, r: Array, z: Array) -> Array:
+    def _profile_parameter(self, r: Array, z: Array) -> Array:
         return np.arctan2(z, r - self.major)
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
         return np.hypot(r - self.major, z) - self.minor
 
-    def _slope(self, r: Array, z: Array) -> tuple[Array, Array]:
+    def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         reach = np.maximum(np.hypot(r - self.major, z), MIN_RADIUS)
         return (r - self.major) / reach, z / reach
 
-    def _bend(self, r: Array, z: Array) -> Array:
+    def _profile_curvature(self, r: Array, z: Array) -> Array:
         return 1.0 / np.maximum(np.hypot(r - self.major, z), MIN_RADIUS)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SphericalSurface(_SurfaceOfRevolution):
-    """v is the latitude, the poles are at +- pi/2."""
+    """A sphere; v is the latitude, with poles at +- pi/2."""
 
     radius: float
 
     def scaled(self, factor: float) -> SphericalSurface:
+        """The surface scaled about the origin of space."""
         return replace(self, origin=factor * self.origin, radius=factor * self.radius)
 
-    def _profile(self, v: Array, order: int) -> tuple[Array, Array]:
+    def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
         return self.radius * cosine_derivative(v, order), self.radius * cosine_derivative(v, order - 1)
 
-    def _along(self, r: Array, z: Array) -> Array:
+    def _profile_parameter(self, r: Array, z: Array) -> Array:
         return np.arctan2(z, r)
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
         return np.hypot(r, z) - self.radius
 
-    def _slope(self, r: Array, z: Array) -> tuple[Array, Array]:
+    def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         reach = np.maximum(np.hypot(r, z), MIN_RADIUS)
         return r / reach, z / reach
 
-    def _bend(self, r: Array, z: Array) -> Array:
+    def _profile_curvature(self, r: Array, z: Array) -> Array:
         return 1.0 / np.maximum(np.hypot(r, z), MIN_RADIUS)
 
 
 def _linear_derivative(v: Array, constant: float, slope: float, order: int) -> Array:
-    """The derivative of that order of constant + slope v."""
+    """The derivative of the given order of constant + slope v."""
     return constant + slope * v if order == 0 else np.full_like(v, slope if order == 1 else 0.0)

@@ -1,8 +1,11 @@
-"""Volume, area and centroid of a complex by Gauss quadrature on its own surfaces, trimmed faces included, without the kernel.
+"""Volume, area and centroid of a boundary representation by Gauss quadrature on its faces, trimmed ones included.
 
-A face's moments  N = int n dA,  M = int x n^T dA,  Q = int x (x . n) dA  follow a rigid motion in closed form, so they are taken
-once for each piece of geometry (`measure_pieces`, `measure_span`, `measure_whole`) and then placed. By the divergence theorem
-volume = tr M / 3, and the centroid is int Q / (4 volume), over outward normals.
+The moments of a face,
+
+    A = int dA,   N = int n dA,   M = int x n^T dA,   Q = int x (x . n) dA,
+
+transform in closed form under a rigid motion, so they are integrated once per pcurve span and carrier and then placed. By the
+divergence theorem, with outward normals, the volume is sum tr M / 3 and the centroid sum Q / (4 volume).
 """
 
 from __future__ import annotations
@@ -23,7 +26,7 @@ from tpmscad.splines.bspline import BSplineSurface
 
 @dataclass(frozen=True, slots=True)
 class FaceMoments:
-    """Integrals over faces: area (F,), N (F, 3), M (F, 3, 3) = int x_i n_j, Q (F, 3) = int x_i (x . n)."""
+    """Moments of F faces: area (F,), normal = N (F, 3), first = M (F, 3, 3) = int x_i n_j, second = Q (F, 3)."""
 
     area: Array
     normal: Array
@@ -32,7 +35,7 @@ class FaceMoments:
 
 
 def integrate_faces(brep: Brep) -> FaceMoments:
-    """The moments of every face over its outward normal, in model units."""
+    """The moments of every face with its outward normal, in model units."""
     faces, uses = brep.faces, brep.uses
     face = brep.face_of_use
     carrier = faces.carrier[face]
@@ -69,19 +72,19 @@ def integrate_faces(brep: Brep) -> FaceMoments:
     )
 
 
-def volume(moments: FaceMoments, group: IntArray | None = None) -> Array:
-    """Signed volume of each group of faces (all in one group when None): (n_groups,)."""
+def volume(moments: FaceMoments, face_group: IntArray | None = None) -> Array:
+    """Signed volume of each group of faces (n_groups,); all faces form one group if `face_group` (F,) is None."""
     each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
-    return np.bincount(np.zeros(len(each), np.int64) if group is None else group, weights=each).astype(float)
+    return np.bincount(np.zeros(len(each), np.int64) if face_group is None else face_group, weights=each).astype(float)
 
 
 def centroid(moments: FaceMoments) -> Array:
-    """Centre of mass of the region the faces bound: (3,)."""
+    """Centroid (3,) of the region that the faces bound."""
     return np.asarray(moments.second.sum(axis=0) / (4.0 * volume(moments)[0]))
 
 
 def _move_moments(moments: Array, motion: Motion) -> Array:
-    """Moments after x -> R x + t, over the moved surface's own S_u x S_v (a mirror turns it round)."""
+    """Moments (F, 16) after rigid motions (F,), with S_u x S_v of the moved surface, which a mirror reverses."""
     normal, first, second = moments[:, 1:4], moments[:, 4:13].reshape(-1, 3, 3), moments[:, 13:]
     rotation, t = motion.rotation, motion.translation
     back = motion.apply_inverse_to_vectors(t)
@@ -95,7 +98,7 @@ def _move_moments(moments: Array, motion: Motion) -> Array:
 
 
 def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: IntArray) -> None:
-    """Add the planar faces' moments to `moments` in place, from the edges' own curves projected on the plane."""
+    """Write the moments of planar faces to `moments`, from the curves of their edges projected on the plane (Green's theorem)."""
     edges, uses, faces = brep.edges, brep.uses, brep.faces
     if len(planar_uses) == 0:
         return
@@ -123,9 +126,9 @@ def _add_planar_faces(moments: Array, brep: Brep, planar_uses: IntArray, face: I
 
 
 def _plane_frames(brep: Brep) -> Array:
-    """Origin, x axis, y axis and normal of each planar face after its motion; zeros elsewhere: (F, 4, 3).
+    """Origin, x axis, y axis and normal of each planar face after its motion, zeros for others: (F, 4, 3).
 
-    The normal is the placed x axis times the placed y axis, so a mirrored plane keeps counter-clockwise loops.
+    The normal is the cross product of the placed axes, so a mirrored plane keeps counter-clockwise loops.
     """
     faces = brep.faces
     frames = np.zeros((len(faces), 4, 3))
@@ -141,7 +144,7 @@ def _plane_frames(brep: Brep) -> Array:
 
 
 def _lift_planar_moments(in_plane: Array, frames: Array) -> Array:
-    """In-plane moments (n, 3) as moments in space (n, COLUMNS)."""
+    """Moments in space (n, 16) of planar faces from their in-plane integrals of 1, u, v (n, 3)."""
     o, n, area = frames[:, 0], frames[:, 3], in_plane[:, :1]
     x = area * o + np.einsum("na,nai->ni", in_plane[:, 1:3], frames[:, 1:3])
     height = (o * n).sum(axis=1)[:, None]

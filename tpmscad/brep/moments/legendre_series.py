@@ -1,7 +1,7 @@
-"""Moments of pieces of one polynomial patch: the integrands as Legendre series, integrated along u in closed form.
+"""Moments along pcurve spans on a single polynomial patch: Legendre series of the integrands, integrated along u in closed form.
 
-A piece's integral of F dv is then linear in the products of its nodes' polynomials: one small matrix for each piece, whatever
-the number of its nodes, and one table of coefficients for the patch.
+The integral of F dv along a span is linear in the products P_i(u) P_j(v) at its nodes. A span thus needs one small matrix, however
+many nodes it has, and the patch one table of coefficients. Same result as `loop_integrals.integrate_pcurves`, only faster.
 """
 
 from __future__ import annotations
@@ -16,20 +16,19 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import gauss_legendre
 
 EXTRA_TERMS = 1
-"""Terms beyond the 4 p of x (x . n), which are exact. The area's square root is as good: on I-WP, whose |n| varies most, 25 more
-move it by 4e-14 of itself."""
+"""Terms beyond the 4 p that make x (x . n) exact: the area, the integral of a square root, is then as accurate."""
 
 PCURVES_PER_BATCH = 32
-"""Pieces taken at once: their nodes' polynomials stay in the processor's cache."""
+"""Pcurve spans per batch: the polynomials at their nodes stay in the cache of the processor."""
 
 
 def is_single_span(carrier: BSplineSurface) -> bool:
-    """Whether it is one polynomial patch."""
+    """Whether a surface is a single polynomial patch, without inner knots."""
     return carrier.poles.shape[:2] == (carrier.degree_u + 1, carrier.degree_v + 1)
 
 
 def integrate_pcurves_single_span(surface: BSplineSurface, pieces: PcurveSpans) -> Array:
-    """`curved_pieces` for a surface of one span: (n, COLUMNS)."""
+    """`loop_integrals.integrate_pcurves` for a surface without inner knots: (n, 16)."""
     result = np.zeros((len(pieces), N_MOMENTS))
     u, v, rise, of = pcurve_gauss_nodes(surface, pieces)
     if len(u) == 0:
@@ -52,7 +51,7 @@ def integrate_pcurves_single_span(surface: BSplineSurface, pieces: PcurveSpans) 
 
 
 def _legendre_coefficients(surface: BSplineSurface, terms: tuple[int, int]) -> Array:
-    """Legendre coefficients of the integrands: (terms, terms, COLUMNS)."""
+    """Legendre coefficients of the 16 integrands: (terms_u, terms_v, 16)."""
     (u0, u1), (v0, v1) = surface.domain
     (x, wx), (y, wy) = (gauss_legendre(n) for n in terms)
     us, vs = u0 + (u1 - u0) * (0.5 + 0.5 * x), v0 + (v1 - v0) * (0.5 + 0.5 * y)

@@ -1,9 +1,10 @@
-"""A curved face's moments as line integrals along the pieces of its loops (Green), over S_u x S_v, before it is placed:
+"""Moments of curved faces as line integrals along the spans of their pcurves, by Green's theorem in the parameter plane:
 
-    int_D f du dv = loop int F dv,   F(u, v) = int_{u0}^{u} f(s, v) ds,   counter-clockwise loops,
+    int_D f du dv = loop int F dv,   F(u, v) = int_{u0}^{u} f(s, v) ds,   loops counter-clockwise,
 
-exact to round-off for polynomial patches; the area's square root converges with the order of the rule. On quadrics all integrands
-are trigonometric polynomials of u, of order three at most, so F has a closed form there.
+with normals S_u x S_v and before placement. Exact to round-off for polynomial patches, but for the area, whose square root
+converges with the order of the rule. On quadrics the integrands are trigonometric polynomials of u of order three at most, and F
+has a closed form. A *span* is the part of a pcurve that an edge uses.
 """
 
 from __future__ import annotations
@@ -24,31 +25,37 @@ from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre_unit
 
 N_MOMENTS = 16
-"""Area, N (3), M (9), Q (3), as in `measure`."""
+"""Columns of an array of moments: A (1), N (3), M (9), Q (3), as in `integral_properties`."""
 
-GAUSS_POINTS_SINGLE_SPAN, GAUSS_POINTS_FEW_SPANS, GAUSS_POINTS_MANY_SPANS = 18, 10, 6
-"""Gauss points of a loop curve's only span, of each of several, and of each of FINE or more between knots. Measured on degree-9
-gyroid patches in a cylinder: 16 for each span move no face's moment by more than 3e-14 (cell 1), 10 for each of FINE by 6e-15."""
+GAUSS_POINTS_SINGLE_SPAN = 18
+"""Gauss points if a pcurve has one knot span: enough for moments to round-off on patches of degree 9, as the next two are."""
+
+GAUSS_POINTS_FEW_SPANS = 10
+"""Gauss points on each of several knot spans."""
+
+GAUSS_POINTS_MANY_SPANS = 6
+"""Gauss points on each knot span if there are at least `MANY_SPANS_THRESHOLD` of them."""
 
 MANY_SPANS_THRESHOLD = 4
+"""Knot spans from which on fewer Gauss points suffice on each."""
 
 MAX_ARC_RADIANS = np.pi / 2
-"""Angle along a curve, or along a loop on a quadric, over which MANY_SPANS take all integrands (order four) to round-off."""
+"""Angle along a conic, or along a pcurve on a quadric, on which the rules integrate trigonometric order four to round-off."""
 
 TRIGONOMETRIC_ORDER = 3
-"""Of the integrands on a quadric as trigonometric polynomials of u: x (x . n) holds three directions across the axis."""
+"""Order of the integrands on a quadric as trigonometric polynomials of u: x (x . n) has three radial factors."""
 
 NODES_PER_BATCH = 4000
-"""Nodes of loops evaluated at once; each takes some twenty points of the surface."""
+"""Nodes evaluated per batch; each takes about twenty points of the surface."""
 
 PcurveSpans = Sequence[tuple[BSplineCurve, tuple[float, float]]]
-"""Parameter curves and the spans of them that are meant."""
+"""Pcurves, each with the span (low, high) to integrate along."""
 
 
-def integrate_pcurves(surface: BSplineSurface | Quadric, pieces: PcurveSpans) -> Array:
-    """The line integral of F dv along each piece: (n, COLUMNS)."""
-    u, v, rise, of = pcurve_gauss_nodes(surface, pieces)
-    result = np.zeros((len(pieces), N_MOMENTS))
+def integrate_pcurves(surface: BSplineSurface | Quadric, spans: PcurveSpans) -> Array:
+    """The line integrals of F dv along n pcurve spans, for the 16 moments: (n, 16)."""
+    u, v, dv_weights, span_of_node = pcurve_gauss_nodes(surface, spans)
+    result = np.zeros((len(spans), N_MOMENTS))
     for start in range(0, len(u), NODES_PER_BATCH):
         at = slice(start, start + NODES_PER_BATCH)
         inner = (
@@ -56,27 +63,28 @@ def integrate_pcurves(surface: BSplineSurface | Quadric, pieces: PcurveSpans) ->
             if isinstance(surface, BSplineSurface)
             else _antiderivative_on_quadric(surface, u[at], v[at])
         )
-        np.add.at(result, of[at], rise[at, None] * inner)
+        np.add.at(result, span_of_node[at], dv_weights[at, None] * inner)
     return result
 
 
 def pcurve_gauss_nodes(
-    surface: BSplineSurface | Quadric, pieces: PcurveSpans
+    surface: BSplineSurface | Quadric, spans: PcurveSpans
 ) -> tuple[Array, Array, Array, NDArray[np.int64]]:
-    """u, v, and v' times weight at the Gauss nodes of all pieces, and which piece each is of; none where v' = 0."""
-    curves = [pcurve for pcurve, _ in pieces]
+    """u, v, weight times dv/dt and span index at the Gauss nodes of all spans; spans along which v is constant have none."""
+    curves = [pcurve for pcurve, _ in spans]
     breaks = _break_finder(surface)
-    rules = [_pcurve_rule(breaks(pcurve, span), pcurve, span) for pcurve, span in pieces]
-    of = np.repeat(np.arange(len(pieces)), [len(nodes) for nodes, _ in rules])
-    place, slope = evaluate_curves(curves, of, np.concatenate([nodes for nodes, _ in rules]), (0, 1))
-    rise = slope[:, 1] * np.concatenate([weights for _, weights in rules])
-    moving = np.zeros(len(pieces), bool)
-    moving[of[rise != 0]] = True
-    at = moving[of]
-    return place[at, 0], place[at, 1], rise[at], of[at]
+    rules = [_pcurve_rule(breaks(pcurve, span), pcurve, span) for pcurve, span in spans]
+    span_of_node = np.repeat(np.arange(len(spans)), [len(nodes) for nodes, _ in rules])
+    place, slope = evaluate_curves(curves, span_of_node, np.concatenate([nodes for nodes, _ in rules]), (0, 1))
+    dv_weights = slope[:, 1] * np.concatenate([weights for _, weights in rules])
+    moving = np.zeros(len(spans), bool)
+    moving[span_of_node[dv_weights != 0]] = True
+    at = moving[span_of_node]
+    return place[at, 0], place[at, 1], dv_weights[at], span_of_node[at]
 
 
 def _pcurve_rule(breaks: Array, pcurve: BSplineCurve, span: tuple[float, float]) -> tuple[Array, Array]:
+    """Gauss nodes and weights on a span of a pcurve, split at its knots and at further breaks."""
     return (
         _cached_knot_rule(pcurve.knots.tobytes(), *span)
         if len(breaks) == 0
@@ -86,7 +94,7 @@ def _pcurve_rule(breaks: Array, pcurve: BSplineCurve, span: tuple[float, float])
 
 @lru_cache(maxsize=4096)
 def _cached_knot_rule(knots: bytes, low: float, high: float) -> tuple[Array, Array]:
-    """`span_rule` broken at knots only: the curves cut on a lattice have a dozen knot vectors in all."""
+    """The rule split at knots only, cached: the pcurves of a cut lattice share a dozen knot vectors."""
     breaks = _clip_to_span(np.unique(np.frombuffer(knots)), (low, high))
     return (
         composite_gauss(breaks, GAUSS_POINTS_MANY_SPANS)
@@ -96,7 +104,7 @@ def _cached_knot_rule(knots: bytes, low: float, high: float) -> tuple[Array, Arr
 
 
 def _break_finder(surface: BSplineSurface | Quadric) -> Callable[[BSplineCurve, tuple[float, float]], Array]:
-    """What tells where else than at its knots a parameter curve's piece is broken."""
+    """A function of a pcurve and its span that returns the parameters, besides knots, at which to split it on the surface."""
     if not isinstance(surface, BSplineSurface):
         return partial(_angle_breaks, isinstance(surface, SphericalSurface | ToroidalSurface))
     inner = [np.unique(knots)[1:-1] for knots in (surface.knots_u, surface.knots_v)]
@@ -104,17 +112,19 @@ def _break_finder(surface: BSplineSurface | Quadric) -> Callable[[BSplineCurve, 
 
 
 def _no_breaks(pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
+    """No further breaks: the surface has no inner knots."""
     return np.zeros(0)
 
 
-def _angle_breaks(both: bool, pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
-    angles = pcurve.poles if both else pcurve.poles[:, :1]
+def _angle_breaks(both_periodic: bool, pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
+    """Breaks that limit the angle, along u or along both periodic parameters, between consecutive ones."""
+    angles = pcurve.poles if both_periodic else pcurve.poles[:, :1]
     pieces = int(np.ceil(np.abs(np.diff(angles, axis=0)).sum() / MAX_ARC_RADIANS))
     return np.linspace(*pcurve.domain, pieces + 1) if pieces > 1 else np.zeros(0)
 
 
 def _knot_crossings(inner: Sequence[Array], pcurve: BSplineCurve, span: tuple[float, float]) -> Array:
-    """Where the parameter curve passes an inner knot of the surface, where derivatives may jump."""
+    """Parameters where a pcurve crosses an inner knot of the surface, across which derivatives may jump."""
     found = []
     for axis, knots in enumerate(inner):
         if len(knots):
@@ -124,10 +134,12 @@ def _knot_crossings(inner: Sequence[Array], pcurve: BSplineCurve, span: tuple[fl
     return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
 
 
-def composite_curve_rule(curve: EdgeCurve, span: tuple[float, float], also: Array | None = None) -> tuple[Array, Array]:
-    """Composite Gauss nodes and weights on a piece of the curve, broken at its knots and at further parameters."""
+def composite_curve_rule(
+    curve: EdgeCurve, span: tuple[float, float], breaks: Array | None = None
+) -> tuple[Array, Array]:
+    """Composite Gauss nodes and weights on a span of a curve, split at its knots and at further breaks."""
     knots = np.arange(*span, MAX_ARC_RADIANS) if isinstance(curve, Circle | Ellipse) else curve.knots
-    return composite_gauss(_clip_to_span(np.unique(knots if also is None else np.concatenate([knots, also])), span))
+    return composite_gauss(_clip_to_span(np.unique(knots if breaks is None else np.concatenate([knots, breaks])), span))
 
 
 def composite_gauss(breaks: Array, points: int | None = None) -> tuple[Array, Array]:
@@ -137,13 +149,13 @@ def composite_gauss(breaks: Array, points: int | None = None) -> tuple[Array, Ar
 
 
 def _clip_to_span(inside: Array, span: tuple[float, float]) -> Array:
-    """The ends of the span, and the parameters between them."""
+    """The ends of a span and the parameters strictly between them, ascending."""
     low, high = span
     return np.concatenate([[low], inside[(inside > low) & (inside < high)], [high]])
 
 
 def _antiderivative_on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
-    """F at the pairs (u, v): (n, COLUMNS). With e = e(u_k): S = origin + r e + z axis, S_u x S_v = r (z' e - r' axis)."""
+    """F at the pairs (u, v): (n, 16), with S = origin + r e(u) + z axis and S_u x S_v = r (z' e(u) - r' axis)."""
     samples = np.arange(2 * TRIGONOMETRIC_ORDER + 1) * TWO_PI / (2 * TRIGONOMETRIC_ORDER + 1)
     e = np.cos(samples)[:, None] * quadric.x_axis + np.sin(samples)[:, None] * quadric.y_axis
     profile, slope = quadric(0.0, v) - quadric.origin, quadric(0.0, v, 0, 1)
@@ -154,10 +166,10 @@ def _antiderivative_on_quadric(quadric: Quadric, u: Array, v: Array) -> Array:
 
 
 def antiderivative_matrix(u: Array, samples: Array) -> Array:
-    """Matrix from samples of a trigonometric polynomial to its integral from 0 to u: (len(u), 2 ORDER + 1).
+    """Matrix from samples of a trigonometric polynomial to its integral from 0 to u: (len(u), 2 q + 1).
 
-    Of order ORDER and sampled at equal steps of a turn, it is the sum of its samples times D(s - s_k), with
-    D(s) = (1 + 2 sum_m cos m s) / (2 ORDER + 1).
+    A polynomial of order q = TRIGONOMETRIC_ORDER, sampled at 2 q + 1 equal steps s_k of a turn, is the sum of its samples times
+    D(s - s_k), with the Dirichlet kernel D(s) = (1 + 2 sum_m cos m s) / (2 q + 1).
     """
     m = np.arange(1, TRIGONOMETRIC_ORDER + 1)
     cosines, sines = np.cos(np.outer(m, samples)) / m[:, None], np.sin(np.outer(m, samples)) / m[:, None]
@@ -166,7 +178,7 @@ def antiderivative_matrix(u: Array, samples: Array) -> Array:
 
 
 def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array) -> Array:
-    """F at the pairs (u, v): (n, COLUMNS). Across each knot cell by Gauss, in all of them up to u."""
+    """F at the pairs (u, v): (n, 16), by Gauss quadrature along u on every knot interval up to u."""
     poles = np.swapaxes(surface.poles, 0, 1).reshape(surface.poles.shape[1], -1)
     ruled = np.concatenate(
         [
@@ -197,14 +209,14 @@ def _antiderivative_on_spline(surface: BSplineSurface, u: Array, v: Array) -> Ar
 
 
 def _bernstein_conversion(knots: Array, degree: int, low: float, high: float) -> Array:
-    """From the poles along all knots to the Bernstein coefficients on one interval between knots."""
+    """Matrix from the poles on all knots to the Bernstein coefficients on one knot interval."""
     x = 0.5 - 0.5 * np.cos(np.pi * (np.arange(degree + 1) + 0.5) / (degree + 1))
     own = design_matrix(np.repeat([0.0, 1.0], degree + 1), degree, x)
     return np.asarray(np.linalg.solve(own, design_matrix(knots, degree, low + (high - low) * x)))
 
 
 def _restrict_bernstein(coefficients: Array, part: Array) -> Array:
-    """Bernstein coefficients (p + 1, n, k) on [0, 1] to those on [0, part], part (n,): de Casteljau's algorithm."""
+    """Bernstein coefficients on [0, part], part (n,), of polynomials given by coefficients (p + 1, n, k) on [0, 1] (de Casteljau)."""
     result = coefficients.copy()
     for j in range(1, len(result)):
         result[j:] = result[j - 1 : -1] + part[:, None] * (result[j:] - result[j - 1 : -1])
@@ -212,13 +224,13 @@ def _restrict_bernstein(coefficients: Array, part: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a x b: (..., 3)."""
+    """a x b along the last axis (..., 3), faster than `numpy.cross` on large arrays."""
     (x, y, z), (p, q, r) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
 
 
 def sum_moments(x: Array, n: Array, weights: Array) -> Array:
-    """Sums over the points x (n, m, 3) with normals n, weighted (n, m) or (m,): (n, COLUMNS)."""
+    """Moments of n point sets x (n, m, 3) with normals n (area elements) and weights (n, m) or (m,): (n, 16)."""
     area = (np.sqrt((n * n).sum(-1)) * weights).sum(axis=1)
     weighted = n * weights[..., None]
     first = np.swapaxes(x, 1, 2) @ weighted

@@ -1,6 +1,6 @@
-"""Moments of whole Bezier patches, many at once: tensor Gauss rules instead of line integrals round each.
+"""Moments of whole Bezier patches by tensor-product Gauss rules, in batches, instead of line integrals along their loops.
 
-Layouts of fields have thousands of patches of few degrees, each bounded by its own four sides, in one piece or two.
+Level-set meshes have thousands of untrimmed patches of few degrees, each bounded by its four sides in one or two edges.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.quadrature import tensor_gauss_legendre
 
 PATCHES_PER_BATCH = 256
-"""Patches evaluated at once: 10 MB, in the processor's cache for the most part."""
+"""Patches per batch: 10 MB, which mostly fit the cache of the processor."""
 
 
 def whole_moments(brep: Brep) -> tuple[NDArray[np.bool_], Array]:
-    """Which faces (F,) are whole Bezier patches on [0, 1]^2, and their moments before they are placed: (F, COLUMNS)."""
+    """Whether each face is a whole Bezier patch on [0, 1]^2 (F,), and the moments of these before placement (F, 16)."""
     faces, uses, face = brep.faces, brep.uses, brep.face_of_use
     whole = np.array([_is_bezier(c) for c in brep.carriers], bool)[faces.carrier]
     ends, straight = _use_end_parameters(brep)
@@ -52,7 +52,7 @@ def _is_bezier(carrier: object) -> bool:
 
 
 def _use_end_parameters(brep: Brep) -> tuple[Array, NDArray[np.bool_]]:
-    """Parameters where each use's edge begins and ends, (K, 2, 2), and whether it runs straight between them: (K,)."""
+    """(u, v) at both ends of the span of each use (K, 2, 2), and whether its pcurve is a straight line (K,)."""
     uses = brep.uses
     lines = [c.degree == 1 and len(c.poles) == 2 for c in brep.pcurves]
     straight = np.array([*lines, False], bool)[uses.pcurve]
@@ -66,7 +66,7 @@ def _use_end_parameters(brep: Brep) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def _bezier_patch_moments(poles: Array) -> Array:
-    """Moments of patches of one degree, poles (n, p + 1, q + 1, 3): (n, COLUMNS)."""
+    """Moments of patches of one degree, poles (n, p + 1, q + 1, 3): (n, 16)."""
     n, nu, nv, _ = poles.shape
     u, v, weights = tensor_gauss_legendre(_gauss_point_count(nu), _gauss_point_count(nv))
     (bu, du), (bv, dv) = (
@@ -81,5 +81,5 @@ def _bezier_patch_moments(poles: Array) -> Array:
 
 
 def _gauss_point_count(poles: int) -> int:
-    """Gauss points along one direction: exact for the polynomials, of degree 4 p - 1, and enough for the area."""
+    """Gauss points along one parameter: exact for the polynomial moments, of degree 4 p - 1, and enough for the area."""
     return max(GAUSS_POINTS_SINGLE_SPAN, 2 * (poles - 1))
