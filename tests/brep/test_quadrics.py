@@ -1,4 +1,4 @@
-"""Quadrics as carriers, and complexes with faces on them: distances, derivatives, moments against closed forms."""
+"""Quadrics as carriers, and boundary representations with faces on them: distances, derivatives, moments against closed forms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Closed complexes made by hand: boxes of planes, voxel solids of bent patches, a box with a void, a drilled dome.
+"""Closed boundary representations made by hand: boxes of planes, voxel solids of bent patches, a box with a void, a drilled dome.
 
 Every one is known in closed form or by its symmetry, and has unequal sizes and degrees along u and v where it can.
 """
@@ -16,7 +16,7 @@ from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
 
 
 def joined(*parts: Brep) -> Brep:
-    """Complexes side by side, nothing shared."""
+    """Boundary representations side by side, nothing shared."""
     offset = np.zeros(8, np.int64)
     lists: dict[str, list] = {}
 
@@ -70,6 +70,7 @@ def joined(*parts: Brep) -> Brep:
 
 
 def turned_inside_out(brep: Brep) -> Brep:
+    """The same faces with reversed outward normals."""
     f = brep.faces
     faces = Faces(f.carrier, f.motion, -f.sense, f.tag, f.loop_start, f.use_start)
     return Brep(*[faces if n == "faces" else getattr(brep, n) for n in Brep.__slots__])

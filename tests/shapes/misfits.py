@@ -1,4 +1,4 @@
-"""How far the curves of a complex are from its carriers and vertices, measured."""
+"""How far the curves of a boundary representation are from its carriers and vertices, measured."""
 
 from __future__ import annotations
 

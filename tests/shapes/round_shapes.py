@@ -1,4 +1,4 @@
-"""Round solids as complexes made by hand: solids of revolution (each face half a turn), a block with an oblique hole."""
+"""Round solids as boundary representations made by hand: solids of revolution in half-turns, and a block with an oblique hole."""
 
 from __future__ import annotations
 
@@ -191,22 +191,27 @@ def revolved(
 
 
 def cylinder(radius: float, height: float, **place) -> Brep:
+    """A cylinder on the xy plane."""
     return revolved((0, 0), [To(radius, 0), To(radius, height), To(0, height)], **place)
 
 
 def frustum(bottom: float, top: float, height: float, **place) -> Brep:
+    """A truncated cone on the xy plane."""
     return revolved((0, 0), [To(bottom, 0), To(top, height), To(0, height)], **place)
 
 
 def cone(radius: float, height: float, **place) -> Brep:
+    """A cone, before it is placed."""
     return revolved((0, 0), [To(radius, 0), To(0, height)], **place)
 
 
 def sphere(radius: float, **place) -> Brep:
+    """A sphere, before it is placed."""
     return revolved((0, -radius), [Arc(0, 0, np.pi)], **place)
 
 
 def torus(major: float, minor: float, **place) -> Brep:
+    """A torus, before it is placed."""
     return revolved((major + minor, 0), [Arc(major, 0, np.pi), Arc(major, 0, np.pi)], **place)
 
 

@@ -38,7 +38,7 @@ class _SurfaceOfRevolution:
 
     @property
     def y_axis(self) -> Array:
-        """axis x x_axis, the direction at u = pi / 2."""
+        """The direction at u = pi / 2: axis x x_axis."""
         return cross_single(self.axis, self.x_axis)
 
     @property
@@ -105,11 +105,11 @@ class _SurfaceOfRevolution:
         return r, z, away
 
     def _profile_point(self, v: Array, order: int) -> tuple[Array, Array]:
-        """r and z of the profile at v, or their derivatives of the given order."""
+        """Coordinates r and z of the profile at v, or their derivatives of the given order."""
         raise NotImplementedError
 
     def _profile_parameter(self, r: Array, z: Array) -> Array:
-        """v of the point of the profile nearest to (r, z)."""
+        """Parameter v of the point of the profile nearest to (r, z)."""
         raise NotImplementedError
 
     def _profile_distance(self, r: Array, z: Array) -> Array:
@@ -189,6 +189,7 @@ class ToroidalSurface(_SurfaceOfRevolution):
 
     @property
     def period(self) -> tuple[float, float]:
+        """Periods of u and v."""
         return TWO_PI, TWO_PI
 
     def scaled(self, factor: float) -> ToroidalSurface:

@@ -38,8 +38,8 @@ class Map:
     Examples
     --------
     >>> import numpy as np
-    >>> from tpmscad.maps import Map
-    >>> shear = Map(lambda p: p + 0.1 * np.roll(p, 1, axis=-1), name="shear")
+    >>> from tpmscad import maps
+    >>> shear = maps.Map(lambda p: p + 0.1 * np.roll(p, 1, axis=-1), name="shear")
     >>> shear([0.0, 0.0, 1.0])
     array([0.1, 0. , 1. ])
     """
@@ -121,8 +121,8 @@ def as_map(function: Map | Callable[[Array], Array]) -> Map:
 
     Examples
     --------
-    >>> from tpmscad.maps import as_map
-    >>> as_map(lambda p: 2.0 * p)([1.0, 2.0, 3.0])
+    >>> from tpmscad import maps
+    >>> maps.as_map(lambda p: 2.0 * p)([1.0, 2.0, 3.0])
     array([2., 4., 6.])
     """
     return function if isinstance(function, Map) else Map(function, name=getattr(function, "__name__", "user map"))
@@ -143,8 +143,8 @@ def stretching(factors: Sequence[float]) -> Map:
 
     Examples
     --------
-    >>> from tpmscad.maps import stretching
-    >>> stretching((1.0, 1.0, 2.0))([1.0, 1.0, 1.0])
+    >>> from tpmscad import maps
+    >>> maps.stretching((1.0, 1.0, 2.0))([1.0, 1.0, 1.0])
     array([1., 1., 2.])
     """
     f = np.asarray(factors, float)
@@ -181,8 +181,8 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
 
     Examples
     --------
-    >>> from tpmscad.maps import grading
-    >>> grading(2, (1.0, 2.0), 10.0)([0.0, 0.0, 10.0])
+    >>> from tpmscad import maps
+    >>> maps.grading(2, (1.0, 2.0), 10.0)([0.0, 0.0, 10.0])
     array([ 0.,  0., 15.])
     """
     if callable(scale):
@@ -242,8 +242,8 @@ def cylinder(radius: float) -> Map:
 
     Examples
     --------
-    >>> from tpmscad.maps import cylinder
-    >>> cylinder(10.0)([0.0, 1.0, 2.0])
+    >>> from tpmscad import maps
+    >>> maps.cylinder(10.0)([0.0, 1.0, 2.0])
     array([ 0., 11.,  2.])
     """
     if radius <= 0:
@@ -279,8 +279,8 @@ def composition(outer: Map, inner: Map, scale: float) -> Map:
 
     Examples
     --------
-    >>> from tpmscad.maps import composition, cylinder, stretching
-    >>> composition(cylinder(10.0), stretching((1.0, 2.0, 1.0)), 5.0)([0.0, 1.0, 2.0])
+    >>> from tpmscad import maps
+    >>> maps.composition(maps.cylinder(10.0), maps.stretching((1.0, 2.0, 1.0)), 5.0)([0.0, 1.0, 2.0])
     array([ 0., 12.,  2.])
     """
     return Map(

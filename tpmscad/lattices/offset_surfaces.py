@@ -26,8 +26,11 @@ TOUCH_TOL_CELLS = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class OffsetLayer:
-    """One bounding surface: index of its primitive, whether the primitive is placed by `PatchSymmetry.swap` first, direction
-    of the outward normal along that of the mid surface (+1 or -1), and tag."""
+    """One bounding surface over the mid patch.
+
+    The index of its primitive, whether the primitive is first moved by `PatchSymmetry.swap`, the direction of the outward
+    normal along that of the mid surface (+1 or -1), and the tag.
+    """
 
     primitive: int
     swapped: bool

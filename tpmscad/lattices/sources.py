@@ -61,12 +61,15 @@ class CopiedPrimitive:
 
     @property
     def can_be_mapped(self) -> bool:
+        """True: every patch can be fitted anew to its image."""
         return True
 
     def fit(self, layers: Layers, cell: float, tol: float) -> OffsetSurfacesFit:
+        """The offset surfaces, with rigorous bounds on their deviation from the exact patch."""
         return fit_offset_surfaces(self.name, self.reference, layers, cell, tol)
 
     def cover(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
+        """All copies of the patch with a part inside the box."""
         return PatchAssembly(copies.cover_box(self.symmetry, offsets, cells, phase), np.zeros(3))
 
     def natural(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
@@ -87,6 +90,7 @@ class ReflectedPieces:
 
     @property
     def can_be_mapped(self) -> bool:
+        """False: a map would bend the mirrors."""
         return False
 
     def fit(self, layers: Layers, cell: float, tol: float) -> OffsetSurfacesFit:
@@ -96,6 +100,7 @@ class ReflectedPieces:
         return OffsetSurfacesFit(offsets, deviation.scaled(cell), {}, convergence.scaled(cell))
 
     def cover(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
+        """The pieces in all tetrahedra with a part inside the box."""
         return PatchAssembly(copies.cover_box_by_reflection(self.symmetry, offsets, cells, phase), np.zeros(3))
 
     def natural(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:

@@ -1,6 +1,6 @@
-"""Moments along pcurve spans on a single polynomial patch: Legendre series of the integrands, integrated along u in closed form.
+"""Moments along pcurve spans on a single polynomial patch: the integrands as Legendre series, integrated along u in closed form.
 
-The integral of F dv along a span is linear in the products P_i(u) P_j(v) at its nodes. A span thus needs one small matrix, however
+The integral of F dv along a span is linear in the products P_i(u) P_j(v) at its nodes. A span needs one small matrix, however
 many nodes it has, and the patch one table of coefficients. Same result as `loop_integrals.integrate_pcurves`, only faster.
 """
 

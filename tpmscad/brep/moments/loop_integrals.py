@@ -1,4 +1,6 @@
-"""Moments of curved faces as line integrals along the spans of their pcurves, by Green's theorem in the parameter plane:
+"""Moments of curved faces as line integrals along the spans of their pcurves, by Green's theorem.
+
+In the parameter plane,
 
     int_D f du dv = loop int F dv,   F(u, v) = int_{u0}^{u} f(s, v) ds,   loops counter-clockwise,
 
@@ -216,7 +218,7 @@ def _bernstein_conversion(knots: Array, degree: int, low: float, high: float) ->
 
 
 def _restrict_bernstein(coefficients: Array, part: Array) -> Array:
-    """Bernstein coefficients on [0, part], part (n,), of polynomials given by coefficients (p + 1, n, k) on [0, 1] (de Casteljau)."""
+    """Bernstein coefficients on [0, part], part (n,), from coefficients (p + 1, n, k) on [0, 1], by de Casteljau's algorithm."""
     result = coefficients.copy()
     for j in range(1, len(result)):
         result[j:] = result[j - 1 : -1] + part[:, None] * (result[j:] - result[j - 1 : -1])
@@ -224,7 +226,7 @@ def _restrict_bernstein(coefficients: Array, part: Array) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a x b along the last axis (..., 3), faster than `numpy.cross` on large arrays."""
+    """The cross product along the last axis (..., 3), faster than `numpy.cross` on large arrays."""
     (x, y, z), (p, q, r) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([y * r - z * q, z * p - x * r, x * q - y * p], axis=-1)
 
