@@ -1,7 +1,7 @@
-"""Porous structures blended without topological errors: weights, the earlier methods, the topological optimiser.
+"""Porous structures blended without topological defects: the function `blend`, its weight specifications, its result.
 
-Fields are callables f(points (..., 3)) -> (...), solid where f < 0; regions are fields too, <= 0 inside. Lengths are in the units
-of the points. The room is called like its function: `tpmscad.blend(...)` is `tpmscad.blending.porous_blending.blend(...)`.
+Structures, regions and blending regions are fields, f(points (..., 3)) -> (...): structures are solid where f < 0, and regions hold
+the points where f <= 0. Lengths are in the units of the points. The function is also available as `tpmscad.blend`.
 """
 
 from tpmscad.blending.initial_weights import LineWeightSpec, VolumeWeightSpec

@@ -176,7 +176,7 @@ def _format_message(errors: DefectReport, log: tuple[str, ...]) -> str:
     if errors.remaining == 0:
         parts.append(f"no topological error of the blend at {checked}")
     elif errors.remaining == errors.n_subgrid:
-        parts.append(f"{errors.n_subgrid} isolated specks between the samples of {checked}, which see no error")
+        parts.append(f"{errors.n_subgrid} isolated parts between the samples of {checked}, which show no error")
     else:
         left = "; ".join(
             f"{'x'.join(map(str, r))}: {a} isolated components and {b} isolated holes"
