@@ -1,7 +1,7 @@
 """Porous structures blended without topological defects: the function `blend`, its weight specifications, its result.
 
-Structures, regions and blending regions are fields, f(points (..., 3)) -> (...): structures are solid where f < 0, and regions hold
-the points where f <= 0. Lengths are in the units of the points. The function is also available as `tpmscad.blend`.
+Structures, regions and blending regions are fields, f(points (..., 3)) -> (...): structures are solid where f < 0, and regions
+hold the points where f <= 0. Lengths are in the units of the points. The function is also available as `tpmscad.blend`.
 """
 
 from tpmscad.blending.initial_weights import LineWeightSpec, VolumeWeightSpec
