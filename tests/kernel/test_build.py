@@ -1,4 +1,4 @@
-"""Solids built from complexes: everything shared, right way out, exact; measured against the complexes' own quadrature."""
+"""Solids built from boundary representations: shared topology, outward, exact; compared with their own quadrature."""
 
 from __future__ import annotations
 

@@ -126,7 +126,7 @@ def _inserted(insert_knot, t, knots, poles, degree):
 
 
 def test_round_faces_are_measured_to_round_off() -> None:
-    """Trimmed tori above all, which the kernel's own quadrature gets wrong by 3e-8 when told 1e-9."""
+    """Trimmed tori above all, which OCCT's quadrature misses by 3e-8 when it is asked for 1e-9."""
     import build123d as bd
 
     half_ring = bd.Torus(4, 1) - bd.Pos(0, 0, 2) * bd.Box(12, 12, 4)

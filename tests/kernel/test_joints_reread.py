@@ -1,6 +1,6 @@
 """Offset faces of a file join with continuous position, tangent plane and curvature, as the kernel reads and evaluates them.
 
-The kernel's own evaluation on its own faces, along its own parameter curves: nothing of the complex is looked at. Joined faces
+The kernel's own evaluation on its own faces, along its own parameter curves: without the boundary representation. Joined faces
 are told from gap faces by their degrees (a ruled face is of degree 1 one way).
 """
 

@@ -1,4 +1,4 @@
-"""Solids with faces on quadrics: built, written, read back; measured against the complexes' own quadrature."""
+"""Solids with faces on quadrics: built, written, read back; compared with the quadrature of the boundary representation."""
 
 from __future__ import annotations
 

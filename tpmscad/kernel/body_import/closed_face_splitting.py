@@ -37,13 +37,13 @@ def split_into_faces(body: ImportedBody, face: ImportedFace, uses: list[Imported
     polygons = [loop_polygon(body, face, loop) for loop in loops]
     areas = np.array([signed_area(p) for p in polygons])
     outer = [i for i in np.argsort(areas).tolist() if areas[i] > 0]
-    held: dict[int, list[int]] = {i: [i] for i in outer}
+    loops_of_face: dict[int, list[int]] = {i: [i] for i in outer}
     for hole in np.flatnonzero(areas <= 0).tolist():
         around = [i for i in outer if point_in_polygon(polygons[i], polygons[hole][0])]
         if not around:
             raise UnsupportedFace("has a hole outside every outer loop after it was cut at its seam")
-        held[around[0]].append(hole)
-    return [replace(face, loops=tuple(loops[i] for i in members)) for members in held.values()]
+        loops_of_face[around[0]].append(hole)
+    return [replace(face, loops=tuple(loops[i] for i in members)) for members in loops_of_face.values()]
 
 
 def _chain_loops(body: ImportedBody, face: ImportedFace, uses: list[ImportedUse]) -> list[tuple[ImportedUse, ...]]:
@@ -81,10 +81,10 @@ def _use_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Arra
 
     Along a pole it is the step in the direction that keeps the face on the left, or infinity.
     """
-    way = pole_direction(body, face, use)
-    if not way:
+    u_sense = pole_direction(body, face, use)
+    if not u_sense:
         return float(np.abs(begin - end).max())
-    step = (begin[0] - end[0]) * way
+    step = (begin[0] - end[0]) * u_sense
     return float(step) if step > ANGLE_TOL else np.inf
 
 

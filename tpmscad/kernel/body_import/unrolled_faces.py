@@ -131,16 +131,16 @@ def _chain_uses(body: ImportedBody, face: ImportedFace, loop: tuple[ImportedUse,
         first = uv[0] + shift if first is None else first
     assert end is not None
     assert first is not None
-    wanted = end + _pole_gap(body, face, loop[0], end, sample_use(body, face, loop[0]))
-    if (np.abs(wanted - first)[period > 0] > MAX_CLOSURE_GAP).any():
+    closing = end + _pole_gap(body, face, loop[0], end, sample_use(body, face, loop[0]))
+    if (np.abs(closing - first)[period > 0] > MAX_CLOSURE_GAP).any():
         raise UnsupportedFace("has a loop that goes around its axis")
     return tuple(result)
 
 
 def _pole_gap(body: ImportedBody, face: ImportedFace, use: ImportedUse, end: Array, uv: Array) -> Array:
     """Step along a pole from the end of the last half-edge to the start of this one; zero elsewhere. The face is on its left."""
-    way = pole_direction(body, face, use)
-    return np.array([pole_angle_step(end[0], uv[0, 0], way), 0.0]) if way else np.zeros(2)
+    u_sense = pole_direction(body, face, use)
+    return np.array([pole_angle_step(end[0], uv[0, 0], u_sense), 0.0]) if u_sense else np.zeros(2)
 
 
 def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> int:
@@ -155,12 +155,12 @@ def pole_direction(body: ImportedBody, face: ImportedFace, use: ImportedUse) -> 
     return 1 if face.carrier.parameters(start)[1] < 0 else -1
 
 
-def pole_angle_step(start: float, end: float, way: int) -> float:
+def pole_angle_step(start: float, end: float, u_sense: int) -> float:
     """Change of u from `start` to a u equivalent to `end` with the sign of `way`: nonzero and at most one turn."""
     turn = 2.0 * np.pi
     step = (end - start) % turn
     step = turn if step < ANGLE_TOL or step > turn - ANGLE_TOL else step
-    if way > 0:
+    if u_sense > 0:
         return float(step)
     return float(step - turn) if step < turn else -turn
 

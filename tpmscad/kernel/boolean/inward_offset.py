@@ -39,6 +39,9 @@ DEPTH_REL_TOL = 1e-4
 """Relative tolerance, in skin thicknesses, on the depth of the offset body's edges; self-intersecting offset faces miss
 it by a whole fillet radius."""
 
+DEPTH_ABS_TOL = 10 * JOIN_TOLERANCE
+"""Model units: absolute tolerance on that depth, for thin skins."""
+
 
 def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] = ()) -> CadBody:
     """The part of the body deeper than `skin` (model units) below its faces; open faces are held fixed.
@@ -72,20 +75,20 @@ def offset_inward(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face] 
         except InvalidRequest as error:
             raise KernelError(OPERATION, f"{error}{remedy}", body.shape) from error
     low, high = enclosing_box(body.shape)
-    share = float((depth > skin).mean())
+    fraction = float((depth > skin).mean())
     box = float(np.prod(high - low))
-    error = MAX_STANDARD_ERRORS * np.sqrt(max(share * (1 - share), 1 / len(points)) / len(points)) * box
-    if abs(inner.volume - share * box) > error:
+    error = MAX_STANDARD_ERRORS * np.sqrt(max(fraction * (1 - fraction), 1 / len(points)) / len(points)) * box
+    if abs(inner.volume - fraction * box) > error:
         raise KernelError(
             OPERATION,
-            f"the kernel's offset has volume {inner.volume:.4g}, but {share * box:.4g} +- {error:.2g} lies deeper than "
+            f"the kernel's offset has volume {inner.volume:.4g}, but {fraction * box:.4g} +- {error:.2g} lies deeper than "
             f"{skin:g}{remedy}",
             body.shape,
         )
-    at = sample_edges(inner.shape)
-    off = np.abs(np.abs(distance(at)) - skin)
-    if off.max() > max(DEPTH_REL_TOL * skin, 10 * JOIN_TOLERANCE):
-        where = ", ".join(f"{c:.4g}" for c in at[off.argmax()])
+    points = sample_edges(inner.shape)
+    off = np.abs(np.abs(distance(points)) - skin)
+    if off.max() > max(DEPTH_REL_TOL * skin, DEPTH_ABS_TOL):
+        where = ", ".join(f"{c:.4g}" for c in points[off.argmax()])
         raise KernelError(OPERATION, f"the kernel's offset folds over near ({where}){remedy}", body.shape)
     return inner
 

@@ -34,9 +34,9 @@ class PoleStep:
 def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
     """Pole step after each half-edge that ends at a pole and whose successor starts at a different u."""
     edges, uses, faces = brep.edges, brep.uses, brep.faces
-    found = {}
-    polar = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)[faces.carrier]
-    for face in np.flatnonzero(polar).tolist():
+    steps = {}
+    has_pole = np.array([isinstance(c, SphericalSurface | ConicalSurface) for c in brep.carriers], bool)[faces.carrier]
+    for face in np.flatnonzero(has_pole).tolist():
         for loop in range(int(faces.loop_start[face]), int(faces.loop_start[face + 1])):
             members = list(range(int(faces.use_start[loop]), int(faces.use_start[loop + 1])))
             ends = [_use_end_parameters(brep, k) for k in members]
@@ -45,8 +45,8 @@ def find_pole_steps(brep: Brep) -> dict[int, PoleStep]:
                 if abs(then - u) > MIN_POLE_STEP_ANGLE:
                     e = uses.edge[k]
                     vertex = edges.end[e] if uses.sense[k] > 0 else edges.start[e]
-                    found[k] = PoleStep(int(vertex), u, then, v)
-    return found
+                    steps[k] = PoleStep(int(vertex), u, then, v)
+    return steps
 
 
 def _use_end_parameters(brep: Brep, use: int) -> list[list[float]]:

@@ -74,7 +74,7 @@ def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
     straight = set(straight_edges(brep).tolist())
     on_patch = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
     shift = conic_range_shifts(brep).tolist()
-    made: dict[tuple[int, bool, float], Geom2d_Curve] = {}
+    known: dict[tuple[int, bool, float], Geom2d_Curve] = {}
     result: list[Geom2d_Curve | None] = []
     for e, p, patch in zip(uses.edge.tolist(), uses.pcurve.tolist(), on_patch[brep.face_of_use].tolist(), strict=True):
         if p < 0:
@@ -83,11 +83,11 @@ def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
             result.append(convert.line_2d(*brep.pcurves[p](edges.span[e])))
         else:
             key = p, patch, shift[e]
-            if key not in made:
+            if key not in known:
                 curve = brep.pcurves[p]
                 curve = BSplineCurve(curve.poles, curve.knots + shift[e], curve.degree) if shift[e] else curve
-                made[key] = convert.curve_2d(curve) if patch else _line_or_spline(curve)
-            result.append(made[key])
+                known[key] = convert.curve_2d(curve) if patch else _line_or_spline(curve)
+            result.append(known[key])
     return result
 
 
@@ -95,8 +95,8 @@ def build_transforms(motion: Motion) -> list[gp_Trsf]:
     """OCCT transformation of each placed item; equal motions share one object."""
     rows = np.concatenate([motion.rotation.reshape(-1, 9), motion.translation], axis=1)
     distinct, index = np.unique(rows, axis=0, return_inverse=True)
-    made = [convert.transformation(Motion(row[:9].reshape(3, 3), row[9:])) for row in distinct]
-    return [made[i] for i in index.ravel().tolist()]
+    transforms = [convert.transformation(Motion(row[:9].reshape(3, 3), row[9:])) for row in distinct]
+    return [transforms[i] for i in index.ravel().tolist()]
 
 
 def straight_edges(brep: Brep) -> IntArray:

@@ -168,12 +168,12 @@ def build_regions(
 
 def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
     """Solids of one region; shells are built only when they are needed."""
-    made: dict[int, TopoDS_Shell] = {}
+    built: dict[int, TopoDS_Shell] = {}
 
     def shell(number: int) -> TopoDS_Shell:
-        if number not in made:
-            made[number] = make_shell(faces[i] for i in shells[number])
-        return made[number]
+        if number not in built:
+            built[number] = make_shell(faces[i] for i in shells[number])
+        return built[number]
 
     count, label = connectivity.label_shells(region)
     shells: list[list[int]] = [[] for _ in range(count)]

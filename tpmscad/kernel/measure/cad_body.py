@@ -48,19 +48,19 @@ def read_body(source: Any) -> CadBody:
             else f"no solid ({shape.ShapeType().name.removeprefix('TopAbs_').lower()})"
         )
         raise InvalidRequest(
-            f"{name} holds {found}: a body is one solid; fill several one at a time, or unite them first"
+            f"{name} holds {found}: a body is one solid; fill several solids one at a time, or unite them first"
         )
     low, high = enclosing_box(solids[0])
     if not np.isfinite([low, high]).all() or np.abs([low, high]).max() > MAX_COORDINATE:
-        raise InvalidRequest(f"{name} reaches beyond {MAX_COORDINATE:g}: a body has to be finite")
+        raise InvalidRequest(f"{name} has coordinates beyond {MAX_COORDINATE:g}: a body must be finite")
     report = check_shape(solids[0])
-    for wrong, what in (
+    for failed, what in (
         (not report.closed, "is not closed: some of its edges bound one face only"),
-        (not report.valid, "is rejected by the kernel's check"),
+        (not report.valid, "is invalid for the kernel (BRepCheck)"),
         (report.volume <= 0, f"is inside out: its volume is {report.volume:.6g}"),
     ):
-        if wrong:
-            raise InvalidRequest(f"{name} {what}; mend it where it was modelled")
+        if failed:
+            raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
     return CadBody(solids[0], report, name)
 
 
@@ -70,7 +70,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
         try:
             return read_step(source).shape, str(source)
         except KernelError as error:
-            raise InvalidRequest(f"{error.status}: a STEP file with one solid is needed") from error
+            raise InvalidRequest(f"{error.status}: give a STEP file with one solid") from error
     if isinstance(source, CadBody):
         return source.shape, source.name
     if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or in its parents

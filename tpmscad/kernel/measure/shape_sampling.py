@@ -53,6 +53,9 @@ MAX_PROBES_PER_FACE = 5
 NEAREST_SAMPLES = 9
 """Neighbours queried per sample: of two equally dense sets on one plane, the other set is among the nearest nine."""
 
+MAX_OPPOSITE_COSINE = -1.0 + 1e-6
+"""Cosine below which two normals count as opposite."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FaceSamples:
@@ -90,11 +93,11 @@ def sample_faces(faces: Sequence[TopoDS_Face], spacing: float) -> FaceSamples:
 
     A face narrower than the spacing gets one row of nodes; a sliver may get none.
     """
-    found = [_sample_face(face, spacing) for face in faces]
+    sampled = [_sample_face(face, spacing) for face in faces]
     return FaceSamples(
-        np.concatenate([points for points, _ in found]),
-        np.concatenate([normals for _, normals in found]),
-        np.repeat(np.arange(len(found)), [len(points) for points, _ in found]),
+        np.concatenate([points for points, _ in sampled]),
+        np.concatenate([normals for _, normals in sampled]),
+        np.repeat(np.arange(len(sampled)), [len(points) for points, _ in sampled]),
     )
 
 
@@ -136,13 +139,13 @@ def lie_on_surface(solid: TopoDS_Solid, samples: FaceSamples, near: float) -> ND
     classifier = BRepClass3d_SolidClassifier(solid)
     result = np.zeros(len(samples.points), bool)
     for face in np.unique(samples.face):
-        mine = np.flatnonzero(samples.face == face)
-        for i in mine[np.linspace(0, len(mine) - 1, min(len(mine), MAX_PROBES_PER_FACE)).astype(int)]:
+        members = np.flatnonzero(samples.face == face)
+        for i in members[np.linspace(0, len(members) - 1, min(len(members), MAX_PROBES_PER_FACE)).astype(int)]:
             classifier.Perform(convert.point(samples.points[i]), near)
             if classifier.State() != TopAbs_ON:
                 break
         else:
-            result[mine] = True
+            result[members] = True
     return result
 
 
@@ -157,7 +160,7 @@ def have_touching_solids(shape: Any, samples: FaceSamples, near: float, spacing:
     for column in next_to.T:
         i = np.flatnonzero(column < len(samples.points))
         j = column[i]
-        back = (samples.normals[i] * samples.normals[j]).sum(axis=1) < -1.0 + 1e-6
+        back = (samples.normals[i] * samples.normals[j]).sum(axis=1) < MAX_OPPOSITE_COSINE
         level = np.abs(((samples.points[i] - samples.points[j]) * samples.normals[i]).sum(axis=1)) < near
         if (back & level & (owner[i] != owner[j])).any():
             return True
@@ -273,11 +276,11 @@ def _sample_edge_normals(
     return surface(np.array([curve.Value(s).Coord() for s in t.tolist()]))
 
 
-def sample_solid(solid: TopoDS_Solid, lines: int, each: int) -> Array:
+def sample_solid(solid: TopoDS_Solid, lines: int, points_per_line: int) -> Array:
     """Random points inside the solid: (n, 3).
 
-    `lines` lines run along the longest side of its box, each with `each` random points, of which those inside are kept. A line
-    with an odd number of intersections grazes an edge and is skipped.
+    `lines` lines run along the longest side of its box, each with `points_per_line` random points, of which those inside are
+    kept. A line with an odd number of intersections grazes an edge and is skipped.
     """
     low, high = enclosing_box(solid)
     along = int(np.argmax(high - low))
@@ -289,14 +292,14 @@ def sample_solid(solid: TopoDS_Solid, lines: int, each: int) -> Array:
     shooter = IntCurvesFace_ShapeIntersector()
     shooter.Load(solid, CONFUSION_TOLERANCE)
     line_direction = gp_Dir(*np.eye(3)[along].tolist())
-    found = [np.zeros((0, 3))]
+    samples = [np.zeros((0, 3))]
     for start in starts:
         shooter.Perform(gp_Lin(convert.point(start), line_direction), -length, 2.0 * length)
         hits = np.sort([shooter.WParameter(i + 1) for i in range(shooter.NbPnt())])
         hits = hits[np.diff(hits, prepend=-np.inf) > CONFUSION_TOLERANCE]
         if len(hits) % 2:
             continue
-        t = length * rng.random(each)
+        t = length * rng.random(points_per_line)
         t = t[np.searchsorted(hits, t) % 2 == 1]
-        found.append(start + t[:, None] * np.eye(3)[along])
-    return np.concatenate(found)
+        samples.append(start + t[:, None] * np.eye(3)[along])
+    return np.concatenate(samples)

@@ -219,10 +219,10 @@ def shape_map() -> Any:
 
 def string_map(entries: Mapping[str, str]) -> Any:
     """OCCT map of the strings."""
-    made = StringMap()
+    result = StringMap()
     for key, value in entries.items():
-        made.Bind(TCollection_AsciiString(key), TCollection_AsciiString(value))
-    return made
+        result.Bind(TCollection_AsciiString(key), TCollection_AsciiString(value))
+    return result
 
 
 def axis_frame(value: Any) -> tuple[Array, Array, Array]:
