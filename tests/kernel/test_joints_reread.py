@@ -1,7 +1,7 @@
 """Offset faces of a file join with continuous position, tangent plane and curvature, as the kernel reads and evaluates them.
 
-The kernel's own evaluation on its own faces, along its own parameter curves: without the boundary representation. Joined faces
-are told from gap faces by their degrees (a ruled face is of degree 1 one way).
+OCCT evaluates its own faces along its own pcurves; the boundary representation is not used. Joined faces are distinguished from gap
+faces by their degrees: a ruled face has degree 1 in one direction.
 """
 
 from __future__ import annotations
