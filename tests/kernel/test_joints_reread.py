@@ -1,7 +1,7 @@
 """Offset faces of a file join with continuous position, tangent plane and curvature, as the kernel reads and evaluates them.
 
-OCCT evaluates its own faces along its own pcurves; the boundary representation is not used. Joined faces are distinguished from gap
-faces by their degrees: a ruled face has degree 1 in one direction.
+OCCT evaluates its own faces along its own pcurves; the boundary representation is not used. Joined faces differ from gap
+faces in degree: a ruled gap face has degree 1 in one direction.
 """
 
 from __future__ import annotations
