@@ -15,7 +15,7 @@ PUBLIC = (
     "tpmscad",
     "tpmscad.blending",
     "tpmscad.fields",
-    "tpmscad.lattice.maps",
+    "tpmscad.lattices.maps",
     "tpmscad.splines",
     "tpmscad.surfaces",
     "tpmscad.topology",
