@@ -17,7 +17,7 @@ PORT, STUB = 1.0, 0.8
 
 def ports() -> dict[str, list[np.ndarray]]:
     """Where the ports go, an inlet below and an outlet above for each channel: where the field is farthest from the wall."""
-    phi = fields.translated(fields.tpms("gyroid", period=CELL), CELL * np.array(PHASE))
+    phi = fields.translate(fields.tpms("gyroid", period=CELL), CELL * np.array(PHASE))
     size = CELL * np.array(CELLS)
     x, y = (np.linspace(2 * PORT, size[axis] - 2 * PORT, 257) for axis in (0, 1))
     found: dict[str, list[np.ndarray]] = {"channel +": [], "channel -": []}

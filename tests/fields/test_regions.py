@@ -20,8 +20,8 @@ REGIONS = {
     "sphere": fields.sphere((0.1, 0.2, 0.3), 1.3),
     "cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, (1, 1, 0.3)),
     "short cylinder": fields.cylinder((0.1, 0.2, 0.3), 0.8, "y", 1.4),
-    "turned box": fields.rotated(fields.box((0, -1, 0.5), (2, 1, 3)), (1, 2, 3), 40),
-    "larger cylinder": fields.scaled(fields.cylinder((0, 0, 0), 0.5, "x", 1.0), 3.0, (0, 1, 0)),
+    "turned box": fields.rotate(fields.box((0, -1, 0.5), (2, 1, 3)), (1, 2, 3), 40),
+    "larger cylinder": fields.scale(fields.cylinder((0, 0, 0), 0.5, "x", 1.0), 3.0, (0, 1, 0)),
 }
 
 
@@ -64,12 +64,12 @@ def test_turning_is_counter_clockwise_in_degrees() -> None:
     field = fields.tpms("gyroid", (2.0, 3.0, 4.0))
     turn, center = Rotation.from_rotvec(np.deg2rad(33) * np.array([1.0, 2, 2]) / 3), np.array([1.0, 0, -1])
     moved = turn.apply(POINTS - center) + center
-    np.testing.assert_allclose(fields.rotated(field, (1, 2, 2), 33, center)(moved), field(POINTS), atol=1e-12)
+    np.testing.assert_allclose(fields.rotate(field, (1, 2, 2), 33, center)(moved), field(POINTS), atol=1e-12)
     np.testing.assert_allclose(
-        fields.translated(field, (1, 2, 3))(POINTS + np.array((1, 2, 3))), field(POINTS), atol=1e-12
+        fields.translate(field, (1, 2, 3))(POINTS + np.array((1, 2, 3))), field(POINTS), atol=1e-12
     )
     np.testing.assert_allclose(
-        fields.scaled(field, 2, center)(2 * (POINTS - center) + center), 2 * field(POINTS), atol=1e-11
+        fields.scale(field, 2, center)(2 * (POINTS - center) + center), 2 * field(POINTS), atol=1e-11
     )
 
 
@@ -82,7 +82,7 @@ def test_a_shifted_grid_is_still_evaluated_as_a_grid() -> None:
             return x + y + z
 
     axes = np.arange(3.0), np.arange(4.0), np.arange(5.0)
-    fields.translated(fields.scaled(Spy(), 2.0), (1, 0, 2)).on_grid(*axes)
+    fields.translate(fields.scale(Spy(), 2.0), (1, 0, 2)).on_grid(*axes)
     assert shapes == [((3, 1, 1), (1, 4, 1), (1, 1, 5))]
 
 
@@ -98,7 +98,7 @@ def test_a_shifted_grid_is_still_evaluated_as_a_grid() -> None:
         lambda: fields.cylinder((0, 0, 0), 1, "w"),
         lambda: fields.cylinder((0, 0, 0), 1, "x", -2),
         lambda: fields.halfspace((0, 0, 0), (1, 2)),
-        lambda: fields.scaled(fields.constant(1), 0),
+        lambda: fields.scale(fields.constant(1), 0),
         lambda: fields.image_region(np.eye(4), (0, 0), (1, 1)),
         lambda: fields.image_region(np.ones((4, 4), bool), (0, 0), (1, 1)),
         lambda: fields.image_region(np.eye(4) > 0, (0, 0, 0), (1, 1, 1)),
@@ -152,7 +152,7 @@ def test_a_periodic_spline_of_equal_coefficients_is_constant_and_reproduces_wave
 
 
 def test_maps_compose_with_their_derivatives() -> None:
-    polar = fields.mapped(
+    polar = fields.warp(
         fields.tpms("schwarz_p", 1.0),
         lambda p: np.stack([np.arctan2(p[:, 1], p[:, 0]), np.hypot(p[:, 0], p[:, 1]), p[:, 2]], axis=-1),
     )
@@ -161,6 +161,6 @@ def test_maps_compose_with_their_derivatives() -> None:
     np.testing.assert_allclose(polar(POINTS), expected, atol=1e-12)
     for wrong in (lambda p: p[:, :2], lambda p: p / 0 * 0):
         with np.errstate(all="ignore"), pytest.raises(InvalidRequest, match="map"):
-            fields.mapped(polar, wrong)(POINTS)
+            fields.warp(polar, wrong)(POINTS)
     with pytest.raises(InvalidRequest, match="Jacobian"):
-        fields.mapped(polar, lambda p: p, lambda p: np.eye(3)).gradient(POINTS)
+        fields.warp(polar, lambda p: p, lambda p: np.eye(3)).gradient(POINTS)

@@ -171,9 +171,9 @@ SAME = {
         ("by = 'ball'\nspan = [-3, 3]\nvalues = [0, 1]", fields.ramp(BALL, (-3, 3), (0, 1))),
         ("by = 'y'\nspan = [-3, 3]\nvalues = [0, 1]\nsmooth = false", fields.ramp("y", (-3, 3), (0, 1), smooth=False)),
     ],
-    "translated": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translated(GYROID, (1, 2, 3)))],
-    "rotated": [("of = 'ball'\naxis = 'y'\nangle = 30", fields.rotated(BALL, "y", 30))],
-    "scaled": [("of = 'gyroid'\nfactor = 2\ncenter = [1, 0, 0]", fields.scaled(GYROID, 2, (1, 0, 0)))],
+    "translated": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
+    "rotated": [("of = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
+    "scaled": [("of = 'gyroid'\nfactor = 2\ncenter = [1, 0, 0]", fields.scale(GYROID, 2, (1, 0, 0)))],
 }
 """Of every kind tables and the fields that Python has for them; images and bodies, which need files, have tests of their own."""
 

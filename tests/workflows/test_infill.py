@@ -197,7 +197,7 @@ class TestFluidDomains:
         assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.faces())
 
     def test_each_channel_lies_on_its_side(self, domains: FluidDomains) -> None:
-        phi = fields.translated(fields.tpms("P", 10.0), (1, 2, 3))
+        phi = fields.translate(fields.tpms("P", 10.0), (1, 2, 3))
         for part, sign in ((domains.plus, 1), (domains.minus, -1)):
             walls = (bd.GeomType.BSPLINE, bd.GeomType.BEZIER)
             on_surface = [f.center() for f in part.faces() if f.geom_type in walls]

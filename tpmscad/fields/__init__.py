@@ -18,7 +18,7 @@ from tpmscad.fields.booleans import (
     union,
 )
 from tpmscad.fields.cell_grading import cell_sizes
-from tpmscad.fields.coordinate_transforms import mapped, rotated, scaled, translated
+from tpmscad.fields.coordinate_transforms import rotate, scale, translate, warp
 from tpmscad.fields.field import Field, as_field, constant, from_function
 from tpmscad.fields.image_regions import image_region
 from tpmscad.fields.implicit_bspline import bspline_unit
@@ -48,12 +48,11 @@ __all__ = [
     "image_region",
     "intersection",
     "linear",
-    "mapped",
     "pore",
     "ramp",
     "rod",
-    "rotated",
-    "scaled",
+    "rotate",
+    "scale",
     "sheet",
     "smooth_difference",
     "smooth_intersection",
@@ -61,7 +60,8 @@ __all__ = [
     "sphere",
     "threshold_for",
     "tpms",
-    "translated",
+    "translate",
     "union",
     "volume_fraction",
+    "warp",
 ]

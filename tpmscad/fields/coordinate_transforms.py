@@ -97,7 +97,7 @@ class MappedField(Field):
         return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
 
 
-def mapped(
+def warp(
     field: FieldLike,
     map: Callable[[Array], Any],
     jacobian: Callable[[Array], Any] | None = None,
@@ -133,12 +133,12 @@ def mapped(
     >>> from tpmscad import fields
     >>> def unroll(p):
     ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
-    >>> ring = fields.mapped(fields.tpms("gyroid", 2 * np.pi), unroll)
+    >>> ring = fields.warp(fields.tpms("gyroid", 2 * np.pi), unroll)
     """
     return MappedField(as_field(field), map, jacobian, as_positive(step, "step"))
 
 
-def translated(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
+def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
     """Return the field translated by a vector.
 
     Parameters
@@ -162,7 +162,7 @@ def translated(field: FieldLike, vector: Sequence[float]) -> AffineTransformedFi
     return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
 
 
-def rotated(
+def rotate(
     field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> AffineTransformedField:
     """Return the field rotated about an axis.
@@ -195,7 +195,7 @@ def rotated(
     return AffineTransformedField(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
 
 
-def scaled(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
+def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
     """Return the field scaled about a center.
 
     Parameters

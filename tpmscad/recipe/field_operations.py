@@ -65,19 +65,17 @@ def read_ramp(entry: Entry, read: ReadField) -> Field:
 
 def read_translated(entry: Entry, read: ReadField) -> Field:
     """`of`, moved by `vector`."""
-    return fields.translated(read(entry["of"]), read_triple(entry["vector"]))
+    return fields.translate(read(entry["of"]), read_triple(entry["vector"]))
 
 
 def read_rotated(entry: Entry, read: ReadField) -> Field:
     """`of`, turned by `angle` degrees about `axis` through `center`."""
-    return fields.rotated(
-        read(entry["of"]), read_direction(entry["axis"]), entry["angle"].number(), _read_center(entry)
-    )
+    return fields.rotate(read(entry["of"]), read_direction(entry["axis"]), entry["angle"].number(), _read_center(entry))
 
 
 def read_scaled(entry: Entry, read: ReadField) -> Field:
     """`of`, enlarged by `factor` about `center`."""
-    return fields.scaled(read(entry["of"]), entry["factor"].positive(), _read_center(entry))
+    return fields.scale(read(entry["of"]), entry["factor"].positive(), _read_center(entry))
 
 
 def _read_center(entry: Entry) -> tuple[float, float, float]:
