@@ -88,8 +88,8 @@ def _exit_with_error(error: Exception, status: int) -> None:
     sys.exit(status)
 
 
-def _show_version(wanted: bool) -> None:
-    if wanted:
+def _show_version(show: bool) -> None:
+    if show:
         print("tpmscad", __version__)
         raise typer.Exit
 

@@ -17,7 +17,7 @@ RecipeBox = tuple[tuple[float, float, float], tuple[float, float, float]]
 
 @dataclass(frozen=True, slots=True)
 class FieldKind:
-    """The keys that a table of this kind may have beside `kind`, and the function that makes its field."""
+    """The keys that a table of this kind may have in addition to `kind`, and the function that makes its field."""
 
     keys: tuple[str, ...]
     make: Callable[[Entry, ReadField], Field]

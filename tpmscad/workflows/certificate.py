@@ -78,7 +78,7 @@ class Certificate:
     shortfalls : tuple of str
         The checks that failed, with value and limit; empty if `met`.
     tol : float
-        The deviation that was asked for.
+        The greatest deviation allowed.
     max_deviation, rms_deviation : float
         Orthogonal distance between the patches and `reference`: the greatest in both directions, and the root mean square.
     reference : str
@@ -147,7 +147,7 @@ class Certificate:
         verdict = "met" if self.met else "NOT met: " + "; ".join(self.shortfalls)
         lines = [
             verdict,
-            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (asked {self.tol:g}) "
+            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (tol {self.tol:g}) "
             f"from the {self.reference}",
             f"joints      gap {self.gap:.2g}, tangent {self.tangent_jump_deg:.2g} deg, "
             f"curvature {self.curvature_jump:.2g} relative",
@@ -227,12 +227,12 @@ def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
 
 
 def describe_piece(volume: float, largest: float) -> str:
-    """Whether a piece is a chip beside the largest one, and its volume."""
+    """Whether a piece is a chip relative to the largest one, and its volume."""
     return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of volume {volume:.4g}"
 
 
 def check_kernel_solids(report: kernel.ShapeReport, tol: float) -> list[Check]:
-    """The checks of solids that the kernel made, beside closedness and validity."""
+    """The checks of solids that the kernel made, in addition to closedness and validity."""
     return [
         require(report.outward, "a solid is inside out"),
         Check(

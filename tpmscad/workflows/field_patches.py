@@ -47,7 +47,7 @@ N_QUADRATURE_LINES = 96
 class FieldPatches:
     """The patches of a field's solid in a box, with what was measured on them; lengths in model units.
 
-    `fitted` holds the patches and their deviation from the field that was asked for, the displacement by rounding included.
+    `fitted` holds the patches and their deviation from the field given, the displacement by rounding included.
     `moments` are the integrals over its faces, `properties` those of the solid it bounds. `field_betti` are the Betti numbers of
     the field in the box (None if they differ on all grids), `field_volume` its volume and `field_volume_error` the uncertainty of
     that.

@@ -197,7 +197,7 @@ def _check_wall_thickness(request: LatticeRequest) -> None:
 
 
 def _reject_lattice_options(given: Mapping[str, Any]) -> None:
-    """InvalidRequest for keywords of a lattice beside a field, which defines the whole shape."""
+    """InvalidRequest for keywords of a lattice together with a field, which defines the whole shape."""
     extra = [name for name, value in given.items() if not _equals(value, INFILL_DEFAULTS[name])]
     if extra:
         raise InvalidRequest(

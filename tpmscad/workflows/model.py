@@ -77,7 +77,7 @@ class Model:
         Raises
         ------
         InvalidRequest
-            If `instanced` is asked for and the solid repeats no cell.
+            If `instanced` is True and the solid repeats no cell.
         KernelError
             If the file does not read back as the valid solid that was written.
 
@@ -138,7 +138,7 @@ class InfillModel(Model):
         Raises
         ------
         InvalidRequest
-            If `instanced` is asked for.
+            If `instanced` is True.
         KernelError
             If the file does not read back as the valid solid that was written.
         """
