@@ -76,6 +76,13 @@ def union(*fields: FieldLike) -> Field:
     ------
     InvalidRequest
         If no field is given.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pair = fields.union(fields.sphere((0, 0, 0), 1.0), fields.sphere((4, 0, 0), 2.0))
+    >>> float(pair((4.0, 0.0, 0.0)))
+    -2.0
     """
     return _fold_min_max(fields, -1)
 
@@ -122,6 +129,13 @@ def difference(field: FieldLike, *taken: FieldLike) -> Field:
     -------
     Field
         The maximum of `field` and the negatives of the others.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> shell = fields.difference(fields.sphere((0, 0, 0), 3.0), fields.sphere((0, 0, 0), 2.0))
+    >>> float(shell((1.0, 0.0, 0.0))), float(shell((2.5, 0.0, 0.0)))
+    (1.0, -0.5)
     """
     return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
 
@@ -138,6 +152,12 @@ def complement(field: FieldLike) -> Field:
     -------
     Field
         -field.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.complement(fields.sphere((0, 0, 0), 2.0))((0.0, 0.0, 0.0)))
+    2.0
     """
     return -as_field(field)
 
@@ -161,6 +181,13 @@ def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     ------
     InvalidRequest
         If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pair = fields.smooth_union(fields.sphere((-1, 0, 0), 1.0), fields.sphere((1, 0, 0), 1.0), 0.6)
+    >>> round(float(pair((0.0, 0.0, 0.0))), 6)
+    -0.1
     """
     return CubicMinMaxField(as_field(first), as_field(second), -1, as_positive(width, "width"))
 
@@ -184,6 +211,13 @@ def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Fi
     ------
     InvalidRequest
         If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> wedge = fields.smooth_intersection(fields.halfspace((0, 0, 0), "x"), fields.halfspace((0, 0, 0), "y"), 0.6)
+    >>> round(float(wedge((0.0, 0.0, 0.0))), 6)
+    0.1
     """
     return CubicMinMaxField(as_field(first), as_field(second), +1, as_positive(width, "width"))
 
@@ -209,6 +243,13 @@ def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field
     ------
     InvalidRequest
         If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> bowl = fields.smooth_difference(fields.halfspace((0, 0, 0), "z"), fields.sphere((0, 0, 0), 1.0), 0.6)
+    >>> round(float(bowl((1.0, 0.0, 0.0))), 6)
+    0.1
     """
     return smooth_intersection(field, -as_field(taken), width)
 

@@ -157,6 +157,13 @@ def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedFie
     ------
     InvalidRequest
         If the vector is not three finite numbers.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> ball = fields.translate(fields.sphere((0, 0, 0), 1.0), (5, 0, 0))
+    >>> float(ball((5.0, 0.0, 0.0)))
+    -1.0
     """
     x, y, z = as_triple(vector, "vector")
     return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
@@ -187,6 +194,13 @@ def rotate(
     ------
     InvalidRequest
         If the axis has no direction or the center is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> bar = fields.rotate(fields.box((-3, -1, -1), (3, 1, 1)), "z", 90)
+    >>> round(float(bar((0.0, 2.5, 0.0))), 6)
+    -0.5
     """
     n, c = np.array(as_unit_vector(axis, "axis")), np.array(as_triple(center, "center"))
     turn = np.deg2rad(angle)
@@ -216,6 +230,13 @@ def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 
     ------
     InvalidRequest
         If the factor is not positive or the center is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> ball = fields.scale(fields.sphere((0, 0, 0), 1.0), 4.0)
+    >>> float(ball((1.0, 0.0, 0.0)))
+    -3.0
     """
     s, c = as_positive(factor, "factor"), np.array(as_triple(center, "center"))
     return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / s), _as_vector(c - c / s), s)

@@ -244,6 +244,12 @@ def as_field(source: Any) -> Field:
     ------
     InvalidRequest
         If the source is none of these, or the function is not vectorised.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.as_field(2.5)((1.0, 2.0, 3.0)))
+    2.5
     """
     if isinstance(source, Field):
         return source
@@ -267,6 +273,12 @@ def constant(value: Any) -> ConstantField:
     ------
     InvalidRequest
         If the value is not a finite number.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.constant(0.3)((1.0, 2.0, 3.0)))
+    0.3
     """
     try:
         number = float(value)

@@ -69,6 +69,15 @@ def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, a
     Notes
     -----
     Exact Euclidean distance transform between pixel centers (scipy.ndimage.distance_transform_edt), shifted by half a pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import fields
+    >>> picture = np.array([[0, 200], [0, 200]])
+    >>> region = fields.image_region(picture < 128, (0, 0), (20, 20))
+    >>> float(region((10.0, 5.0, 0.0))), float(region((10.0, 15.0, 0.0)))
+    (-5.0, 5.0)
     """
     array = np.asarray(mask)
     if array.dtype != bool:

@@ -181,6 +181,12 @@ def halfspace(point: Sequence[float], normal: Direction) -> HalfSpaceRegion:
     ------
     InvalidRequest
         If the normal has no direction or the point is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.halfspace((0, 0, 1), "z")((0.0, 0.0, 3.0)))
+    2.0
     """
     return HalfSpaceRegion(as_triple(point, "point"), as_unit_vector(normal, "normal"))
 
@@ -204,6 +210,12 @@ def sphere(center: Sequence[float], radius: float) -> SphereRegion:
     ------
     InvalidRequest
         If the radius is not positive or the center is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.sphere((0, 0, 0), 2.0)((0.0, 3.0, 4.0)))
+    3.0
     """
     return SphereRegion(as_triple(center, "center"), as_positive(radius, "radius"))
 
@@ -233,6 +245,12 @@ def cylinder(
     ------
     InvalidRequest
         If the radius or height is not positive, or the axis has no direction.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.cylinder((0, 0, 0), 2.0, "z")((3.0, 4.0, 9.0)))
+    3.0
     """
     length = None if height is None else as_positive(height, "height")
     return CylinderRegion(

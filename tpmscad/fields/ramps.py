@@ -88,6 +88,12 @@ def linear(slope: Sequence[float], offset: float = 0.0) -> AffineFunction:
     ------
     InvalidRequest
         If a number is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.linear((1, 0, 2), offset=-1.0)((3.0, 0.0, 1.0)))
+    4.0
     """
     return AffineFunction(as_triple(slope, "slope"), as_finite(offset, "offset"))
 
@@ -111,6 +117,12 @@ def coordinate(axis: Direction, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Ha
     ------
     InvalidRequest
         If the axis has no direction.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.coordinate("z", origin=(0, 0, 5))((1.0, 2.0, 7.0)))
+    2.0
     """
     return HalfSpaceRegion(as_triple(origin, "origin"), as_unit_vector(axis, "axis"))
 

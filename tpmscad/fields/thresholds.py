@@ -62,6 +62,13 @@ def pore(phi: FieldLike, c: FieldLike) -> Field:
     ------
     InvalidRequest
         If a constant threshold makes nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pores = fields.pore(fields.tpms("gyroid", 10.0), 0.3)
+    >>> float(pores((0.0, 0.0, 0.0)))
+    0.3
     """
     phi, c = as_field(phi), as_field(c)
     _check_range(phi, _constant_value(c), np.inf, f"pore threshold {_constant_value(c):g}")
@@ -87,6 +94,13 @@ def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
     ------
     InvalidRequest
         If the sheet is empty, or constant thresholds make nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> wall = fields.sheet(fields.tpms("gyroid", 10.0), -0.4, 0.4)
+    >>> float(wall((0.0, 0.0, 0.0)))
+    -0.4
     """
     phi, lo, hi = as_field(phi), as_field(lo), as_field(hi)
     low, high = _constant_value(lo), _constant_value(hi)

@@ -36,6 +36,13 @@ def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
     ------
     InvalidRequest
         If the surface is unknown or has neither an exact patch nor a mirrored piece.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> symmetry = surfaces.surface_symmetry("gyroid")
+    >>> len(symmetry.edge_motions)
+    4
     """
     return mirror_symmetry(name) if has_mirrors(name) else patch_symmetry(name)
 

@@ -80,6 +80,12 @@ def skeletal_volume_fraction(name: str, reference: str, offset: float = 0.0, sid
     ------
     InvalidRequest
         If the offset is beyond the curvature radius or the side is unknown.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> round(surfaces.skeletal_volume_fraction("gyroid", "minimal"), 6)
+    0.5
     """
     measures = cell_measures(name, reference)
     check_offset(name, reference, offset)
@@ -108,6 +114,12 @@ def thickness_for(name: str, reference: str, volume_fraction: float) -> float:
     ------
     InvalidRequest
         If the volume fraction needs offsets beyond the curvature radius. The message states the attainable range.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> round(surfaces.thickness_for("gyroid", "minimal", 0.3), 4)
+    0.0983
     """
     measures = cell_measures(name, reference)
     limit = min(measures.max_offset, -measures.min_offset)
@@ -147,6 +159,12 @@ def skeletal_offset_for(name: str, reference: str, volume_fraction: float, side:
     ------
     InvalidRequest
         If no admissible offset gives the volume fraction. The message states the attainable range.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> round(surfaces.skeletal_offset_for("gyroid", "minimal", 0.3), 4)
+    -0.0663
     """
     measures = cell_measures(name, reference)
     below = volume_fraction if _side_sign(side) > 0 else 1 - volume_fraction
@@ -196,6 +214,13 @@ def offsets_for(
     ------
     InvalidRequest
         If the kind or side is unknown or the volume fraction is not attainable.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> lower, upper = surfaces.offsets_for("gyroid", "minimal", 0.3, "sheet", cell=10.0)
+    >>> round(lower, 4), round(upper, 4)
+    (-0.4917, 0.4917)
     """
     if kind == "sheet":
         half = thickness_for(name, reference, volume_fraction) / 2 * cell
@@ -224,6 +249,15 @@ def check_offset(name: str, reference: str, offset: float, cell: float = 1.0) ->
     ------
     InvalidRequest
         If the offset surface has cusps. The message states the admissible offsets and thickness.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.check_offset("gyroid", "minimal", 0.05)
+    >>> surfaces.check_offset("gyroid", "minimal", 0.5)
+    Traceback (most recent call last):
+        ...
+    tpmscad.errors.InvalidRequest: offset 0.5 (thickness 1 if symmetric) of the minimal gyroid passes its curvature radius ...
     """
     measures = cell_measures(name, reference)
     min_offset, max_offset = measures.min_offset * cell, measures.max_offset * cell

@@ -112,6 +112,12 @@ def has_mirrors(name: str) -> bool:
     ------
     InvalidRequest
         If the surface is unknown.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.has_mirrors("iwp"), surfaces.has_mirrors("gyroid")
+    (True, False)
     """
     return find_surface(name).primitives == "mirrored"
 

@@ -133,6 +133,11 @@ def check_reference(record: SurfaceRecord, reference: str) -> None:
     ------
     InvalidRequest
         If `reference` is not among `record.references`. The message names the alternatives.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> surfaces.check_reference(surfaces.find_surface("gyroid"), "minimal")
     """
     if reference in record.references:
         return

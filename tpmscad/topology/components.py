@@ -207,6 +207,16 @@ def label_components(values: ArrayLike, level: float = 0.0, convention: Conventi
     ------
     InvalidRequest
         If the samples are not a finite three-dimensional array, or the convention is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((5, 5, 5))
+    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
+    >>> topology.label_components(values).deepest_voxels()
+    array([[1, 1, 1],
+           [3, 3, 3]])
     """
     return _label_phase(values, level, connectivity(convention)[0], solid=True)
 
@@ -232,6 +242,15 @@ def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention
     ------
     InvalidRequest
         If the samples are not a finite three-dimensional array, or the convention is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = -np.ones((5, 5, 5))
+    >>> values[2, 2, 2] = 1.0
+    >>> len(topology.label_cavities(values))
+    1
     """
     return _label_phase(values, level, connectivity(convention)[1], solid=False)
 
@@ -263,6 +282,15 @@ def count_components_and_cavities(
     Notes
     -----
     With the convention "strict", (1, 0) certifies that the trilinear interpolant has one component and no cavity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((5, 5, 5))
+    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
+    >>> topology.count_components_and_cavities(values)
+    (2, 0)
     """
     field = as_sample_array(values)
     solid, void = connectivity(convention)

@@ -91,6 +91,15 @@ def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Conv
     Notes
     -----
     It does not replace the Betti numbers: a superfluous component and a superfluous tunnel cancel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((5, 5, 5))
+    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
+    >>> topology.euler_characteristic(values)
+    2
     """
     field = as_sample_array(values)
     check_complex(convention)
@@ -123,6 +132,15 @@ def bound_component_counts(values: ArrayLike, level: float = 0.0) -> tuple[tuple
     Notes
     -----
     Connectivity across faces gives the upper bounds, connectivity across faces, edges and corners the lower ones.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((4, 4, 4))
+    >>> values[1, 1, 1] = values[2, 2, 2] = -1.0  # two voxels that share a corner
+    >>> topology.bound_component_counts(values)
+    ((1, 2), (0, 0))
     """
     field: Array = as_sample_array(values)
     max_components, max_cavities = count_components_and_cavities(field, level, "strict")

@@ -96,6 +96,16 @@ def compute_persistence(values: ArrayLike, dimension: int, convention: Conventio
     ------
     InvalidRequest
         If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((5, 5, 5))
+    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
+    >>> pairs = topology.compute_persistence(values, 0)
+    >>> pairs.birth, pairs.death
+    (array([-1., -1.]), array([ 1., inf]))
     """
     field = as_sample_array(values)
     solid, void = connectivity(convention)
@@ -162,6 +172,15 @@ def compute_pairs_at_level(
     ------
     InvalidRequest
         If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import topology
+    >>> values = np.ones((5, 5, 5))
+    >>> values[1, 1, 1] = values[3, 3, 3] = -1.0
+    >>> topology.compute_pairs_at_level(values, 0).death
+    array([ 1., inf])
     """
     field, level = as_sample_array(values), float(level)
     check_dimension(dimension)
