@@ -40,7 +40,7 @@ from tpmscad.splines import (
     trapezoidal_grid,
     uniform_knots,
 )
-from tpmscad.splines.constrained_iteration import iterate_cpia
+from tpmscad.splines.cpia import iterate_cpia
 from tpmscad.splines.knots import greville_abscissae
 from tpmscad.splines.progressive_iteration import gram_eigenvalue_bounds
 from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of

@@ -10,14 +10,14 @@ import pytest
 from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
-from tpmscad.splines.constrained_iteration import (
+from tpmscad.splines.continuity_conditions import Joint, joint_conditions
+from tpmscad.splines.cpia import (
     DataGrid,
     cpia_convergence_rate,
     fit_cpia,
     iterate_cpia,
     trapezoidal_grid,
 )
-from tpmscad.splines.continuity_conditions import Joint, joint_conditions
 from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
 from tpmscad.splines.progressive_iteration import (
     gram_eigenvalue_bounds,

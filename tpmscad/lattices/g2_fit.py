@@ -14,7 +14,7 @@ with exact derivatives at the ends, up to order 4 for C, 3 for d1 and 2 for d2. 
 strips of a corner agree on their common 3 x 3 poles, at vertices of six patches too. The strips determine three rows of
 poles along each side.
 
-**Fit.** The remaining poles are those of CPIA (`splines.constrained_iteration`) under the condition that the strips stay as they
+**Fit.** The remaining poles are those of CPIA (`splines.cpia`) under the condition that the strips stay as they
 are: the iteration runs in coordinates of the inner Bernstein polynomials that are orthonormal on Chebyshev points, for all
 patches together. One step reaches the limit, and the next difference proves how near it is.
 """
@@ -32,7 +32,7 @@ from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import unconstrained_subspace
 from tpmscad.splines.basis import bernstein_basis
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.constrained_iteration import NetConvergence, solve_cpia
+from tpmscad.splines.cpia import NetConvergence, solve_cpia
 from tpmscad.splines.knots import bezier_knots
 
 MIN_DEGREE = 9

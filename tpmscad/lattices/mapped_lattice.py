@@ -24,7 +24,7 @@ from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.constrained_iteration import NetConvergence
+from tpmscad.splines.cpia import NetConvergence
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
 TRANSLATE_TOL_FRACTION = 1e-11

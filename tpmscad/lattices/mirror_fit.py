@@ -2,7 +2,7 @@
 
 All candidates meet their reflections with continuous curvature (`mirror_continuity`). Each is made in three steps.
 
-1. CPIA (`splines.constrained_iteration`) fits the offset of the nearly conformal chart at the Gauss points of the parameters.
+1. CPIA (`splines.cpia`) fits the offset of the nearly conformal chart at the Gauss points of the parameters.
 2. *Parameter correction.* Of a patch only the point set counts, so Gauss-Newton steps with Levenberg-Marquardt damping, in the
    same constraint space, reduce the normal distances alone; the points slide along the surface. This gains as much as
    three degrees.
@@ -32,14 +32,14 @@ from tpmscad.lattices.mirror_continuity import mirror_conditions
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.constrained_iteration import (
+from tpmscad.splines.continuity_conditions import ContinuityConditions
+from tpmscad.splines.cpia import (
     NetConvergence,
     axis_grid,
     solve_cpia,
     weighted_bases,
     weighted_data,
 )
-from tpmscad.splines.continuity_conditions import ContinuityConditions
 from tpmscad.splines.knots import bezier_knots
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
 from tpmscad.splines.surface_fit import surface_from_coordinates

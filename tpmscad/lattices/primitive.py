@@ -1,6 +1,6 @@
 """The primitive patches of a lattice: offset surfaces of the exact patch, fitted with the fewest poles that meet a tolerance.
 
-The control nets are those of CPIA (`splines.constrained_iteration`): the least-squares fit among all surfaces that join their own
+The control nets are those of CPIA (`splines.cpia`): the least-squares fit among all surfaces that join their own
 copies over the four sides with curvature continuity (G2), at corners of six patches too. TPMS2STEP (eqs. 10-13) asks for
 parametric C2, which no regular patch has at such corners. The surface at a negative offset is the image of the one
 at the positive offset under the rotoinversion of the patch, so that offsets of equal size share a primitive.
@@ -22,8 +22,8 @@ from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.splines import error_bounds
 from tpmscad.splines.adaptive_fit import AdaptiveFit, GridEvaluator, SplineSpace, fit_in_space, fit_to_tolerance
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.constrained_iteration import CpiaResult, NetConvergence
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
+from tpmscad.splines.cpia import CpiaResult, NetConvergence
 from tpmscad.splines.spline_axis import SplineAxis
 
 CORNER_VALENCE = 6

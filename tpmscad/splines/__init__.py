@@ -3,7 +3,7 @@
 The modules from the lowest up: `basis` and `quadrature` (evaluators and rules), `bspline`, `knots`, `curve_batch`,
 `tensor_product` (values and their evaluation), `spline_axis` (orthonormal coordinates), `continuity_conditions` and
 `affine_subspace` (G2 conditions and their solution space), `surface_fit` (the direct least-squares solution),
-`progressive_iteration` and `constrained_iteration` (PIA, LSPIA, CPIA), `adaptive_fit` (the fewest poles for a tolerance) and
+`progressive_iteration` and `cpia` (PIA, LSPIA, CPIA), `adaptive_fit` (the fewest poles for a tolerance) and
 `error_bounds` (a-priori bounds).
 """
 
@@ -13,7 +13,8 @@ from tpmscad.splines.adaptive_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, S
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
-from tpmscad.splines.constrained_iteration import (
+from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
+from tpmscad.splines.cpia import (
     CpiaResult,
     DataGrid,
     NetConvergence,
@@ -21,7 +22,6 @@ from tpmscad.splines.constrained_iteration import (
     fit_cpia,
     trapezoidal_grid,
 )
-from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
     filip_bound,

@@ -16,8 +16,8 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.constrained_iteration import CpiaResult, NetConvergence, axis_grid, fit_cpia
 from tpmscad.splines.continuity_conditions import ContinuityConditions
+from tpmscad.splines.cpia import CpiaResult, NetConvergence, axis_grid, fit_cpia
 from tpmscad.splines.knots import bezier_knots, uniform_knots
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis
 from tpmscad.splines.surface_fit import least_squares_coordinates

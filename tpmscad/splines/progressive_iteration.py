@@ -14,7 +14,7 @@ step, and P tends to the interpolant B^-1 Q.
 converges to the least-squares poles for 0 < mu < 2 / lambda_max(B^T B). The best constant is mu = 2 / (a + b), with a and b the
 extreme eigenvalues of B^T B; the error then contracts by (b - a) / (b + a) per step. Both iterations work on one direction of
 the grid at a time, and the extreme eigenvalues of the tensor product are products of those of its factors. The constrained form
-that makes the program's control nets is `constrained_iteration`.
+that makes the program's control nets is `cpia`.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 In the orthonormal coordinates of the two axes the free solution is Phi_u^T W Q Phi_v, with W the weights, and the constrained
 one is its orthogonal projection on the subspace of the conditions: two small products and a projection, no normal equations. The
-program makes its control nets by iteration (`constrained_iteration`); the direct solution is the independent reference.
+program makes its control nets by iteration (`cpia`); the direct solution is the independent reference.
 """
 
 from __future__ import annotations

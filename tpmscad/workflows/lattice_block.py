@@ -28,7 +28,7 @@ from tpmscad.lattices.mapped_lattice import MappedFit
 from tpmscad.lattices.maps import Map, stretching
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.constrained_iteration import NetConvergence
+from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.certificate import PatchMeasures, require

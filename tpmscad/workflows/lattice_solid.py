@@ -24,7 +24,7 @@ from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.maps import Map, as_map, composition, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.lattices.sources import lattice_source
-from tpmscad.splines.constrained_iteration import NetConvergence
+from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.attempts import Attempt, first_success

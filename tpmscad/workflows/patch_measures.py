@@ -15,7 +15,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.lattices.maps import Map
-from tpmscad.splines.constrained_iteration import NetConvergence
+from tpmscad.splines.cpia import NetConvergence
 from tpmscad.workflows.certificate import Check, PatchMeasures, require
 from tpmscad.workflows.field_patches import FieldPatches
 from tpmscad.workflows.lattice_request import LatticeRequest
