@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import functools
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -237,6 +238,41 @@ def test_a_repeated_stem_a_repeated_class_and_a_tiny_module_are_noticed() -> Non
     assert wrong_length("tpmscad/brep/tiny.py", "x = 1\n" * (MIN_LINES - 1))
     assert wrong_length("tpmscad/brep/huge.py", "x = 1\n" * (MAX_LINES + 1))
     assert not wrong_length("tpmscad/brep/right.py", "x = 1\n" * MIN_LINES)
+
+
+def lazy_names(package: str) -> set[str]:
+    """Names that a package offers: its `__all__` and its modules."""
+    init = ast.parse((ROOT / package / "__init__.py").read_text())
+    listed = {
+        constant.value
+        for node in init.body
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
+        for constant in ast.walk(node.value)
+        if isinstance(constant, ast.Constant) and isinstance(constant.value, str)
+    }
+    return listed
+
+
+def unknown_names(source: str, alias: str, known: set[str]) -> set[str]:
+    """Attributes of the name `alias` in a source that are not known."""
+    attributes = {
+        node.attr
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == alias
+    }
+    return attributes - known
+
+
+@pytest.mark.parametrize("package", ["kernel", "workflows"])
+def test_what_is_taken_from_a_lazy_package_is_in_its_list(package: str) -> None:
+    known = lazy_names(f"tpmscad/{package}")
+    for folder in ("tpmscad", "cq_plugins", "tests", "benchmarks", "examples"):
+        for path in (ROOT / folder).rglob("*.py"):
+            source = path.read_text()
+            imported = re.search(rf"^from tpmscad import (.*, )?{package}\b", source, re.MULTILINE)
+            if imported or f'importorskip("tpmscad.{package}")' in source:
+                assert not unknown_names(source, package, known), path
+    assert unknown_names(f"{package}.misspelt()", package, known) == {"misspelt"}
 
 
 def test_import_of_the_package_loads_no_kernel() -> None:

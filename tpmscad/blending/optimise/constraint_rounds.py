@@ -56,7 +56,7 @@ class ConstrainedWeights:
         return replace(self, weights=_replace_item(self.weights, stage, weight), origin=origin)
 
 
-def unconstrained(weights: Sequence[SplineWeight], *, fixed_origin: bool = False) -> ConstrainedWeights:
+def start_unconstrained(weights: Sequence[SplineWeight], *, fixed_origin: bool = False) -> ConstrainedWeights:
     """Weights without constraints yet; with `fixed_origin` all solutions stay near to the coefficients they have now."""
     origin = tuple(weight.coefficients for weight in weights) if fixed_origin else None
     return ConstrainedWeights(tuple(weights), (NO_CONSTRAINTS,) * len(weights), origin)
@@ -102,7 +102,7 @@ def repair_defects(
     force. The rounds end when no defect is left, no repair is possible, or the number of defects no longer falls.
     """
     state = best = start
-    constrained = unconstrained(start.weights, fixed_origin=True)
+    constrained = start_unconstrained(start.weights, fixed_origin=True)
     if constraints:
         constrained = replace(constrained, constraints=tuple(constraints))
     stalled = rounds = 0

@@ -19,7 +19,7 @@ from tpmscad.blending.optimise.constraint_rounds import (
     Proposal,
     evaluate_and_repair,
     run_constraint_round,
-    unconstrained,
+    start_unconstrained,
 )
 from tpmscad.blending.optimise.repair import RepairRequest, propose_repairs
 from tpmscad.blending.weights.constraints import WeightConstraints
@@ -44,7 +44,7 @@ def enforce_level_margin(problem: BlendProblem, outcome: OptimisationOutcome, ma
         return outcome
     groups, n_defects = _find_marginal_defects(problem.compositions, best.weights, margin_rms)
     while n_defects and rounds < MAX_MARGIN_ROUNDS:
-        constrained, _ = run_constraint_round(unconstrained(best.weights), _make_proposal(groups))
+        constrained, _ = run_constraint_round(start_unconstrained(best.weights), _make_proposal(groups))
         state, used = evaluate_and_repair(problem.compositions, constrained, MAX_MARGIN_ROUNDS)
         rounds += 1 + used
         if not state.is_clean:

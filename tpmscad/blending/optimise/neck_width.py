@@ -21,7 +21,7 @@ from tpmscad.blending.composition.affine_form import evaluate_affine_form
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, OptimisationOutcome
-from tpmscad.blending.optimise.constraint_rounds import ConstrainedWeights, evaluate_and_repair, unconstrained
+from tpmscad.blending.optimise.constraint_rounds import ConstrainedWeights, evaluate_and_repair, start_unconstrained
 from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.blending.weights.line_weight import LineWeight
 from tpmscad.fields.saddles import RAY_DIRECTIONS, Neck, Saddles, find_saddles, measure_neck_widths, spread_directions
@@ -47,7 +47,7 @@ SADDLE_SEARCH_WIDTHS, RAY_LENGTH_WIDTHS = 1.5, 0.75
 def widen_necks(problem: BlendProblem, outcome: OptimisationOutcome, width: float) -> OptimisationOutcome:
     """The outcome without necks under `width` (model units) inside the blending regions, as far as that can be reached."""
     state, rounds = outcome.state, 0
-    constrained = unconstrained(state.weights, fixed_origin=True)
+    constrained = start_unconstrained(state.weights, fixed_origin=True)
     best: tuple[tuple[tuple[int, int], int], BlendState, tuple[Neck, ...]] | None = None
     for _ in range(MAX_WIDENING_ROUNDS):
         saddles, widths, directions = measure_necks(problem.coarse, problem.field.with_weights(state.weights), width)

@@ -25,7 +25,7 @@ from tpmscad.blending.optimise.constraint_rounds import (
     ConstrainedWeights,
     evaluate_and_repair,
     run_constraint_round,
-    unconstrained,
+    start_unconstrained,
 )
 from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.fields import Field
@@ -275,7 +275,7 @@ def remove_subgrid_defects(
         state, found = best, least
         if attempt == 2 and (refined := problem.refine_all(best.weights)) is not None:
             state = evaluate_weights(problem.compositions, refined)
-        constrained = unconstrained(state.weights)
+        constrained = start_unconstrained(state.weights)
         while len(found) and rounds < MAX_REMOVAL_ROUNDS * attempt:
             constrained = replace(constrained, weights=state.weights)
             constrained = _turn_signs(problem, constrained, found)
