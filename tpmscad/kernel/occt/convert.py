@@ -67,6 +67,7 @@ except ImportError:
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
     from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
+    from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
     as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
