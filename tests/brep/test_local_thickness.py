@@ -21,7 +21,7 @@ def ball(radius: float, counts: tuple[int, int, int]) -> LevelSetFit:
 @pytest.mark.parametrize(("part", "crossing"), [(0.2, True), (3.0, False)])
 def test_sides_of_a_wall_that_cross_have_normals_against_the_gradient(part: float, crossing: bool) -> None:
     outer = ball(RADIUS, (6, 7, 5))
-    off = float(outer.measured.of.distance.max())
+    off = float(outer.quality.samples.distance.max())
     inner = ball(RADIUS - part * off, (5, 8, 6))
     wall = fields.sphere(CENTRE, RADIUS) & ~fields.sphere(CENTRE, RADIUS - part * off)
     beyond = clearly_beyond(outer, inner, 0.2 * off)
@@ -40,9 +40,8 @@ def clearly_beyond(outer: LevelSetFit, inner: LevelSetFit, margin: float) -> dic
     t = np.linspace(0.0, 1.0, 25)
 
     def points(p):
-        return evaluate_bezier_patches(bernstein_basis(p.shape[0] - 1, t), p[None], bernstein_basis(p.shape[1] - 1, t))[
-            0
-        ]
+        basis_u, basis_v = (bernstein_basis(count - 1, t) for count in p.shape[:2])
+        return evaluate_bezier_patches(basis_u, p[None], basis_v)[0]
 
     rays = [[points(p) - CENTRE for p in layer.fit.patches] for layer in (outer, inner)]
     each = len(t) ** 2

@@ -77,7 +77,7 @@ def test_what_can_not_stay_open_is_refused() -> None:
         ([bd.Face.make_rect(2, 2)], "no face of"),
         ([99], "no face of"),
         ([top, top], "meet"),
-        ([f for f in body.faces() if f.geom_type == bd.GeomType.CYLINDER][:1], "not plane"),
+        ([f for f in body.faces() if f.geom_type == bd.GeomType.CYLINDER][:1], "not planar"),
     ):
         with pytest.raises(tpmscad.InvalidRequest, match=words):
             tpmscad.infill(body, **P, skin=SKIN, open_faces=faces)
