@@ -70,6 +70,7 @@ def tpms(
 
     Examples
     --------
+    >>> import cadquery as cq
     >>> lattices = cq.Workplane().rarray(30, 30, 2, 2).tpms("gyroid", cell=10, thickness=1, centered=True)
     """
     given: dict[str, Any] = {**LATTICE_DEFAULTS, **options}
@@ -114,6 +115,7 @@ def tpmsInfill(self: cq.Workplane, surface: Any, **options: Unpack[InfillOptions
 
     Examples
     --------
+    >>> import cadquery as cq
     >>> filled = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5, open_faces=">Z")
     """
     open_faces = options.get("open_faces", ())
