@@ -241,16 +241,15 @@ def test_a_repeated_stem_a_repeated_class_and_a_tiny_module_are_noticed() -> Non
 
 
 def lazy_names(package: str) -> set[str]:
-    """Names that a package offers: its `__all__` and its modules."""
+    """Names in the `__all__` of a package, read from its source without importing it."""
     init = ast.parse((ROOT / package / "__init__.py").read_text())
-    listed = {
+    return {
         constant.value
         for node in init.body
         if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
         for constant in ast.walk(node.value)
         if isinstance(constant, ast.Constant) and isinstance(constant.value, str)
     }
-    return listed
 
 
 def unknown_names(source: str, alias: str, known: set[str]) -> set[str]:
