@@ -136,6 +136,7 @@ def test_chips_at_the_skin_of_a_free_form_model_are_intrinsic_and_neither_succes
     assert "intrinsic" in result.message
 
 
+@pytest.mark.slow
 def test_removal_of_intrinsic_defects_leaves_one_component_and_keeps_all_other_values():
     kept, bare = in_a_ball(False), in_a_ball(True)
     axes = [np.linspace(0, 1, 100)] * 3
@@ -158,6 +159,7 @@ def test_removal_of_intrinsic_defects_leaves_one_component_and_keeps_all_other_v
     assert np.mean(off < 1e-5) > 0.95
 
 
+@pytest.mark.slow
 def test_intrinsic_holes_are_filled():
     bubble = fields.sphere((0.11, 0.12, 0.13), 0.04)
     first, second = (structure("sheet", "gyroid", low, 0.6, periods=4) for low in (-0.6, -0.5))
@@ -285,6 +287,7 @@ def test_keep_fraction_interpolates_the_solid_fraction_and_keeps_the_outside():
     assert np.allclose(result.field.gradient(where), np.stack(quotients, -1), atol=2e-4)
 
 
+@pytest.mark.slow
 def test_keep_fraction_uses_the_initial_weight_where_the_blending_region_is_no_layer():
     first, second = RECOMMENDED["two rods"]
     wave = fields.from_function(lambda p: p[:, 0] + 0.1 * np.sin(8 * np.pi * p[:, 1]) - 0.5)

@@ -59,6 +59,7 @@ def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_all
     assert rounding.opening_deg == pytest.approx(np.degrees(2 * half), rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allowed", [1e-2, 1e-3])
 def test_the_tip_has_the_radius_that_is_said_and_more_than_a_cut_edge_has(allowed: float) -> None:
     rounding = round_edges(tapered(WALL), LO, HI, allowed)
@@ -114,6 +115,7 @@ def test_a_solid_without_edges_stays_as_it_is(field: fields.Field) -> None:
     assert round_edges(field, LO, HI, 1e-3) is None
 
 
+@pytest.mark.slow
 def test_a_wall_without_edges_in_the_box_does_not_matter() -> None:
     """A second wall, blended in where the first is gone: in half of the box only the first has an edge."""
     second = fields.sheet(fields.coordinate("z") - 0.1, -HALF, HALF)

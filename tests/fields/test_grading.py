@@ -24,6 +24,7 @@ def test_the_threshold_at_a_point_is_that_of_a_uniform_structure_of_the_fraction
         assert found == pytest.approx(list(np.atleast_1d(wanted)), abs=2e-4)
 
 
+@pytest.mark.slow
 def test_slices_of_a_slowly_graded_rod_have_the_fractions_asked_for() -> None:
     fraction = fields.ramp("x", (0.0, 24.0), (0.2, 0.5))
     rod = fields.rod(GYROID, fields.graded_threshold(GYROID, fraction, (0.2, 0.5)))

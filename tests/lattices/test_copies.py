@@ -33,6 +33,7 @@ def block(name: str, cells: tuple[int, int, int]) -> copies.Brep:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("cells", [(1, 1, 1), (1, 2, 1), (3, 2, 1), (3, 3, 3)])
 def test_every_block_of_cells_is_one_closed_shell(name: str, cells: tuple[int, int, int]) -> None:
@@ -59,6 +60,7 @@ def test_offset_faces_join_with_continuous_curvature_at_every_edge_and_vertex(na
     assert found.n_classes >= 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SURFACES)
 def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str) -> None:
     assert len(fit_offset_surfaces(name, "minimal", (-0.06, 0.06), 1.0, 1e-3).sheet.primitives) == 1

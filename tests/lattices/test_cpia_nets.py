@@ -24,6 +24,7 @@ def distance(first: BSplineSurface, second: BSplineSurface) -> float:
     return float(np.linalg.norm(first.grid(T, T) - second.grid(T, T), axis=-1).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize("tol", [1e-3, 1e-6])
 def test_the_net_of_an_exact_surface_is_the_direct_solution_within_the_proven_bound(name: str, tol: float) -> None:
@@ -37,6 +38,7 @@ def test_the_net_of_an_exact_surface_is_the_direct_solution_within_the_proven_bo
     assert fit.convergence.iterations == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["iwp", "neovius", "frd"])
 def test_the_net_of_a_mirror_surface_is_the_direct_solution_within_the_proven_bound(name: str) -> None:
     chart, offset = compute_harmonic_chart(name), 0.03

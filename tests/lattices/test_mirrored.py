@@ -37,6 +37,7 @@ def test_the_chart_is_conformal(name: str) -> None:
     np.testing.assert_allclose(metric / np.sqrt(np.linalg.det(metric))[:, None, None], wanted, rtol=0, atol=2e-2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("tol", [1e-3, 1e-4])
 def test_a_piece_is_as_near_to_its_offset_surface_as_it_says(name: str, tol: float) -> None:
@@ -60,6 +61,7 @@ def test_a_piece_is_as_near_to_its_offset_surface_as_it_says(name: str, tol: flo
         assert abs(np.sqrt(found.fun) - offset) <= piece.deviation.max + 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["iwp", *(pytest.param(name, marks=pytest.mark.slow) for name in NAMES[1:])])
 def test_a_piece_of_a_lower_degree_misses(name: str) -> None:
     piece = fit_mirror_piece(name, OFFSETS[name][0], 1e-4)

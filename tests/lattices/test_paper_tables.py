@@ -114,6 +114,7 @@ def deviation(name: str, offset: float, fitted: BSplineSurface) -> float:
 FAST = [("gyroid", 0.4, 1e-4), ("diamond", 0.4, 1e-6), ("schwarz_p", 0.0, 1e-2)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "offset", "tol"), FAST)
 def test_few_poles_keep_the_surface_within_the_tolerance(name: str, offset: float, tol: float) -> None:
     size = offset / CELL[name]
@@ -137,6 +138,7 @@ EXTREME = {("gyroid", 0), ("diamond", 2), ("schwarz_p", 4)}
 """Of Table 2's rows; the others are slow tests."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "row"),
     [case if case in EXTREME else pytest.param(*case, marks=pytest.mark.slow) for case in product(CELL, range(5))],

@@ -54,6 +54,7 @@ def rows(mesh: QuadMesh) -> list[tuple[int, ...]]:
 
 @pytest.mark.parametrize("name", FIELDS)
 class TestEverySimplifiedMesh:
+    @pytest.mark.slow
     def test_has_fewer_patches(self, name: str) -> None:
         assert patches(smaller(name)) < 0.95 * patches(full_mesh(name))
 
@@ -119,6 +120,7 @@ def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
     assert np.array_equal(once.corners, again.corners)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIELDS)
 def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = full_mesh(name)
@@ -214,6 +216,7 @@ def test_any_collapses_of_diagonals_keep_the_topology_and_can_be_taken_back(draw
     )
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15, deadline=None)
 def test_collapses_at_random_stop_before_the_surface_changes(seed: int) -> None:

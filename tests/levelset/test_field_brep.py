@@ -38,6 +38,7 @@ def made(name: str) -> tuple[FieldSolid, SolidProperties]:
 
 @pytest.mark.parametrize("name", FIELDS)
 class TestEverySolid:
+    @pytest.mark.slow
     def test_is_closed_with_the_fields_betti_numbers(self, name: str) -> None:
         solid, shape = made(name)
         assert is_closed(solid.brep)
@@ -93,6 +94,7 @@ def test_a_level_through_a_corner_of_the_box_is_reported() -> None:
     assert made("rod")[0].notes == ()
 
 
+@pytest.mark.slow
 def test_moving_a_level_off_a_corner_hardly_changes_the_volume_at_any_tolerance() -> None:
     solid = fit_field_solid(fields.rod(GYROID, 0.0), LO, HI, 0.08)
     assert "corner" in solid.notes[0]

@@ -58,6 +58,7 @@ def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyP
     assert 1 < len(tried) <= fit_simplification.MAX_REFITS
 
 
+@pytest.mark.slow
 def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, _samples = full_fit()
     at = int(np.argmax(whole.mesh.vertices[:, 0]))
@@ -76,6 +77,7 @@ def test_polygons_come_back_where_patches_fail_and_stay_merged_elsewhere(monkeyp
     assert len(small.fit.patches) < len(whole.fit.patches)
 
 
+@pytest.mark.slow
 def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_undone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

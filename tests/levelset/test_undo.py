@@ -42,6 +42,7 @@ def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
     return [(row[i - 1], v) for row in rows for i, v in enumerate(row)]
 
 
+@pytest.mark.slow
 def test_a_history_starts_with_the_simplified_mesh() -> None:
     found, mesh = simple(), history().mesh()[0]
     np.testing.assert_array_equal(mesh.vertices, found.mesh.vertices)

@@ -180,6 +180,7 @@ def test_the_coordinate_is_the_quotient_of_hypergeometric_functions() -> None:
         assert abs(scale() * tau * (1 + tau**4) * p ** mp.mpf("-0.75") * f1 / f2 - t) < 1e-20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_points_are_the_weierstrass_integrals_up_to_their_own_gauss_image(name: str) -> None:
     bonnet, cell, centre = constants(name)
@@ -201,6 +202,7 @@ def test_points_are_the_weierstrass_integrals_up_to_their_own_gauss_image(name: 
         np.testing.assert_allclose(at.position - np.array(centre, float).ravel(), expected, rtol=0, atol=2e-15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
 @pytest.mark.parametrize("name", NAMES)
 def test_jets_hold_thirteen_digits_on_the_closed_patch(name: str, reference: str) -> None:

@@ -133,6 +133,7 @@ def test_schwarz_p_has_the_measures_that_its_patches_give() -> None:
         assert getattr(pieces, name) == pytest.approx(getattr(whole, name), rel=1e-12, abs=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", OFFERED)
 def test_volumes_on_either_side_are_those_of_the_points_at_that_distance(name: str) -> None:
     """Distances to a triangulation with its corners moved onto the level set, which know of no Steiner."""

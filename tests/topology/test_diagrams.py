@@ -50,6 +50,7 @@ def test_features_alive_at_a_level_are_its_betti_numbers(convention: str, values
     assert counts(alive) == [expected.b0, expected.b1, expected.b2]
 
 
+@pytest.mark.slow
 def test_a_ball_shell_is_born_with_its_wall_and_its_cavity_fills_at_the_centre() -> None:
     shell = np.abs(np.sqrt(X**2 + Y**2 + Z**2) - 0.9) - 0.2
     diagram = persistence_diagram(shell, min_persistence=0.15)
@@ -106,6 +107,7 @@ def test_a_blend_removes_the_isolated_components_and_cavities_from_the_diagram()
     assert (n_before[0], n_before[2]) == counted
 
 
+@pytest.mark.slow
 def test_figures_show_every_feature() -> None:
     pytest.importorskip("matplotlib").use("Agg")
     from matplotlib import pyplot

@@ -10,6 +10,7 @@ import pytest
 EXAMPLE = Path(__file__).parents[2] / "examples" / "persistence_diagrams.py"
 
 
+@pytest.mark.slow
 def test_the_example_holds_what_it_checks_and_draws_it(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib").use("Agg")
     example = runpy.run_path(str(EXAMPLE))

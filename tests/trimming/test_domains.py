@@ -38,6 +38,7 @@ def trimmed(
     return lattice, body, domains, trim_domains(lattice, body, domains)[0], expected
 
 
+@pytest.mark.slow
 def test_each_domain_is_what_a_trim_of_its_own_gives(trimmed: tuple) -> None:
     lattice, body, domains, found, _ = trimmed
     for domain, brep in zip(domains, found.breps, strict=True):

@@ -18,6 +18,7 @@ BODIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", BODIES)
 def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
     body: str, cover: Callable[..., Brep], monkeypatch: pytest.MonkeyPatch

@@ -55,6 +55,7 @@ BODIES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("body", "name", "layers"),
     [
