@@ -61,6 +61,9 @@ KINDS = {
     "rotated": fields.rotate(GYROID | UNIT, (1, 2, 3), 31, (1, 0, 0)),
     "translated": fields.translate(UNIT, (1, 0, 2)),
     "scaled": fields.scale(GYROID, 2.0, (1, 1, 1)),
+    "samples": fields.sampled(RNG.normal(size=(5, 6, 7)), (1.0, 0.8, 0.9), (-2, -1.5, -1)),
+    "formula": fields.expression("sin(2*x)*exp(y/4) + atan2(y + 9, x^2 + g) / (2 + cos(z))^2 - abs(x*z)", 5.0, g=BALL),
+    "periodic formula": fields.expression("sin(x)*cos(2*y) + cos(y)*sin(z) - cos(3*x)/2", 2.5),
     "function of points": fields.from_function(lambda p: np.sin(p[:, 0]) * p[:, 1]),
     "function of coordinates": fields.from_function(lambda x, y, z: np.sin(x) * y + z),
 }

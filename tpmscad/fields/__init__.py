@@ -19,12 +19,15 @@ from tpmscad.fields.booleans import (
 )
 from tpmscad.fields.cell_grading import cell_sizes
 from tpmscad.fields.coordinate_transforms import rotate, scale, translate, warp
+from tpmscad.fields.expressions import expression
 from tpmscad.fields.field import Field, as_field, constant, from_function
 from tpmscad.fields.image_regions import image_region
 from tpmscad.fields.implicit_bspline import bspline_unit
 from tpmscad.fields.nodal_field import tpms
 from tpmscad.fields.primitive_regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.ramps import coordinate, linear, ramp
+from tpmscad.fields.sampled_data import sampled
+from tpmscad.fields.scattered_data import scattered
 from tpmscad.fields.thresholds import pore, rod, sheet
 from tpmscad.fields.volume_fraction_thresholds import graded_threshold, threshold_for, volume_fraction
 
@@ -41,6 +44,7 @@ __all__ = [
     "coordinate",
     "cylinder",
     "difference",
+    "expression",
     "find_surface",
     "from_function",
     "graded_threshold",
@@ -52,7 +56,9 @@ __all__ = [
     "ramp",
     "rod",
     "rotate",
+    "sampled",
     "scale",
+    "scattered",
     "sheet",
     "smooth_difference",
     "smooth_intersection",

@@ -39,16 +39,19 @@ def as_positive(value: Any, name: str) -> float:
 
 def as_finite(value: float, name: str) -> float:
     """One finite number."""
-    number = float(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = np.nan
     if not np.isfinite(number):
-        raise InvalidRequest(f"{name} {value!r} must be finite")
+        raise InvalidRequest(f"{name} {value!r} must be a finite number")
     return number
 
 
-def as_periods(period: float | Sequence[float]) -> Triple:
-    """Three positive periods; one number stands for all three."""
-    px, py, pz = as_triple(period, "period") if np.ndim(period) else (period,) * 3
-    return as_positive(px, "period"), as_positive(py, "period"), as_positive(pz, "period")
+def as_periods(period: float | Sequence[float], name: str = "period") -> Triple:
+    """Three positive lengths; one number stands for all three."""
+    px, py, pz = as_triple(period, name) if np.ndim(period) else (period,) * 3
+    return as_positive(px, name), as_positive(py, name), as_positive(pz, name)
 
 
 def as_unit_vector(value: Any, name: str) -> Triple:

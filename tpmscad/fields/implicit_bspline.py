@@ -90,21 +90,6 @@ def _cubic_stencil(t: Array, count: int, period: float) -> stencil.Stencil:
     rate = count / period
     u = t * rate
     base = np.floor(u)
-    r = u - base
-    s = 1.0 - r
+    weights, derivatives = stencil.cubic_weights(u - base, rate)
     first = base.astype(np.int64)
-    return stencil.Stencil(
-        [(first + step) % count for step in (-1, 0, 1, 2)],
-        [
-            (s * s * s) / 6.0,
-            (4.0 + (r * r) * (3.0 * r - 6.0)) / 6.0,
-            (4.0 + (s * s) * (3.0 * s - 6.0)) / 6.0,
-            (r * r * r) / 6.0,
-        ],
-        [
-            (-0.5 * rate) * (s * s),
-            (0.5 * rate) * (r * (3.0 * r - 4.0)),
-            (-0.5 * rate) * (s * (3.0 * s - 4.0)),
-            (0.5 * rate) * (r * r),
-        ],
-    )
+    return stencil.Stencil([(first + step) % count for step in (-1, 0, 1, 2)], weights, derivatives)

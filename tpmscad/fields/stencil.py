@@ -22,6 +22,24 @@ class Stencil:
     derivatives: Sequence[Array]
 
 
+def cubic_weights(r: Array, rate: float | Array) -> tuple[list[Array], list[Array]]:
+    """Weights of the four cubic cardinal B-splines at the fraction r of a step, and derivatives where r grows by `rate`."""
+    s = 1.0 - r
+    weights = [
+        (s * s * s) / 6.0,
+        (4.0 + (r * r) * (3.0 * r - 6.0)) / 6.0,
+        (4.0 + (s * s) * (3.0 * s - 6.0)) / 6.0,
+        (r * r * r) / 6.0,
+    ]
+    derivatives = [
+        (-0.5 * rate) * (s * s),
+        (0.5 * rate) * (r * (3.0 * r - 4.0)),
+        (-0.5 * rate) * (s * (3.0 * s - 4.0)),
+        (0.5 * rate) * (r * r),
+    ]
+    return weights, derivatives
+
+
 def contract_table(table: Array, stencils: Sequence[Stencil], coordinates: Sequence[Array]) -> Array:
     """Values at coordinates that broadcast."""
     return _contract(table, stencils, [s.weights for s in stencils], is_grid(*coordinates))

@@ -1,0 +1,418 @@
+"""Fields of formulas: text such as "sin(x)*cos(y) + 0.2*z", parsed into a tree with exact derivatives and never run as code.
+
+Python's parser reads the text; only numbers, coordinates, named fields, arithmetic and the functions of a list become nodes, so
+that a formula cannot call or reach anything else. Each node evaluates values, or values with their three partial derivatives.
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import reduce
+from operator import add
+from types import MappingProxyType
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.argument_checks import as_positive
+from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.field import (
+    BinaryField,
+    ConstantField,
+    Field,
+    FieldLike,
+    MinMaxField,
+    ScaledField,
+    SumField,
+    as_field,
+    multiply_fields,
+)
+
+MAX_CHARACTERS = 10_000
+"""Length of a formula; longer ones are made by programs, which can compose fields directly."""
+
+MAX_DEPTH = 100
+"""Nesting of a formula, well below the depth at which evaluation meets the interpreter's recursion limit."""
+
+MULTIPLE_TOL = 1e-9
+"""Relative difference from a whole multiple within which one wave repeats with another."""
+
+CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
+"""Names of numbers."""
+
+COORDINATES = ("x", "y", "z", "X", "Y", "Z")
+"""Names of coordinates: the small ones are scaled to the period if there is one, the capital ones are always model units."""
+
+
+@dataclass(frozen=True, slots=True)
+class ElementaryFunction:
+    """A function of one number and its derivative, which takes the argument and the value of the function."""
+
+    evaluate: Callable[[Array], Array]
+    differentiate: Callable[[Array, Array], Array]
+
+
+FUNCTIONS: Mapping[str, ElementaryFunction] = MappingProxyType(
+    {
+        "sin": ElementaryFunction(np.sin, lambda u, f: np.cos(u)),
+        "cos": ElementaryFunction(np.cos, lambda u, f: -np.sin(u)),
+        "tan": ElementaryFunction(np.tan, lambda u, f: 1.0 + f * f),
+        "asin": ElementaryFunction(np.arcsin, lambda u, f: 1.0 / np.sqrt(1.0 - u * u)),
+        "acos": ElementaryFunction(np.arccos, lambda u, f: -1.0 / np.sqrt(1.0 - u * u)),
+        "atan": ElementaryFunction(np.arctan, lambda u, f: 1.0 / (1.0 + u * u)),
+        "sinh": ElementaryFunction(np.sinh, lambda u, f: np.cosh(u)),
+        "cosh": ElementaryFunction(np.cosh, lambda u, f: np.sinh(u)),
+        "tanh": ElementaryFunction(np.tanh, lambda u, f: 1.0 - f * f),
+        "exp": ElementaryFunction(np.exp, lambda u, f: f),
+        "log": ElementaryFunction(np.log, lambda u, f: 1.0 / u),
+        "sqrt": ElementaryFunction(np.sqrt, lambda u, f: 0.5 / f),
+        "abs": ElementaryFunction(np.abs, lambda u, f: np.sign(u)),
+    }
+)
+"""Functions of one argument. `min`, `max`, `hypot` and `atan2` take several."""
+
+
+@dataclass(frozen=True, slots=True)
+class CoordinateField(Field):
+    """One coordinate times a rate."""
+
+    axis: int
+    rate: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return self.rate * (x, y, z)[self.axis]
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        zero = np.zeros((1,) * x.ndim)
+        slopes = [zero, zero, zero]
+        slopes[self.axis] = np.full((1,) * x.ndim, self.rate)
+        return self.rate * (x, y, z)[self.axis], slopes[0], slopes[1], slopes[2]
+
+
+@dataclass(frozen=True, slots=True)
+class FunctionOfField(Field):
+    """A function of the list applied to a field."""
+
+    name: str
+    argument: Field
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return FUNCTIONS[self.name].evaluate(self.argument.at(x, y, z))
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        u, ux, uy, uz = self.argument.jet(x, y, z)
+        value = FUNCTIONS[self.name].evaluate(u)
+        slope = FUNCTIONS[self.name].differentiate(u, value)
+        # sqrt(x^2 + y^2) on the axis: an infinite slope times a zero derivative is the derivative along the ridge, zero
+        gx, gy, gz = (np.where(t == 0.0, 0.0, slope * t) for t in (ux, uy, uz))
+        return value, gx, gy, gz
+
+
+@dataclass(frozen=True, slots=True)
+class PowerField(Field):
+    """A field to a constant power."""
+
+    base: Field
+    exponent: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return _power(self.base.at(x, y, z), self.exponent)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        u, ux, uy, uz = self.base.jet(x, y, z)
+        slope = self.exponent * _power(u, self.exponent - 1.0)
+        return _power(u, self.exponent), slope * ux, slope * uy, slope * uz
+
+
+@dataclass(frozen=True, slots=True)
+class QuotientField(Field):
+    """numerator / denominator."""
+
+    numerator: Field
+    denominator: Field
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return self.numerator.at(x, y, z) / self.denominator.at(x, y, z)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        f, fx, fy, fz = self.numerator.jet(x, y, z)
+        g, gx, gy, gz = self.denominator.jet(x, y, z)
+        value = f / g
+        return value, (fx - value * gx) / g, (fy - value * gy) / g, (fz - value * gz) / g
+
+
+@dataclass(frozen=True, slots=True)
+class AngleField(Field):
+    """atan2(ordinate, abscissa), radians; it jumps where the angle passes pi."""
+
+    ordinate: Field
+    abscissa: Field
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return np.arctan2(self.ordinate.at(x, y, z), self.abscissa.at(x, y, z))
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        s, sx, sy, sz = self.ordinate.jet(x, y, z)
+        c, cx, cy, cz = self.abscissa.jet(x, y, z)
+        square = s * s + c * c
+        slopes = [(c * ds - s * dc) / square for ds, dc in ((sx, cx), (sy, cy), (sz, cz))]
+        return np.arctan2(s, c), slopes[0], slopes[1], slopes[2]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpressionField(Field):
+    """The field of a formula; a value that is not finite raises InvalidRequest with the place."""
+
+    formula: str
+    tree: Field
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        with np.errstate(all="ignore"):
+            value = self.tree.at(x, y, z)
+        self._require_finite((value,), x, y, z)
+        return value
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        with np.errstate(all="ignore"):
+            found = self.tree.jet(x, y, z)
+        self._require_finite(found, x, y, z)
+        return found
+
+    def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
+        rates = _wave_rates(self.tree)
+        if rates is None or not all(rates):
+            return None
+        bases = [min(each) for each in rates]
+        for each, base in zip(rates, bases, strict=True):
+            if any(abs(rate / base - round(rate / base)) > MULTIPLE_TOL for rate in each):
+                return None
+        return 2 * math.pi / bases[0], 2 * math.pi / bases[1], 2 * math.pi / bases[2]
+
+    def _require_finite(self, arrays: tuple[Array, ...], *coordinates: Array) -> None:
+        if all(np.isfinite(array).all() for array in arrays):
+            return
+        shape = np.broadcast_shapes(*(array.shape for array in (*arrays, *coordinates)))
+        bad = np.zeros(shape, bool)
+        for array in arrays:
+            bad |= ~np.isfinite(array)
+        where = ", ".join(f"{np.broadcast_to(t, shape)[bad][0]:g}" for t in coordinates)
+        what = "value" if not np.isfinite(arrays[0]).all() else "gradient"
+        raise InvalidRequest(
+            f"the {what} of {self.formula!r} is not finite at ({where}): keep the domain away from there, or change the "
+            "formula (divisions, log, sqrt and fractional powers are limited to part of space)"
+        )
+
+
+def expression(formula: str, period: float | None = None, **named: FieldLike) -> ExpressionField:
+    """Return the field of a formula of x, y and z.
+
+    Parameters
+    ----------
+    formula : str
+        Numbers, ``+ - * / **`` (or ``^``), ``pi``, ``e``, the functions ``sin cos tan asin acos atan atan2 sinh cosh tanh exp log
+        sqrt abs hypot min max``, and coordinates. Angles in radians. Negative values are solid.
+    period : float, optional
+        If given, x, y and z stand for 2 pi / period times the coordinate, as in the formulas of the catalogue; X, Y and Z remain
+        the coordinates in model units. Otherwise x, y, z are model units, too.
+    **named : field, number or callable
+        Further names of the formula: ``expression("max(g, b)", g=gyroid, b=ball)``.
+
+    Returns
+    -------
+    ExpressionField
+        The field with exact gradient. It is periodic if the formula shows it: sums and products of sine and cosine waves.
+
+    Raises
+    ------
+    InvalidRequest
+        If the formula holds anything else, is too long or too deep; on evaluation, if a value is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> gyroid = fields.expression("sin(x)*cos(y) + sin(y)*cos(z) + sin(z)*cos(x)", period=10)
+    >>> bool(abs(gyroid((1.0, 2.0, 3.0)) - fields.tpms("gyroid", 10.0)((1.0, 2.0, 3.0))) < 1e-14)
+    True
+    """
+    if not isinstance(formula, str):
+        raise InvalidRequest(f"formula {formula!r} must be text, such as 'sin(x)*cos(y) + 0.2*z'")
+    if len(formula) > MAX_CHARACTERS:
+        raise InvalidRequest(
+            f"the formula has {len(formula)} characters, more than {MAX_CHARACTERS}: compose fields instead"
+        )
+    rate = 1.0 if period is None else 2 * math.pi / as_positive(period, "period")
+    names: dict[str, Field] = {name: ConstantField(value) for name, value in CONSTANTS.items()}
+    names |= {name: CoordinateField(axis, rate) for axis, name in enumerate("xyz")}
+    names |= {name: CoordinateField(axis, 1.0) for axis, name in enumerate("XYZ")}
+    taken = [name for name in named if name in names or name in FUNCTIONS]
+    if taken:
+        raise InvalidRequest(f"{taken[0]!r} has a meaning in every formula: give the field another name")
+    names |= {name: as_field(value) for name, value in named.items()}
+    try:
+        root = ast.parse(formula.strip().replace("^", "**"), mode="eval").body
+        depth = _depth(root)
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        place = f" at character {error.offset}" if isinstance(error, SyntaxError) and error.offset else ""
+        raise InvalidRequest(f"the formula {_shorten(formula)!r} cannot be read{place}: {error.args[0]}") from None
+    if depth > MAX_DEPTH:
+        raise InvalidRequest(f"the formula nests {depth} deep, more than {MAX_DEPTH}: compose fields instead")
+    return ExpressionField(formula, _Reader(formula, names).read(root))
+
+
+def linear_rates(field: Field) -> Triple | None:
+    """Derivatives by x, y and z if the field is linear: composed of coordinates, constants, sums and factors."""
+    match field:
+        case ConstantField():
+            return 0.0, 0.0, 0.0
+        case CoordinateField(axis, rate):
+            return tuple(rate if axis == other else 0.0 for other in range(3))  # type: ignore[return-value]
+        case ScaledField(factor, inner):
+            rates = linear_rates(inner)
+            return None if rates is None else (factor * rates[0], factor * rates[1], factor * rates[2])
+        case SumField(first, second):
+            a, b = linear_rates(first), linear_rates(second)
+            return None if a is None or b is None else (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+    return None
+
+
+def _wave_rates(field: Field) -> list[set[float]] | None:
+    """Rates (radians per model unit) along x, y and z of the waves that a field is composed of; None if it is not periodic."""
+    match field:
+        case FunctionOfField("sin" | "cos" | "tan", argument) if (linear := linear_rates(argument)) is not None:
+            return [{abs(rate)} - {0.0} for rate in linear]
+        case FunctionOfField(_, argument) | PowerField(argument, _) | ScaledField(_, argument):
+            return _wave_rates(argument)
+        case ConstantField():
+            return [set(), set(), set()]
+        case BinaryField(first, second) | QuotientField(first, second) | AngleField(first, second):
+            a, b = _wave_rates(first), _wave_rates(second)
+            return None if a is None or b is None else [p | q for p, q in zip(a, b, strict=True)]
+    periods = field.periods()
+    return None if periods is None else [{2 * math.pi / p} if p else set() for p in periods]
+
+
+class _Reader:
+    """Converts the nodes of Python's parser to fields, or names what the formula may not hold."""
+
+    def __init__(self, formula: str, names: Mapping[str, Field]) -> None:
+        self.formula, self.names = formula, names
+
+    def read(self, node: ast.AST) -> Field:
+        """The field of a node."""
+        match node:
+            case ast.Constant(value=(int() | float()) as value) if not isinstance(value, bool):
+                return ConstantField(self._number(value))
+            case ast.Name(id=name):
+                return self._look_up(name)
+            case ast.UnaryOp(op=ast.USub(), operand=operand):
+                return -self.read(operand)
+            case ast.UnaryOp(op=ast.UAdd(), operand=operand):
+                return self.read(operand)
+            case ast.BinOp(left=left, op=operator, right=right):
+                return self._combine(operator, self.read(left), self.read(right))
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+                return self._apply(name, [self.read(argument) for argument in arguments])
+        raise InvalidRequest(
+            f"{_shorten(ast.unparse(node))!r} may not stand in the formula {_shorten(self.formula)!r}: use numbers, x, y, z, "
+            f"+ - * / ** and the functions {', '.join(FUNCTIONS)}, atan2, hypot, min, max"
+        )
+
+    def _number(self, value: float) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise InvalidRequest(f"a number of the formula {_shorten(self.formula)!r} is too large")
+        return number
+
+    def _look_up(self, name: str) -> Field:
+        if name in self.names:
+            return self.names[name]
+        raise InvalidRequest(f"{name!r} is unknown in the formula {_shorten(self.formula)!r}{self._suggest(name)}")
+
+    def _suggest(self, name: str) -> str:
+        if name in FUNCTIONS:
+            return f": it is a function, write {name}(x)"
+        similar = get_close_matches(name, [*self.names, *FUNCTIONS, "atan2", "hypot", "min", "max"], n=1)
+        return f": did you mean {similar[0]!r}?" if similar else f"; known are {', '.join(self.names)}"
+
+    def _combine(self, operator: ast.operator, left: Field, right: Field) -> Field:
+        match operator:
+            case ast.Add():
+                return left + right
+            case ast.Sub():
+                return left - right
+            case ast.Mult():
+                return multiply_fields(right, left) if isinstance(left, ConstantField) else left * right
+            case ast.Div() if isinstance(right, ConstantField):
+                return left / right.value
+            case ast.Div():
+                return QuotientField(left, right)
+            case ast.Pow() if isinstance(right, ConstantField):
+                return PowerField(left, right.value)
+            case ast.Pow():
+                return FunctionOfField("exp", right * FunctionOfField("log", left))
+        raise InvalidRequest(
+            f"the formula {_shorten(self.formula)!r} holds an operator other than + - * / and ** (or ^)"
+        )
+
+    def _apply(self, name: str, arguments: list[Field]) -> Field:
+        n = len(arguments)
+        if name in FUNCTIONS:
+            if n != 1:
+                raise InvalidRequest(f"{name} takes one argument, here {n}, in the formula {_shorten(self.formula)!r}")
+            return FunctionOfField(name, arguments[0])
+        if name in ("min", "max"):
+            if n < 2:
+                raise InvalidRequest(f"{name} takes two or more arguments in the formula {_shorten(self.formula)!r}")
+            sign = 1 if name == "max" else -1
+            return reduce(lambda first, other: MinMaxField(first, other, sign), arguments)
+        if name == "hypot" and n in (2, 3):
+            return FunctionOfField("sqrt", reduce(add, [PowerField(argument, 2.0) for argument in arguments]))
+        if name == "atan2" and n == 2:
+            return AngleField(arguments[0], arguments[1])
+        if name in ("hypot", "atan2"):
+            raise InvalidRequest(f"{name} takes two arguments, here {n}, in the formula {_shorten(self.formula)!r}")
+        raise InvalidRequest(f"the function {name!r} is unknown in the formula{self._suggest(name)}")
+
+
+def _power(base: Array, exponent: float) -> Array:
+    """The base to the exponent; small whole exponents are products, so that every point has the same bits in any company."""
+    if exponent == int(exponent) and 0 <= exponent <= 4:
+        result = np.ones_like(base)
+        for _ in range(int(exponent)):
+            result = result * base
+        return result
+    return np.power(base, exponent)
+
+
+def _depth(root: ast.AST) -> int:
+    """Levels of nesting, counted without recursion."""
+    level, depth = [root], 0
+    while level:
+        level, depth = [child for node in level for child in ast.iter_child_nodes(node)], depth + 1
+    return depth
+
+
+def _shorten(text: str) -> str:
+    """At most 60 characters of a text, for messages."""
+    return text if len(text) <= 60 else f"{text[:57]}..."
