@@ -242,6 +242,20 @@ class TestBodyField:
         both = tpmscad.body_field(bd.Sphere(4)) & fields.halfspace((0, 0, 0), (0, 0, 1))
         assert both(np.array([[0, 0, 1], [0, 0, -1], [0, 0, -5]])) == pytest.approx([1, -1, 1], abs=1e-7)
 
+    def test_a_table_of_it_is_exact_at_the_samples_and_near_them_between(self) -> None:
+        exact = fields.sphere((0, 0, 0), 4)
+        table = tpmscad.body_field(bd.Sphere(4), spacing=1.0)
+        assert np.array(table.domain) == pytest.approx(np.array([[-6.0] * 3, [6.0] * 3]), abs=1e-6)
+        samples = np.stack(np.meshgrid(*[np.linspace(-6, 6, 13)] * 3), axis=-1)
+        assert table(samples) == pytest.approx(exact(samples), abs=1e-6)
+        between = np.random.default_rng(5).normal(size=(200, 3))
+        between *= np.linspace(2, 5, 200)[:, None] / np.linalg.norm(between, axis=1, keepdims=True)
+        assert table(between) == pytest.approx(exact(between), abs=0.02)
+
+    def test_a_table_that_is_too_large_is_refused(self) -> None:
+        with pytest.raises(tpmscad.InvalidRequest, match=r"spacing of 0.01 needs 5.*e\+08 samples, .* at least 0.0"):
+            tpmscad.body_field(bd.Sphere(4), spacing=0.01)
+
 
 def test_the_sample_that_has_the_last_word_knows_the_lattice() -> None:
     model = tpmscad.lattice("P", cell=10, thickness=1, tol=0.1)

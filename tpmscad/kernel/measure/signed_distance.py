@@ -17,14 +17,22 @@ from OCP.TopAbs import TopAbs_IN
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
-from tpmscad.errors import KernelError
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, stack_points
 from tpmscad.fields.field import Field
+from tpmscad.fields.sampled_data import SampledField, sampled
 from tpmscad.kernel.measure.cad_body import read_body
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of
+
+TABLE_MARGIN_SPACINGS = 2.0
+"""Spacings by which a table of distances reaches beyond the body's box, so that the body's surface is interpolated well."""
+
+MAX_TABLE_SAMPLES = 1_000_000
+"""Samples of a table of distances: four minutes of foot points."""
 
 DIFFERENCE_STEP = 1e-4
 """Model units. Closer to the surface than this, the gradient is a central difference with this step."""
@@ -82,23 +90,33 @@ class BodyDistance(Field):
         return value, feet
 
 
-def body_field(shape: Any) -> Field:
+def body_field(shape: Any, *, spacing: float | None = None) -> Field:
     """Signed distance to a CAD body as a field, negative inside.
 
     Parameters
     ----------
     shape : build123d, CadQuery or TopoDS shape, or path of a STEP file
         One valid, closed solid, in model units.
+    spacing : float, optional
+        If given, the distance is computed once on a grid of about this spacing, model units, over the body's box and two
+        spacings around it, and interpolated by a cubic spline: cheap to evaluate, and smooth. By default every evaluation finds
+        the exact distance.
 
     Returns
     -------
     Field
-        Distance in model units; about 0.25 ms per point.
+        Distance in model units; exact, at about 0.25 ms per point, or a `SampledField`.
 
     Raises
     ------
     InvalidRequest
-        If `shape` does not hold exactly one solid, or the solid is open, invalid or inside out.
+        If `shape` does not hold exactly one solid, or the solid is open, invalid or inside out; or if the table would need more
+        than a million samples.
+
+    Notes
+    -----
+    The interpolated distance is exact at the samples. It rounds edges of the body and the ridges of the distance inside it over
+    about one spacing, and is within a fraction of spacing^2 times the curvature elsewhere: good for grading, coarse for cutting.
 
     Examples
     --------
@@ -109,4 +127,21 @@ def body_field(shape: Any) -> Field:
     -1.0
     """
     body = read_body(shape)
-    return BodyDistance(body.shape, *enclosing_box(body.shape), tuple(faces_of(body.shape)))
+    exact = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(faces_of(body.shape)))
+    return exact if spacing is None else _tabulate(exact, as_positive(spacing, "spacing"))
+
+
+def _tabulate(exact: BodyDistance, spacing: float) -> SampledField:
+    """The distance interpolated on a grid that reaches TABLE_MARGIN_SPACINGS beyond the body's box."""
+    low = exact.low - TABLE_MARGIN_SPACINGS * spacing
+    extent = exact.high + TABLE_MARGIN_SPACINGS * spacing - low
+    counts = np.ceil(extent / spacing) + 1
+    if counts.prod() > MAX_TABLE_SAMPLES:
+        remedy = float(np.cbrt(extent.prod() / MAX_TABLE_SAMPLES))
+        raise InvalidRequest(
+            f"a spacing of {spacing:g} needs {counts.prod():.3g} samples, more than {MAX_TABLE_SAMPLES}, at 0.25 ms each: "
+            f"give at least {remedy:.3g}"
+        )
+    steps = extent / (counts - 1)
+    axes = [a + s * np.arange(int(n)) for a, s, n in zip(low, steps, counts, strict=True)]
+    return sampled(exact.on_grid(*axes), steps.tolist(), low.tolist())
