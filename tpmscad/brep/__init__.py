@@ -28,6 +28,7 @@ from tpmscad.brep.conics import Circle, Ellipse
 from tpmscad.brep.connectivity import euler_characteristic, find_unmatched_edges, is_closed, label_shells
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation, project_to_patch
 from tpmscad.brep.edge_continuity import EdgeContinuity, evaluate_curvature, measure_edge_continuity
+from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.loops import LoopError, chain_loops, nest_loops, point_in_polygon, points_in_polygons, signed_area
 from tpmscad.brep.moments.integral_properties import FaceMoments, centroid, integrate_faces, volume
 from tpmscad.brep.quadrics import ConicalSurface, CylindricalSurface, SphericalSurface, ToroidalSurface
@@ -79,6 +80,7 @@ __all__ = [
     "signed_area",
     "spline_faces",
     "translate_brep",
+    "true_bounds",
     "volume",
     "weld_patches",
 ]

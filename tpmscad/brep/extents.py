@@ -1,0 +1,289 @@
+"""The true extent of a boundary representation along the coordinate axes: what is cut off a carrier does not count.
+
+A coordinate is greatest at a vertex, on an edge, or inside a face where its gradient along the surface vanishes. Vertices come
+first. Conics, spheres and tori have their extremes in closed form; planes, cylinders and cones have none inside. B-splines are
+searched by branch and bound: the poles of a Bezier piece bound it, a piece that cannot exceed the extent found so far is
+dropped, and so is a piece of a surface without a stationary point; the others are bisected.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.carriers import SphericalSurface, ToroidalSurface
+from tpmscad.brep.conics import TWO_PI, Circle, Ellipse
+from tpmscad.brep.loops import points_in_polygons
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import bernstein_basis, knot_domain
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.knots import insert_knot
+
+EXTENT_RTOL = 1e-9
+"""Greatest part of the size by which an extent may be too small."""
+
+SAMPLES_PER_USE = 33
+"""Points along an edge use in the polygon that tells whether a point lies in a face."""
+
+MAX_BISECTIONS = 60
+"""Bisections of a piece: with fewer than this its size falls below round-off."""
+
+PERIOD_SHIFTS = range(-2, 3)
+"""Multiples of the period at which a point is looked for in the loops of a face, whose angles lie in any period."""
+
+
+def true_bounds(brep: Brep) -> tuple[Array, Array]:
+    """Opposite corners (3,), (3,) of the smallest box that contains the faces, to `EXTENT_RTOL` of its size.
+
+    ValueError if there is no face.
+    """
+    if not len(brep.faces):
+        raise ValueError("a boundary representation without faces has no extent")
+    used = np.unique(np.concatenate([brep.edges.start, brep.edges.end]))
+    points = brep.vertices[used]
+    reach = np.concatenate([-points.min(axis=0), points.max(axis=0)])  # along -x, -y, -z, x, y, z
+    tol = EXTENT_RTOL * float(np.max(reach[:3] + reach[3:]))
+    reach = np.maximum(reach, _conic_reach(brep))
+    reach = _extend_by_spline_edges(brep, reach, tol)
+    reach = np.maximum(reach, _round_face_reach(brep))
+    reach = _extend_by_spline_faces(brep, reach, tol)
+    return -reach[:3], reach[3:]
+
+
+def _signed(points: Array) -> Array:
+    """Coordinates along -x, -y, -z, x, y, z of points (..., 3): (..., 6)."""
+    return np.concatenate([-points, points], axis=-1)
+
+
+def _conic_reach(brep: Brep) -> Array:
+    """Greatest coordinates (6,) of the edges on circles and ellipses between their ends."""
+    reach = np.full(6, -np.inf)
+    edges = brep.edges
+    conic = np.array([isinstance(c, Circle | Ellipse) for c in brep.curves], bool)
+    for e in np.flatnonzero(conic[edges.curve]).tolist():
+        curve = brep.curves[int(edges.curve[e])]
+        assert isinstance(curve, Circle | Ellipse)
+        a, b = (curve.major, curve.minor) if isinstance(curve, Ellipse) else (curve.radius, curve.radius)
+        motion, (low, high) = edges.motion[e], edges.span[e]
+        x, y = a * _signed(motion.apply_to_vectors(curve.x_axis)), b * _signed(motion.apply_to_vectors(curve.y_axis))
+        t = np.arctan2(y, x)
+        t += TWO_PI * np.ceil((low - t) / TWO_PI)
+        reach = np.where(t <= high, np.maximum(reach, _signed(motion.apply(curve.origin)) + np.hypot(x, y)), reach)
+    return reach
+
+
+def _round_face_reach(brep: Brep) -> Array:
+    """Greatest coordinates (6,) inside the faces on spheres and tori."""
+    reach = np.full(6, -np.inf)
+    for f, index in enumerate(brep.faces.carrier.tolist()):
+        carrier, motion = brep.carriers[index], brep.faces.motion[f]
+        if not isinstance(carrier, SphericalSurface | ToroidalSurface):
+            continue
+        start, end = _face_polygon(brep, f)
+        outward = motion.apply_inverse_to_vectors(_signed(np.eye(3)).T.copy())
+        uv = _stationary_parameters(carrier, outward)
+        height = (motion.apply(carrier(uv[..., 0], uv[..., 1])) * _signed(np.eye(3)).T[:, None]).sum(axis=-1)
+        inside = np.zeros(height.shape, bool)
+        for i in PERIOD_SHIFTS:
+            for j in PERIOD_SHIFTS if carrier.period[1] else (0,):
+                shifted = (uv + np.array([i * carrier.period[0], j * carrier.period[1]])).reshape(-1, 2)
+                inside |= points_in_polygons(start, end, shifted).reshape(height.shape)
+        reach = np.maximum(reach, np.where(inside, height, -np.inf).max(axis=1))
+    return reach
+
+
+def _stationary_parameters(carrier: SphericalSurface | ToroidalSurface, direction: Array) -> Array:
+    """Parameters (n, k, 2) of the points whose normal is parallel to the directions (n, 3): k = 2 on a sphere, 4 on a torus."""
+    along, x, y = (direction @ axis for axis in (carrier.axis, carrier.x_axis, carrier.y_axis))
+    across, u = np.hypot(x, y), np.arctan2(y, x)
+    v = np.arctan2(along, across)
+    if isinstance(carrier, SphericalSurface):
+        return np.stack([np.stack([u, v], axis=-1), np.stack([u + np.pi, -v], axis=-1)], axis=1)
+    pairs = [(u, v), (u, v + np.pi), (u + np.pi, np.pi - v), (u + np.pi, -v)]
+    return np.stack([np.stack(pair, axis=-1) for pair in pairs], axis=1)
+
+
+def _face_polygon(brep: Brep, face: int) -> tuple[Array, Array]:
+    """Starts and ends (m, 2) of the segments of a face's loops in the parameters of its carrier."""
+    faces, uses = brep.faces, brep.uses
+    start, end = [], []
+    for loop in range(int(faces.loop_start[face]), int(faces.loop_start[face + 1])):
+        points = []
+        for k in range(int(faces.use_start[loop]), int(faces.use_start[loop + 1])):
+            low, high = brep.edges.span[uses.edge[k]].tolist()
+            t = np.linspace(low, high, SAMPLES_PER_USE)
+            points.append(brep.pcurves[int(uses.pcurve[k])](t if uses.sense[k] > 0 else t[::-1]))
+        polygon = np.concatenate(points)
+        start.append(polygon)
+        end.append(np.roll(polygon, -1, axis=0))
+    return np.concatenate(start), np.concatenate(end)
+
+
+def _extend_by_spline_edges(brep: Brep, reach: Array, tol: float) -> Array:
+    """The reach (6,) extended by the B-spline edges that exceed it between their ends."""
+    edges = brep.edges
+    nets: dict[int, list[tuple[Array, IntArray]]] = {}
+    for index in np.unique(edges.curve).tolist():
+        curve = brep.curves[index]
+        if not isinstance(curve, BSplineCurve):
+            continue
+        own = np.flatnonzero(edges.curve == index)
+        own = own[_exceeds(edges.motion[own], curve.poles, reach, tol).any(axis=1)]
+        for low, high in np.unique(edges.span[own], axis=0).tolist():
+            at = own[(edges.span[own] == [low, high]).all(axis=1)]
+            pieces = _bezier_pieces_of_curve(curve, low, high)
+            height = np.moveaxis(_signed(edges.motion[at][:, None, None].apply(pieces)), 3, 0)
+            axis = np.broadcast_to(np.arange(6)[:, None, None], height.shape[:3])
+            nets.setdefault(curve.degree, []).append((height.reshape(-1, curve.degree + 1), axis.ravel()))
+    for of_degree in nets.values():
+        net, axis = (np.concatenate(parts) for parts in zip(*of_degree, strict=True))
+        reach = _extend_on_curves(net, axis, reach, tol)
+    return reach
+
+
+def _exceeds(motion: Motion, poles: Array, reach: Array, tol: float) -> BoolArray:
+    """Whether the poles (n, 3) of placed curves or surfaces (m,) exceed the reach along each direction: (m, 6)."""
+    turned = np.einsum("mij,nj->min", motion.rotation, poles)
+    low, high = turned.min(axis=2) + motion.translation, turned.max(axis=2) + motion.translation
+    return np.asarray(np.concatenate([-low, high], axis=1) > reach + tol)
+
+
+def _bezier_pieces_of_curve(curve: BSplineCurve, low: float, high: float) -> Array:
+    """The poles (n, degree + 1, D) of the Bezier pieces of a curve between two parameters."""
+    start, end = curve.domain
+    low, high = max(low, start), min(high, end)
+    ends = np.unique([low, high, *curve.knots[(curve.knots > low) & (curve.knots < high)].tolist()])
+    nodes, to_poles = _bezier_interpolation(curve.degree)
+    return np.asarray(to_poles @ curve(ends[:-1, None] + np.diff(ends)[:, None] * nodes))
+
+
+@lru_cache(maxsize=16)
+def _bezier_interpolation(degree: int) -> tuple[Array, Array]:
+    """Chebyshev nodes on [0, 1], both ends included, and the matrix from the values there to Bezier poles."""
+    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
+    return nodes, np.asarray(np.linalg.inv(bernstein_basis(degree, nodes)), float)
+
+
+def _extend_on_curves(net: Array, axis: IntArray, reach: Array, tol: float) -> Array:
+    """The reach extended by the maxima of Bezier functions net (n, p + 1) along the directions axis (n,)."""
+    low, high = _bisection_matrices(net.shape[1] - 1)
+    for _ in range(MAX_BISECTIONS):
+        keep = net.max(axis=1) > reach[axis] + tol
+        net, axis = net[keep], axis[keep]
+        if not len(net):
+            break
+        net, axis = np.concatenate([net @ low.T, net @ high.T]), np.concatenate([axis, axis])
+        reach = reach.copy()
+        np.maximum.at(reach, axis, np.maximum(net[:, 0], net[:, -1]))
+    return reach
+
+
+def _bisection_matrices(degree: int) -> tuple[Array, Array]:
+    """Matrices (p + 1, p + 1) that take Bezier poles to those of the lower and of the upper half (de Casteljau)."""
+    low = np.zeros((degree + 1, degree + 1))
+    row = np.eye(degree + 1)
+    for i in range(degree + 1):
+        low[i] = row[0]
+        row = 0.5 * (row[:-1] + row[1:])
+    return low, low[::-1, ::-1]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pieces:
+    """Coordinates of Bezier pieces: poles (n, p + 1, q + 1), parameter boxes (n, 2, 2: low, high), directions and faces (n,)."""
+
+    net: Array
+    box: Array
+    axis: IntArray
+    face: IntArray
+
+    def select(self, kept: IntArray | BoolArray) -> _Pieces:
+        """Some of the pieces."""
+        return _Pieces(self.net[kept], self.box[kept], self.axis[kept], self.face[kept])
+
+    @staticmethod
+    def concatenate(parts: Sequence[_Pieces]) -> _Pieces:
+        """Pieces of one degree, one after another."""
+        return _Pieces(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("net", "box", "axis", "face")))
+
+    def quarters(self) -> _Pieces:
+        """The pieces bisected along both parameters."""
+        (low_u, high_u), (low_v, high_v) = (_bisection_matrices(m - 1) for m in self.net.shape[1:])
+        middle, parts = self.box.mean(axis=1), []
+        for i, rows in enumerate((low_u, high_u)):
+            half = np.matmul(rows, self.net)
+            for j, columns in enumerate((low_v, high_v)):
+                box = self.box.copy()
+                box[:, 1 - i, 0], box[:, 1 - j, 1] = middle[:, 0], middle[:, 1]
+                parts.append(_Pieces(half @ columns.T, box, self.axis, self.face))
+        return _Pieces.concatenate(parts)
+
+
+def _extend_by_spline_faces(brep: Brep, reach: Array, tol: float) -> Array:
+    """The reach (6,) extended by the stationary points of the coordinates inside B-spline faces."""
+    by_degree: dict[tuple[int, int], list[_Pieces]] = {}
+    for own, surface in spline_faces(brep):
+        exceeding = _exceeds(brep.faces.motion[own], surface.poles.reshape(-1, 3), reach, tol)
+        f, axis = np.nonzero(exceeding)
+        if not len(f):
+            continue
+        pieces, box = _bezier_pieces_of_surface(surface)
+        height = _signed(brep.faces.motion[own[f]][:, None, None, None].apply(pieces))
+        net = np.take_along_axis(height, axis[:, None, None, None, None], axis=4)[..., 0]
+        n = len(pieces)
+        by_degree.setdefault((surface.degree_u, surface.degree_v), []).append(
+            _Pieces(
+                net.reshape(-1, *net.shape[2:]), np.tile(box, (len(f), 1, 1)), np.repeat(axis, n), np.repeat(own[f], n)
+            )
+        )
+    for parts in by_degree.values():
+        reach = _extend_on_surfaces(brep, _Pieces.concatenate(parts), reach, tol)
+    return reach
+
+
+def _extend_on_surfaces(brep: Brep, pieces: _Pieces, reach: Array, tol: float) -> Array:
+    """The reach (6,) extended by the stationary points of pieces that lie in their faces."""
+    polygons: dict[int, tuple[Array, Array]] = {}
+    for _ in range(MAX_BISECTIONS):
+        net = pieces.net
+        keep = net.max(axis=(1, 2)) > reach[pieces.axis] + tol
+        for slope in (np.diff(net, axis=1), np.diff(net, axis=2)):
+            keep &= (slope.min(axis=(1, 2)) <= 0) & (slope.max(axis=(1, 2)) >= 0)
+        small = keep & (np.ptp(net, axis=(1, 2)) < tol)
+        for i in np.flatnonzero(small).tolist():
+            axis, face, value = int(pieces.axis[i]), int(pieces.face[i]), float(net[i].max())
+            if value > reach[axis]:
+                if face not in polygons:
+                    polygons[face] = _face_polygon(brep, face)
+                if points_in_polygons(*polygons[face], pieces.box[i].mean(axis=0)[None])[0]:
+                    reach = np.where(np.arange(6) == axis, value, reach)
+        pieces = pieces.select(keep & ~small)
+        if not len(pieces.net):
+            break
+        pieces = pieces.quarters()
+    return reach
+
+
+def _bezier_pieces_of_surface(surface: BSplineSurface) -> tuple[Array, Array]:
+    """The poles (n, p + 1, q + 1, 3) of the Bezier pieces of a surface and their parameter boxes (n, 2, 2): low, high."""
+    poles, starts, spans = surface.poles, [], []
+    for direction, (knots, degree) in enumerate(
+        ((surface.knots_u, surface.degree_u), (surface.knots_v, surface.degree_v))
+    ):
+        low, high = knot_domain(knots, degree)
+        distinct = np.unique(knots[(knots >= low) & (knots <= high)])
+        rows = poles.swapaxes(0, direction)
+        for t in distinct[1:-1].tolist():
+            rows, knots = insert_knot(rows, knots, degree, t, degree - int(np.count_nonzero(knots == t)))
+        poles = rows.swapaxes(0, direction)
+        starts.append([int(np.searchsorted(knots, t, side="right")) - 1 - degree for t in distinct[:-1].tolist()])
+        spans.append(np.column_stack([distinct[:-1], distinct[1:]]))
+    p, q = surface.degree_u, surface.degree_v
+    pieces = [poles[i : i + p + 1, j : j + q + 1] for i in starts[0] for j in starts[1]]
+    boxes = [np.stack([u, v], axis=1) for u in spans[0] for v in spans[1]]
+    return np.stack(pieces), np.stack(boxes)
