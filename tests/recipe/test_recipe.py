@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 import tpmscad
 from tpmscad import fields
 from tpmscad.errors import NotMet, RecipeError
-from tpmscad.recipe import read_blend_recipe, read_solid_recipe, run_blend_recipe
+from tpmscad.recipe import SolidRun, read_blend_recipe, read_solid_recipe, run_blend_recipe
+from tpmscad.recipe.data_fields import DATA_KINDS
 from tpmscad.recipe.field_reader import FIELD_KINDS
 from tpmscad.recipe.key_lines import find_key_lines
 
@@ -164,6 +165,12 @@ SAME = {
         ("of = 'ball'\nminus = ['slab']\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2)),
     ],
     "complement": [("of = 'ball'", ~BALL)],
+    "mix": [
+        (
+            "of = ['gyroid', 'ball']\nweight = { kind = 'ramp', by = 'x', span = [0, 9], values = [0, 1] }",
+            GYROID + fields.ramp("x", (0, 9), (0, 1)) * (BALL - GYROID),
+        )
+    ],
     "sum": [("of = ['ball', 2, 'gyroid']", BALL + 2 + GYROID)],
     "product": [("of = ['ball', 2]", BALL * 2)],
     "linear": [("slope = [1, 2, 3]\noffset = 4", fields.linear((1, 2, 3), 4))],
@@ -185,7 +192,7 @@ def part(folder: Path, field: str) -> fields.Field:
 
 
 def test_every_kind_is_tried() -> None:
-    assert FIELD_KINDS.keys() - SAME.keys() == {"image", "body"}
+    assert FIELD_KINDS.keys() - SAME.keys() == {"image", "body", *DATA_KINDS}
 
 
 @pytest.mark.parametrize(
@@ -380,4 +387,4 @@ def test_an_example_holds_what_it_says(path: Path) -> None:
     if "structures" in tomllib.loads(path.read_text()):
         assert run_blend_recipe(read_blend_recipe(path)).converged
     else:
-        assert 0 < read_solid_recipe(path).to_dict()["volume_fraction"] < 1
+        assert 0 < SolidRun.read(path).describe()[1]["volume_fraction"] < 1

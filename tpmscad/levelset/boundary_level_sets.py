@@ -74,7 +74,7 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
         if distance.max() > tol:
             raise LevelSetError(
                 f"two surfaces cross near {_format_point(points[i][distance.argmax()])}: an edge that smooth patches can't "
-                "follow; round it (fields.smooth_intersection, smooth_union) or cut the solid by the kernel instead"
+                "follow; round it (`width` of a smooth intersection or union), or give the body that cuts the solid as `domain`"
             )
         for other in (o for j, o in enumerate(parts) if j != i):
             value, gradient = other.value_and_gradient(points[i])

@@ -113,6 +113,14 @@ def fit_field_solid(
     return _summarise_quality(brep, fitted_field, tol, fits, min_wall, notes)
 
 
+def check_field_in_box(field: Field, lo: Array, hi: Array, tol: float) -> None:
+    """Raise what `fit_field_solid` would raise before it fits: bad box or tolerance, no surface, crossing surfaces, thin walls."""
+    lo, hi = validate_box(lo, hi, tol)
+    parts, _ = _prepare_parts(field, lo, hi, tol)
+    level_sets = tuple(part.field for part in parts)
+    check_separation(replace_level_sets(field, level_sets), level_sets, [part.samples for part in parts], tol)
+
+
 def validate_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
     """The corners as arrays; InvalidRequest unless they span a box, and tol is positive and below its shortest edge."""
     try:

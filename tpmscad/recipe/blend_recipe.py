@@ -16,8 +16,7 @@
     [[blending_regions]]
     ...
 
-The other keys are the keywords of `tpmscad.blend`: method, weight, resolution, domain, max_iterations, minimum_neck, max_change,
-keep_fraction, level_margin, drop_intrinsic, specks.
+The other keys are keywords of `tpmscad.blend`, with its defaults.
 """
 
 from __future__ import annotations
@@ -25,6 +24,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -42,30 +42,30 @@ from tpmscad.blending.porous_blending import METHODS, blend
 from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
 from tpmscad.fields.argument_checks import as_unit_vector
-from tpmscad.recipe.field_kind import read_box_corners, read_direction, read_triple
-from tpmscad.recipe.field_reader import make_field_reader
+from tpmscad.recipe.field_kind import Key, KeyTable
+from tpmscad.recipe.field_reader import FIELDS_KEY, make_field_reader
 from tpmscad.recipe.toml_entry import Entry, read_document
+from tpmscad.recipe.value_types import (
+    BOOLEAN,
+    COUNT,
+    COUNTS,
+    DIRECTION,
+    FIELDS,
+    NUMBER,
+    POINT,
+    POSITIVE,
+    ReadField,
+    ValueType,
+    choice_type,
+    plain_type,
+    read_box_corners,
+)
 
 FIELD_LIST_KEYS = ("structures", "regions", "blending_regions")
 """The arrays of fields that a recipe must give."""
 
 _OPERAND_PATTERN = re.compile(r"(structure|region|blending region)s? (\d+)\b")
 """The beginning of a message of `blend` about one of its operands."""
-
-OPTION_READERS: dict[str, Callable[[Entry], Any]] = {
-    "method": lambda entry: entry.string(METHODS),
-    "weight": lambda entry: read_weights(entry),
-    "resolution": lambda entry: tuple(item.integer(2) for item in entry.array_of_length(3, "whole numbers")),
-    "domain": lambda entry: read_box_corners(entry),
-    "max_iterations": Entry.integer,
-    "minimum_neck": Entry.positive,
-    "max_change": Entry.positive,
-    "keep_fraction": Entry.boolean,
-    "level_margin": Entry.number,
-    "drop_intrinsic": Entry.boolean,
-    "specks": Entry.boolean,
-}
-"""The keywords of `blend` that a recipe may give, and how each is read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,59 +91,133 @@ class BlendRecipe:
 
 def read_blend_recipe(path: Path) -> BlendRecipe:
     """The recipe of a TOML file; RecipeError with the line of what is invalid."""
-    recipe = read_document(path).table("fields", "tol", *FIELD_LIST_KEYS, *OPTION_READERS)
-    read = make_field_reader(recipe)
-    structures, regions, blending = (tuple(read(item) for item in recipe[name].items()) for name in FIELD_LIST_KEYS)
-    options = {key: make(recipe[key]) for key, make in OPTION_READERS.items() if key in recipe.value}
-    return BlendRecipe(recipe, structures, regions, blending, options, recipe["tol"].positive())
+    recipe = read_document(path)
+    values = BLEND_KEYS.read(recipe, make_field_reader(recipe))
+    lists = (tuple(values.pop(name)) for name in FIELD_LIST_KEYS)
+    tol = values.pop("tol")
+    return BlendRecipe(recipe, *lists, {key: values[key] for key in values if key in recipe.value}, tol)
 
 
-def read_weights(entry: Entry) -> WeightSpec | list[WeightSpec]:
-    """One weight for all blending regions, or an array with one for each."""
-    return [_read_weight(item) for item in entry.items()] if isinstance(entry.value, list) else _read_weight(entry)
+@dataclass(frozen=True, slots=True)
+class WeightKind:
+    """A kind of weight function: what it follows, the keys of its table, and the function that makes its specification."""
+
+    meaning: str
+    table: KeyTable
+    make: Callable[..., WeightSpec]
 
 
-def _read_weight(entry: Entry) -> WeightSpec:
-    """The name of a weight, or a table of a kind of weight."""
-    if isinstance(entry.value, str):
-        return entry.string(WEIGHT_NAMES)
-    name = entry.table()["kind"].string(("along", "cylinder", "sphere", "volume"))
-    if name == "volume":
-        entry.table("kind", "count", "degree")
-        count = _read_three_counts(entry.get("count"))
-        return (
-            VolumeWeightSpec(count)
-            if "degree" not in entry.value
-            else VolumeWeightSpec(count, _read_three_counts(entry["degree"]) or (3, 3, 3))
-        )
-    count, degree = (None if (part := entry.get(key)) is None else part.integer() for key in ("count", "degree"))
-    coordinate: LinearCoordinate | CylinderRadius | SphereRadius
-    if name == "along":
-        entry.table("kind", "direction", "count", "degree")
-        coordinate = LinearCoordinate(as_unit_vector(read_direction(entry["direction"]), "direction"))
-    elif name == "cylinder":
-        entry.table("kind", "center", "axis", "count", "degree")
-        coordinate = CylinderRadius(read_triple(entry["center"]), as_unit_vector(read_direction(entry["axis"]), "axis"))
-    else:
-        entry.table("kind", "center", "count", "degree")
-        coordinate = SphereRadius(read_triple(entry["center"]))
+def _make_line_weight(coordinate: Any, count: int | None, degree: int | None) -> LineWeightSpec:
     return LineWeightSpec(coordinate, count) if degree is None else LineWeightSpec(coordinate, count, degree)
 
 
-def _read_three_counts(entry: Entry | None) -> tuple[int, int, int] | None:
-    """Three positive integers, or None for no entry."""
-    if entry is None:
-        return None
-    x, y, z = (item.integer() for item in entry.array_of_length(3, "whole numbers"))
-    return x, y, z
+def _make_volume_weight(count: Any, degree: Any) -> VolumeWeightSpec:
+    return VolumeWeightSpec(count) if degree is None else VolumeWeightSpec(count, degree)
+
+
+_COUNT_KEYS = (
+    Key("count", COUNT, "number of coefficients", default=None, default_text="chosen by the width"),
+    Key("degree", COUNT, "degree of the spline", default=None, default_text="3"),
+)
+_AXIS_KEY = Key("axis", DIRECTION, "direction of the axis")
+
+WEIGHT_KINDS: dict[str, WeightKind] = {
+    "along": WeightKind(
+        "A spline of the coordinate along a direction.",
+        KeyTable((Key("direction", DIRECTION, "from one structure to the other"), *_COUNT_KEYS)),
+        lambda direction, **spline: _make_line_weight(
+            LinearCoordinate(as_unit_vector(direction, "direction")), **spline
+        ),
+    ),
+    "cylinder": WeightKind(
+        "A spline of the distance to an axis.",
+        KeyTable((Key("center", POINT, "a point of the axis", "mm"), _AXIS_KEY, *_COUNT_KEYS)),
+        lambda center, axis, **spline: _make_line_weight(
+            CylinderRadius(center, as_unit_vector(axis, "axis")), **spline
+        ),
+    ),
+    "sphere": WeightKind(
+        "A spline of the distance to a point.",
+        KeyTable((Key("center", POINT, "the point", "mm"), *_COUNT_KEYS)),
+        lambda center, **spline: _make_line_weight(SphereRadius(center), **spline),
+    ),
+    "volume": WeightKind(
+        "A spline of all three coordinates.",
+        KeyTable(
+            (
+                Key("count", COUNTS, "numbers of coefficients", default=None, default_text="chosen by the size"),
+                Key("degree", COUNTS, "degrees of the spline", default=None, default_text="[3, 3, 3]"),
+            )
+        ),
+        _make_volume_weight,
+    ),
+}
+
+
+def read_weights(entry: Entry, read: ReadField) -> WeightSpec | list[WeightSpec]:
+    """One weight for all blending regions, or an array with one for each."""
+    if isinstance(entry.value, list):
+        return [_read_weight(item, read) for item in entry.items()]
+    return _read_weight(entry, read)
+
+
+def _read_weight(entry: Entry, read: ReadField) -> WeightSpec:
+    """The name of a weight, or a table of a kind of weight."""
+    if isinstance(entry.value, str):
+        return entry.string(WEIGHT_NAMES)
+    kind = WEIGHT_KINDS[entry.table()["kind"].string(tuple(WEIGHT_KINDS))]
+    return kind.make(**kind.table.read(entry, read, besides=("kind",)))
+
+
+def _option(name: str, value_type: ValueType, meaning: str, unit: str = "", default_text: str = "") -> Key:
+    """The key of a keyword of `blend`, with the default that the function has."""
+    return Key(name, value_type, meaning, unit, signature(blend).parameters[name].default, default_text)
+
+
+_WEIGHT = ValueType("name or table, or an array of these", read_weights)
+_WEIGHT_NAMES = ", ".join(f'"{name}"' for name in WEIGHT_NAMES)
+
+BLEND_KEYS = KeyTable(
+    (
+        Key("structures", FIELDS, "the porous structures, two or more: [[structures]]"),
+        Key("regions", FIELDS, "where each structure stands alone or is joined, in the same order: [[regions]]"),
+        Key("blending_regions", FIELDS, "where structure k + 1 is joined to those before it: [[blending_regions]]"),
+        Key("tol", POSITIVE, "greatest deviation of the solid from the blend", "mm"),
+        FIELDS_KEY,
+        _option("method", choice_type(*METHODS), "optimiser of the weights, or an earlier method"),
+        _option("weight", _WEIGHT, f"the weight functions: {_WEIGHT_NAMES}, or a table of a kind of weight"),
+        _option(
+            "resolution",
+            plain_type(
+                "3 whole numbers", lambda entry: tuple(i.integer(2) for i in entry.array_of_length(3, "whole numbers"))
+            ),
+            "samples along x, y and z on which isolated parts are counted",
+            default_text="chosen by the periods",
+        ),
+        _option(
+            "domain",
+            plain_type("2 corners", read_box_corners),
+            "the box of the blend",
+            "mm",
+            "the box of the regions",
+        ),
+        _option("max_iterations", COUNT, "most rounds of the optimiser"),
+        _option("minimum_neck", POSITIVE, "width of solid and void at saddle points", "mm", "no limit"),
+        _option("max_change", POSITIVE, "greatest change of a coefficient of a weight", "0..1"),
+        _option("keep_fraction", BOOLEAN, "keep the solid fraction between those of the structures"),
+        _option("level_margin", NUMBER, "shift of the level that isolates nothing, as a fraction of the field's rms"),
+        _option("drop_intrinsic", BOOLEAN, "remove isolated parts and cavities of the structures themselves"),
+        _option("specks", BOOLEAN, "search between the samples for isolated parts", default_text="where needed"),
+    )
+)
+"""The keys of a recipe for `tpmscad blend`."""
 
 
 def _locate_error(recipe: Entry, message: str) -> RecipeError:
     """The error with the line of the operand or key that the message of `blend` begins with."""
     found = _OPERAND_PATTERN.match(message)
     if found is None:
-        first = message.split(" ", 1)[0].rstrip(":")
-        return (recipe[first] if first in recipe.value else recipe).error(message)
+        return recipe.locate(message)
     items = recipe[found[1].replace(" ", "_") + "s"].items()
     number = int(found[2])
     return (items[number] if number < len(items) else recipe).error(message)

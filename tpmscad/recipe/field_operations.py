@@ -1,121 +1,134 @@
-"""Operations on fields as tables of a recipe: booleans, sums and products, ramps and motions."""
+"""Operations on fields as kinds of recipes: booleans, sums, mixtures, ramps and motions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
+from typing import Any
 
 from tpmscad import fields
 from tpmscad.fields import Field
-from tpmscad.recipe.field_kind import FieldKind, ReadField, make_kind, read_direction, read_triple
-from tpmscad.recipe.toml_entry import Entry
+from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
+from tpmscad.recipe.value_types import (
+    AXIS_OR_FIELD,
+    BOOLEAN,
+    DIRECTION,
+    FIELD,
+    FIELDS,
+    NUMBER,
+    POINT,
+    POSITIVE,
+    fields_type,
+    numbers_type,
+)
 
 
-def read_union(entry: Entry, read: ReadField) -> Field:
-    """`of` (an array of fields), rounded if there is a `width`."""
-    return _fold_operands(entry, read, fields.union, fields.smooth_union)
+def make_union(*, of: Sequence[Field], width: float | None) -> Field:
+    """The union, rounded if there is a width."""
+    return _fold(of, width, fields.union, fields.smooth_union)
 
 
-def read_intersection(entry: Entry, read: ReadField) -> Field:
-    """`of` (an array of fields), rounded if there is a `width`."""
-    return _fold_operands(entry, read, fields.intersection, fields.smooth_intersection)
+def make_intersection(*, of: Sequence[Field], width: float | None) -> Field:
+    """The intersection, rounded if there is a width."""
+    return _fold(of, width, fields.intersection, fields.smooth_intersection)
 
 
-def read_difference(entry: Entry, read: ReadField) -> Field:
-    """`of` without the fields of the array `minus`, rounded if there is a `width`."""
-    taken = _read_all(entry["minus"], read)
-    width = entry.get("width")
+def make_difference(*, of: Field, minus: Sequence[Field], width: float | None) -> Field:
+    """A field without others, rounded if there is a width."""
     if width is None:
-        return fields.difference(read(entry["of"]), *taken)
-    smooth = width.positive()
-    return reduce(lambda f, g: fields.smooth_difference(f, g, smooth), taken, read(entry["of"]))
+        return fields.difference(of, *minus)
+    return reduce(lambda f, g: fields.smooth_difference(f, g, width), minus, of)
 
 
-def read_complement(entry: Entry, read: ReadField) -> Field:
-    """The complement of `of`."""
-    return fields.complement(read(entry["of"]))
+def make_mixture(*, of: Sequence[Field], weight: Field) -> Field:
+    """The first field where the weight is 0, the second where it is 1, and their weighted mean between."""
+    first, second = of
+    return first + weight * (second - first)
 
 
-def read_sum(entry: Entry, read: ReadField) -> Field:
-    """The sum of the fields of the array `of`."""
-    return reduce(lambda f, g: f + g, _read_all(entry["of"], read))
+def make_ramp(*, by: Any, span: Any, values: Any, smooth: bool) -> Field:
+    """From values[0] to values[1] while `by` goes from span[0] to span[1]."""
+    return fields.ramp(by, span, values, smooth=smooth)
 
 
-def read_product(entry: Entry, read: ReadField) -> Field:
-    """The product of the fields of the array `of`."""
-    return reduce(lambda f, g: f * g, _read_all(entry["of"], read))
-
-
-def read_linear(entry: Entry, read: ReadField) -> Field:
-    """The linear field `slope` . x + `offset`."""
-    offset = entry.get("offset")
-    return fields.linear(read_triple(entry["slope"]), 0.0 if offset is None else offset.number())
-
-
-def read_ramp(entry: Entry, read: ReadField) -> Field:
-    """From values[0] to values[1] while `by` (x, y, z or a field) goes from span[0] to span[1]."""
-    by, smooth = entry["by"], entry.get("smooth")
-    return fields.ramp(
-        by.value if by.value in ("x", "y", "z") else read(by),
-        entry["span"].numbers(2),
-        entry["values"].numbers(2),
-        smooth=True if smooth is None else smooth.boolean(),
-    )
-
-
-def read_translated(entry: Entry, read: ReadField) -> Field:
-    """`of`, moved by `vector`."""
-    return fields.translate(read(entry["of"]), read_triple(entry["vector"]))
-
-
-def read_rotated(entry: Entry, read: ReadField) -> Field:
-    """`of`, turned by `angle` degrees about `axis` through `center`."""
-    return fields.rotate(read(entry["of"]), read_direction(entry["axis"]), entry["angle"].number(), _read_center(entry))
-
-
-def read_scaled(entry: Entry, read: ReadField) -> Field:
-    """`of`, enlarged by `factor` about `center`."""
-    return fields.scale(read(entry["of"]), entry["factor"].positive(), _read_center(entry))
-
-
-def _read_center(entry: Entry) -> tuple[float, float, float]:
-    """The point `center`, by default the origin."""
-    center = entry.get("center")
-    return (0.0, 0.0, 0.0) if center is None else read_triple(center)
-
-
-def _read_all(entry: Entry, read: ReadField) -> list[Field]:
-    """The fields of an array; RecipeError if it is empty."""
-    found = [read(item) for item in entry.items()]
-    if not found:
-        raise entry.error("is empty: at least one field is needed")
-    return found
-
-
-def _fold_operands(
-    entry: Entry,
-    read: ReadField,
+def _fold(
+    parts: Sequence[Field],
+    width: float | None,
     sharp: Callable[..., Field],
     smooth: Callable[[Field, Field, float], Field],
 ) -> Field:
-    """The fields of `of` combined by `sharp`, or pairwise by `smooth` with the `width` of the table."""
-    parts, width = _read_all(entry["of"], read), entry.get("width")
-    if width is None:
-        return sharp(*parts)
-    rounded = width.positive()
-    return reduce(lambda f, g: smooth(f, g, rounded), parts)
+    """The fields combined by `sharp`, or pairwise by `smooth` with a width."""
+    return sharp(*parts) if width is None else reduce(lambda f, g: smooth(f, g, width), parts)
 
+
+WIDTH_KEY = Key("width", POSITIVE, "width of the rounding of the edges", "mm", default=None, default_text="sharp")
+OF_KEY = Key("of", FIELD, "the field")
+CENTER_KEY = Key("center", POINT, "the fixed point", "mm", default=(0.0, 0.0, 0.0))
 
 OPERATION_KINDS: dict[str, FieldKind] = {
-    "union": make_kind("of width", read_union),
-    "intersection": make_kind("of width", read_intersection),
-    "difference": make_kind("of minus width", read_difference),
-    "complement": make_kind("of", read_complement),
-    "sum": make_kind("of", read_sum),
-    "product": make_kind("of", read_product),
-    "linear": make_kind("slope offset", read_linear),
-    "ramp": make_kind("by span values smooth", read_ramp),
-    "translated": make_kind("of vector", read_translated),
-    "rotated": make_kind("of axis angle center", read_rotated),
-    "scaled": make_kind("of factor center", read_scaled),
+    "union": field_kind(
+        "Solid where any of the fields is.", make_union, Key("of", FIELDS, "the fields that are united"), WIDTH_KEY
+    ),
+    "intersection": field_kind(
+        "Solid where all of the fields are.", make_intersection, Key("of", FIELDS, "the fields that are cut"), WIDTH_KEY
+    ),
+    "difference": field_kind(
+        "One field without others.",
+        make_difference,
+        Key("of", FIELD, "the field that is kept"),
+        Key("minus", FIELDS, "the fields that are taken away"),
+        WIDTH_KEY,
+    ),
+    "complement": field_kind("Solid where the field is void.", lambda of: fields.complement(of), OF_KEY),
+    "mix": field_kind(
+        "The first field turning into the second by a weight: (1 - weight) first + weight second.",
+        make_mixture,
+        Key("of", fields_type(2, "fields"), "the fields that are mixed"),
+        Key("weight", FIELD, "0 for the first field, 1 for the second; mostly a ramp"),
+    ),
+    "sum": field_kind(
+        "The sum of fields and numbers.",
+        lambda of: reduce(lambda f, g: f + g, of),
+        Key("of", FIELDS, "the fields that are added"),
+    ),
+    "product": field_kind(
+        "The product of fields and numbers.",
+        lambda of: reduce(lambda f, g: f * g, of),
+        Key("of", FIELDS, "the fields that are multiplied"),
+    ),
+    "linear": field_kind(
+        "The field slope . (x, y, z) + offset.",
+        fields.linear,
+        Key("slope", POINT, "the gradient", "1/mm"),
+        Key("offset", NUMBER, "the value at the origin", default=0.0),
+    ),
+    "ramp": field_kind(
+        "A value that goes from one number to another along an axis or with another field.",
+        make_ramp,
+        Key("by", AXIS_OR_FIELD, "what the value follows"),
+        Key("span", numbers_type(2), "where the ramp starts and ends", "mm along an axis"),
+        Key("values", numbers_type(2), "the values at start and end, kept beyond them"),
+        Key("smooth", BOOLEAN, "a smooth transition instead of a straight line with two kinks", default=True),
+    ),
+    "translated": field_kind(
+        "A field that is moved.",
+        lambda of, vector: fields.translate(of, vector),
+        OF_KEY,
+        Key("vector", POINT, "the way it is moved", "mm"),
+    ),
+    "rotated": field_kind(
+        "A field that is turned about an axis.",
+        lambda of, axis, angle, center: fields.rotate(of, axis, angle, center),
+        OF_KEY,
+        Key("axis", DIRECTION, "direction of the axis"),
+        Key("angle", NUMBER, "the angle", "degrees"),
+        CENTER_KEY,
+    ),
+    "scaled": field_kind(
+        "A field that is enlarged or made smaller.",
+        lambda of, factor, center: fields.scale(of, factor, center),
+        OF_KEY,
+        Key("factor", POSITIVE, "enlargement"),
+        CENTER_KEY,
+    ),
 }

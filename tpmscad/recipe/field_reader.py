@@ -5,15 +5,28 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tpmscad import fields
-from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
-from tpmscad.recipe.field_kind import FieldKind
+from tpmscad.recipe.data_fields import DATA_KINDS
+from tpmscad.recipe.field_kind import FieldKind, Key
 from tpmscad.recipe.field_operations import OPERATION_KINDS
 from tpmscad.recipe.porous_fields import PERIODIC_KINDS, STRUCTURE_KINDS
 from tpmscad.recipe.region_fields import REGION_KINDS
 from tpmscad.recipe.toml_entry import Entry
+from tpmscad.recipe.value_types import plain_type
 
-FIELD_KINDS: dict[str, FieldKind] = {**PERIODIC_KINDS, **STRUCTURE_KINDS, **REGION_KINDS, **OPERATION_KINDS}
+FIELD_KINDS: dict[str, FieldKind] = {
+    **STRUCTURE_KINDS,
+    **PERIODIC_KINDS,
+    **DATA_KINDS,
+    **REGION_KINDS,
+    **OPERATION_KINDS,
+}
+"""Every kind of field that a recipe may name, in the order of the printed reference."""
+
+FIELDS_KEY = Key(
+    "fields", plain_type("tables", lambda entry: entry.table()), "fields used by name: [fields.NAME]", default=None
+)
+"""The key of the fields that a recipe defines, which `make_field_reader` reads."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +46,7 @@ class FieldReader:
         if not isinstance(entry.value, dict):
             return fields.constant(entry.number())
         kind = FIELD_KINDS[entry["kind"].string(tuple(FIELD_KINDS))]
-        entry.table("kind", *kind.keys)
-        try:
-            return kind.make(entry, self)
-        except RecipeError:
-            raise
-        except InvalidRequest as error:
-            raise entry.error(str(error)) from error
+        return kind.read(entry, self)
 
     def _read_by_name(self, entry: Entry) -> Field:
         """The field of a name that the recipe defines."""

@@ -1,4 +1,4 @@
-"""Masks from pictures: PNG files, decoded with the standard library, and saved NumPy arrays.
+"""Masks from pictures (PNG files, decoded with the standard library) and from saved NumPy arrays.
 
 The decoder follows the PNG specification (W3C, third edition): 1 to 16 bits; grey, colour or palette, with or without alpha; not
 interlaced.
@@ -9,13 +9,13 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad._typing import Array
-from tpmscad.recipe.toml_entry import Entry
+from tpmscad.errors import InvalidRequest
+from tpmscad.recipe.array_files import read_numpy_array
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 N_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -25,41 +25,29 @@ LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
 """Weights of red, green and blue in the brightness (ITU-R BT.601)."""
 
 
-def read_mask(entry: Entry) -> NDArray[np.bool_]:
-    """The solid pixels of the picture or array of an image table: (nx, ny) or (nx, ny, nz), y upwards.
+def read_mask(path: Path, threshold: float, solid: str) -> NDArray[np.bool_]:
+    """The solid pixels of a picture or the true voxels of an array: (nx, ny) or (nx, ny, nz), y upwards.
 
-    In a picture they are darker than `threshold` (0 to 1, by default 0.5), or lighter if solid = "light". An array must be
-    boolean; True is solid.
+    In a picture they are darker than `threshold` (0 to 1), or lighter if `solid` is "light". An array must be boolean.
     """
-    named = entry["file"]
-    path = named.sibling_file()
     if path.suffix.lower() == ".npy":
-        values = read_numpy_array(named)
+        values = read_numpy_array(path)
         if values.dtype == bool:
             return values
-        raise named.error(f"{path.name} holds {values.dtype}, not booleans: save the comparison with a threshold")
+        raise InvalidRequest(
+            f"file {path.name} holds {values.dtype}, not booleans: save the comparison with a threshold, or use "
+            'kind = "sampled" with a level'
+        )
     try:
         picture = read_png_brightness(path)
     except ValueError as error:
-        raise named.error(f"{path.name}: {error}") from error
-    threshold, solid = entry.get("threshold"), entry.get("solid")
-    limit = 0.5 if threshold is None else threshold.number()
-    dark = solid is None or solid.string(("dark", "light")) == "dark"
-    chosen = picture < limit if dark else picture >= limit
+        raise InvalidRequest(f"file {path.name} {error}") from error
+    chosen = picture < threshold if solid == "dark" else picture >= threshold
     if chosen.all() or not chosen.any():
-        raise named.error(
-            f"{path.name} has all pixels on one side of the threshold {limit:g}: change it, or the picture"
+        raise InvalidRequest(
+            f"threshold {threshold:g} has all pixels of {path.name} on one side: change it, or the picture"
         )
     return np.ascontiguousarray(chosen.T[:, ::-1])
-
-
-def read_numpy_array(entry: Entry) -> NDArray[Any]:
-    """The array of a .npy file."""
-    path = entry.sibling_file()
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, OSError) as error:
-        raise entry.error(f"{path.name} is not an array that NumPy saved: {error}") from error
 
 
 @dataclass(frozen=True, slots=True)

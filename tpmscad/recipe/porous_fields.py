@@ -1,4 +1,4 @@
-"""Periodic fields and the porous structures cut from them, as tables of a recipe.
+"""Periodic fields and the porous structures cut from them, as kinds of recipes.
 
 kind = "rod", surface = "gyroid", period = 10, level = -0.3      # or `of = FIELD` instead of surface, period and phase
 kind = "sheet", surface = "schwarz_p", period = 5, levels = [-0.2, { kind = "ramp", ... }]
@@ -6,127 +6,158 @@ kind = "sheet", surface = "schwarz_p", period = 5, levels = [-0.2, { kind = "ram
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
-from tpmscad.recipe.field_kind import FieldKind, ReadField, make_kind, read_cell_edges, read_triple
-from tpmscad.recipe.image_masks import read_numpy_array
+from tpmscad.fields.ramps import RampField
+from tpmscad.recipe.array_files import read_numpy_array
+from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
 from tpmscad.recipe.toml_entry import Entry
+from tpmscad.recipe.value_types import (
+    CELL,
+    COUNTS,
+    FIELD,
+    FILE,
+    NUMBER_OR_FIELD,
+    POINT,
+    SEED,
+    SURFACE,
+    fields_type,
+    plain_type,
+    read_nested_array,
+)
 
-SURFACE_KEYS = "surface period phase"
+CELL_KEY = Key("period", CELL, "edge of the cell, one for all axes or one for each", "mm", also=("cell",))
+SURFACE_KEYS = (
+    Key("surface", SURFACE, "a surface of the catalogue, see `tpmscad surfaces`"),
+    Key("period", CELL, CELL_KEY.meaning, "mm", only_with="surface", also=("cell",)),
+    Key("phase", POINT, "shift of the surface", "cells", default=(0.0, 0.0, 0.0), only_with="surface"),
+)
 """The keys of a periodic surface that is given in place."""
 
-
-def read_tpms(entry: Entry, read: ReadField) -> Field:
-    """The nodal field of a surface of the catalogue."""
-    name = entry["surface"].string()
-    try:
-        fields.find_surface(name)
-    except InvalidRequest as error:
-        raise entry["surface"].error(str(error)) from error
-    phase = entry.get("phase")
-    return fields.tpms(name, read_cell_edges(entry["period"]), (0.0, 0.0, 0.0) if phase is None else read_triple(phase))
+BASE_KEYS = (Key("of", FIELD, "the field that is cut, instead of surface, period and phase"), *SURFACE_KEYS)
+FRACTION_KEY = Key(
+    "volume_fraction",
+    NUMBER_OR_FIELD,
+    "solid part of the volume, from which the level follows; a ramp grades it",
+    "0..1",
+)
 
 
-def read_bspline_unit(entry: Entry, read: ReadField) -> Field:
-    """The periodic B-spline unit of given coefficients (nested arrays or a .npy file), or of random ones from a seed."""
-    given = [key for key in ("coefficients", "file", "seed") if key in entry.value]
-    if len(given) != 1:
-        raise entry.error(f"give exactly one of coefficients, file and seed, not {' and '.join(given) or 'none'}")
-    source = entry[given[0]]
-    if given[0] == "seed":
-        count = [item.integer() for item in entry["count"].array_of_length(3, "whole numbers")]
-        coefficients = np.random.default_rng(source.integer(0)).normal(size=count)
-    elif "count" in entry.value:
-        raise entry["count"].error("is for units made from a seed")
-    else:
-        coefficients = read_numpy_array(source) if given[0] == "file" else _read_nested_array(source)
-    return fields.bspline_unit(coefficients, read_cell_edges(entry["period"]))
+def make_base_field(of: Field | None, surface: str | None, period: Any, phase: Any) -> Field:
+    """The field that is cut: `of`, or the nodal field of a surface of the catalogue."""
+    return fields.tpms(str(surface), period, phase) if of is None else of
 
 
-def read_rod(entry: Entry, read: ReadField) -> Field:
+def make_rod(*, level: Any, volume_fraction: Any, **base: Any) -> Field:
     """The solid {field < level}."""
-    phi = _read_base_field(entry, read)
-    return fields.rod(phi, _read_level(entry, read, phi, "rod"))
+    phi = make_base_field(**base)
+    return fields.rod(phi, level if level is not None else solve_threshold(phi, volume_fraction, "rod"))
 
 
-def read_pore(entry: Entry, read: ReadField) -> Field:
+def make_pore(*, level: Any, volume_fraction: Any, **base: Any) -> Field:
     """The solid {field > level}."""
-    phi = _read_base_field(entry, read)
-    return fields.pore(phi, _read_level(entry, read, phi, "pore"))
+    phi = make_base_field(**base)
+    return fields.pore(phi, level if level is not None else solve_threshold(phi, volume_fraction, "pore"))
 
 
-def read_sheet(entry: Entry, read: ReadField) -> Field:
+def make_sheet(*, levels: Any, volume_fraction: Any, **base: Any) -> Field:
     """The solid between two levels."""
-    phi = _read_base_field(entry, read)
-    if _uses_volume_fraction(entry, "levels"):
-        low, high = _solve_threshold(entry["volume_fraction"], phi, "sheet")  # type: ignore[misc]
-        return fields.sheet(phi, low, high)
-    first, second = entry["levels"].array_of_length(2, "levels, the lower one first")
-    return fields.sheet(phi, read(first), read(second))
+    phi = make_base_field(**base)
+    low, high = levels if levels is not None else solve_threshold(phi, volume_fraction, "sheet")
+    return fields.sheet(phi, low, high)
 
 
-def read_cell_sizes(entry: Entry, read: ReadField) -> Field:
+def solve_threshold(phi: Field, fraction: Any, what: str) -> Any:
+    """The level, or the pair of levels of a sheet, that gives a volume fraction; fields of them if a ramp grades it."""
+    if not isinstance(fraction, Field):
+        if not 0 < fraction < 1:
+            raise InvalidRequest(f"volume_fraction {fraction:g} must be between 0 and 1")
+        return fields.threshold_for(phi, fraction, what)
+    if not isinstance(fraction, RampField):
+        raise InvalidRequest('volume_fraction must be a number, or a field of kind = "ramp"')
+    low, high = sorted((fraction.low, fraction.high))
+    return fields.graded_threshold(phi, fraction, (low, high), what)
+
+
+def make_bspline_unit(*, coefficients: Any, file: Path | None, seed: int | None, count: Any, period: Any) -> Field:
+    """The periodic B-spline unit of given coefficients (nested arrays or a .npy file), or of random ones from a seed."""
+    if seed is not None:
+        coefficients = np.random.default_rng(seed).normal(size=count)
+    elif file is not None:
+        coefficients = read_numpy_array(file)
+    return fields.bspline_unit(coefficients, period)
+
+
+def make_cell_sizes(*, x: Any, y: Any, z: Any, **base: Any) -> Field:
     """A periodic field whose cell size changes along the axes."""
-    sizes = {}
-    for axis in "xyz":
-        if (part := entry.get(axis)) is not None:
-            part.table("at", "sizes")
-            sizes[axis] = [item.number() for item in part["at"].items()], [s.positive() for s in part["sizes"].items()]
-    return fields.cell_sizes(_read_base_field(entry, read), **sizes)
+    sizes: Mapping[str, Any] = {axis: given for axis, given in zip("xyz", (x, y, z), strict=True) if given is not None}
+    return fields.cell_sizes(make_base_field(**base), **sizes)
 
 
-def _read_base_field(entry: Entry, read: ReadField) -> Field:
-    """The field to be thresholded: `of`, or a surface of the catalogue that is given in place."""
-    inner = entry.get("of")
-    if inner is None:
-        return read_tpms(entry, read)
-    for key in SURFACE_KEYS.split():
-        if key in entry.value:
-            raise entry[key].error("give either `of` or a surface with its period and phase, not both")
-    return read(inner)
+def read_axis_sizes(entry: Entry) -> tuple[list[float], list[float]]:
+    """The positions and the cell sizes of a table with the keys `at` and `sizes`."""
+    entry.table("at", "sizes")
+    return [item.number() for item in entry["at"].items()], [size.positive() for size in entry["sizes"].items()]
 
 
-def _uses_volume_fraction(entry: Entry, other: str) -> bool:
-    """Whether the level follows from `volume_fraction`; RecipeError if the table has `other`, too."""
-    if "volume_fraction" in entry.value and other in entry.value:
-        raise entry["volume_fraction"].error(f"give either volume_fraction or {other}, not both")
-    return "volume_fraction" in entry.value
+AXIS_SIZES = plain_type("{ at = [...], sizes = [...] }", read_axis_sizes)
 
-
-def _read_level(entry: Entry, read: ReadField, phi: Field, what: str) -> Field | float:
-    """The level of a rod or a pore: a field, or the number that gives the volume fraction."""
-    if _uses_volume_fraction(entry, "level"):
-        return _solve_threshold(entry["volume_fraction"], phi, what)  # type: ignore[return-value]
-    return read(entry["level"])
-
-
-def _solve_threshold(entry: Entry, phi: Field, what: str) -> float | tuple[float, float]:
-    """The level, or the pair of levels of a sheet, that gives the volume fraction of an entry."""
-    fraction = entry.number()
-    if not 0 < fraction < 1:
-        raise entry.error(f"{fraction:g} must be between 0 and 1")
-    return fields.threshold_for(phi, fraction, what)
-
-
-def _read_nested_array(entry: Entry) -> np.ndarray:
-    """The array (nx, ny, nz) of an entry of nested arrays."""
-    planes = [[[number.number() for number in row.items()] for row in plane.items()] for plane in entry.items()]
-    try:
-        return np.array(planes, float)
-    except ValueError:
-        raise entry.error("must be an array of arrays of arrays of one length each") from None
-
-
-PERIODIC_KINDS = {
-    "tpms": make_kind(SURFACE_KEYS, read_tpms),
-    "bspline": make_kind("coefficients file seed count period", read_bspline_unit),
-    "cell_sizes": make_kind(f"of {SURFACE_KEYS} x y z", read_cell_sizes),
+PERIODIC_KINDS: dict[str, FieldKind] = {
+    "tpms": field_kind(
+        "The nodal field of a surface of the catalogue; by itself the solid on one side of the surface.",
+        lambda surface, period, phase: fields.tpms(surface, period, phase),
+        Key("surface", SURFACE, "a surface of the catalogue, see `tpmscad surfaces`"),
+        CELL_KEY,
+        Key("phase", POINT, "shift of the surface", "cells", default=(0.0, 0.0, 0.0)),
+    ),
+    "bspline": field_kind(
+        "A periodic B-spline unit: a field of any shape, from coefficients.",
+        make_bspline_unit,
+        Key("coefficients", plain_type("nested arrays", read_nested_array), "coefficients (nx, ny, nz)"),
+        Key("file", FILE, "coefficients (nx, ny, nz) in a .npy file"),
+        Key("seed", SEED, "seed of random coefficients"),
+        Key("count", COUNTS, "numbers of random coefficients along x, y and z", only_with="seed"),
+        CELL_KEY,
+        one_of=["coefficients file seed"],
+    ),
+    "cell_sizes": field_kind(
+        "A periodic field whose cell size changes along one or more axes.",
+        make_cell_sizes,
+        *BASE_KEYS,
+        *(Key(axis, AXIS_SIZES, f"cell sizes at positions along {axis}", "mm", default=None) for axis in "xyz"),
+        one_of=["of surface"],
+    ),
 }
 STRUCTURE_KINDS: dict[str, FieldKind] = {
-    "rod": make_kind(f"of {SURFACE_KEYS} level volume_fraction", read_rod),
-    "pore": make_kind(f"of {SURFACE_KEYS} level volume_fraction", read_pore),
-    "sheet": make_kind(f"of {SURFACE_KEYS} levels volume_fraction", read_sheet),
+    "rod": field_kind(
+        "Solid where a field lies below a level: rods on one side of a surface.",
+        make_rod,
+        *BASE_KEYS,
+        Key("level", FIELD, "the level; a ramp grades it"),
+        FRACTION_KEY,
+        one_of=["of surface", "level volume_fraction"],
+    ),
+    "pore": field_kind(
+        "Solid where a field lies above a level: the other side.",
+        make_pore,
+        *BASE_KEYS,
+        Key("level", FIELD, "the level; a ramp grades it"),
+        FRACTION_KEY,
+        one_of=["of surface", "level volume_fraction"],
+    ),
+    "sheet": field_kind(
+        "Solid where a field lies between two levels.",
+        make_sheet,
+        *BASE_KEYS,
+        Key("levels", fields_type(2, "levels, the lower one first"), "the levels, the lower one first"),
+        FRACTION_KEY,
+        one_of=["of surface", "levels volume_fraction"],
+    ),
 }

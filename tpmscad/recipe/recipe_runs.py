@@ -1,7 +1,7 @@
 """What the command line does with a recipe: describe it in a dry run, or make its solid.
 
-A `RecipeRun` gives both with the report that belongs to it. A blend is computed in either case; the dry run of a solid computes
-only the volume fraction of its field.
+A `RecipeRun` gives both with the report that belongs to it. A blend is computed in either case; the dry run of a solid does what
+comes before the fits, and computes the volume fraction of its field.
 """
 
 from __future__ import annotations
@@ -78,10 +78,18 @@ class SolidRun:
         return cls(read_solid_recipe(path))
 
     def describe(self) -> tuple[str, dict[str, Any]]:
-        """The domain, the tolerance and the volume fraction."""
-        return str(self.recipe), self.recipe.to_dict()
+        """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""
+        recipe = self.recipe
+        with recipe.locate_errors():
+            found = workflows.preview_solid(recipe.field, recipe.domain, tol=recipe.tol)
+        domain = str(recipe.domain) if isinstance(recipe.domain, Path) else [list(corner) for corner in recipe.domain]
+        content = {"domain": domain, "tol": recipe.tol, "volume_fraction": found.volume_fraction}
+        text = f"domain {domain}, about {100 * found.volume_fraction:.1f} % solid, tolerance {recipe.tol:g}"
+        return text, content
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid of the field in its domain, and its report."""
-        model = workflows.solidify(self.recipe.field, self.recipe.domain, tol=self.recipe.tol, progress=progress)
+        recipe = self.recipe
+        with recipe.locate_errors():
+            model = workflows.solidify(recipe.field, recipe.domain, tol=recipe.tol, progress=progress)
         return model, model.certificate.to_dict()

@@ -1,68 +1,84 @@
-"""Regions as tables of a recipe: boxes, half-spaces, cylinders, spheres, pictures, bodies from STEP files."""
+"""Regions as kinds of recipes: boxes, half-spaces, cylinders, spheres, pictures, bodies from STEP files."""
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 from tpmscad import fields, workflows
+from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
-from tpmscad.recipe.field_kind import FieldKind, ReadField, make_kind, read_direction, read_triple
+from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
 from tpmscad.recipe.image_masks import read_mask
-from tpmscad.recipe.toml_entry import Entry
+from tpmscad.recipe.value_types import (
+    CORNER,
+    DIRECTION,
+    FILE,
+    NUMBER,
+    POINT,
+    POSITIVE,
+    choice_type,
+    plain_type,
+    read_pair_or_triple,
+)
+
+PAIR_OR_TRIPLE = plain_type("2 or 3 numbers", read_pair_or_triple)
 
 
-def read_box(entry: Entry, read: ReadField) -> Field:
-    """The box with the corners `lo` and `hi`, whose coordinates may be infinite."""
-    return fields.box(_read_corner(entry["lo"]), _read_corner(entry["hi"]))
-
-
-def read_halfspace(entry: Entry, read: ReadField) -> Field:
-    """The half-space behind `point`, away from `normal`."""
-    return fields.halfspace(read_triple(entry["point"]), read_direction(entry["normal"]))
-
-
-def read_sphere(entry: Entry, read: ReadField) -> Field:
-    """The sphere with `center` and `radius`."""
-    return fields.sphere(read_triple(entry["center"]), entry["radius"].positive())
-
-
-def read_cylinder(entry: Entry, read: ReadField) -> Field:
-    """The cylinder with `center`, `radius`, `axis` (by default z) and `height` (by default infinite)."""
-    axis, height = entry.get("axis"), entry.get("height")
-    return fields.cylinder(
-        read_triple(entry["center"]),
-        entry["radius"].positive(),
-        "z" if axis is None else read_direction(axis),
-        None if height is None else height.positive(),
-    )
-
-
-def read_image_region(entry: Entry, read: ReadField) -> Field:
+def make_image_region(*, file: Path, lo: Any, hi: Any, axis: str, threshold: Any, solid: str) -> Field:
     """Pixels of a picture that are darker or lighter than a threshold, extruded along an axis; or the voxels of a .npy array."""
-    solid = read_mask(entry)
-    count = solid.ndim
-    axis = entry.get("axis")
-    return fields.image_region(
-        solid, entry["lo"].numbers(count), entry["hi"].numbers(count), axis="z" if axis is None else axis.string("xyz")
-    )
+    mask = read_mask(file, threshold, solid)
+    for name, corner in (("lo", lo), ("hi", hi)):
+        if len(corner) != mask.ndim:
+            raise InvalidRequest(f"{name} must be {mask.ndim} numbers, not {len(corner)}")
+    return fields.image_region(mask, lo, hi, axis=axis)
 
 
-def read_body_field(entry: Entry, read: ReadField) -> Field:
-    """The signed distance to the solid of a STEP file, whose path is relative to the folder of the recipe."""
-    return workflows.body_field(entry["file"].sibling_file())
-
-
-def _read_corner(entry: Entry) -> tuple[float, ...]:
-    """Three numbers, which may be infinite."""
-    return tuple(
-        item.value if isinstance(item.value, float) and abs(item.value) == float("inf") else item.number()
-        for item in entry.array_of_length(3, "numbers")
-    )
+def make_body_field(*, file: Path) -> Field:
+    """The signed distance to the solid of a STEP file."""
+    return workflows.body_field(file)
 
 
 REGION_KINDS: dict[str, FieldKind] = {
-    "box": make_kind("lo hi", read_box),
-    "halfspace": make_kind("point normal", read_halfspace),
-    "cylinder": make_kind("center radius axis height", read_cylinder),
-    "sphere": make_kind("center radius", read_sphere),
-    "image": make_kind("file lo hi axis threshold solid", read_image_region),
-    "body": make_kind("file", read_body_field),
+    "box": field_kind(
+        "A box along the axes.",
+        fields.box,
+        Key("lo", CORNER, "the lower corner", "mm"),
+        Key("hi", CORNER, "the upper corner", "mm"),
+    ),
+    "halfspace": field_kind(
+        "Everything behind a plane.",
+        fields.halfspace,
+        Key("point", POINT, "a point of the plane", "mm"),
+        Key("normal", DIRECTION, "points out of the solid"),
+    ),
+    "cylinder": field_kind(
+        "A cylinder, by default without ends.",
+        fields.cylinder,
+        Key("center", POINT, "the center", "mm"),
+        Key("radius", POSITIVE, "the radius", "mm"),
+        Key("axis", DIRECTION, "direction of the axis", default="z"),
+        Key("height", POSITIVE, "length along the axis", "mm", default=None, default_text="no ends"),
+    ),
+    "sphere": field_kind(
+        "A ball.",
+        fields.sphere,
+        Key("center", POINT, "the center", "mm"),
+        Key("radius", POSITIVE, "the radius", "mm"),
+    ),
+    "image": field_kind(
+        "The dark or light pixels of a picture, extruded along an axis; or the true voxels of an array.",
+        make_image_region,
+        Key("file", FILE, "a .png picture, or a .npy array of truth values (nx, ny, nz)"),
+        Key("lo", PAIR_OR_TRIPLE, "the lower corner of the picture (2) or of the array (3)", "mm"),
+        Key("hi", PAIR_OR_TRIPLE, "the upper corner", "mm"),
+        Key("axis", choice_type("x", "y", "z"), "direction in which a picture is extruded", default="z"),
+        Key("threshold", NUMBER, "brightness of a picture that divides dark and light", "0..1", default=0.5),
+        Key("solid", choice_type("dark", "light"), "which pixels are solid", default="dark"),
+    ),
+    "body": field_kind(
+        "The solid in a STEP file, as the distance to its surface, negative inside.",
+        make_body_field,
+        Key("file", FILE, "a STEP file with one solid"),
+    ),
 }

@@ -52,7 +52,7 @@ class Entry:
         for key in self.value:
             if known and key not in known:
                 wrong = replace(self, path=(*self.path, key))
-                raise wrong.error(f"unknown key; {_suggest(key, known)}")
+                raise wrong.error(f"unknown key; {suggest_word(key, known)}")
         return self
 
     def number(self) -> float:
@@ -88,7 +88,7 @@ class Entry:
         if not isinstance(self.value, str):
             raise self.error(f"must be a string, not {self.value_text}")
         if choices and self.value not in choices:
-            raise self.error(f"{self.value!r} is unknown; {_suggest(self.value, choices)}")
+            raise self.error(f"{self.value!r} is unknown; {suggest_word(self.value, choices)}")
         return self.value
 
     def numbers(self, count: int) -> tuple[float, ...]:
@@ -132,8 +132,13 @@ class Entry:
         where = f"{self.file.name}, line {self.lines[known]}" if known else self.file.name
         return RecipeError(f"{where}, {self.key}: {message}" if self.key else f"{where}: {message}")
 
+    def locate(self, message: str) -> RecipeError:
+        """The error with the line of the key of this table that the message begins with, or that of the table."""
+        first = message.split(" ", 1)[0].strip("`:'=")
+        return (self[first] if first in self.value else self).error(message)
 
-def _suggest(word: str, known: Sequence[str]) -> str:
+
+def suggest_word(word: str, known: Sequence[str]) -> str:
     """The most similar of the known words, or all of them."""
     near = get_close_matches(word, known, n=1, cutoff=SUGGESTION_CUTOFF)
     return f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(known)}"

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
     from tpmscad.workflows.model import InfillModel, Model
+    from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step
 
 __all__ = [
@@ -31,6 +32,7 @@ __all__ = [
     "LocatedWidth",
     "Metrics",
     "Model",
+    "SolidPreview",
     "body_field",
     "check_step",
     "export_step",
@@ -38,6 +40,7 @@ __all__ = [
     "infill",
     "lattice",
     "measure",
+    "preview_solid",
     "render_step",
     "solidify",
 ]
@@ -50,6 +53,7 @@ _MODULE_OF_NAME = {
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",
+    "SolidPreview": "tpmscad.workflows.solid_preview",
     "body_field": "tpmscad.kernel.measure.signed_distance",
     "check_step": "tpmscad.workflows.step_files",
     "export_step": "tpmscad.workflows.step_files",
@@ -57,6 +61,7 @@ _MODULE_OF_NAME = {
     "infill": "tpmscad.workflows.lattice_infill",
     "lattice": "tpmscad.workflows.lattice_solid",
     "measure": "tpmscad.workflows.metrics",
+    "preview_solid": "tpmscad.workflows.solid_preview",
     "render_step": "tpmscad.workflows.step_files",
     "solidify": "tpmscad.workflows.implicit_solid",
 }

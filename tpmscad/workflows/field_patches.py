@@ -29,6 +29,7 @@ from tpmscad.fields import volume_quadrature
 from tpmscad.fields.betti_numbers import compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
+from tpmscad.levelset import field_solid
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
 from tpmscad.parallel import task_runner
 from tpmscad.stage_timer import StageTimer
@@ -124,6 +125,14 @@ def fit_field_patches(
         notes=notes + fitted.notes,
     )
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
+
+
+def check_field_in_box(field: Field | Callable[..., Any], lo: Any, hi: Any, tol: float) -> None:
+    """Raise what `fit_field_patches` would raise before it fits."""
+    field = as_field(field)
+    low, high = validate_box(lo, hi, tol)
+    rounded, moved, _ = _round_field_edges(field, low, high, tol)
+    field_solid.check_field_in_box(rounded, low, high, tol - moved)
 
 
 def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[Field, float, tuple[str, ...]]:

@@ -82,13 +82,13 @@ def solidify(
     >>> model.certificate.met  # doctest: +SKIP
     True
     """
-    if not _is_numeric_box(domain):
+    if not is_numeric_box(domain):
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         bounds = enclosing_box(read_body(domain).shape)
         return infill(domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, progress=progress)
     stages = StageTimer(progress)
-    found = fit_field_patches(field, *_parse_corners(domain), tol, stages, executor=executor)
+    found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     with stages("build"):
         built = kernel.build_solids(found.brep, found.moments)
     with stages("check"):
@@ -116,7 +116,7 @@ def certify_field_solid(found: FieldPatches, report: kernel.ShapeReport) -> Cert
     return certify(found.brep, properties, measures, valid=report.valid, edge_gap=gap, checks=checks)
 
 
-def _is_numeric_box(domain: Any) -> bool:
+def is_numeric_box(domain: Any) -> bool:
     """Whether the domain consists of numbers, as a box does."""
     if isinstance(domain, str | os.PathLike):
         return False
@@ -127,7 +127,7 @@ def _is_numeric_box(domain: Any) -> bool:
     return True
 
 
-def _parse_corners(domain: BoxCorners) -> tuple[np.ndarray, np.ndarray]:
+def parse_corners(domain: BoxCorners) -> tuple[np.ndarray, np.ndarray]:
     """The two corners (3,), (3,) of a box."""
     try:
         lo, hi = (np.asarray(point, float) for point in domain)

@@ -166,10 +166,15 @@ def build_field_block(
     """The solid of a field in the body's bounding box and a margin around it."""
     if tol is None:
         raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
-    low, high = enclosing_box(body.shape)
-    margin = FIELD_BLOCK_MARGIN_FRACTION * float((high - low).max())
-    found = fit_field_patches(field, low - margin, high + margin, tol, stages)
+    low, high = expand_body_box(*enclosing_box(body.shape))
+    found = fit_field_patches(field, low, high, tol, stages)
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
     return LatticeBlock(found.brep, measures, lambda: found.brep)
+
+
+def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:
+    """The box in which a field is fitted for a body: the body's own box and a margin around it."""
+    margin = FIELD_BLOCK_MARGIN_FRACTION * float((high - low).max())
+    return low - margin, high + margin
