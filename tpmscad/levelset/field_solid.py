@@ -114,7 +114,7 @@ def fit_field_solid(
 
 
 def check_field_in_box(field: Field, lo: Array, hi: Array, tol: float) -> None:
-    """Raise what `fit_field_solid` would raise before it fits: bad box or tolerance, no surface, crossing surfaces, thin walls."""
+    """Raise what `fit_field_solid` would raise before it fits: bad box or tolerance, no surface, crossings, thin walls."""
     lo, hi = validate_box(lo, hi, tol)
     parts, _ = _prepare_parts(field, lo, hi, tol)
     level_sets = tuple(part.field for part in parts)

@@ -14,6 +14,7 @@ from tpmscad._lazy_import import lazy_attributes
 if TYPE_CHECKING:
     from tpmscad.errors import RecipeError
     from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
+    from tpmscad.recipe.key_reference import format_reference, read_template
     from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, run_blend_recipe
     from tpmscad.recipe.solid_recipe import SolidRecipe, read_solid_recipe
 
@@ -23,8 +24,10 @@ __all__ = [
     "RecipeError",
     "SolidRecipe",
     "SolidRun",
+    "format_reference",
     "read_blend_recipe",
     "read_solid_recipe",
+    "read_template",
     "run_blend_recipe",
 ]
 
@@ -34,8 +37,10 @@ _MODULE_OF_NAME = {
     "RecipeError": "tpmscad.errors",
     "SolidRecipe": "tpmscad.recipe.solid_recipe",
     "SolidRun": "tpmscad.recipe.recipe_runs",
+    "format_reference": "tpmscad.recipe.key_reference",
     "read_blend_recipe": "tpmscad.recipe.blend_recipe",
     "read_solid_recipe": "tpmscad.recipe.solid_recipe",
+    "read_template": "tpmscad.recipe.key_reference",
     "run_blend_recipe": "tpmscad.recipe.recipe_runs",
 }
 

@@ -93,9 +93,9 @@ def read_blend_recipe(path: Path) -> BlendRecipe:
     """The recipe of a TOML file; RecipeError with the line of what is invalid."""
     recipe = read_document(path)
     values = BLEND_KEYS.read(recipe, make_field_reader(recipe))
-    lists = (tuple(values.pop(name)) for name in FIELD_LIST_KEYS)
-    tol = values.pop("tol")
-    return BlendRecipe(recipe, *lists, {key: values[key] for key in values if key in recipe.value}, tol)
+    structures, regions, blending = (tuple(values[name]) for name in FIELD_LIST_KEYS)
+    options = {key.name: values[key.name] for key in OPTION_KEYS if key.name in recipe.value}
+    return BlendRecipe(recipe, structures, regions, blending, options, values["tol"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,6 +177,34 @@ def _option(name: str, value_type: ValueType, meaning: str, unit: str = "", defa
 _WEIGHT = ValueType("name or table, or an array of these", read_weights)
 _WEIGHT_NAMES = ", ".join(f'"{name}"' for name in WEIGHT_NAMES)
 
+OPTION_KEYS = (
+    _option("method", choice_type(*METHODS), "optimiser of the weights, or an earlier method"),
+    _option("weight", _WEIGHT, f"the weight functions: {_WEIGHT_NAMES}, or a table of a kind of weight"),
+    _option(
+        "resolution",
+        plain_type(
+            "3 whole numbers", lambda entry: tuple(i.integer(2) for i in entry.array_of_length(3, "whole numbers"))
+        ),
+        "samples along x, y and z on which isolated parts are counted",
+        default_text="chosen by the periods",
+    ),
+    _option(
+        "domain",
+        plain_type("2 corners", read_box_corners),
+        "the box of the blend",
+        "mm",
+        "the box of the regions",
+    ),
+    _option("max_iterations", COUNT, "most rounds of the optimiser"),
+    _option("minimum_neck", POSITIVE, "width of solid and void at saddle points", "mm", "no limit"),
+    _option("max_change", POSITIVE, "greatest change of a coefficient of a weight", "0..1"),
+    _option("keep_fraction", BOOLEAN, "keep the solid fraction between those of the structures"),
+    _option("level_margin", NUMBER, "shift of the level that isolates nothing, as a fraction of the field's rms"),
+    _option("drop_intrinsic", BOOLEAN, "remove isolated parts and cavities of the structures themselves"),
+    _option("specks", BOOLEAN, "search between the samples for isolated parts", default_text="where needed"),
+)
+"""The keywords of `blend` that a recipe may give."""
+
 BLEND_KEYS = KeyTable(
     (
         Key("structures", FIELDS, "the porous structures, two or more: [[structures]]"),
@@ -184,30 +212,7 @@ BLEND_KEYS = KeyTable(
         Key("blending_regions", FIELDS, "where structure k + 1 is joined to those before it: [[blending_regions]]"),
         Key("tol", POSITIVE, "greatest deviation of the solid from the blend", "mm"),
         FIELDS_KEY,
-        _option("method", choice_type(*METHODS), "optimiser of the weights, or an earlier method"),
-        _option("weight", _WEIGHT, f"the weight functions: {_WEIGHT_NAMES}, or a table of a kind of weight"),
-        _option(
-            "resolution",
-            plain_type(
-                "3 whole numbers", lambda entry: tuple(i.integer(2) for i in entry.array_of_length(3, "whole numbers"))
-            ),
-            "samples along x, y and z on which isolated parts are counted",
-            default_text="chosen by the periods",
-        ),
-        _option(
-            "domain",
-            plain_type("2 corners", read_box_corners),
-            "the box of the blend",
-            "mm",
-            "the box of the regions",
-        ),
-        _option("max_iterations", COUNT, "most rounds of the optimiser"),
-        _option("minimum_neck", POSITIVE, "width of solid and void at saddle points", "mm", "no limit"),
-        _option("max_change", POSITIVE, "greatest change of a coefficient of a weight", "0..1"),
-        _option("keep_fraction", BOOLEAN, "keep the solid fraction between those of the structures"),
-        _option("level_margin", NUMBER, "shift of the level that isolates nothing, as a fraction of the field's rms"),
-        _option("drop_intrinsic", BOOLEAN, "remove isolated parts and cavities of the structures themselves"),
-        _option("specks", BOOLEAN, "search between the samples for isolated parts", default_text="where needed"),
+        *OPTION_KEYS,
     )
 )
 """The keys of a recipe for `tpmscad blend`."""

@@ -66,7 +66,7 @@ def _format_table(head: str, meaning: str, table: KeyTable, width: int) -> str:
         left = f"  {' | '.join(key.spellings).ljust(name_width)}"
         body = f"{key.type.text}{unit}: {key.meaning} ({_describe_default(key, table)})"
         indent = " " * len(left)
-        lines.append(textwrap.fill(body, width, initial_indent=left, subsequent_indent=indent))
+        lines.append(textwrap.fill(body, width, initial_indent=left, subsequent_indent=indent, break_on_hyphens=False))
     return "\n".join(lines)
 
 

@@ -1,0 +1,99 @@
+"""Fields of data and formulas in recipes: the same bits as in Python, and what is wrong in a file told with its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.errors import RecipeError
+from tpmscad.recipe import read_solid_recipe
+
+POINTS = np.random.default_rng(3).uniform(0, 4, (200, 3))
+VALUES = np.random.default_rng(5).normal(size=(5, 6, 7))
+SCATTERED = np.random.default_rng(7).uniform(0, 4, (40, 4))
+
+
+def read_field(folder: Path, text: str) -> fields.Field:
+    (folder / "part.toml").write_text(f"tol = 0.1\ndomain = [[0, 0, 0], [1, 1, 1]]\n[field]\n{text}\n")
+    return read_solid_recipe(folder / "part.toml").field
+
+
+def assert_same(found: fields.Field, expected: fields.Field) -> None:
+    np.testing.assert_array_equal(found(POINTS), expected(POINTS))
+    np.testing.assert_array_equal(found.gradient(POINTS), expected.gradient(POINTS))
+
+
+@pytest.mark.parametrize(
+    ("text", "keywords"),
+    [
+        ("", {}),
+        ("level = 0.25", {"level": 0.25}),
+        ("spacing = [1, 0.5, 2]\norigin = [-1, 0, 1]", {"spacing": (1, 0.5, 2), "origin": (-1, 0, 1)}),
+    ],
+)
+def test_voxels_of_a_file_are_the_sampled_field(tmp_path: Path, text: str, keywords: dict[str, object]) -> None:
+    np.save(tmp_path / "density.npy", VALUES)
+    assert_same(
+        read_field(tmp_path, f'kind = "sampled"\nfile = "density.npy"\n{text}'),
+        fields.sampled(VALUES, **keywords),  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize(
+    ("head", "separator"), [("x,y,z,value\n", ","), ("# mm and MPa\n", ";"), ("", " "), ("X\tY\tZ\tstress\n", "\t")]
+)
+def test_a_table_of_points_is_the_scattered_field(tmp_path: Path, head: str, separator: str) -> None:
+    rows = "\n".join(separator.join(map(repr, row)) for row in SCATTERED.tolist())
+    (tmp_path / "points.csv").write_text(f"{head}{rows}\n\n")
+    assert_same(
+        read_field(tmp_path, 'kind = "scattered"\nfile = "points.csv"\nlevel = 1.5'),
+        fields.scattered(SCATTERED[:, :3], SCATTERED[:, 3], level=1.5),
+    )
+
+
+def test_a_formula_may_name_other_fields(tmp_path: Path) -> None:
+    text = """kind = "expression"
+formula = "max(sin(x)*cos(y) + 0.2*Z, ball)"
+cell = 3
+names = { ball = { kind = "sphere", center = [2, 2, 2], radius = 1.5 } }"""
+    ball = fields.sphere((2, 2, 2), 1.5)
+    assert_same(read_field(tmp_path, text), fields.expression("max(sin(x)*cos(y) + 0.2*Z, ball)", period=3, ball=ball))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('kind = "sampled"\nfile = "flat.npy"', "holds an array of shape (3, 3)"),
+        ('kind = "sampled"\nfile = "absent.npy"', "line 5, field.file: there is no file"),
+        ('kind = "scattered"\nfile = "short.csv"', "line 5, field.file: file short.csv, line 2: 3 columns"),
+        ('kind = "scattered"\nfile = "words.csv"', "line 5, field.file: file words.csv, line 3: '1, 2, x, 4' are not"),
+        ('kind = "scattered"\nfile = "empty.csv"', "line 5, field.file: file empty.csv holds no row"),
+        ('kind = "expression"\nformula = "sin(x) +"', "formula"),
+        ('kind = "expression"\nformula = "__import__(1)"', "__import__"),
+        ('kind = "expression"\nformula = "x"\nperiod = 1\ncell = 2', "is another name of 'period': give one of them"),
+        ('kind = "rod"\nsurface = "P"\ncell = 2\nlevel = 0\nof = 1', "give exactly one of 'of' and 'surface'"),
+        ('kind = "rod"\nof = 1\ncell = 2\nlevel = 0', "has a meaning only together with 'surface'"),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, text: str, words: str) -> None:
+    np.save(tmp_path / "flat.npy", np.zeros((3, 3)))
+    (tmp_path / "short.csv").write_text("x,y,z\n1,2,3\n")
+    (tmp_path / "words.csv").write_text("x,y,z,v\n1,2,3,4\n1,2,x,4\n")
+    (tmp_path / "empty.csv").write_text("x,y,z,v\n")
+    with pytest.raises(RecipeError, match=r"^part\.toml, line \d, field") as caught:
+        read_field(tmp_path, text)
+    assert words in str(caught.value)
+
+
+def test_a_ramp_grades_the_volume_fraction(tmp_path: Path) -> None:
+    ramp = fields.ramp("z", (0, 4), (0.4, 0.2))
+    phi = fields.tpms("gyroid", 2.0)
+    low, high = fields.graded_threshold(phi, ramp, (0.2, 0.4), "sheet")  # type: ignore[misc]
+    text = """kind = "sheet"
+surface = "gyroid"
+cell = 2
+volume_fraction = { kind = "ramp", by = "z", span = [0, 4], values = [0.4, 0.2] }"""
+    assert_same(read_field(tmp_path, text), fields.sheet(phi, low, high))
