@@ -64,7 +64,7 @@ FLOORS = {
         ("build",),
         ("step",),
         ("measure",),
-        ("body_import", "render"),
+        ("body_import", "render", "export"),
         ("boolean",),
     ),
 }

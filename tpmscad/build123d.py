@@ -126,7 +126,7 @@ class TpmsInfill(Part):
 
     Attributes
     ----------
-    model : InfillModel
+    model : Model
         What `tpmscad.infill` returned.
     certificate : Certificate
         What was measured; `certificate.met` says whether the solid meets the request.

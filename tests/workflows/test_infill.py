@@ -182,7 +182,8 @@ def domains() -> FluidDomains:
 class TestFluidDomains:
     def test_the_volumes_add_up_to_the_body_s(self, domains: FluidDomains) -> None:
         parts = domains.wall, domains.plus, domains.minus
-        assert all(part.is_valid for part in parts)
+        assert all(part.solid.is_valid for part in parts)
+        assert [part.volume for part in parts] == pytest.approx([part.solid.volume for part in parts], rel=1e-3)
         assert sum(part.volume for part in parts) == pytest.approx(np.pi * 64 * 12, rel=1e-6)
         assert domains.certificate.met
 
@@ -194,13 +195,13 @@ class TestFluidDomains:
         assert len(wall & minus) > 0
         assert not plus & minus
         curved = {bd.GeomType.BSPLINE, bd.GeomType.BEZIER}
-        assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.faces())
+        assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.solid.faces())
 
     def test_each_channel_lies_on_its_side(self, domains: FluidDomains) -> None:
         phi = fields.translate(fields.tpms("P", 10.0), (1, 2, 3))
         for part, sign in ((domains.plus, 1), (domains.minus, -1)):
             walls = (bd.GeomType.BSPLINE, bd.GeomType.BEZIER)
-            on_surface = [f.center() for f in part.faces() if f.geom_type in walls]
+            on_surface = [f.center() for f in part.solid.faces() if f.geom_type in walls]
             assert on_surface
             assert all(sign * phi(np.array(tuple(c))) > 0 for c in on_surface)
 

@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from tpmscad.kernel.boolean.inward_offset import offset_inward
     from tpmscad.kernel.boolean.local_intersection import intersect_locally
     from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids
+    from tpmscad.kernel.export.brep_file import write_brep_file
+    from tpmscad.kernel.export.gltf_file import write_glb
+    from tpmscad.kernel.export.mesh_parts import group_faces
+    from tpmscad.kernel.export.solid_mesh import mesh_solids
+    from tpmscad.kernel.export.stl_file import write_stl
+    from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.mass_properties import face_moments
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
@@ -43,19 +49,28 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.convert import transform_shape
     from tpmscad.kernel.occt.exploration import faces_of
     from tpmscad.kernel.render.picture import render_png
+    from tpmscad.kernel.step.atomic_file import validate_output_path
     from tpmscad.kernel.step.brep_writer import Instances, write_step
-    from tpmscad.kernel.step.product_entities import TAG_COLOURS
+    from tpmscad.kernel.step.face_labels import (
+        NamedSolid,
+        find_label_colour,
+        label_faces,
+        label_shape_faces,
+        order_labels,
+    )
+    from tpmscad.kernel.step.product_entities import Colour
     from tpmscad.kernel.step.shape_writer import write_shape
     from tpmscad.kernel.step.step_reader import StepContent, read_step
 
 __all__ = [
-    "TAG_COLOURS",
     "BuiltSolids",
     "CadBody",
+    "Colour",
     "Creases",
     "FaceSamples",
     "Instances",
     "KernelSolids",
+    "NamedSolid",
     "NotQuadric",
     "ShapeReport",
     "SplitSolid",
@@ -75,13 +90,19 @@ __all__ = [
     "face_moments",
     "faces_of",
     "find_creases",
+    "find_label_colour",
+    "group_faces",
     "have_touching_solids",
     "intersect_locally",
     "intersect_solids",
     "is_valid",
+    "label_faces",
+    "label_shape_faces",
     "lie_on_surface",
     "make_compound",
+    "mesh_solids",
     "offset_inward",
+    "order_labels",
     "read_body",
     "read_step",
     "render_png",
@@ -92,18 +113,24 @@ __all__ = [
     "subtract_solid",
     "subtract_voids",
     "transform_shape",
+    "validate_output_path",
+    "write_3mf",
+    "write_brep_file",
+    "write_glb",
     "write_shape",
     "write_step",
+    "write_stl",
 ]
 
 _MODULE_OF_NAME = {
-    "TAG_COLOURS": "tpmscad.kernel.step.product_entities",
     "BuiltSolids": "tpmscad.kernel.build.solids",
     "CadBody": "tpmscad.kernel.measure.cad_body",
+    "Colour": "tpmscad.kernel.step.product_entities",
     "Creases": "tpmscad.kernel.measure.shape_sampling",
     "FaceSamples": "tpmscad.kernel.measure.shape_sampling",
     "Instances": "tpmscad.kernel.step.brep_writer",
     "KernelSolids": "tpmscad.kernel.boolean.boolean_operations",
+    "NamedSolid": "tpmscad.kernel.step.face_labels",
     "NotQuadric": "tpmscad.errors",
     "ShapeReport": "tpmscad.kernel.measure.shape_report",
     "SplitSolid": "tpmscad.kernel.boolean.body_split",
@@ -123,13 +150,19 @@ _MODULE_OF_NAME = {
     "face_moments": "tpmscad.kernel.measure.mass_properties",
     "faces_of": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
+    "find_label_colour": "tpmscad.kernel.step.face_labels",
+    "group_faces": "tpmscad.kernel.export.mesh_parts",
     "have_touching_solids": "tpmscad.kernel.measure.shape_sampling",
     "intersect_locally": "tpmscad.kernel.boolean.local_intersection",
     "intersect_solids": "tpmscad.kernel.boolean.boolean_operations",
     "is_valid": "tpmscad.kernel.measure.shape_report",
+    "label_faces": "tpmscad.kernel.step.face_labels",
+    "label_shape_faces": "tpmscad.kernel.step.face_labels",
     "lie_on_surface": "tpmscad.kernel.measure.shape_sampling",
     "make_compound": "tpmscad.kernel.occt.construction",
+    "mesh_solids": "tpmscad.kernel.export.solid_mesh",
     "offset_inward": "tpmscad.kernel.boolean.inward_offset",
+    "order_labels": "tpmscad.kernel.step.face_labels",
     "read_body": "tpmscad.kernel.measure.cad_body",
     "read_step": "tpmscad.kernel.step.step_reader",
     "render_png": "tpmscad.kernel.render.picture",
@@ -140,8 +173,13 @@ _MODULE_OF_NAME = {
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",
     "transform_shape": "tpmscad.kernel.occt.convert",
+    "validate_output_path": "tpmscad.kernel.step.atomic_file",
+    "write_3mf": "tpmscad.kernel.export.threemf_file",
+    "write_brep_file": "tpmscad.kernel.export.brep_file",
+    "write_glb": "tpmscad.kernel.export.gltf_file",
     "write_shape": "tpmscad.kernel.step.shape_writer",
     "write_step": "tpmscad.kernel.step.brep_writer",
+    "write_stl": "tpmscad.kernel.export.stl_file",
 }
 
 __getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

@@ -15,12 +15,13 @@ from tpmscad._lazy_import import lazy_attributes
 if TYPE_CHECKING:
     from tpmscad.kernel import body_field
     from tpmscad.workflows.certificate import Certificate
-    from tpmscad.workflows.fluid_volumes import FaceContact, FluidDomains, fluid_domains
+    from tpmscad.workflows.domain_results import FaceContact, FluidDomains
+    from tpmscad.workflows.fluid_volumes import fluid_domains
     from tpmscad.workflows.implicit_solid import solidify
     from tpmscad.workflows.lattice_infill import infill
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
-    from tpmscad.workflows.model import InfillModel, Model
+    from tpmscad.workflows.model import Model
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step
 
@@ -28,7 +29,6 @@ __all__ = [
     "Certificate",
     "FaceContact",
     "FluidDomains",
-    "InfillModel",
     "LocatedWidth",
     "Metrics",
     "Model",
@@ -47,9 +47,8 @@ __all__ = [
 
 _MODULE_OF_NAME = {
     "Certificate": "tpmscad.workflows.certificate",
-    "FaceContact": "tpmscad.workflows.fluid_volumes",
-    "FluidDomains": "tpmscad.workflows.fluid_volumes",
-    "InfillModel": "tpmscad.workflows.model",
+    "FaceContact": "tpmscad.workflows.domain_results",
+    "FluidDomains": "tpmscad.workflows.domain_results",
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",

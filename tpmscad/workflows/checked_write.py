@@ -6,7 +6,7 @@ of the expected volume. A failure leaves no file behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,16 +41,28 @@ def write_checked_brep(
     schema: str,
     name: str,
     rtol: float,
+    labels: Sequence[str],
     placements: kernel.Instances | None = None,
     n_placements: int = 1,
 ) -> None:
     """Write a boundary representation as STEP, once for each placement, read the file back and compare the volume.
 
-    `nesting` says which shells bound which solid (`BuiltSolids.nesting`). KernelError if the file does not hold what was written.
+    `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the
+    faces. KernelError if the file does not hold what was written.
     """
     volume = n_placements * float(integral_properties.volume(nesting.moments)[0])
     verify = make_volume_check(volume, rtol)
-    kernel.write_step(brep, nesting, path, schema=schema, name=name, instances=placements, verify=verify)
+    kernel.write_step(
+        brep,
+        nesting,
+        path,
+        schema=schema,
+        name=name,
+        instances=placements,
+        labels=labels,
+        colours={label: kernel.find_label_colour(label) for label in set(labels)},
+        verify=verify,
+    )
 
 
 def write_checked_shape(

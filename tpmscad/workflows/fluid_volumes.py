@@ -9,122 +9,44 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Progress
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
 from tpmscad.kernel import (
+    BuiltSolids,
     CadBody,
     KernelSolids,
     SplitSolid,
     brep_and_source_faces,
     build_regions,
-    check_shape,
     faces_of,
     is_valid,
-    make_compound,
     read_body,
     split_body,
 )
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success
+from tpmscad.workflows.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES
 from tpmscad.workflows.certificate import (
     Certificate,
     Check,
     certify_kernel_solids,
-    check_kernel_solids,
     describe_piece,
     require,
 )
-from tpmscad.workflows.checked_write import write_checked_shape
+from tpmscad.workflows.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.workflows.lattice_request import resolve_lattice_request, rotation_matrix
-
-WALL, PLUS, MINUS = "wall", "channel +", "channel -"
-"""Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
+from tpmscad.workflows.model import Model
 
 TOTAL_VOLUME_RTOL = 1e-6
 """Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FaceContact:
-    """One face of the body, by its number in the body's order, and the area of each domain on it, model units squared."""
-
-    face: int
-    areas: Mapping[str, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FluidDomains:
-    """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
-
-    Attributes
-    ----------
-    name : str
-        Name of the whole, used in STEP files.
-    pieces : mapping
-        The TopoDS solids of each domain, largest first, by the names "wall", "channel +" and "channel -".
-    touches : tuple of FaceContact
-        For every face of the body, the domains that reach it and their areas on it.
-    certificate : Certificate
-        The certificate of the wall, with the checks and notes of the channels.
-    body_volume : float
-        Volume of the three domains together, model units cubed.
-    """
-
-    name: str
-    pieces: Mapping[str, tuple[Any, ...]]
-    touches: tuple[FaceContact, ...]
-    certificate: Certificate
-    body_volume: float
-
-    @property
-    def wall(self) -> Any:
-        """The wall as a build123d Solid, or a Compound of its pieces, largest first."""
-        return KernelSolids(self.pieces[WALL]).solid
-
-    @property
-    def plus(self) -> Any:
-        """The channel in which the nodal value is positive, as a build123d Solid or Compound."""
-        return KernelSolids(self.pieces[PLUS]).solid
-
-    @property
-    def minus(self) -> Any:
-        """The channel in which the nodal value is negative, as a build123d Solid or Compound."""
-        return KernelSolids(self.pieces[MINUS]).solid
-
-    @property
-    def wrapped(self) -> Any:
-        """All solids as one TopoDS compound with shared faces, in the order wall, channel +, channel -."""
-        return make_compound(solid for solids in self.pieces.values() for solid in solids)
-
-    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
-        """Write the named solids to a STEP file, which is read back and checked.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write. It is left unchanged if the check fails.
-        schema : {"ap242", "ap214"}, optional
-            Application protocol of the file.
-
-        Raises
-        ------
-        KernelError
-            If the file does not read back as it was written.
-        """
-        names = [
-            name if number == 0 else f"{name} {number + 1}"
-            for name, solids in self.pieces.items()
-            for number in range(len(solids))
-        ]
-        write_checked_shape(self.wrapped, path, schema=schema, name=self.name, volume=self.body_volume, names=names)
 
 
 def fluid_domains(
@@ -211,18 +133,30 @@ def fluid_domains(
         for face in range(len(faces_of(read.shape)))
     )
     with stages("check"):
-        pieces = {name: domain.solids for name, domain in found.items()}
-        certificate, volume = _certify_domains(pieces, touches, block, read, found[WALL].notes)
-    return FluidDomains(
-        f"{request.surface} exchanger", pieces, touches, certificate.with_seconds(stages.seconds), volume
-    )
+        certificates, volume = _certify_domains(found, touches, block, read)
+    models = {
+        name: Model(
+            name,
+            block.patches if domain.brep is None else domain.brep,
+            certificates[name].with_seconds(stages.seconds),
+            domain.built,
+            trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
+            outer_faces="body" if name == WALL else "opening",
+        )
+        for name, domain in found.items()
+    }
+    return FluidDomains(f"{request.surface} exchanger", models[WALL], models[PLUS], models[MINUS], touches, volume)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DomainSolids:
-    """The solids of a domain, largest first, its areas by face of the body, and notes on the method."""
+    """The solids of a domain, largest first, its areas by face of the body, and notes on the method.
 
-    solids: tuple[Any, ...]
+    `brep` bounds the solids if the patches were trimmed.
+    """
+
+    built: BuiltSolids | KernelSolids
+    brep: Brep | None
     areas: Mapping[int, float]
     notes: tuple[str, ...]
 
@@ -254,15 +188,17 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
             raise _missing_domain(body, name)
-    solids = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
-    if not all(is_valid(solid) for of in solids for solid in of):
+    built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
+    if not all(is_valid(solid) for of in built for solid in of.solids):
         raise TrimmingError("the kernel's check rejects a domain")
     result = {}
-    for name, domain, of in zip(bounds, trimmed.breps, solids, strict=True):
+    for name, domain, of in zip(bounds, trimmed.breps, built, strict=True):
         caps = domain.faces_with_tag("cap")
         face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
         areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
-        result[name] = DomainSolids(of, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameter domains",))
+        result[name] = DomainSolids(
+            of, domain, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameter domains",)
+        )
     return result
 
 
@@ -275,7 +211,7 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
         if not own:
             raise _missing_domain(body, name)
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
-        result[name] = DomainSolids(tuple(c.solid for c in own), areas, ())
+        result[name] = DomainSolids(KernelSolids(tuple(c.solid for c in own)), None, areas, ())
     return result
 
 
@@ -300,32 +236,26 @@ def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
 
 
 def _certify_domains(
-    pieces: Mapping[str, tuple[Any, ...]],
-    contacts: tuple[FaceContact, ...],
-    block: LatticeBlock,
-    body: CadBody,
-    notes: tuple[str, ...],
-) -> tuple[Certificate, float]:
-    """The certificate of the wall, with checks and notes of the channels, and the volume of all three domains."""
+    domains: Mapping[str, DomainSolids], contacts: tuple[FaceContact, ...], block: LatticeBlock, body: CadBody
+) -> tuple[dict[str, Certificate], float]:
+    """The certificate of each domain, and the volume of all three.
+
+    That of the wall has the checks and notes of the channels too.
+    """
+    found: dict[str, Certificate] = {}
     checks: list[Check] = []
-    total = 0.0
-    lines = list(notes)
-    for name, solids in pieces.items():
-        report = check_shape(make_compound(solids))
-        total += report.volume
-        if name == WALL:
-            continue
-        own = [
-            require(report.closed, "the faces do not close"),
-            require(report.valid, "the kernel's check rejects the solid"),
-            *check_kernel_solids(report, block.measures.tol),
-        ]
-        checks += [replace(check, message=f"{name}: {check.shortfall}") for check in own]
-        lines.append(f"{name}: volume {report.volume:.9g}, {len(solids)} connected")
-        lines += [f"{name}: {describe_piece(v, report.volumes[0])} apart" for v in report.volumes[1:]]
+    lines = list(domains[WALL].notes)
+    for name in (PLUS, MINUS):
+        solids = domains[name].built.solids
+        found[name] = own = certify_kernel_solids(solids, block.patches, block.measures, notes=domains[name].notes)
+        checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
+        lines.append(f"{name}: volume {own.volume:.9g}, {len(solids)} connected")
+        lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g}" for name, area in contact.areas.items())
         lines.append(f"face {contact.face}: {areas}")
+    wall = certify_kernel_solids(domains[WALL].built.solids, block.patches, block.measures, notes=tuple(lines))
+    total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(
         Check(
             "total volume",
@@ -334,8 +264,10 @@ def _certify_domains(
             f"the domains' volumes add up to {total:.9g}, the body's is {body.volume:.9g}",
         )
     )
-    wall = certify_kernel_solids(pieces[WALL], block.patches, block.measures, checks=checks, notes=tuple(lines))
-    return wall, total
+    missed = tuple(check.shortfall for check in checks if not check.passed)
+    shortfalls = (*wall.shortfalls, *(text for text in missed if text not in wall.shortfalls))
+    found[WALL] = replace(wall, met=not shortfalls, shortfalls=shortfalls)
+    return found, total
 
 
 def _missing_domain(body: CadBody, name: str) -> MissingDomain:

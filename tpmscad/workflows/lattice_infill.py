@@ -35,7 +35,7 @@ from tpmscad.workflows.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
-from tpmscad.workflows.model import InfillModel
+from tpmscad.workflows.model import Model
 
 MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
@@ -58,7 +58,7 @@ def infill(
     open_faces: Iterable[Any] = (),
     tol: float | None = None,
     progress: Progress | None = None,
-) -> InfillModel:
+) -> Model:
     """Fill a CAD body with a lattice of a minimal surface, or with the solid of a field.
 
     The lattice is anchored at the origin of the body's coordinates. The faces of the body stay exact.
@@ -101,7 +101,7 @@ def infill(
 
     Returns
     -------
-    InfillModel
+    Model
         The solid and its certificate; `certificate.met` is False if the result misses the request.
 
     Raises
@@ -152,13 +152,13 @@ def infill(
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
     with stages("check"):
         certificate = certify_kernel_solids(result.solids, block.patches, block.measures, notes=result.notes)
-    return InfillModel(
+    return Model(
         name,
         block.patches if result.brep is None else result.brep,
         certificate.with_seconds(stages.seconds),
         result.built,
         trimmed_by=result.method,
-        patches_bound_solid=result.brep is not None,
+        outer_faces="body",
     )
 
 

@@ -1,16 +1,19 @@
-"""The results of `lattice`, `solidify` and `infill`: a solid, the patches it is made of, and its certificate."""
+"""The result of `lattice`, `solidify`, `infill` and of each domain: a solid, the patches it is made of, and its certificate."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from tpmscad import kernel
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel import BuiltSolids, KernelSolids, NamedSolid
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL,
@@ -18,6 +21,15 @@ from tpmscad.workflows.checked_write import (
     write_checked_brep,
     write_checked_shape,
 )
+from tpmscad.workflows.file_formats import (
+    MESH_SUFFIXES,
+    STEP_SUFFIXES,
+    check_options,
+    find_suffix,
+    number_names,
+    write_mesh_file,
+)
+from tpmscad.workflows.result_summary import format_html, format_summary, measure_diagonal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,29 +40,37 @@ class UnitCell:
     translations: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Model:
-    """A solid with its certificate.
+    """A solid with its certificate, whatever made it.
 
     Attributes
     ----------
     name : str
         Name of the product in files.
     patches : Brep
-        The boundary representation in arrays, in model units.
+        The boundary representation in arrays, in model units. If the kernel made the solid (`trimmed_by` is "kernel", or there
+        is a skin), these are the patches of the whole lattice before it was trimmed.
     certificate : Certificate
         What was measured on the solid, and whether it meets the request.
-    built : BuiltSolids
-        The kernel's solids, and which shells bound them.
+    built : BuiltSolids or KernelSolids
+        The kernel's solids.
     unit_cell : UnitCell or None
         The cell that the solid repeats; None if it repeats none.
+    trimmed_by : {"patches", "kernel"} or None
+        How a body trimmed the lattice: on the parameter domains of the patches, or by a Boolean operation of the kernel, as for
+        bodies with faces that are neither planes nor quadrics. None if no body did.
+    outer_faces : str
+        Name in files of the faces that bound the lattice from outside: "cap", "body" or "opening".
     """
 
     name: str
     patches: Brep
     certificate: Certificate
-    built: kernel.BuiltSolids
+    built: BuiltSolids | KernelSolids
     unit_cell: UnitCell | None = None
+    trimmed_by: str | None = None
+    outer_faces: str = "cap"
 
     @property
     def solid(self) -> Any:
@@ -59,8 +79,83 @@ class Model:
 
     @property
     def wrapped(self) -> Any:
-        """The TopoDS shape, under the name that build123d and CadQuery give it."""
+        """The TopoDS shape, under the name that build123d, CadQuery and viewers use."""
         return self.built.shape
+
+    @property
+    def volume(self) -> float:
+        """Volume of the solid, model units cubed."""
+        return self.certificate.volume
+
+    @property
+    def area(self) -> float:
+        """Surface area of the solid, model units squared."""
+        return self.certificate.area
+
+    @cached_property
+    def bounding_box(self) -> BoxCorners:
+        """Opposite corners of the box around the solid: ((x0, y0, z0), (x1, y1, z1)), model units."""
+        exact = isinstance(self.built, BuiltSolids)
+        corners = true_bounds(self.patches) if exact else kernel.bounding_box(self.built.shape)
+        (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
+        return (x0, y0, z0), (x1, y1, z1)
+
+    def export(
+        self,
+        path: str | Path,
+        *,
+        deviation: float | None = None,
+        angle: float | None = None,
+        schema: str = "ap242",
+        instanced: bool = False,
+    ) -> None:
+        """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, units and
+            validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed triangle mesh for each
+            solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF demands; the others are in mm.
+        deviation : float, optional
+            Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or 1/5000 of the
+            diagonal if that is more.
+        angle : float, optional
+            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
+        schema : {"ap242", "ap214"}, optional
+            STEP application protocol.
+        instanced : bool, optional
+            Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is not known, or an option does not apply to the format or to this model.
+        KernelError
+            If the mesh cannot be closed, or the file does not read back as the solid that was written.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
+        >>> model.export("gyroid.3mf", deviation=0.02)
+        """
+        suffix = find_suffix(path)
+        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced)
+        if suffix in STEP_SUFFIXES:
+            self.export_step(path, instanced=instanced, schema=schema)
+        elif suffix in MESH_SUFFIXES:
+            write_mesh_file(
+                self.named_solids(),
+                path,
+                self.name,
+                volume=self.volume,
+                size=measure_diagonal(self.bounding_box),
+                tol=self.certificate.tol,
+                deviation=deviation,
+                angle=angle,
+            )
+        else:
+            kernel.write_brep_file(self.wrapped, kernel.validate_output_path(path, (".brep",)), self.volume)
 
     def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
         """Write the model as a STEP file, read it back without healing and compare the volume.
@@ -86,11 +181,19 @@ class Model:
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
         >>> model.export_step("gyroid.step", instanced=True)
         """
-        if not instanced:
+        if instanced:
+            self._export_instances(path, schema)
+        elif isinstance(self.built, BuiltSolids):
+            rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
+            labels = kernel.label_faces(self.patches, self.outer_faces)
             write_checked_brep(
-                self.patches, self.built.nesting, path, schema=schema, name=self.name, rtol=REREAD_VOLUME_RTOL
+                self.patches, self.built.nesting, path, schema=schema, name=self.name, rtol=rtol, labels=labels
             )
-            return
+        else:
+            write_checked_shape(self.built.shape, path, schema=schema, name=self.name, volume=self.volume)
+
+    def _export_instances(self, path: str | Path, schema: str) -> None:
+        """Write the unit cell once and place it as often as the solid repeats it."""
         if self.unit_cell is None:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
         cell = self.unit_cell.make()
@@ -101,51 +204,32 @@ class Model:
             schema=schema,
             name=self.name,
             rtol=REREAD_VOLUME_RTOL,
+            labels=kernel.label_faces(cell, self.outer_faces),
             placements=kernel.Instances.translated(self.unit_cell.translations),
             n_placements=len(self.unit_cell.translations),
         )
 
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces, as files store them.
 
-@dataclass(frozen=True, slots=True, eq=False)
-class InfillModel(Model):
-    """A CAD body filled with a lattice, as a solid with its certificate.
-
-    Attributes
-    ----------
-    trimmed_by : {"patches", "kernel"}
-        "patches" if the lattice was trimmed on the parameter domains of its patches; "kernel" if by a boolean of the kernel,
-        as for bodies with faces that are neither planes nor quadrics.
-    patches_bound_solid : bool
-        Whether `patches` bound the solid. If not (the kernel trimmed, or there is a skin), `patches` are those of the whole
-        lattice.
-    """
-
-    trimmed_by: str = "kernel"
-    patches_bound_solid: bool = False
-
-    def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
-        """Write the filled body as a STEP file, read it back without healing and compare the volume.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write. It is complete and verified, or absent.
-        instanced : bool, optional
-            Must be False: a filled body repeats no cell.
-        schema : {"ap242", "ap214"}, optional
-            STEP application protocol.
-
-        Raises
-        ------
-        InvalidRequest
-            If `instanced` is True.
-        KernelError
-            If the file does not read back as the valid solid that was written.
+        Returns
+        -------
+        tuple of NamedSolid
+            Largest first: name, TopoDS solid, labels of its faces in the kernel's order.
         """
-        if instanced:
-            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
-        if self.patches_bound_solid:
-            nesting, rtol = self.built.nesting, REREAD_VOLUME_RTOL_OF_BODIES
-            write_checked_brep(self.patches, nesting, path, schema=schema, name=self.name, rtol=rtol)
+        if isinstance(self.built, BuiltSolids):
+            found = kernel.label_faces(self.patches, self.outer_faces)
+            labels = [kernel.order_labels(solid, self.built.faces, found) for solid in self.built.solids]
         else:
-            write_checked_shape(self.built.shape, path, schema=schema, name=self.name, volume=self.certificate.volume)
+            labels = [kernel.label_shape_faces(s, self.patches, self.outer_faces) for s in self.built.solids]
+        names = number_names(self.name, len(labels))
+        return tuple(map(NamedSolid, names, self.built.solids, labels))
+
+    def __repr__(self) -> str:
+        return format_summary(self.name, self.bounding_box, self.certificate)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))

@@ -78,7 +78,7 @@ def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = N
 
     nested = nest_shells(brep, lambda shell, point: shell_contains(shells[shell], point), moments)
     solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.shells_of_solid)
-    return BuiltSolids(solids[0] if len(solids) == 1 else make_compound(solids), solids, faces, nested)
+    return _collect_solids(solids, faces, nested)
 
 
 def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
@@ -151,9 +151,7 @@ def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
     return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
 
 
-def build_regions(
-    brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]
-) -> tuple[tuple[TopoDS_Solid, ...], ...]:
+def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]) -> tuple[BuiltSolids, ...]:
     """Solids of each region, largest first. `members[r]` are the faces of `brep` from which region r is made."""
     faces = build_faces(brep)
     result = []
@@ -166,7 +164,7 @@ def build_regions(
     return tuple(result)
 
 
-def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
+def _build_region(region: Brep, faces: list[Any]) -> BuiltSolids:
     """Solids of one region; shells are built only when they are needed."""
     built: dict[int, TopoDS_Shell] = {}
 
@@ -179,7 +177,14 @@ def _build_region(region: Brep, faces: list[Any]) -> tuple[TopoDS_Solid, ...]:
     shells: list[list[int]] = [[] for _ in range(count)]
     for face, number in enumerate(label.tolist()):
         shells[number].append(face)
-    return tuple(
-        make_solid([shell(s) for s in piece])
-        for piece in nest_shells(region, lambda s, point: shell_contains(shell(s), point)).shells_of_solid
+    nested = nest_shells(region, lambda s, point: shell_contains(shell(s), point))
+    return _collect_solids(
+        tuple(make_solid([shell(s) for s in piece]) for piece in nested.shells_of_solid), faces, nested
     )
+
+
+def _collect_solids(
+    solids: tuple[TopoDS_Solid, ...], faces: Sequence[TopoDS_Face], nested: ShellNesting
+) -> BuiltSolids:
+    """The solids as one shape, with their faces and nesting."""
+    return BuiltSolids(solids[0] if len(solids) == 1 else make_compound(solids), solids, tuple(faces), nested)

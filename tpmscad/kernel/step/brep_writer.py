@@ -6,7 +6,7 @@ The schema is AP242 or AP214 and the unit millimetre; the file holds one product
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -64,6 +64,7 @@ def write_step(
     schema: str = "ap242",
     name: str | None = None,
     instances: Instances | None = None,
+    labels: Sequence[str] | None = None,
     colours: Mapping[str, Colour] | None = None,
     replicas: bool = False,
     time_stamp: str | None = None,
@@ -72,10 +73,10 @@ def write_step(
     """Write the solids of a closed boundary representation, in mm, to a STEP file.
 
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
-    placed by an assembly. colours: red, green and blue from 0 to 1 by tag (TAG_COLOURS has all tags). replicas: store each
-    primitive surface once; smaller, read by most readers, but outside the standard (`geometry_entities`). verify: called with the
-    complete file under its temporary name; if it raises, no file is left. Equal requests write equal bytes, but for `time_stamp`
-    (by default the current time) on a line of its own.
+    placed by an assembly. labels: names of the faces, by default their tags. colours: red, green and blue from 0 to 1 by label.
+    replicas: store each primitive surface once; smaller, read by most readers, but outside the standard (`geometry_entities`).
+    verify: called with the complete file under its temporary name; if it raises, no file is left. Equal requests write equal
+    bytes, but for `time_stamp` (by default the current time) on a line of its own.
 
     Raises InvalidRequest for an unknown schema, a missing folder or an extension other than .step and .stp.
     """
@@ -84,12 +85,12 @@ def write_step(
     title = name or target.stem
     section = DataSection()
     setting = write_file_context(section, protocol, CONFUSION_TOLERANCE)
-    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, replicas)
     part_name = title if instances is None else f"{title} cell"
+    names = [brep.tags[t] for t in brep.faces.tag.tolist()] if labels is None else labels
+    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names, replicas)
     part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
     if colours:
-        tags = [brep.tags[t] for t in brep.faces.tag.tolist()]
-        write_colours(section, part.context, written.faces, tags, colours)
+        write_colours(section, part.context, written.faces, names, colours)
     mass = compute_mass_properties(nesting)
     write_validation_properties(section, setting, part, mass)
     if instances is not None:

@@ -157,15 +157,6 @@ def write_instances(
 
 Colour = tuple[float, float, float]
 
-TAG_COLOURS: Mapping[str, Colour] = {
-    "offset+": (0.36, 0.56, 0.74),
-    "offset-": (0.87, 0.60, 0.32),
-    "gap": (0.62, 0.64, 0.66),
-    "cap": (0.78, 0.80, 0.82),
-    "body": (0.60, 0.70, 0.58),
-}
-"""A colour for every tag of a lattice, as red, green and blue from 0 to 1."""
-
 
 def write_colours(
     section: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]

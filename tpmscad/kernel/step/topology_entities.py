@@ -37,10 +37,18 @@ class SolidEntities:
     faces: tuple[int, ...]
 
 
-def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replicas: bool = False) -> SolidEntities:
+def write_solids(
+    section: DataSection,
+    brep: Brep,
+    nesting: ShellNesting,
+    name: str,
+    labels: Sequence[str],
+    replicas: bool = False,
+) -> SolidEntities:
     """Write the solids of a closed boundary representation, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS.
 
-    `replicas` writes each primitive surface once and copies it (`geometry_entities`).
+    `name` is that of the first solid, the others are numbered; `labels` are the names of the faces. `replicas`
+    writes each primitive surface once and copies it (`geometry_entities`).
     """
     surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
     curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
@@ -59,7 +67,7 @@ def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replic
         surface_number = write_placed_replicas(section, surfaces, spline, written, surface_number)
     curve_number = write_curves(section, brep, curves, of_curve)
     edge_number = _write_edges(section, brep, of_vertex, curve_number[curves.index])
-    faces = _write_faces(section, brep, surface_number[surfaces.index], edge_number)
+    faces = _write_faces(section, brep, surface_number[surfaces.index], edge_number, labels)
     shells = section.extend(
         [
             f"CLOSED_SHELL('',{format_references((faces[nesting.faces_of_shell(s)]).tolist())})"
@@ -67,11 +75,12 @@ def write_solids(section: DataSection, brep: Brep, nesting: ShellNesting, replic
         ]
     )
     solids = []
-    for outer, *voids in nesting.shells_of_solid:
+    for number, (outer, *voids) in enumerate(nesting.shells_of_solid, 1):
+        label = format_string(name if number == 1 else f"{name} {number}")
         # A void's shell bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5).
         inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
-        kind = f"BREP_WITH_VOIDS('',#{shells[outer]},{format_references(inner)})"
-        solids.append(section.add(kind if voids else f"MANIFOLD_SOLID_BREP('',#{shells[outer]})"))
+        kind = f"BREP_WITH_VOIDS({label},#{shells[outer]},{format_references(inner)})"
+        solids.append(section.add(kind if voids else f"MANIFOLD_SOLID_BREP({label},#{shells[outer]})"))
     return SolidEntities(tuple(solids), tuple(faces.tolist()))
 
 
@@ -98,8 +107,10 @@ def _write_edges(section: DataSection, brep: Brep, points: IntArray, curve: IntA
     return np.array(section.extend([f"EDGE_CURVE('',#{a},#{b},#{c},.T.)" for a, b, c in rows]))
 
 
-def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntArray) -> IntArray:
-    """Write one ADVANCED_FACE per face, named by its tag, and return their numbers.
+def _write_faces(
+    section: DataSection, brep: Brep, surface: IntArray, edge: IntArray, labels: Sequence[str]
+) -> IntArray:
+    """Write one ADVANCED_FACE per face, named by its label, and return their numbers.
 
     Loops run counter-clockwise about the outward normal.
     """
@@ -120,17 +131,18 @@ def _write_faces(section: DataSection, brep: Brep, surface: IntArray, edge: IntA
     outer = find_outer_loops(brep)
     kind = ["FACE_OUTER_BOUND" if o else "FACE_BOUND" for o in outer.tolist()]
     bounds = section.extend([f"{k}('',#{n},.T.)" for k, n in zip(kind, loop, strict=True)])
-    names = [format_string(tag) for tag in brep.tags]
+    quoted = {label: format_string(label) for label in set(labels)}
+    names = [quoted[label] for label in labels]
     first = faces.loop_start.tolist()
     quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
     mirrored = quadric & (faces.motion.handedness < 0)  # S_u x S_v opposes that of the STEP surface
-    rows = zip(faces.tag.tolist(), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
+    rows = zip(names, surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
     return np.array(
         section.extend(
             [
-                f"ADVANCED_FACE({names[t]},{format_references(bounds[first[i] : first[i + 1]])},"
+                f"ADVANCED_FACE({label},{format_references(bounds[first[i] : first[i + 1]])},"
                 f"#{s},.{'T' if sense > 0 else 'F'}.)"
-                for i, (t, s, sense) in enumerate(rows)
+                for i, (label, s, sense) in enumerate(rows)
             ]
         )
     )

@@ -1,0 +1,104 @@
+"""3MF (core specification 1.3): a zip archive with the meshes as XML, in millimetres, with names and colours.
+
+Each part is one object of the build. Its groups of faces are materials of the core specification; the object has the colour of
+its first group, and triangles of other groups name theirs.
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
+from tpmscad.kernel.step.atomic_file import atomic_write
+from tpmscad.kernel.step.product_entities import Colour
+
+NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+MODEL_PATH = "3D/3dmodel.model"
+CONTENT_TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+)
+RELATIONSHIPS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    f'<Relationship Target="/{MODEL_PATH}" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of the archive's members: equal models write equal bytes."""
+
+
+def write_3mf(parts: Sequence[MeshPart], path: Path, title: str) -> None:
+    """Write the meshes as named objects, in mm; the file is read back and checked before it gets its name."""
+    with atomic_write(path) as aside:
+        with zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, text in (
+                ("[Content_Types].xml", CONTENT_TYPES),
+                ("_rels/.rels", RELATIONSHIPS),
+                (MODEL_PATH, format_model(parts, title)),
+            ):
+                member = zipfile.ZipInfo(name, FIXED_DATE)
+                member.compress_type = zipfile.ZIP_DEFLATED
+                archive.writestr(member, text)
+        check_read_meshes(read_3mf(aside), parts, path)
+
+
+def format_model(parts: Sequence[MeshPart], title: str) -> str:
+    """The XML of the model: materials and one object for each mesh, and the build of them all."""
+    resources, items = [], []
+    for number, part in enumerate(parts):
+        materials, thing = 2 * number + 1, 2 * number + 2
+        bases = "".join(
+            f'<base name={quoteattr(label)} displaycolor="{_hex(colour)}"/>' for label, colour in part.groups
+        )
+        resources.append(f'<basematerials id="{materials}">{bases}</basematerials>')
+        vertices = [f'<vertex x="{x!r}" y="{y!r}" z="{z!r}"/>' for x, y, z in part.mesh.points.tolist()]
+        triangles = [
+            f'<triangle v1="{a}" v2="{b}" v3="{c}"' + (f' pid="{materials}" p1="{g}"/>' if g else "/>")
+            for (a, b, c), g in zip(part.mesh.triangles.tolist(), part.group.tolist(), strict=True)
+        ]
+        resources.append(
+            f'<object id="{thing}" type="model" name={quoteattr(part.name)} pid="{materials}" pindex="0"><mesh>\n'
+            f"<vertices>{''.join(vertices)}</vertices>\n<triangles>{''.join(triangles)}</triangles></mesh></object>\n"
+        )
+        items.append(f'<item objectid="{thing}"/>')
+    return (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{NAMESPACE}">'
+        f'<metadata name="Title">{_escape(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
+        f"<resources>{''.join(resources)}</resources><build>{''.join(items)}</build></model>\n"
+    )
+
+
+def _escape(text: str) -> str:
+    """Text of an element."""
+    return quoteattr(text)[1:-1]
+
+
+def _hex(colour: Colour) -> str:
+    """Colour as #RRGGBB."""
+    return "#" + "".join(f"{round(255 * c):02X}" for c in colour)
+
+
+def read_3mf(path: Path) -> list[tuple[Array, IntArray]]:
+    """Points and triangles of every object of a 3MF file."""
+    found = []
+    with zipfile.ZipFile(path) as archive, archive.open(MODEL_PATH) as file:
+        for _, element in ElementTree.iterparse(file):
+            if element.tag == f"{{{NAMESPACE}}}mesh":
+                vertices, triangles = (element.find(f"{{{NAMESPACE}}}{kind}") for kind in ("vertices", "triangles"))
+                assert vertices is not None
+                assert triangles is not None
+                points = np.array([[float(v.attrib[k]) for k in "xyz"] for v in vertices])
+                corners = np.array([[int(t.attrib[k]) for k in ("v1", "v2", "v3")] for t in triangles])
+                found.append((points, corners))
+                element.clear()
+    return found

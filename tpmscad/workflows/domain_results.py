@@ -1,0 +1,201 @@
+"""The result of `fluid_domains`: three models that share their faces, and what touches each face of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad import kernel
+from tpmscad._typing import BoxCorners
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel import Colour, NamedSolid, make_compound
+from tpmscad.workflows.certificate import Certificate
+from tpmscad.workflows.checked_write import write_checked_shape
+from tpmscad.workflows.file_formats import (
+    MESH_SUFFIXES,
+    STEP_SUFFIXES,
+    check_options,
+    find_suffix,
+    number_names,
+    write_mesh_file,
+)
+from tpmscad.workflows.model import Model
+from tpmscad.workflows.result_summary import format_html, format_size, measure_diagonal
+
+WALL, PLUS, MINUS = "wall", "channel +", "channel -"
+"""Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
+
+DOMAIN_COLOURS: Mapping[str, Colour] = {WALL: (0.72, 0.74, 0.76), PLUS: (0.36, 0.56, 0.74), MINUS: (0.87, 0.60, 0.32)}
+"""Colours of the domains in files, as red, green and blue from 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceContact:
+    """One face of the body, by its number in the body's order, and the area of each domain on it, model units squared."""
+
+    face: int
+    areas: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FluidDomains:
+    """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
+
+    Attributes
+    ----------
+    name : str
+        Name of the whole, used in files.
+    wall, plus, minus : Model
+        The wall, and the channels in which the nodal value of the surface is positive and negative.
+    touches : tuple of FaceContact
+        For every face of the body, the domains that reach it and their areas on it.
+    volume : float
+        Volume of the three domains together, which is the body's, model units cubed.
+    """
+
+    name: str
+    wall: Model
+    plus: Model
+    minus: Model
+    touches: tuple[FaceContact, ...]
+    volume: float
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the wall, with the checks and notes of the channels."""
+        return self.wall.certificate
+
+    @property
+    def domains(self) -> dict[str, Model]:
+        """The three models by their names "wall", "channel +" and "channel -"."""
+        return {WALL: self.wall, PLUS: self.plus, MINUS: self.minus}
+
+    @property
+    def wrapped(self) -> Any:
+        """All solids as one TopoDS compound with shared faces, in the order wall, channel +, channel -."""
+        return make_compound(solid for model in self.domains.values() for solid in model.built.solids)
+
+    @cached_property
+    def bounding_box(self) -> BoxCorners:
+        """Opposite corners of the box around the domains: ((x0, y0, z0), (x1, y1, z1)), model units."""
+        corners = np.array([model.bounding_box for model in self.domains.values()])
+        (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
+        return (x0, y0, z0), (x1, y1, z1)
+
+    def export(
+        self,
+        path: str | Path,
+        *,
+        deviation: float | None = None,
+        angle: float | None = None,
+        schema: str = "ap242",
+    ) -> None:
+        """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or ``.glb``.
+        deviation : float, optional
+            Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or 1/5000 of the
+            diagonal if that is more.
+        angle : float, optional
+            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
+        schema : {"ap242", "ap214"}, optional
+            STEP application protocol.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is not known, or an option does not apply to the format.
+        KernelError
+            If a mesh cannot be closed, or the file does not read back as it was written.
+
+        Notes
+        -----
+        A BREP file keeps the faces that domains share. 3MF and GLB hold a mesh for each solid, with the same triangles where
+        solids touch.
+
+        Examples
+        --------
+        >>> parts.export("exchanger.brep")
+        """
+        suffix = find_suffix(path)
+        check_options(suffix, deviation=deviation, angle=angle, schema=schema)
+        if suffix in STEP_SUFFIXES:
+            self.export_step(path, schema=schema)
+        elif suffix == ".stl":
+            raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
+        elif suffix in MESH_SUFFIXES:
+            write_mesh_file(
+                self.named_solids(),
+                path,
+                self.name,
+                volume=self.volume,
+                size=measure_diagonal(self.bounding_box),
+                tol=self.certificate.tol,
+                deviation=deviation,
+                angle=angle,
+            )
+        else:
+            kernel.write_brep_file(self.wrapped, kernel.validate_output_path(path, (".brep",)), self.volume)
+
+    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
+        """Write the named solids to a STEP file, which is read back and checked.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write. It is left unchanged if the check fails.
+        schema : {"ap242", "ap214"}, optional
+            Application protocol of the file.
+
+        Raises
+        ------
+        KernelError
+            If the file does not read back as it was written.
+        """
+        names = [of.name for of in self.named_solids()]
+        write_checked_shape(self.wrapped, path, schema=schema, name=self.name, volume=self.volume, names=names)
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names, colours and the labels of their faces, as files store them.
+
+        Returns
+        -------
+        tuple of NamedSolid
+            In the order wall, channel +, channel -; of each the largest first.
+        """
+        result = []
+        for domain, model in self.domains.items():
+            solids = model.named_solids()
+            names = number_names(domain, len(solids))
+            result += [
+                NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
+                for name, of in zip(names, solids, strict=True)
+            ]
+        return tuple(result)
+
+    def __repr__(self) -> str:
+        lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
+        for name, model in self.domains.items():
+            pieces = len(model.built.solids)
+            lines.append(
+                f"  {name:10}{'1 piece' if pieces == 1 else f'{pieces} pieces'}, volume {model.volume:.7g}, area {model.area:.7g}"
+            )
+        shortfalls = self.certificate.shortfalls
+        lines.append(
+            "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")
+        )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))

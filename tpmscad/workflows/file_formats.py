@@ -1,0 +1,90 @@
+"""Files of solids by suffix: STEP and BREP hold the exact solids, STL, 3MF and glTF closed triangle meshes.
+
+Every file is written under a temporary name, read back and compared with the solids, and only then gets its own name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from tpmscad import kernel
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel import NamedSolid, make_compound
+
+STEP_SUFFIXES = (".step", ".stp")
+MESH_SUFFIXES = (".stl", ".3mf", ".glb")
+SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, ".brep")
+
+DEVIATION_FRACTION = 2e-4
+"""Default deviation of a mesh, in diagonals of the solid: far below what a printer resolves on a part of its size."""
+
+DEFAULT_ANGLE_DEG = 20.0
+"""Default turn of the normal between neighbouring facets."""
+
+
+def find_suffix(path: str | Path, only: Sequence[str] = SUFFIXES) -> str:
+    """The suffix of a path in lower case; InvalidRequest if it is not one of those known."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in only:
+        raise InvalidRequest(f"{Path(path).name} ends in {suffix!r}: give it a name ending in {', '.join(only)}")
+    return suffix
+
+
+def check_options(
+    suffix: str, *, deviation: float | None, angle: float | None, schema: str = "ap242", instanced: bool = False
+) -> None:
+    """InvalidRequest for options that a format does not have, and for deviations and angles that are not positive."""
+    if suffix not in MESH_SUFFIXES and (deviation is not None or angle is not None):
+        raise InvalidRequest(
+            f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
+        )
+    if suffix not in STEP_SUFFIXES and (instanced or schema != "ap242"):
+        raise InvalidRequest(f"schema and instanced are for STEP files: leave them out of a {suffix} file")
+    for name, value, most in (("deviation", deviation, np.inf), ("angle", angle, 90.0)):
+        if value is not None and not 0.0 < value < most:
+            limit = "" if most == np.inf else f" and less than {most:g} degrees"
+            raise InvalidRequest(f"{name} = {value!r} must be greater than 0{limit}")
+
+
+def write_mesh_file(
+    solids: Sequence[NamedSolid],
+    path: str | Path,
+    title: str,
+    *,
+    volume: float,
+    size: float,
+    tol: float,
+    deviation: float | None,
+    angle: float | None,
+) -> None:
+    """Write solids of the total `volume` as an STL, 3MF or GLB file.
+
+    `deviation` is the greatest distance between mesh and solid, by default the greater of `tol` and DEVIATION_FRACTION of
+    `size`; `angle` the turn between facets in degrees.
+    """
+    target = kernel.validate_output_path(path, MESH_SUFFIXES)
+    deviation = max(tol, DEVIATION_FRACTION * size) if deviation is None else deviation
+    angle = DEFAULT_ANGLE_DEG if angle is None else angle
+    meshes = kernel.mesh_solids(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)))
+    parts = [
+        kernel.group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, meshes, strict=True)
+    ]
+    area = sum(part.mesh.area for part in parts)
+    found = sum(part.mesh.volume for part in parts)
+    if abs(found - volume) > deviation * area:
+        raise KernelError(
+            "triangulate",
+            f"the mesh has volume {found:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
+            f"area {area:.6g} explains",
+        )
+    {".stl": kernel.write_stl, ".3mf": kernel.write_3mf, ".glb": kernel.write_glb}[find_suffix(path)](
+        parts, target, title
+    )
+
+
+def number_names(name: str, count: int) -> list[str]:
+    """Names of the pieces of one thing: "wall", "wall 2", "wall 3"."""
+    return [name if i == 0 else f"{name} {i + 1}" for i in range(count)]
