@@ -1,8 +1,8 @@
 """Binary glTF 2.0 (GLB): one node for each part, with a coloured primitive for each group of its faces.
 
 glTF is in metres with y up. The points are stored in millimetres with z up; the root node scales them by 1/1000 and
-turns them by -90 degrees about x, so that a viewer shows the part in its true size. Normals are averaged over the triangles of each
-group; edges between groups stay sharp.
+turns them by -90 degrees about x, so that a viewer shows the part in its true size. Normals are averaged over the triangles of
+each group; edges between groups stay sharp.
 """
 
 from __future__ import annotations

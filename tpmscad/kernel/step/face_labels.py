@@ -175,8 +175,9 @@ def _distances(surface: Any, points: Array, start: Array) -> Array:
     low, high = np.transpose(surface.domain)
     uv = start
     for _ in range(FOOT_POINT_STEPS):
-        off = points - surface(*uv.T)
-        slopes = np.stack([surface(*uv.T, 1, 0), surface(*uv.T, 0, 1)], axis=2)
+        u, v = uv.T
+        off = points - surface(u, v)
+        slopes = np.stack([surface(u, v, 1, 0), surface(u, v, 0, 1)], axis=2)
         normal = np.einsum("nki,nkj->nij", slopes, slopes)
         normal += DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
         step = np.linalg.solve(normal, np.einsum("nki,nk->ni", slopes, off)[..., None])[..., 0]
