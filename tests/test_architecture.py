@@ -33,7 +33,7 @@ ROOMS: dict[str, set[str]] = {
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
-    "kernel": {"brep", "trimming", "fields", "splines", "OCP", "build123d", *MATHEMATICS},
+    "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", *MATHEMATICS},
 }
 """What each room may import, besides its own modules, the ground and the standard library."""
 
@@ -70,7 +70,11 @@ FLOORS = {
 }
 """Subfolders of a room from the lowest floor up: one imports its own modules and those of the floors below."""
 
-ONLY_IN = {"gudhi": {"tpmscad/topology/gudhi_complex.py"}, "matplotlib": {"tpmscad/topology/diagrams.py"}}
+ONLY_IN = {
+    "gudhi": {"tpmscad/topology/gudhi_complex.py"},
+    "matplotlib": {"tpmscad/topology/diagrams.py"},
+    "PIL": {"tpmscad/kernel/render/labels.py"},
+}
 """Packages that a single file may import, finer than its room's row above."""
 
 SHORT = {

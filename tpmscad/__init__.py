@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         infill,
         lattice,
         measure,
+        render,
         render_step,
         solidify,
     )
@@ -61,6 +62,7 @@ __all__ = [
     "lattice",
     "maps",
     "measure",
+    "render",
     "render_step",
     "solidify",
     "surfaces",
@@ -90,6 +92,7 @@ _MODULE_OF_NAME = {
     "lattice": "tpmscad.workflows",
     "maps": "tpmscad.lattices.maps",
     "measure": "tpmscad.workflows",
+    "render": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",
     "solidify": "tpmscad.workflows",
     "surfaces": "tpmscad.surfaces",

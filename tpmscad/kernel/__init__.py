@@ -48,9 +48,12 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.construction import make_compound
     from tpmscad.kernel.occt.convert import transform_shape
     from tpmscad.kernel.occt.exploration import faces_of
-    from tpmscad.kernel.render.picture import render_png
+    from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
+    from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
+    from tpmscad.kernel.render.scene import Scene, pieces_of
     from tpmscad.kernel.step.atomic_file import validate_output_path
     from tpmscad.kernel.step.brep_writer import Instances, write_step
+    from tpmscad.kernel.step.coloured_reader import read_coloured_solids
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
         find_label_colour,
@@ -63,6 +66,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.step.step_reader import StepContent, read_step
 
 __all__ = [
+    "SURFACE_COLOUR",
     "BuiltSolids",
     "CadBody",
     "Colour",
@@ -72,6 +76,7 @@ __all__ = [
     "KernelSolids",
     "NamedSolid",
     "NotQuadric",
+    "Scene",
     "ShapeReport",
     "SplitSolid",
     "StepContent",
@@ -85,6 +90,8 @@ __all__ = [
     "build_solids",
     "check_shape",
     "check_step",
+    "diverging_scale",
+    "draw_scene",
     "enclosing_box",
     "estimate_volume",
     "face_moments",
@@ -103,12 +110,16 @@ __all__ = [
     "mesh_solids",
     "offset_inward",
     "order_labels",
+    "piece_colour",
+    "pieces_of",
     "read_body",
+    "read_coloured_solids",
     "read_step",
     "render_png",
     "resolve_open_faces",
     "sample_faces",
     "sample_solid",
+    "sequential_scale",
     "split_body",
     "subtract_solid",
     "subtract_voids",
@@ -117,12 +128,14 @@ __all__ = [
     "write_3mf",
     "write_brep_file",
     "write_glb",
+    "write_picture",
     "write_shape",
     "write_step",
     "write_stl",
 ]
 
 _MODULE_OF_NAME = {
+    "SURFACE_COLOUR": "tpmscad.kernel.render.palette",
     "BuiltSolids": "tpmscad.kernel.build.solids",
     "CadBody": "tpmscad.kernel.measure.cad_body",
     "Colour": "tpmscad.kernel.step.product_entities",
@@ -132,6 +145,7 @@ _MODULE_OF_NAME = {
     "KernelSolids": "tpmscad.kernel.boolean.boolean_operations",
     "NamedSolid": "tpmscad.kernel.step.face_labels",
     "NotQuadric": "tpmscad.errors",
+    "Scene": "tpmscad.kernel.render.scene",
     "ShapeReport": "tpmscad.kernel.measure.shape_report",
     "SplitSolid": "tpmscad.kernel.boolean.body_split",
     "StepContent": "tpmscad.kernel.step.step_reader",
@@ -145,6 +159,8 @@ _MODULE_OF_NAME = {
     "build_solids": "tpmscad.kernel.build.solids",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
+    "diverging_scale": "tpmscad.kernel.render.palette",
+    "draw_scene": "tpmscad.kernel.render.picture",
     "enclosing_box": "tpmscad.kernel.occt.bounding_boxes",
     "estimate_volume": "tpmscad.kernel.boolean.boolean_operations",
     "face_moments": "tpmscad.kernel.measure.mass_properties",
@@ -163,12 +179,16 @@ _MODULE_OF_NAME = {
     "mesh_solids": "tpmscad.kernel.export.solid_mesh",
     "offset_inward": "tpmscad.kernel.boolean.inward_offset",
     "order_labels": "tpmscad.kernel.step.face_labels",
+    "piece_colour": "tpmscad.kernel.render.palette",
+    "pieces_of": "tpmscad.kernel.render.scene",
     "read_body": "tpmscad.kernel.measure.cad_body",
+    "read_coloured_solids": "tpmscad.kernel.step.coloured_reader",
     "read_step": "tpmscad.kernel.step.step_reader",
     "render_png": "tpmscad.kernel.render.picture",
     "resolve_open_faces": "tpmscad.kernel.boolean.hollow_body",
     "sample_faces": "tpmscad.kernel.measure.shape_sampling",
     "sample_solid": "tpmscad.kernel.measure.shape_sampling",
+    "sequential_scale": "tpmscad.kernel.render.palette",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",
@@ -177,6 +197,7 @@ _MODULE_OF_NAME = {
     "write_3mf": "tpmscad.kernel.export.threemf_file",
     "write_brep_file": "tpmscad.kernel.export.brep_file",
     "write_glb": "tpmscad.kernel.export.gltf_file",
+    "write_picture": "tpmscad.kernel.render.picture",
     "write_shape": "tpmscad.kernel.step.shape_writer",
     "write_step": "tpmscad.kernel.step.brep_writer",
     "write_stl": "tpmscad.kernel.export.stl_file",

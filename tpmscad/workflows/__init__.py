@@ -2,8 +2,8 @@
 
 `lattice` fills a box with a minimal surface, `infill` a CAD body; `solidify` makes a solid of any field; `fluid_domains`
 makes the wall and the two channels of a heat exchanger. `measure` gives the figures that parts are designed by.
-`export_step`, `check_step` and `render_step` write, verify and draw STEP files. The modules are loaded at their first use,
-because they need the CAD kernel.
+`export_step`, `check_step` and `render_step` write, verify and draw STEP files; `render` draws any result. The modules are loaded
+at their first use, because they need the CAD kernel.
 """
 
 from __future__ import annotations
@@ -21,8 +21,13 @@ if TYPE_CHECKING:
     from tpmscad.workflows.lattice_infill import infill
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
+<<<<<<< HEAD
     from tpmscad.workflows.model import Model
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
+=======
+    from tpmscad.workflows.model import InfillModel, Model
+    from tpmscad.workflows.pictures import render, render_bytes
+>>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
     from tpmscad.workflows.step_files import check_step, export_step, render_step
 
 __all__ = [
@@ -40,7 +45,12 @@ __all__ = [
     "infill",
     "lattice",
     "measure",
+<<<<<<< HEAD
     "preview_solid",
+=======
+    "render",
+    "render_bytes",
+>>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
     "render_step",
     "solidify",
 ]
@@ -60,7 +70,12 @@ _MODULE_OF_NAME = {
     "infill": "tpmscad.workflows.lattice_infill",
     "lattice": "tpmscad.workflows.lattice_solid",
     "measure": "tpmscad.workflows.metrics",
+<<<<<<< HEAD
     "preview_solid": "tpmscad.workflows.solid_preview",
+=======
+    "render": "tpmscad.workflows.pictures",
+    "render_bytes": "tpmscad.workflows.pictures",
+>>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
     "render_step": "tpmscad.workflows.step_files",
     "solidify": "tpmscad.workflows.implicit_solid",
 }

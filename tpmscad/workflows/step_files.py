@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from tpmscad import kernel
 from tpmscad.workflows.model import Model
+from tpmscad.workflows.pictures import render
 
 
 def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
@@ -71,7 +73,16 @@ def check_step(path: str | Path) -> kernel.StepReport:
     return kernel.check_step(path)
 
 
-def render_step(path: str | Path, picture: str | Path) -> None:
+def render_step(
+    path: str | Path,
+    picture: str | Path,
+    *,
+    view: str | Sequence[float] = "iso",
+    section: Any = None,
+    size: tuple[int, int] = (1200, 900),
+    color_by: str | None = None,
+    hide: str | Sequence[str] = (),
+) -> None:
     """Draw a STEP file as a PNG picture, without a display.
 
     Parameters
@@ -80,16 +91,19 @@ def render_step(path: str | Path, picture: str | Path) -> None:
         The STEP file.
     picture : str or Path
         The PNG file to write.
+    view, section, size, color_by, hide
+        As in `tpmscad.render`. By default the solids and faces have the colours that the file holds; ``color_by="piece"`` gives
+        every solid its own.
 
     Raises
     ------
     InvalidRequest
-        If there is no such file, or it is not a STEP file.
+        If there is no such file, it is not a STEP file, or an argument is not understood.
     KernelError
         If the kernel cannot read the file, or finds no solid in it.
 
     Examples
     --------
-    >>> tpmscad.render_step("gyroid.step", "gyroid.png")  # doctest: +SKIP
+    >>> tpmscad.render_step("gyroid.step", "gyroid.png", section="z=5")  # doctest: +SKIP
     """
-    kernel.render_png(kernel.read_step(path), picture)
+    render(Path(path), picture, view=view, section=section, size=size, color_by=color_by, hide=hide)

@@ -56,6 +56,7 @@ try:
     from OCP.collections import IndexedDataMap_TopoDS_Shape_List_TopoDS_Shape_TopTools_ShapeMapHasher as ShapeMap
     from OCP.collections import List_TopoDS_Shape as ShapeList
     from OCP.collections import Sequence_TCollection_AsciiString as StringSequence
+    from OCP.collections import Sequence_TDF_Label as LabelSequence
 
     as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
     as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
@@ -67,6 +68,7 @@ except ImportError:
     from OCP.TColStd import TColStd_Array1OfInteger as IntArray
     from OCP.TColStd import TColStd_Array1OfReal as RealArray
     from OCP.TColStd import TColStd_SequenceOfAsciiString as StringSequence
+    from OCP.TDF import TDF_LabelSequence as LabelSequence
     from OCP.TopTools import TopTools_IndexedDataMapOfShapeListOfShape as ShapeMap
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
@@ -211,6 +213,11 @@ def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
 def string_sequence() -> Any:
     """Empty OCCT sequence of strings."""
     return StringSequence()
+
+
+def label_sequence() -> Any:
+    """Empty OCCT sequence of the labels of a document."""
+    return LabelSequence()
 
 
 def shape_map() -> Any:

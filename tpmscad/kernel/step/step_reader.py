@@ -58,12 +58,7 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
 
     Raises InvalidRequest if the file does not exist or is no STEP file, and KernelError if OCCT cannot read it or finds no solid.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InvalidRequest(f"there is no file {path}")
-    with path.open("rb") as file:
-        if PART21_MAGIC not in file.read(1024):
-            raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {PART21_MAGIC.decode()}")
+    path = require_step_file(Path(path))
     reader = STEPControl_Reader()
     with silence_occt():
         status = reader.ReadFile(str(path))
@@ -78,6 +73,16 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
     if not solids:
         raise KernelError("read STEP", f"{path} holds no solid", shape)
     return StepContent(shape, solids, _length_units(reader), _product_names(reader))
+
+
+def require_step_file(path: Path) -> Path:
+    """The path; InvalidRequest if there is no such file, or it is not a STEP file."""
+    if not path.is_file():
+        raise InvalidRequest(f"there is no file {path}")
+    with path.open("rb") as file:
+        if PART21_MAGIC not in file.read(1024):
+            raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {PART21_MAGIC.decode()}")
+    return path
 
 
 @contextmanager

@@ -1,0 +1,96 @@
+"""The pieces of what a picture shows: the solids of a model, of the domains of an exchanger, of a shape or of a STEP file.
+
+Models and domains list their named solids, with groups of faces and colours; a STEP file holds names and colours of its own.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tpmscad import kernel
+from tpmscad.errors import InvalidRequest
+
+Colour = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PicturePiece:
+    """A TopoDS solid, or the faces outside solids, with its name; its colour, its faces' colours and groups where known."""
+
+    name: str
+    shape: Any
+    colour: Colour | None = None
+    face_colours: tuple[Colour | None, ...] = ()
+    face_groups: tuple[str, ...] = ()
+
+
+def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
+    """The pieces of a model, of domains, of a shape or of a STEP file.
+
+    with_groups: whether names and groups of faces are wanted of a single model, too; to find them may take seconds.
+    """
+    if isinstance(source, str | os.PathLike):
+        return [
+            PicturePiece(read.name or f"solid {number}", read.solid, face_colours=read.face_colours)
+            for number, read in enumerate(kernel.read_coloured_solids(source), 1)
+        ]
+    if hasattr(source, "named_solids") and (with_groups or not hasattr(source, "built")):
+        return [
+            PicturePiece(
+                named.name,
+                named.solid,
+                named.colour,
+                tuple(map(named.colour_of, named.labels)),
+                tuple(map(_find_group, named.labels)),
+            )
+            for named in source.named_solids()
+        ]
+    if isinstance(getattr(source, "pieces", None), Mapping):
+        return [
+            PicturePiece(name if k == 0 else f"{name} {k + 1}", solid, kernel.piece_colour(name, number))
+            for number, (name, solids) in enumerate(source.pieces.items())
+            for k, solid in enumerate(solids)
+        ]
+    if not hasattr(source, "wrapped") and hasattr(source, "vals"):  # the stack of a CadQuery workplane
+        source = kernel.make_compound([value.wrapped for value in source.vals()])
+    found = kernel.pieces_of(source)
+    return [PicturePiece(f"piece {k}" if k > 1 else "piece", shape) for k, shape in enumerate(found, 1)]
+
+
+def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[PicturePiece]:
+    """The pieces that are not hidden; a name hides its numbered companions, too. InvalidRequest for an unknown name."""
+    names = base_names(pieces)
+    kept = [p for p, name in zip(pieces, names, strict=True) if p.name not in hidden and name not in hidden]
+    unknown = [name for name in hidden if name not in names and name not in [p.name for p in pieces]]
+    if unknown or not kept:
+        reason = f"there is no piece {unknown[0]!r} to hide" if unknown else "every piece is hidden"
+        raise InvalidRequest(f"{reason}; the pieces are {', '.join(map(repr, dict.fromkeys(names)))}")
+    return kept
+
+
+def base_names(pieces: Sequence[PicturePiece]) -> list[str]:
+    """The name of each piece, without its number if there is a piece of that name: "wall" for "wall 2"."""
+    names = {piece.name for piece in pieces}
+    bases = [piece.name.rstrip("0123456789").rstrip() for piece in pieces]
+    return [base if base in names else piece.name for base, piece in zip(bases, pieces, strict=True)]
+
+
+def choose_colours(pieces: Sequence[PicturePiece]) -> list[Colour]:
+    """A colour for each piece: its own, that of its name, or the next of the palette; numbered companions stay alike.
+
+    Pieces that have no names but numbers differ.
+    """
+    names = base_names(pieces)
+    if len(set(names)) == 1:
+        names = [piece.name for piece in pieces]
+    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return [p.colour or kernel.piece_colour(name, number[name]) for name, p in zip(names, pieces, strict=True)]
+
+
+def _find_group(label: str) -> str:
+    """The group of a face: "cap" for the label "cap X+", "surface +" for itself."""
+    group, _, rest = label.partition(" ")
+    return label if rest in ("+", "-") else group
