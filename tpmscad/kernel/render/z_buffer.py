@@ -17,7 +17,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 FRAGMENTS_PER_BATCH = 3_000_000
 """Samples of triangles evaluated at once; about 200 MB of temporary arrays."""
 
-KeepFragments = Callable[[Any, Any, Array], BoolArray]
+KeepFragments = Callable[[Any, Any, Any], BoolArray]
 """Which samples (x, y, depth), each (n,), are drawn."""
 
 
