@@ -15,6 +15,7 @@ from PIL import Image
 
 import tpmscad
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel import NamedSolid
 from tpmscad.workflows.pictures import render, render_bytes
 
 pytestmark = pytest.mark.kernel
@@ -63,7 +64,8 @@ def test_the_colours_in_a_file_are_shown_unless_others_are_asked_for(tmp_path: P
 
 def test_domains_have_their_colours_by_default_and_a_key() -> None:
     small, tall = two_boxes().solids()
-    parts = SimpleNamespace(pieces={"channel +": (small.wrapped,), "channel -": (tall.wrapped,)})
+    solids = [NamedSolid("a", small.wrapped, (), RED), NamedSolid("b", tall.wrapped, (), BLUE)]
+    parts = SimpleNamespace(named_solids=lambda: solids)
     assert hues(render_bytes(parts, view="front", size=(200, 160))) == (0, 2)
     with_key = decode(render_bytes(parts, view="front", size=(400, 320)))
     assert with_key[:40, :20].min() < 0.6  # the squares of the key in the upper corner

@@ -21,13 +21,9 @@ if TYPE_CHECKING:
     from tpmscad.workflows.lattice_infill import infill
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
-<<<<<<< HEAD
     from tpmscad.workflows.model import Model
-    from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
-=======
-    from tpmscad.workflows.model import InfillModel, Model
     from tpmscad.workflows.pictures import render, render_bytes
->>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
+    from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step
 
 __all__ = [
@@ -45,12 +41,9 @@ __all__ = [
     "infill",
     "lattice",
     "measure",
-<<<<<<< HEAD
     "preview_solid",
-=======
     "render",
     "render_bytes",
->>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
     "render_step",
     "solidify",
 ]
@@ -70,12 +63,9 @@ _MODULE_OF_NAME = {
     "infill": "tpmscad.workflows.lattice_infill",
     "lattice": "tpmscad.workflows.lattice_solid",
     "measure": "tpmscad.workflows.metrics",
-<<<<<<< HEAD
     "preview_solid": "tpmscad.workflows.solid_preview",
-=======
     "render": "tpmscad.workflows.pictures",
     "render_bytes": "tpmscad.workflows.pictures",
->>>>>>> 130132e (Pictures have views, filled sections, colours of pieces, files and curvature, a key and a scale)
     "render_step": "tpmscad.workflows.step_files",
     "solidify": "tpmscad.workflows.implicit_solid",
 }

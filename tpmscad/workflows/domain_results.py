@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -25,6 +25,7 @@ from tpmscad.workflows.file_formats import (
     write_mesh_file,
 )
 from tpmscad.workflows.model import Model
+from tpmscad.workflows.pictures import render
 from tpmscad.workflows.result_summary import format_html, format_size, measure_diagonal
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
@@ -162,6 +163,37 @@ class FluidDomains:
         """
         names = [of.name for of in self.named_solids()]
         write_checked_shape(self.wrapped, path, schema=schema, name=self.name, volume=self.volume, names=names)
+
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: str | Sequence[float] = "iso",
+        section: Any = None,
+        size: tuple[int, int] = (1200, 900),
+        color_by: str | None = None,
+        hide: str | Sequence[str] = (),
+    ) -> None:
+        """Draw the domains, each in its colour, as a PNG picture, without a display.
+
+        Parameters
+        ----------
+        path : str or Path
+            The PNG file to write.
+        view, section, size, color_by, hide
+            As in `tpmscad.render`.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
+        """
+        render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names, colours and the labels of their faces, as files store them.

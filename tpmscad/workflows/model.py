@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +29,7 @@ from tpmscad.workflows.file_formats import (
     number_names,
     write_mesh_file,
 )
+from tpmscad.workflows.pictures import render
 from tpmscad.workflows.result_summary import format_html, format_summary, measure_diagonal
 
 
@@ -208,6 +209,36 @@ class Model:
             placements=kernel.Instances.translated(self.unit_cell.translations),
             n_placements=len(self.unit_cell.translations),
         )
+
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: str | Sequence[float] = "iso",
+        section: Any = None,
+        size: tuple[int, int] = (1200, 900),
+        color_by: str | None = None,
+    ) -> None:
+        """Draw the model as a PNG picture, without a display.
+
+        Parameters
+        ----------
+        path : str or Path
+            The PNG file to write.
+        view, section, size, color_by
+            As in `tpmscad.render`.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
+        >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
+        """
+        render(self, path, view=view, section=section, size=size, color_by=color_by)
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.

@@ -6,7 +6,7 @@ Models and domains list their named solids, with groups of faces and colours; a 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,16 +43,10 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
                 named.name,
                 named.solid,
                 named.colour,
-                tuple(map(named.colour_of, named.labels)),
+                tuple(map(kernel.find_label_colour, named.labels)),
                 tuple(map(_find_group, named.labels)),
             )
             for named in source.named_solids()
-        ]
-    if isinstance(getattr(source, "pieces", None), Mapping):
-        return [
-            PicturePiece(name if k == 0 else f"{name} {k + 1}", solid, kernel.piece_colour(name, number))
-            for number, (name, solids) in enumerate(source.pieces.items())
-            for k, solid in enumerate(solids)
         ]
     if not hasattr(source, "wrapped") and hasattr(source, "vals"):  # the stack of a CadQuery workplane
         source = kernel.make_compound([value.wrapped for value in source.vals()])

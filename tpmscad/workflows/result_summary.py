@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import base64
-import tempfile
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tpmscad import kernel
 from tpmscad._typing import BoxCorners
 from tpmscad.workflows.certificate import Certificate
+from tpmscad.workflows.pictures import render_bytes
 
 MAX_SHORTFALLS = 4
 """Shortfalls that a summary lists; the certificate has them all."""
@@ -49,11 +47,8 @@ def format_summary(name: str, box: BoxCorners, certificate: Certificate) -> str:
 
 
 def format_html(shape: Any, name: str, box: BoxCorners, certificate: Certificate) -> str:
-    """A picture of the shape as inline PNG, and the certificate as a table."""
-    with tempfile.TemporaryDirectory() as folder:
-        picture = Path(folder) / "picture.png"
-        kernel.render_png(shape, picture, width=PICTURE_SIZE[0], height=PICTURE_SIZE[1])
-        encoded = base64.b64encode(picture.read_bytes()).decode("ascii")
+    """A picture of the model or domains as inline PNG, and the certificate as a table."""
+    encoded = base64.b64encode(render_bytes(shape, size=PICTURE_SIZE)).decode("ascii")
     rows = [
         ("size", f"{format_size(box)} mm"),
         ("request", "met" if certificate.met else "NOT met: " + "; ".join(certificate.shortfalls)),

@@ -19,9 +19,9 @@ UNVALUED_COLOUR = (0.74, 0.75, 0.77)
 """Colour of faces without a value on a picture of values."""
 
 NAMED_PIECES = {
-    "wall": (0.72, 0.73, 0.75),
-    "channel +": (0.88, 0.42, 0.16),
-    "channel -": (0.20, 0.50, 0.77),
+    "wall": (0.72, 0.74, 0.76),
+    "channel +": (0.36, 0.56, 0.74),
+    "channel -": (0.87, 0.60, 0.32),
 }
 """Colours of the domains of an exchanger, by name."""
 
