@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -24,6 +26,9 @@ MAPS = {
     "graded": maps.grading(1, (1.0, 2.0), 10.0),
     "graded by a function": maps.grading(2, lambda z: 1 + 0.02 * z**2, 10.0),
     "cylinder": maps.cylinder(25.0),
+    "sphere": maps.sphere(25.0),
+    "sphere about a centre": maps.sphere(12.0, centre=(4.0, 5.0)),
+    "sphere along the equator": maps.sphere(25.0, chart="equator"),
     "of the user": maps.as_map(bent),
     "composed": maps.composition(maps.as_map(bent), maps.stretching((1.0, 2.0, 0.7)), 10.0),
 }
@@ -55,6 +60,46 @@ def test_a_user_map_gets_derivatives_to_eleven_digits() -> None:
 def test_bad_maps_are_refused_with_what_is_wrong(function: object, match: str) -> None:
     with pytest.raises(InvalidRequest, match=match):
         maps.as_map(function)(POINTS)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: maps.cylinder(np.nan), "radius nan must be a positive, finite number"),
+        (lambda: maps.cylinder(-3), "radius -3 must be"),
+        (lambda: maps.cylinder("wide"), "radius 'wide' must be"),
+        (lambda: maps.sphere(np.inf), "radius inf must be"),
+        (
+            lambda: maps.sphere(5.0, chart="south"),
+            "chart 'south' of a sphere is unknown; choose one of 'pole', 'equator'",
+        ),
+        (lambda: maps.sphere(5.0, centre=(1.0,)), "centre .* takes two finite"),
+        (lambda: maps.stretching((1.0, -1.0, 1.0)), "must be three positive, finite numbers"),
+        (lambda: maps.stretching((1.0, np.nan, 1.0)), "must be three positive, finite numbers"),
+        (lambda: maps.stretching(2.0), "must be three positive, finite numbers"),
+        (lambda: maps.grading(3, (1.0, 2.0), 10.0), "axis 3 of a grading"),
+        (lambda: maps.grading(0, (1.0, np.nan), 10.0), "scale nan of a grading"),
+        (lambda: maps.grading(0, (1.0, 2.0), 0.0), "length 0.0 must be"),
+        (lambda: maps.grading(0, lambda x: 3 - x, 10.0), "scale -?[0-9.e-]+ of a grading must be positive"),
+        (lambda: maps.as_map(3), "map 3 is no function of points"),
+    ],
+)
+def test_values_that_make_no_map_are_refused_at_once(make: Callable[[], maps.Map], match: str) -> None:
+    with pytest.raises(InvalidRequest, match=match):
+        make()
+
+
+def test_a_dome_keeps_lengths_along_meridians_and_its_centre_on_the_pole() -> None:
+    dome, along = maps.sphere(10.0), np.linspace(0.0, 25.0, 6)
+    for turn in (0.0, 0.7, 2.0):
+        points = dome(np.stack([along * np.cos(turn), along * np.sin(turn), 0 * along], axis=-1))
+        np.testing.assert_allclose(np.linalg.norm(points, axis=1), 10, rtol=1e-14)
+        np.testing.assert_allclose(np.arccos(points[:, 2] / 10), along / 10, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(np.arctan2(points[1:, 1], points[1:, 0]), turn, atol=1e-12)
+    size = np.array([20.0, 30.0, 5.0])
+    np.testing.assert_allclose(maps.shift_to_middle(dome, size)([10.0, 15.0, 1.0]), [0, 0, 11], atol=1e-13)
+    fixed = maps.sphere(10.0, centre=(4.0, 5.0))
+    np.testing.assert_allclose(maps.shift_to_middle(fixed, size)([4.0, 5.0, 1.0]), [0, 0, 11], atol=1e-13)
 
 
 def mid(map: maps.Map, name: str = "gyroid") -> mapped_lattice.MappedSurface:

@@ -5,12 +5,16 @@ one cell repeated over the block has non-manifold vertices, where two parts of t
 them would touch along a line, which solid modellers reject. Patches at such a vertex are therefore exchanged for their translates
 on the other side of the block, one or two at a time, while the number of defects decreases (a local search).
 
+A block may close along some axes, as a ring does: then the block repeats without end along them, translates by its length are one
+patch, and nothing ends there.
+
 Points are known by integer addresses: the number of their class modulo whole cells and the cell that they lie in.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
@@ -57,10 +61,14 @@ def _address_points(points: Array) -> tuple[IntArray, int]:
 
 @dataclass(slots=True)
 class _CellBlock:
-    """The chosen patches of a block, one for each class modulo the translations of the block (key: its home address)."""
+    """The chosen patches of a block, one for each class modulo the translations of the block (key: its home address).
+
+    Around a corner of a closed block the infinite repetition looks as the block does, so fans are counted there.
+    """
 
     incidence: PatchIncidence
     cells: tuple[int, int, int]
+    closed: tuple[bool, bool, bool]
     chosen: dict[PatchAddress, PatchAddress] = field(default_factory=dict)
 
     def home(self, patch: PatchAddress) -> PatchAddress:
@@ -68,8 +76,15 @@ class _CellBlock:
         k, x, y, z = patch
         return k, x % self.cells[0], y % self.cells[1], z % self.cells[2]
 
+    def representative(self, patch: PatchAddress) -> PatchAddress:
+        """The translate of a patch along the closed axes whose cell lies between the ends of the block there."""
+        k, x, y, z = (
+            at if closed else own for at, own, closed in zip(self.home(patch), patch, (True, *self.closed), strict=True)
+        )
+        return k, x, y, z
+
     def is_chosen(self, patch: PatchAddress) -> bool:
-        return self.chosen[self.home(patch)] == patch
+        return self.chosen[self.home(patch)] == self.representative(patch)
 
     def corners(self, patch: PatchAddress) -> list[PatchAddress]:
         return _translate_addresses(self.incidence.corner_ids[patch[0]], patch)
@@ -116,7 +131,7 @@ class _CellBlock:
         home = self.home(patch)
         affected = set(self.corners(patch)) | set(self.corners(self.chosen[home]))
         before = self.count_defects(affected)
-        self.chosen[home] = patch
+        self.chosen[home] = self.representative(patch)
         return self.count_defects(affected) - before
 
 
@@ -125,9 +140,14 @@ def _translate_addresses(ids: IntArray, patch: PatchAddress) -> list[PatchAddres
     return [(label, a + x, b + y, c + z) for label, a, b, c in ids.tolist()]
 
 
-def choose_manifold_block(incidence: PatchIncidence, cells: tuple[int, int, int]) -> list[PatchAddress]:
-    """The patches of a block of cells without non-manifold vertices, in the order of their classes."""
-    block = _CellBlock(incidence, cells)
+def choose_manifold_block(
+    incidence: PatchIncidence, cells: tuple[int, int, int], closed: tuple[bool, bool, bool] = (False, False, False)
+) -> list[PatchAddress]:
+    """The patches of a block of cells without non-manifold vertices, in the order of their classes.
+
+    Along a `closed` axis the block meets itself.
+    """
+    block = _CellBlock(incidence, cells, closed)
     for k in range(len(incidence.side_ids)):
         for x, y, z in np.ndindex(*cells):
             block.chosen[k, x, y, z] = (k, x, y, z)
@@ -168,10 +188,11 @@ def _candidate_exchanges(block: _CellBlock, corner: PatchAddress) -> list[PatchA
     around = block.patches_at(corner)
     absent = [p for p in around if not block.is_chosen(p)]
     nx, ny, nz = block.cells
+    steps = [(0,) if closed else (-1, 0, 1) for closed in block.closed]
     translates = [
-        (k, x + (i - 1) * nx, y + (j - 1) * ny, z + (m - 1) * nz)
+        (k, x + i * nx, y + j * ny, z + m * nz)
         for k, x, y, z in around
         if block.is_chosen((k, x, y, z))
-        for i, j, m in np.ndindex(3, 3, 3)
+        for i, j, m in product(*steps)
     ]
     return absent + [p for p in translates if not block.is_chosen(p)]

@@ -12,6 +12,7 @@ each axis; a phase translates the lattice.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -84,16 +85,18 @@ def orientation_sign(symmetry: MirrorSymmetry, primitive: BSplineSurface) -> int
     return int(np.sign(primitive.normal(u, v)[0] @ symmetry.waves.gradient(primitive(u, v))[0]))
 
 
-def place_whole_cells(name: str, cells: tuple[int, int, int], phase: Array) -> Motion:
+def place_whole_cells(
+    name: str, cells: tuple[int, int, int], phase: Array, closed: tuple[bool, bool, bool] = (False, False, False)
+) -> Motion:
     """Motions of the mid patch that make a block of whole cells, one for each class of patches, moved by `phase`.
 
-    The block is connected by edges, and its boundary has no non-manifold vertex.
+    The block is connected by edges, and its boundary has no non-manifold vertex. Along a `closed` axis it meets itself.
     """
     symmetry = surfaces.patch_symmetry(name)
     motion = symmetry.cell_motions
     corners = surfaces.primitive_patch(name).jet(*UNIT_SQUARE_CORNERS.T).position
     middles, corners = (motion[:, None].apply(points) for points in (symmetry.side_middles, corners))
-    chosen = np.array(choose_manifold_block(build_incidence(middles, corners), cells))
+    chosen = np.array(choose_manifold_block(build_incidence(middles, corners), cells, closed))
     patch, cell = chosen[:, 0], chosen[:, 1:]
     return Motion(motion.rotation[patch], motion.translation[patch] + cell + phase)
 
@@ -119,13 +122,30 @@ def build_natural_lattice(symmetry: PatchSymmetry, offsets: OffsetSurfaces, plac
     return faces.weld((*offsets.primitives, *gaps))
 
 
-def find_open_sides(symmetry: PatchSymmetry, placements: Motion) -> tuple[IntArray, IntArray]:
-    """Sides of the placed mid patches that no other of them shares, as patch and side numbers: (n,), (n,)."""
+def find_open_sides(
+    symmetry: PatchSymmetry, placements: Motion, periods: Sequence[float] = (0.0, 0.0, 0.0)
+) -> tuple[IntArray, IntArray]:
+    """Sides of the placed mid patches that no other of them shares, as patch and side numbers: (n,), (n,).
+
+    `periods`, in cells: the translations along the axes that leave a closed lattice as it is; 0 where it ends.
+    """
     middle = placements[:, None].apply(symmetry.side_middles)
     size = float(np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2]))
-    label, _ = cluster_points(middle.reshape(-1, 3), WELD_RADIUS_FRACTION * size)
+    label, _ = cluster_points(_roll_up(middle.reshape(-1, 3), periods), WELD_RADIUS_FRACTION * size)
     alone = np.flatnonzero(np.bincount(label)[label] == 1)
     return alone // 4, alone % 4
+
+
+def _roll_up(points: Array, periods: Sequence[float]) -> Array:
+    """Points (n, 3) with each periodic coordinate rolled up to a circle as long as its period: translates are one point."""
+    columns = []
+    for x, period in zip(points.T, periods, strict=True):
+        if period:
+            angle, radius = 2 * np.pi * x / period, period / (2 * np.pi)
+            columns += [radius * np.cos(angle), radius * np.sin(angle)]
+        else:
+            columns.append(x)
+    return np.stack(columns, axis=1)
 
 
 def ruled_surface(below: BSplineCurve, above: BSplineCurve) -> BSplineSurface:

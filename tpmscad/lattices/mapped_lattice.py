@@ -1,8 +1,8 @@
 """Lattices under a coordinate map: every patch is fitted to the mapped exact surface, offset along the mapped normal.
 
-The patches of a lattice are sampled together. Patches that the map leaves translates of one another, as an anisotropic
-scaling does, form a class that is fitted, measured and stored once. The control nets are those of `g2_fit`: each patch is fitted
-on its own, by CPIA under conditions that make neighbours join with curvature continuity.
+Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. The
+control nets are those of `g2_fit`: each class is fitted on its own, by CPIA under conditions that make neighbours join with
+curvature continuity. Where the map closes, the patches at both ends are neighbours like any others.
 """
 
 from __future__ import annotations
@@ -16,10 +16,12 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.brep.welding import cluster_points, weld_patches
+from tpmscad.brep.welding import weld_patches
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
+from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
+from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.rigid_motion import Motion
@@ -27,86 +29,20 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
-TRANSLATE_TOL_FRACTION = 1e-11
-"""Samples that agree to this fraction of a patch's extent after a translation belong to one class: above the round-off of maps
-(1e-14) and of the differences that give a user's map its normals (1e-12)."""
-
 BEZIER_DEGREES = (9, 10, 11, 12, 14, 16)
 """Bezier degrees in the order of trial; all patches of a lattice take the same one, so that borders share their spline space."""
 
 PATCH_SAMPLES_PER_PARAMETER = 25
 """Samples along each parameter for the deviation of each of the many patches."""
 
+CONGRUENCE_SAMPLES_PER_PARAMETER = 13
+"""Samples along each parameter at which patches are compared."""
+
 MAX_PARAMETRIC_EXCESS = 3.0
 """Greatest ratio of differences at equal parameters to orthogonal distances."""
 
 FLATNESS_TOL_FRACTION = 1e-9
 """A side of the box counts as flat if its image spreads by less than this fraction of the box."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class TranslationClasses:
-    """Classes of patches up to translation.
-
-    `first` (n,) is the first patch of each class; patch i is patch first[label[i]] translated by `translation[i]`.
-    """
-
-    first: IntArray
-    label: IntArray
-    translation: Array
-
-
-def group_translates(samples: Array) -> TranslationClasses:
-    """Classes of patches (P, m, n, 3) sampled on one grid."""
-    flat = samples.reshape(len(samples), -1, 3)
-    shape = flat - flat[:, :1]
-    radius = TRANSLATE_TOL_FRACTION * np.ptp(flat[0], axis=0).max()
-    # A few samples separate nearly all classes; patches that agree there are compared as a whole.
-    signature = shape[:, np.linspace(1, shape.shape[1] - 1, 7).astype(int)].reshape(len(samples), -1)
-    label, first = cluster_points(signature, 10 * radius)
-    differs = np.abs(shape - shape[first[label]]).max(axis=(1, 2)) > 10 * radius
-    label[differs] = len(first) + np.arange(np.count_nonzero(differs))
-    first = np.concatenate([first, np.flatnonzero(differs)])
-    return TranslationClasses(first, label, flat[:, 0] - flat[first[label], 0])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedSurface:
-    """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x."""
-
-    patch: SurfacePatch
-    symmetry: PatchSymmetry
-    placements: Motion
-    map: Map
-    cell: float
-
-    def offset(self, u: Array, v: Array, distance: float, index: int | slice = slice(None)) -> Array:
-        """Points at the signed normal distance from the mapped surface: (P, ..., 3) on every placement, (..., 3) on one."""
-        jet = self.patch.jet(u, v)
-        rotation, translation = self.placements.rotation[index], self.placements.translation[index]
-        shape = (*rotation.shape[:-2], *(1,) * np.ndim(u), 3)
-        turn = rotation.reshape(*shape[:-1], 3, 3)
-        points = self.cell * ((turn @ jet.position[..., None])[..., 0] + translation.reshape(shape))
-        mapped = self.map(points)
-        if distance == 0.0:
-            return mapped
-        normal = (turn @ jet.normal[..., None])[..., 0]
-        # Normals are mapped by the inverse transpose, which keeps them on the side where the nodal field increases.
-        normal = np.linalg.solve(np.swapaxes(self.map.jacobian(points, self.cell), -1, -2), normal[..., None])[..., 0]
-        return mapped + distance * normal / np.linalg.norm(normal, axis=-1, keepdims=True)
-
-    def orientation(self) -> int:
-        """Sign of the Jacobian determinant of the map; InvalidRequest where it vanishes or changes sign."""
-        u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
-        points = self.cell * (self.placements[:, None].apply(self.patch.jet(u, v).position))
-        determinant = np.linalg.det(self.map.jacobian(points, self.cell))
-        worst = np.unravel_index(np.argmin(np.abs(determinant)), determinant.shape)
-        if not (np.all(determinant > 0) or np.all(determinant < 0)):
-            raise InvalidRequest(
-                f"{self.map.name} folds: its Jacobian determinant changes sign near {points[worst].tolist()}; "
-                "a map must be one-to-one over the lattice and a cell beyond"
-            )
-        return int(np.sign(determinant.flat[0]))
 
 
 def map_box(map: Map, size: Array) -> tuple[Array, Array]:
@@ -157,15 +93,15 @@ def select_placements_near_box(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappedLayer:
-    """A fitted offset surface: the patch of placement i is patches[label[i]] translated by translation[i]."""
+    """A fitted offset surface: the patch of placement i is patches[label[i]] moved by motion[i]."""
 
     patches: list[BSplineSurface]
     label: IntArray
-    translation: Array
+    motion: Motion
 
     def patch(self, index: int) -> BSplineSurface:
         """The patch of one placement."""
-        return self.patches[self.label[index]].moved(Motion(np.eye(3), self.translation[index]))
+        return self.patches[self.label[index]].moved(self.motion[index])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,9 +127,10 @@ def fit_mapped_layers(
     t = g2_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
     given = [d for d in distances if d is not None]
-    samples = [mapped.offset(u, v, d) for d in given]
-    classes = [group_translates(s) for s in samples]
-    members = [s[c.first] for s, c in zip(samples, classes, strict=True)]  # one sampled patch per class
+    classes = [group_congruent_patches(mapped, d) for d in given]
+    members = [
+        mapped.offset(u, v, d, c.first) for d, c in zip(given, classes, strict=True)
+    ]  # one sampled patch per class
     for degree in BEZIER_DEGREES:
         last = degree == BEZIER_DEGREES[-1]
         fits = [g2_fit.fit_g2_patches(m, degree) for m in members]
@@ -201,7 +138,7 @@ def fit_mapped_layers(
         if not last and max(estimates) > tol:
             continue
         layers = [
-            MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.translation)
+            MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
         deviations = _measure_patches(mapped, given, layers, classes, progress)
@@ -212,11 +149,18 @@ def fit_mapped_layers(
     return MappedFit(lower, upper, combine_deviations(deviations), NetConvergence.worst(c for _, c in fits))
 
 
+def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
+    """Classes of congruent patches of the offset surface, by samples that reach as far beyond the patch as those of the fit."""
+    t = 0.5 + (0.5 + g2_fit.SAMPLE_OVERHANG) * np.linspace(-1.0, 1.0, CONGRUENCE_SAMPLES_PER_PARAMETER)
+    u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
+    return group_congruent(mapped.offset(u, v, distance))
+
+
 def _measure_patches(
     mapped: MappedSurface,
     distances: Sequence[float],
     layers: Sequence[MappedLayer],
-    classes: Sequence[TranslationClasses],
+    classes: Sequence[CongruenceClasses],
     progress: Callable[[float], None],
 ) -> list[Deviation]:
     """Deviation of every fitted patch; `progress` receives the fraction done."""
@@ -245,8 +189,9 @@ def _estimate_least_deviation(poles: Array, samples: Array) -> float:
 def least_curvature_radius(mapped: MappedSurface) -> float:
     """Least radius of curvature of the mapped mid surface, sampled; offsets must stay below it."""
     t = g2_fit.sample_parameters()
-    samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0)
-    poles, _ = g2_fit.fit_g2_patches(samples[group_translates(samples).first], BEZIER_DEGREES[-1])
+    first = group_congruent_patches(mapped, 0.0).first
+    samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0, first)
+    poles, _ = g2_fit.fit_g2_patches(samples, BEZIER_DEGREES[-1])
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
     largest = max(
         np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles
@@ -274,21 +219,21 @@ def assemble_mapped_lattice(
     for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
         if layer is not None:
             n = len(layer.label)
-            parts.append((len(carriers) + layer.label, layer.translation, np.full(n, outward * orientation), [tag] * n))
+            parts.append((len(carriers) + layer.label, layer.motion, np.full(n, outward * orientation), [tag] * n))
             carriers += layer.patches
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
-        open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements), strict=True))
+        open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements, mapped.periods), strict=True))
         n = len(open_at)
-        parts.append((len(carriers) + np.arange(n), np.zeros((n, 3)), np.full(n, orientation), ["gap"] * n))
+        parts.append((len(carriers) + np.arange(n), Motion.identity(n), np.full(n, orientation), ["gap"] * n))
         carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
-    carrier, translation, sense, tags = (np.concatenate(part) for part in zip(*parts, strict=True))
+    carrier, motion, sense, tags = zip(*parts, strict=True)
     return weld_patches(
         carriers,
-        carrier,
-        Motion.translations(translation),
-        sense,
-        np.array([LATTICE_TAGS.index(tag) for tag in tags]),
+        np.concatenate(carrier),
+        Motion.concatenate(motion),
+        np.concatenate(sense),
+        np.array([LATTICE_TAGS.index(name) for part in tags for name in part]),
         LATTICE_TAGS,
     )

@@ -3,6 +3,9 @@
 The *mid surface* of a lattice is mapped, and its walls are offset along the normal of the mapped surface, so a wall keeps its
 thickness wherever the map stretches. A `Map` has a function and, where it is known, the exact Jacobian; any other callable is
 differentiated by central differences of sixth order.
+
+A map that repeats after the length of the lattice closes it: its ends meet, patch by patch, and become one part. A map that lays
+walls of the lattice on each other is refused.
 """
 
 from __future__ import annotations
@@ -16,9 +19,17 @@ from scipy.integrate import quad_vec
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.lattices.spherical_charts import chart_along_equator, chart_from_pole
+
+__all__ = ["Map", "as_map", "composition", "cylinder", "grading", "sphere", "stretching"]
 
 DIFFERENCE_STEP_CELLS = 2e-3
 """Difference step in cell edges: it balances truncation (1e-16 of the seventh derivative) and round-off (1e-13)."""
+
+SPHERE_CHARTS = ("pole", "equator")
+
+SCALE_SAMPLES = 65
+"""Points along the lattice at which a grading's scale is checked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +45,8 @@ class Map:
         differences are used if it is None.
     name : str, optional
         The name of the map in messages.
+    from_middle : (bool, bool, bool), optional
+        Along which axes the coordinates that the map takes are counted from the middle of the lattice, not from its lower end.
 
     Examples
     --------
@@ -47,6 +60,7 @@ class Map:
     function: Callable[[Array], Array]
     jacobian_function: Callable[[Array], Array] | None = None
     name: str = "user map"
+    from_middle: tuple[bool, bool, bool] = (False, False, False)
 
     def __call__(self, points: ArrayLike) -> Array:
         """Return the images of points.
@@ -119,12 +133,21 @@ def as_map(function: Map | Callable[[Array], Array]) -> Map:
     Map
         The map itself, or a map of the function with differences for its Jacobian.
 
+    Raises
+    ------
+    InvalidRequest
+        If it cannot be called.
+
     Examples
     --------
     >>> from tpmscad import maps
     >>> maps.as_map(lambda p: 2.0 * p)([1.0, 2.0, 3.0])
     array([2., 4., 6.])
     """
+    if not callable(function):
+        raise InvalidRequest(
+            f"map {function!r} is no function of points: give one of tpmscad.maps, such as maps.cylinder(20), or your own"
+        )
     return function if isinstance(function, Map) else Map(function, name=getattr(function, "__name__", "user map"))
 
 
@@ -134,12 +157,17 @@ def stretching(factors: Sequence[float]) -> Map:
     Parameters
     ----------
     factors : sequence of float
-        One factor per axis, dimensionless.
+        One positive factor per axis, dimensionless.
 
     Returns
     -------
     Map
         The map x -> factors * x, with its exact Jacobian.
+
+    Raises
+    ------
+    InvalidRequest
+        If there are not three factors, or one of them is not positive and finite.
 
     Examples
     --------
@@ -148,6 +176,10 @@ def stretching(factors: Sequence[float]) -> Map:
     array([1., 1., 2.])
     """
     f = np.asarray(factors, float)
+    if f.shape != (3,) or not (np.isfinite(f).all() and f.min() > 0):
+        raise InvalidRequest(
+            f"factors {factors!r} of a stretch must be three positive, finite numbers, one for each axis"
+        )
     return Map(lambda p: p * f, lambda p: np.broadcast_to(np.diag(f), (*p.shape, 3)), f"stretch {f.tolist()}")
 
 
@@ -172,7 +204,7 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     Raises
     ------
     InvalidRequest
-        If a scale of the pair is not positive.
+        If the axis is unknown, or the length or a scale is not positive and finite.
 
     Notes
     -----
@@ -185,16 +217,19 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     >>> maps.grading(2, (1.0, 2.0), 10.0)([0.0, 0.0, 10.0])
     array([ 0.,  0., 15.])
     """
+    if axis not in (0, 1, 2):
+        raise InvalidRequest(f"axis {axis!r} of a grading is none of 0, 1 and 2")
+    length = _check_positive("length", length, "the extent of the lattice along the axis, cells x cell")
     if callable(scale):
         rate = scale
+        _check_scales(rate(np.linspace(0.0, length, SCALE_SAMPLES)))
 
         def moved(x: Array) -> Array:
             flat = np.asarray([quad_vec(rate, 0.0, float(t), epsabs=1e-13 * length)[0] for t in x.ravel()])
             return flat.reshape(x.shape)
     else:
         low, high = scale
-        if min(low, high) <= 0:
-            raise InvalidRequest(f"scales {scale} of a grading must be positive")
+        _check_scales([low, high])
         slope = (high - low) / length
 
         def rate(x: Array) -> Array:
@@ -234,11 +269,12 @@ def cylinder(radius: float) -> Map:
     Raises
     ------
     InvalidRequest
-        If the radius is not positive.
+        If the radius is not positive and finite.
 
     Notes
     -----
-    A lattice of length 2 pi radius along x meets itself; a shorter one leaves a sector open.
+    A lattice of length 2 pi radius along x closes to a ring: with N cells, ``radius = N * cell / (2 * pi)``. A shorter one
+    leaves a sector open, and a longer one is refused.
 
     Examples
     --------
@@ -246,8 +282,7 @@ def cylinder(radius: float) -> Map:
     >>> maps.cylinder(10.0)([0.0, 1.0, 2.0])
     array([ 0., 11.,  2.])
     """
-    if radius <= 0:
-        raise InvalidRequest(f"radius {radius:g} of a cylinder must be positive")
+    radius = _check_positive("radius", radius, "N cells close to a ring at radius N x cell / (2 pi)")
 
     def function(p: Array) -> Array:
         angle, r = p[..., 0] / radius, radius + p[..., 1]
@@ -260,6 +295,68 @@ def cylinder(radius: float) -> Map:
         return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     return Map(function, jacobian, f"wrap around a cylinder of radius {radius:g}")
+
+
+def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None = None) -> Map:
+    """Return the map that wraps a lattice around the origin, as a dome or as a band.
+
+    Lattice coordinate z becomes the radial distance from `radius`; x and y lie along the sphere. In both charts y at x = 0 runs
+    along a great circle, true to length at `radius`.
+
+    Parameters
+    ----------
+    radius : float
+        The radius in model units at which z = 0.
+    chart : {"pole", "equator"}, optional
+        "pole": the lattice lies on the sphere like a cloth whose centre is at the upper pole (0, 0, radius), straight lines
+        through the centre along the meridians. "equator": x is the arc length along the equator and y that along the
+        meridians; a lattice of length 2 pi radius along x closes to a band.
+    centre : (float, float), optional
+        The lattice coordinates (x, y) that come to the pole, or to longitude and latitude 0. By default the middle of the
+        lattice ("equator": of y only).
+
+    Returns
+    -------
+    Map
+        The map with its exact Jacobian.
+
+    Raises
+    ------
+    InvalidRequest
+        If the radius is not positive and finite, the chart unknown, or the centre not two finite numbers.
+
+    Notes
+    -----
+    The chart of the pole is the azimuthal equidistant projection: at the angle t from the pole, lengths along the parallels
+    shrink by sin(t) / t, to 0.64 on the equator. A lattice of length pi radius along x and y covers the upper half and, with its
+    corners, reaches 127 degrees from the pole; the lower pole is singular, and lattices that come near it are refused. The
+    chart of the equator shrinks lengths along the parallels by the cosine of the latitude; both poles are singular.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import maps
+    >>> maps.sphere(10.0)([0.0, 0.0, 2.0])
+    array([ 0.,  0., 12.])
+    >>> np.round(maps.sphere(10.0)([5.0 * np.pi, 0.0, 0.0]), 9)
+    array([10.,  0.,  0.])
+    """
+    radius = _check_positive("radius", radius, "a square lattice of length pi x radius covers half the sphere")
+    if chart not in SPHERE_CHARTS:
+        raise InvalidRequest(
+            f"chart {chart!r} of a sphere is unknown; choose one of {', '.join(map(repr, SPHERE_CHARTS))}"
+        )
+    if centre is not None and (np.shape(centre) != (2,) or not np.isfinite(np.asarray(centre, float)).all()):
+        raise InvalidRequest(f"centre {centre!r} of a sphere takes two finite lattice coordinates, x and y")
+    x0, y0 = (0.0, 0.0) if centre is None else (float(c) for c in centre)
+    function, jacobian = chart_from_pole(radius) if chart == "pole" else chart_along_equator(radius)
+    origin = np.array([x0, y0, 0.0])
+    return Map(
+        lambda p: function(p - origin),
+        lambda p: jacobian(p - origin),
+        f"wrap around a sphere of radius {radius:g} from its {chart}",
+        (centre is None and chart == "pole", centre is None, False),
+    )
 
 
 def composition(outer: Map, inner: Map, scale: float) -> Map:
@@ -287,4 +384,32 @@ def composition(outer: Map, inner: Map, scale: float) -> Map:
         lambda p: outer(inner(p)),
         lambda p: outer.jacobian(inner(p), scale) @ inner.jacobian(p, scale),
         f"{outer.name} after {inner.name}",
+        inner.from_middle,
     )
+
+
+def shift_to_middle(map: Map, size: Array) -> Map:
+    """The map as a function of coordinates that are counted from the lower end of a lattice of `size` (3,) along every axis."""
+    if not any(map.from_middle):
+        return map
+    shift = np.where(map.from_middle, size / 2, 0.0)
+    exact = map.jacobian_function
+    return Map(lambda p: map(p - shift), None if exact is None else lambda p: exact(p - shift), map.name)
+
+
+def _check_positive(label: str, value: float, remedy: str) -> float:
+    """The value as a float; InvalidRequest if it is not a positive, finite number."""
+    try:
+        number = float("nan") if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError):
+        number = float("nan")
+    if not (np.isfinite(number) and number > 0):
+        raise InvalidRequest(f"{label} {value!r} must be a positive, finite number: {remedy}")
+    return number
+
+
+def _check_scales(scales: ArrayLike) -> None:
+    values = np.asarray(scales, float)
+    if not (np.isfinite(values).all() and values.min() > 0):
+        wrong = values[~(np.isfinite(values) & (values > 0))][0]
+        raise InvalidRequest(f"scale {wrong:g} of a grading must be positive and finite all along the lattice")

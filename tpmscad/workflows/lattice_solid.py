@@ -20,9 +20,10 @@ from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import TrimmingError
-from tpmscad.lattices import copies, mapped_lattice
-from tpmscad.lattices.maps import Map, as_map, composition, stretching
+from tpmscad.lattices import copies, mapped_lattice, mapped_surface
+from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
@@ -162,7 +163,8 @@ def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | 
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
         return stretch
-    return as_map(map) if stretch is None else composition(as_map(map), stretch, request.cell[0])
+    wrap = shift_to_middle(as_map(map), np.array(request.cell) * request.cells)
+    return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
 
 
 def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
@@ -209,18 +211,26 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     """Patches fitted one by one to the mapped surface."""
     cell, phase, name = request.cell[0], np.array(request.phase), request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
-    bounds = None
+    bounds, periods = None, (0.0, 0.0, 0.0)
     with stages("fit") as done:
+        mapped_surface.require_regular(mapping, mapped_surface.box_points(request.cells, cell), cell)
         if request.boundary == "natural":
-            placements = copies.place_whole_cells(name, request.cells, phase)
+            closed = mapped_surface.find_closed_axes(mapping, request.cells, cell)
+            x, y, z = (float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
+            periods = x, y, z
+            placements = copies.place_whole_cells(name, request.cells, phase, closed)
         else:
             bounds = mapped_lattice.map_box(mapping, cell * np.array(request.cells, float))
             max_offset = float(np.abs(request.offset).max())
             placements = mapped_lattice.select_placements_near_box(
                 patch, symmetry, mapping, bounds, request.cells, phase, cell, max_offset
             )
-        surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
+        surface = mapped_surface.MappedSurface(patch, symmetry, placements, mapping, cell, periods)
+        surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
+        if request.kind == "sheet":
+            box_limits = None if bounds is None else (np.zeros(3), cell * np.array(request.cells, float))
+            require_no_self_contact(surface, request.offset, box_limits)
         fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
     with stages("assemble"):
         brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=bounds is None)

@@ -1,0 +1,65 @@
+"""Lattices wrapped into rings and domes, as certified solids; wraps that overlap are refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattices import maps
+
+pytestmark = pytest.mark.kernel
+
+
+@pytest.mark.slow
+def test_a_ring_is_one_valid_solid_in_memory_and_in_its_file(tmp_path: Path) -> None:
+    model = tpmscad.lattice(
+        "schwarz_p",
+        cell=(8.0, 10.0, 10.0),
+        cells=(5, 1, 1),
+        thickness=0.6,
+        tol=0.3,
+        map=maps.cylinder(20 / np.pi),
+        boundary="natural",
+    )
+    certificate = model.certificate
+    assert certificate.met, certificate.shortfalls
+    assert certificate.betti == (1, 16, 0)
+    model.export_step(tmp_path / "ring.step")
+    read = tpmscad.check_step(tmp_path / "ring.step")
+    assert read.ok
+    assert read.volume == pytest.approx(certificate.volume, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_a_dome_lies_around_the_axis_and_is_certified() -> None:
+    model = tpmscad.lattice(
+        "schwarz_p", cell=10.0, cells=(2, 2, 1), thickness=0.6, tol=0.3, map=maps.sphere(15.0), boundary="natural"
+    )
+    assert model.certificate.met, model.certificate.shortfalls
+    # The Schwarz P is symmetric under a half-turn about the axis of its cells.
+    low, high = model.patches.vertices.min(axis=0), model.patches.vertices.max(axis=0)
+    assert high[2] > 15
+    assert low[:2].max() < -10 < 10 < high[:2].min()
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        (
+            {"cells": (5, 1, 1), "map": maps.cylinder(7.0)},
+            "overlaps itself: near .*repeats after 4.39822972 cells along x",
+        ),
+        ({"map": lambda p: p * [1, 1, 0]}, "squeezes the lattice flat near lattice point"),
+        ({"map": lambda p: p * [1, 1, 0], "boundary": "box"}, "squeezes the lattice flat near lattice point"),
+        ({"map": lambda p: (p - 5) ** 2 / 5, "boundary": "box"}, "folds.*near lattice point"),
+        ({"map": 3}, "map 3 is no function"),
+    ],
+)
+def test_wraps_that_are_not_one_to_one_are_refused(options: dict[str, object], match: str) -> None:
+    request = {"cell": 10.0, "thickness": 0.6, "tol": 0.3, "boundary": "natural", **options}
+    with pytest.raises(InvalidRequest, match=match):
+        tpmscad.lattice("schwarz_p", **request)  # type: ignore[arg-type]

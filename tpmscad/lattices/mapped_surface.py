@@ -1,0 +1,148 @@
+"""The exact mid surface of a lattice under a coordinate map: points, tangents and normals, and the checks that the map must pass.
+
+A map is *regular* where its Jacobian keeps its orientation and is well conditioned; only there has the surface a normal. It is
+*closed* along an axis of the lattice if it repeats after the length of the lattice: the lattice then meets itself there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattices.maps import Map
+from tpmscad.rigid_motion import Motion
+from tpmscad.surfaces import PatchSymmetry, SurfacePatch
+
+MAX_CONDITION = 1e3
+"""Greatest ratio of the singular values of a map's Jacobian: a patch that is squeezed more has no use, and soon no digits."""
+
+REGULARITY_SAMPLES_PER_CELL = 4
+"""Samples along each edge of a cell at which the Jacobian is checked inside the box, besides those on the patches."""
+
+CLOSING_TOL_FRACTION = 1e-10
+"""A map closes if what it repeats agrees to this fraction of the lattice: below the kernel's tolerance for parts up to 1 m."""
+
+CLOSING_SAMPLES = 200
+"""Points around an end of the lattice at which a map is compared with itself at the other end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfacePoints:
+    """Points of the mapped mid surface: lattice coordinates, images, tangents by u and v, unit normals, (..., 3) each."""
+
+    lattice: Array
+    position: Array
+    du: Array
+    dv: Array
+    normal: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedSurface:
+    """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x.
+
+    `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends.
+    """
+
+    patch: SurfacePatch
+    symmetry: PatchSymmetry
+    placements: Motion
+    map: Map
+    cell: float
+    periods: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def points(self, u: Array, v: Array, index: int | slice | IntArray = slice(None)) -> SurfacePoints:
+        """Points at (u, v) of every chosen placement: (P, ..., 3), or (..., 3) of one."""
+        rotation = self.placements.rotation[index]
+        at = (*rotation.shape[:-2], *(1,) * np.ndim(u))
+        return self._points(u, v, rotation.reshape(*at, 3, 3), self.placements.translation[index].reshape(*at, 3))
+
+    def points_at(self, index: IntArray, u: Array, v: Array) -> SurfacePoints:
+        """The point at (u[i], v[i]) of placement index[i]: (n, 3)."""
+        return self._points(u, v, self.placements.rotation[index], self.placements.translation[index])
+
+    def _points(self, u: Array, v: Array, turn: Array, translation: Array) -> SurfacePoints:
+        jet = self.patch.jet(u, v)
+        lattice = self.cell * ((turn @ jet.position[..., None])[..., 0] + translation)
+        jacobian = self.map.jacobian(lattice, self.cell)
+        du, dv = (self.cell * (jacobian @ (turn @ t[..., None]))[..., 0] for t in (jet.du, jet.dv))
+        normal = (turn @ jet.normal[..., None])[..., 0]
+        # Normals are mapped by the inverse transpose, which keeps them on the side where the nodal field increases.
+        normal = np.linalg.solve(np.swapaxes(jacobian, -1, -2), normal[..., None])[..., 0]
+        return SurfacePoints(
+            lattice, self.map(lattice), du, dv, normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        )
+
+    def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
+        """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
+        points = self.points(u, v, index)
+        return points.position + distance * points.normal
+
+    def orientation(self) -> int:
+        """Sign of the Jacobian determinant of the map; InvalidRequest where the map is not regular on the surface."""
+        u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))
+        return require_regular(
+            self.map, self.cell * self.placements[:, None].apply(self.patch.jet(u, v).position), self.cell
+        )
+
+
+def box_points(cells: tuple[int, int, int], cell: float) -> Array:
+    """Points (n, 3) of a grid over the box of the lattice, its faces included."""
+    axes = [cell * np.linspace(0, n, n * REGULARITY_SAMPLES_PER_CELL + 1) for n in cells]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def require_regular(map: Map, points: Array, cell: float) -> int:
+    """Sign of the Jacobian determinant at lattice points (..., 3); InvalidRequest where the map folds or squeezes space flat."""
+    points = points.reshape(-1, 3)
+    jacobian = map.jacobian(points, cell)
+    if not np.isfinite(jacobian).all():
+        where = points[~np.isfinite(jacobian).all(axis=(1, 2))][0]
+        raise InvalidRequest(f"the Jacobian of {map.name} is not finite at {_format(where)}: give a smooth map")
+    sizes = np.linalg.svd(jacobian, compute_uv=False)
+    sign = np.sign(np.linalg.det(jacobian))
+    worst = int(np.argmin(sizes[:, 2] / np.maximum(sizes[:, 0], np.finfo(float).tiny)))
+    place = f"near lattice point {_format(points[worst])}"
+    if sign.min() != sign.max():
+        raise InvalidRequest(
+            f"{map.name} folds: its Jacobian determinant changes sign over the lattice, {place}; "
+            "a map must be one-to-one over the lattice and a cell beyond"
+        )
+    if sizes[worst, 2] * MAX_CONDITION < sizes[worst, 0] or sizes[worst, 0] == 0:
+        raise InvalidRequest(
+            f"{map.name} squeezes the lattice flat {place}: it stretches by {sizes[worst, 0]:.3g} in one direction and by "
+            f"{sizes[worst, 2]:.3g} in another, more than {MAX_CONDITION:g} apart; keep the lattice away from there, or use "
+            "a map that is one-to-one"
+        )
+    return int(sign[0])
+
+
+def find_closed_axes(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[bool, bool, bool]:
+    """Whether the map repeats after the length of the lattice along each axis, so that the lattice meets itself.
+
+    A map is compared with itself on a cell around both ends, where it has to be defined anyway.
+    """
+    unit = np.random.default_rng(0).random((CLOSING_SAMPLES, 3))
+    size = cell * np.array(cells, float)
+    closed = []
+    for axis in range(3):
+        points = unit * size
+        points[:, axis] = cell * (unit[:, axis] - 0.5)
+        step = size * np.eye(3)[axis]
+        miss = float(np.abs(map(points + step) - map(points)).max())
+        closed.append(miss <= CLOSING_TOL_FRACTION * float(size.max()))
+    x, y, z = closed
+    return x, y, z
+
+
+def repeats_after(map: Map, step: Array, points: Array) -> bool:
+    """Whether the map has the same images after a translation of lattice points (n, 3) by `step` (3,)."""
+    miss = float(np.abs(map(points + step) - map(points)).max())
+    return miss <= CLOSING_TOL_FRACTION * float(np.abs(step).max())
+
+
+def _format(point: Array) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"

@@ -1,0 +1,230 @@
+"""A global test that a mapped lattice does not meet itself: no point lies in two of its walls.
+
+A Jacobian of one sign makes a map one-to-one near every point, not as a whole: a lattice longer than the turn of a cylinder lies
+on itself. The walls themselves are tested, not the box around them, because they are what a solid is made of: a natural boundary
+reaches beyond the box, and walls keep their thickness where the map squeezes the space between them. Walls that interleave
+without touching are two parts of a valid solid.
+
+Points of the wall are sampled on its two surfaces and in its middle. A sample lies in another part of the wall if it has a second
+foot on the mid surface, far from its own in the lattice (modulo the periods of a closed one), at a signed distance between those
+of the two surfaces. Feet are predicted from the nearest samples, found by Newton's method where the prediction is close, and the
+deepest of them are sought between the samples, so that contacts much smaller than the spacing are seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
+
+SAMPLES_PER_PARAMETER = 7
+"""Samples of each patch along u and v."""
+
+MIN_LATTICE_DISTANCE_CELLS = 0.2
+"""Feet farther apart than this in the lattice are two: nearer ones are kept apart by the bound on the offsets, which stay below
+the radius of curvature."""
+
+FOOT_RANGE_SPACINGS = 0.8
+"""A sample predicts the feet within this multiple of the spacing: the nearest one does, half a diagonal away at most."""
+
+MARGIN_SPACINGS = 0.3
+"""Predicted gaps up to this multiple of the spacing are looked at closely."""
+
+PREDICTED_PAIRS = 3000
+"""Predicted pairs, the deepest, whose feet are found: more only say the same again."""
+
+CLOSE_PAIRS = 24
+"""Pairs of feet, the deepest, around which samples are refined."""
+
+REFINEMENTS = 3
+"""Rounds of refinement; each divides the spacing by four."""
+
+FOOT_STEPS = 12
+"""Newton steps to a foot; one reduces the error by the ratio of distance and radius of curvature at least."""
+
+TOUCH_FRACTION = 1e-6
+"""Walls that go into each other by less than this fraction of the cell touch by round-off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WallPairs:
+    """n points of the wall that may lie in another part of it, and their second feet.
+
+    The point is that at parameters `own` (n, 2) of placement `patch` (n,), at signed distance `height` (n,) from the mid surface;
+    the foot has the parameters `foot` (n, 2) on placement `other` (n,). `depth` (n,) says how deep the point lies in that wall,
+    negative outside.
+    """
+
+    patch: IntArray
+    own: Array
+    height: Array
+    other: IntArray
+    foot: Array
+    depth: Array
+
+    def select(self, keep: BoolArray | IntArray) -> WallPairs:
+        """Some of the pairs."""
+        return WallPairs(*(getattr(self, name)[keep] for name in self.__slots__))
+
+
+def require_no_self_contact(
+    mapped: MappedSurface, offsets: tuple[float, float], limits: tuple[Array, Array] | None
+) -> None:
+    """InvalidRequest, with place and amount, if two parts of the wall between the two offsets overlap.
+
+    `limits` are the lower and upper corner of the box of the lattice, in lattice coordinates, if the wall is cut at its faces:
+    what lies beyond is left out.
+    """
+    pairs = _predict_pairs(mapped, offsets)
+    if limits is not None:
+        pairs = _within(mapped, pairs, limits)
+    pairs = pairs.select(np.argsort(-pairs.depth, kind="stable")[:PREDICTED_PAIRS])
+    for round_ in range(REFINEMENTS + 1):
+        if len(pairs.patch) == 0:
+            return
+        pairs = _find_feet(mapped, pairs, offsets)
+        pairs = pairs.select(np.argsort(-pairs.depth, kind="stable")[:CLOSE_PAIRS])
+        if round_ < REFINEMENTS:
+            pairs = _refine(pairs, 0.25**round_ / (SAMPLES_PER_PARAMETER - 1), offsets)
+    if pairs.depth[0] > TOUCH_FRACTION * mapped.cell:
+        raise InvalidRequest(_describe(mapped, pairs.select(np.array([0]))))
+
+
+def _heights(offsets: tuple[float, float]) -> Array:
+    low, high = offsets
+    return np.array([low, (low + high) / 2, high])
+
+
+def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallPairs:
+    """Samples of the wall with a second foot in or near another part of the wall, by first-order prediction from samples."""
+    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
+    u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
+    surface = mapped.points(u, v)
+    shape = surface.position.shape[:2]
+    spacing = np.maximum(np.linalg.norm(surface.du, axis=-1), np.linalg.norm(surface.dv, axis=-1)).max(axis=1) * t[1]
+    position, normal = surface.position.reshape(-1, 3), surface.normal.reshape(-1, 3)
+    lattice = surface.lattice.reshape(-1, 3)
+    tree, step = cKDTree(position), np.repeat(spacing, shape[1])
+    reach = max(abs(d) for d in offsets) + (FOOT_RANGE_SPACINGS + MARGIN_SPACINGS) * float(spacing.max())
+    found = []
+    for height in _heights(offsets):
+        points = position + height * normal
+        pairs = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="ndarray")
+        a, b = pairs["i"], pairs["j"]
+        apart = points[a] - position[b]
+        distance = np.einsum("ni,ni->n", apart, normal[b])
+        tangential = apart - distance[:, None] * normal[b]
+        depth = np.minimum(distance - offsets[0], offsets[1] - distance)
+        near = (np.linalg.norm(tangential, axis=1) < FOOT_RANGE_SPACINGS * step[b]) & (
+            depth > -MARGIN_SPACINGS * step[b]
+        )
+        a, b, tangential, depth = a[near], b[near], tangential[near], depth[near]
+        jacobian = mapped.map.jacobian(lattice[b], mapped.cell)
+        foot = lattice[b] + np.linalg.solve(jacobian, tangential[..., None])[..., 0]
+        far = _lattice_distance(mapped, foot - lattice[a]) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
+        a, b, depth = a[far], b[far], depth[far]
+        sides = np.stack([u, v], axis=1)
+        n = shape[1]
+        found.append(WallPairs(a // n, sides[a % n], np.full(len(a), height), b // n, sides[b % n], depth))
+    return _concatenate(found)
+
+
+def _concatenate(parts: list[WallPairs]) -> WallPairs:
+    return WallPairs(*(np.concatenate([getattr(p, name) for p in parts]) for name in WallPairs.__slots__))
+
+
+def _lattice_distance(mapped: MappedSurface, difference: Array) -> Array:
+    """Length of differences (n, 3) of lattice points, the shortest modulo the periods of a closed lattice."""
+    difference = difference.copy()
+    for axis, period in enumerate(mapped.periods):
+        if period:
+            length = period * mapped.cell
+            difference[:, axis] -= length * np.rint(difference[:, axis] / length)
+    return np.asarray(np.linalg.norm(difference, axis=1))
+
+
+def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]) -> WallPairs:
+    """The pairs whose feet both lie in the box."""
+    keep = np.ones(len(pairs.patch), bool)
+    for index, sides in ((pairs.patch, pairs.own), (pairs.other, pairs.foot)):
+        if len(index):
+            at = mapped.points_at(index, *sides.T).lattice
+            keep &= ((at >= limits[0]) & (at <= limits[1])).all(axis=1)
+    return pairs.select(keep)
+
+
+def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:
+    """The pairs with exact feet and depths; those without a foot on the other patch, or whose foot is their own, are left out."""
+    own = mapped.points_at(pairs.patch, *pairs.own.T)
+    points = own.position + pairs.height[:, None] * own.normal
+    sides = pairs.foot
+    for _ in range(FOOT_STEPS):
+        at = mapped.points_at(pairs.other, *sides.T)
+        frame = np.stack([at.du, at.dv, at.normal], axis=-1)
+        step = np.linalg.solve(frame, (points - at.position)[..., None])[..., 0]
+        sides = np.clip(sides + step[:, :2], 0.0, 1.0)
+    at = mapped.points_at(pairs.other, *sides.T)
+    apart = points - at.position
+    distance = np.einsum("ni,ni->n", apart, at.normal)
+    sideways = np.linalg.norm(apart - distance[:, None] * at.normal, axis=1)
+    depth = np.minimum(distance - offsets[0], offsets[1] - distance) - sideways
+    far = _lattice_distance(mapped, at.lattice - own.lattice) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
+    return replace(pairs, foot=sides, depth=depth).select(far)
+
+
+def _refine(pairs: WallPairs, spacing: float, offsets: tuple[float, float]) -> WallPairs:
+    """Every pair with its neighbours at a quarter of `spacing` along both parameters, at all three heights."""
+    step = spacing * np.linspace(-1.0, 1.0, 9)
+    du, dv, height = (g.ravel() for g in np.meshgrid(step, step, _heights(offsets), indexing="ij"))
+    n, m = len(pairs.patch), len(du)
+    own = np.clip(pairs.own[:, None] + np.stack([du, dv], axis=1), 0.0, 1.0)
+    return WallPairs(
+        np.repeat(pairs.patch, m),
+        own.reshape(-1, 2),
+        np.tile(height, n),
+        np.repeat(pairs.other, m),
+        np.repeat(pairs.foot, m, axis=0),
+        np.repeat(pairs.depth, m),
+    )
+
+
+def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
+    own, other = mapped.points_at(pair.patch, *pair.own.T), mapped.points_at(pair.other, *pair.foot.T)
+    place = own.position[0] + pair.height[0] * own.normal[0]
+    p, q = own.lattice[0], other.lattice[0]
+    message = (
+        f"under {mapped.map.name} the lattice overlaps itself: near {_format(place)} its wall at {_format(p / mapped.cell)} "
+        f"cells and its wall at {_format(q / mapped.cell)} cells lie {pair.depth[0]:.3g} deep in each other. "
+    )
+    repeat = _find_repeat(mapped, p, q)
+    if repeat is not None:
+        axis, length = repeat
+        return message + (
+            f"The map repeats after {length / mapped.cell:.9g} cells along {'xyz'[axis]}; a lattice of just that length closes, "
+            "and one a cell shorter stays open: change the number of cells, the cell edge along this axis, or the size of the map"
+        )
+    return message + "Give the walls room: fewer cells, a thinner wall, or a map that is one-to-one over the lattice"
+
+
+def _find_repeat(mapped: MappedSurface, p: Array, q: Array) -> tuple[int, float] | None:
+    """The axis and the length after which the map repeats, if q has the image of a point near p for this reason."""
+    target, at = mapped.map(p), q
+    for _ in range(FOOT_STEPS):
+        at = at + np.linalg.solve(mapped.map.jacobian(at, mapped.cell), target - mapped.map(at))
+    step = at - p
+    axis = int(np.argmax(np.abs(step)))
+    length = float(abs(step[axis]))
+    along = length * np.eye(3)[axis]
+    if np.abs(np.abs(step) - along).max() > 1e-6 * length:
+        return None
+    points = mapped.cell * np.random.default_rng(0).random((20, 3)) + p - (along if step[axis] < 0 else 0.0)
+    return (axis, length) if repeats_after(mapped.map, along, points) else None
+
+
+def _format(point: Array) -> str:
+    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"
