@@ -31,7 +31,7 @@ def test_a_ring_is_one_valid_solid_in_memory_and_in_its_file(tmp_path: Path) -> 
     model.export_step(tmp_path / "ring.step")
     read = tpmscad.check_step(tmp_path / "ring.step")
     assert read.ok
-    assert read.volume == pytest.approx(certificate.volume, rel=1e-6)
+    assert read.shape.volume == pytest.approx(certificate.volume, rel=1e-6)
 
 
 @pytest.mark.slow
