@@ -94,6 +94,7 @@ def test_a_ring_is_one_smooth_closed_solid_with_the_tunnels_that_counting_gives(
     assert found.tangent_jump_deg < 1e-6
     assert found.curvature_jump < 1e-6
     # One cell is fitted and turned: the carriers of the two offset surfaces do not grow with the ring.
+    assert fit.lower is not None
     assert len(fit.lower.patches) <= 12
     # The centroid lies on the axis, because the ring has the symmetry of its cells.
     np.testing.assert_allclose(solid.centroid[:2], 0, atol=1e-8)
