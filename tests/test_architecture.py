@@ -41,7 +41,7 @@ ROOMS["workflows"] = {*ROOMS, *MATHEMATICS}
 
 FACES = {
     "recipe": {"workflows", "fields", "blending", "numpy"},
-    "cli": {"workflows", "recipe", "__version__", "typer", "rich"},
+    "cli": {"workflows", "recipe", "lattices", "__version__", "typer", "rich"},
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},
@@ -82,7 +82,6 @@ SHORT = {
     "tpmscad/_lazy_import.py": "one function",
     "tpmscad/_typing.py": "aliases only",
     "tpmscad/stage_timer.py": "one value that the workflows and the blends share",
-    "tpmscad/cli/surfaces_command.py": "one command, a file like the other commands",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
 }
 """Modules below the least length, each with its reason."""

@@ -9,21 +9,27 @@ import re
 import shlex
 import subprocess
 import sys
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import typer
 
 import tpmscad.workflows
 from tpmscad import cli
+from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
+from tpmscad.lattices import maps
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
 HELP_LINES = [line for command in cli.app.registered_commands for line in LINE.findall(command.epilog or "")]
+COMMAND_NAMES = [command.callback.__name__.replace("_", "-") for command in cli.app.registered_commands]
 README_LINES = re.findall(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", (ROOT / "README.md").read_text(), re.MULTILINE)
 
 
@@ -46,14 +52,14 @@ class Recorder:
         self.called: dict[str, Any] = {}
         self.outcome: Certificate | Exception = Certificate()
 
-    def lattice(self, surface: str, **request: Any) -> Any:
-        self.called = {"surface": surface, **request}
+    def make(self, *operands: Any, **request: Any) -> Any:
+        self.called = {"operands": operands, **request}
         if isinstance(self.outcome, Exception):
             raise self.outcome
-        return SimpleNamespace(certificate=self.outcome, export_step=self.export_step)
+        return SimpleNamespace(certificate=self.outcome, export=self.export)
 
-    def export_step(self, path: Path, **how: Any) -> None:
-        self.called |= how
+    def export(self, path: Path, **how: Any) -> None:
+        self.called |= {"file": path.name, **how}
         path.write_text("ISO-10303-21;")
 
     def check_step(self, path: Path) -> Any:
@@ -65,14 +71,17 @@ class Recorder:
 
         return Found(ok=ok)
 
-    def render_step(self, path: Path, picture: Path) -> None:
+    def render_step(self, path: Path, picture: Path, **how: Any) -> None:
+        self.called = how
         picture.write_bytes(b"\x89PNG")
 
 
 @pytest.fixture
 def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
     recorder = Recorder()
-    for name in ("lattice", "check_step", "render_step"):
+    for name in ("lattice", "infill", "fluid_domains"):
+        monkeypatch.setitem(vars(tpmscad.workflows), name, recorder.make)
+    for name in ("check_step", "render_step"):
         monkeypatch.setitem(vars(tpmscad.workflows), name, getattr(recorder, name))
     monkeypatch.chdir(tmp_path)
     return recorder
@@ -91,41 +100,90 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
     assert (
         run(
             "lattice gyroid --cell 10,10,14 --cells 2,3,4 --offset -0.6,0.4 --tol 0.01 --kind skeletal --side + "
-            "--reference nodal --boundary natural --phase 0.125,0,-0.5 --instanced --schema ap214 -o out.step"
+            "--reference nodal --boundary natural --phase 0.125,0,-0.5 --keep-loose --instanced --schema ap214 -o out.step"
         )
         == 0
     )
     assert workflows.called == {
-        "surface": "gyroid",
+        "operands": ("gyroid",),
         "cell": (10.0, 10.0, 14.0),
         "cells": (2, 3, 4),
-        "thickness": None,
         "offset": (-0.6, 0.4),
-        "volume_fraction": None,
         "tol": 0.01,
         "kind": "skeletal",
         "side": "+",
         "reference": "nodal",
         "boundary": "natural",
         "phase": (0.125, 0.0, -0.5),
+        "loose": "keep",
         "progress": None,
+        "file": "out.step",
         "instanced": True,
         "schema": "ap214",
     }
 
 
-def test_defaults_of_lattice_are_those_of_the_api(workflows: Recorder) -> None:
-    assert run(f"{LATTICE} --thickness 1") == 0
+def test_every_option_of_infill_reaches_the_workflow(workflows: Recorder) -> None:
+    Path("part.step").touch()
+    line = (
+        'infill part.step P --porosity 0.7 --pore-size 0.6 --skin 1.5 --open-faces ">Z, 3" --rotation 0,0,45 '
+        "--deviation 0.05 -o out.3mf"
+    )
+    assert run(line) == 0
     called = workflows.called
-    assert (called["cell"], called["cells"], called["phase"], called["thickness"]) == (10.0, (1, 1, 1), (0, 0, 0), 1.0)
-    assert [called[name] for name in ("kind", "side", "reference", "boundary", "instanced", "schema")] == [
-        "sheet",
-        "-",
-        None,
-        "box",
-        False,
-        "ap242",
-    ]
+    assert called["operands"] == (Path("part.step"), "P")
+    assert {k: called[k] for k in ("porosity", "pore_size", "skin", "open_faces", "rotation", "deviation")} == {
+        "porosity": 0.7,
+        "pore_size": 0.6,
+        "skin": 1.5,
+        "open_faces": (">Z", 3),
+        "rotation": (0.0, 0.0, 45.0),
+        "deviation": 0.05,
+    }
+
+
+def test_domains_asks_for_the_fluid_domains_of_the_body(workflows: Recorder) -> None:
+    Path("body.step").touch()
+    assert run("domains body.step gyroid --cell 8 --thickness 0.8 -o out.brep --quiet") == 0
+    called = workflows.called
+    assert (called["operands"], called["cell"], called["thickness"]) == ((Path("body.step"), "gyroid"), 8.0, 0.8)
+
+
+@pytest.mark.kernel
+@pytest.mark.parametrize("name", ["lattice", "infill", "fluid_domains"])
+def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder, name: str) -> None:
+    function = tpmscad.workflows._MODULE_OF_NAME  # what the recorder stands for
+    real = getattr(import_module(function[name]), name)
+    Path("part.step").touch()
+    start = {
+        "lattice": "lattice gyroid",
+        "infill": "infill part.step gyroid",
+        "fluid_domains": "domains part.step gyroid",
+    }
+    assert run(f"{start[name]} --cell 10 -o out.step --quiet") == 0
+    defaults = {key: p.default for key, p in signature(real).parameters.items()}
+    for key, value in workflows.called.items():
+        if key not in ("operands", "cell", "file", "progress"):
+            assert value == defaults[key], key
+
+
+@pytest.mark.parametrize(
+    ("text", "radius"), [("cylinder", 10 * 12 / (2 * np.pi)), ("cylinder:30", 30.0), ("sphere:40", 40.0)]
+)
+def test_a_map_wraps_the_lattice_or_closes_the_ring(workflows: Recorder, text: str, radius: float) -> None:
+    assert run(f"lattice P --cell 10 --cells 12,1,1 --thickness 1 --map {text} -o out.step --quiet") == 0
+    make = maps.sphere if text.startswith("sphere") else maps.cylinder
+    points = np.random.default_rng(0).uniform(0, 5, (20, 3))
+    np.testing.assert_array_equal(workflows.called["map"].function(points), make(radius).function(points))
+
+
+@pytest.mark.parametrize("text", ["torus:3", "sphere", "cylinder:wide", "cylinder:0"])
+def test_a_map_that_is_not_understood_is_bad_usage(
+    workflows: Recorder, capsys: pytest.CaptureFixture[str], text: str
+) -> None:
+    assert run(f"lattice P --cell 10 --thickness 1 --map {text} -o out.step") == 2
+    assert "radius" in capsys.readouterr().err.lower()
+    assert not workflows.called
 
 
 def test_what_is_made_and_met_ends_in_0_with_file_and_report(
@@ -177,10 +235,16 @@ def test_what_fails_says_one_line_and_leaves_no_model(
         "lattice gyroid --cell 10 --cells 2,,2 -o out.step",
         "lattice gyroid --cell 10 --kind solid -o out.step",
         "lattice gyroid --cell 10 --colour red -o out.step",
-        "lattice gyroid --cell 10 -o out.stl",
+        "lattice gyroid --cell 10 -o out.obj",
+        "lattice gyroid --cell 10 -o folder.step",
         "lattice gyroid --cell 10 -o nowhere/out.step",
         "lattice gyroid --cell 10 -o out.step --report nowhere/out.json",
         "lattice gyroid --cell 10 -o out.step --report out.txt",
+        "lattice gyroid --cell 10 -o out.step --report folder.json",
+        "render part.step -o out.png --size 100",
+        "solidify part.npy -o out.step",
+        "template weave",
+        "recipe-keys weave",
         "check missing.step",
         "render missing.step -o out.png",
         "weave gyroid",
@@ -189,10 +253,17 @@ def test_what_fails_says_one_line_and_leaves_no_model(
 def test_bad_usage_ends_in_2_before_anything_is_made(
     workflows: Recorder, capsys: pytest.CaptureFixture[str], line: str
 ) -> None:
+    for name in ("folder.step", "folder.json"):
+        Path(name).mkdir()
+    for name in ("part.step", "part.npy"):
+        Path(name).touch()
+    before = sorted(os.listdir())
     assert run(line) == 2
-    assert capsys.readouterr().err
+    out, err = capsys.readouterr()
+    assert (out, err.count("\n")) == ("", 1)
+    assert err.startswith("tpmscad: ")
     assert not workflows.called
-    assert not os.listdir()
+    assert sorted(os.listdir()) == before
 
 
 def test_check_ends_in_1_for_a_file_that_fails(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
@@ -210,12 +281,16 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
     assert run("render part.step -o part.jpg") == 2
     assert run("render part.step -o part.png --report part.json") == 0
     assert json.loads(Path("part.json").read_text())["bytes"] == Path("part.png").stat().st_size
+    assert workflows.called == {}
+    assert run("render part.step --view 1,1,0.5 --section z=5 --size 1600x1200 --color-by piece -o part.png") == 0
+    assert workflows.called == {"view": "1,1,0.5", "section": "z=5", "size": (1600, 1200), "color_by": "piece"}
 
 
 @pytest.mark.parametrize("line", [*README_LINES, *HELP_LINES])
 def test_an_example_in_readme_or_help_is_good_usage(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
-    for name in ("gyroid.step", "bracket.step", "filled.step"):
+    line = line.split(" > ")[0]  # into a file
+    for name in ("gyroid.step", "bracket.step", "filled.step", "body.step", "exchanger.step", "density.npy"):
         Path(name).touch()
     Path("examples").symlink_to(ROOT / "examples")
     group: Any = typer.main.get_command(cli.app)
@@ -225,7 +300,7 @@ def test_an_example_in_readme_or_help_is_good_usage(line: str, monkeypatch: pyte
 
 
 def test_help_on_any_command_loads_no_kernel() -> None:
-    commands = [[], *([command.callback.__name__] for command in cli.app.registered_commands)]
+    commands = [[], *([name] for name in COMMAND_NAMES)]
     script = (
         "import sys; from tpmscad import cli\n"
         f"for command in {commands!r}:\n"
@@ -239,7 +314,39 @@ def test_help_on_any_command_loads_no_kernel() -> None:
 
 
 def test_every_command_has_an_example() -> None:
-    assert {line.split()[0] for line in HELP_LINES} == {c.callback.__name__ for c in cli.app.registered_commands}
+    assert {line.split()[0] for line in HELP_LINES} == set(COMMAND_NAMES)
+
+
+def test_no_line_of_help_is_wider_than_the_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for name in ("", *COMMAND_NAMES):
+        assert run(f"{name} --help") == 0
+        assert 40 < max(map(len, capsys.readouterr().out.splitlines())) <= 80
+
+
+def test_surfaces_lists_the_catalogue_within_80_columns(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("surfaces") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert [line.split()[0] for line in lines[1 : len(CATALOGUE) + 1]] == list(CATALOGUE)
+    assert run("surfaces --json") == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    # the exact gyroid: its greatest curvature is known in closed form, through the catalogue's Bonnet angle
+    assert rows["gyroid"]["thickest_wall"] == pytest.approx(0.37647151)
+    assert rows["gyroid"]["formula"] == CATALOGUE["gyroid"].formula
+
+
+def test_a_template_is_printed_as_it_is_kept(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("template blend") == 0
+    assert capsys.readouterr().out == (ROOT / "tpmscad/recipe/templates/blend.toml").read_text()
+
+
+def test_without_arguments_the_help_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("") == 2
+    out = capsys.readouterr().out
+    assert all(name in out for name in COMMAND_NAMES)
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ def test_a_blend_with_errors_left_ends_in_1_with_its_message_and_no_model(capsys
         "blend scaffold.toml",
         "blend scaffold.toml --dry-run -o out.step",
         "blend missing.toml -o out.step",
-        "blend scaffold.toml -o out.stl",
+        "blend scaffold.toml -o out.obj",
         "blend scaffold.toml -o nowhere/out.step",
         "blend graded.toml -o out.step",
         "solidify scaffold.toml -o out.step",

@@ -1,7 +1,8 @@
 """The command line: options in, one workflow called, a file and a report out.
 
 Exit status 0: made, and as requested. 1: could not be made, or misses the request. 2: the request cannot be carried out as
-written (an unknown option, surface or folder; a value out of range; options that exclude each other).
+written (an unknown option, surface or folder; a value out of range; options that exclude each other). Every failure is one line
+on standard error.
 
 The packages `tpmscad.workflows` and `tpmscad.recipe` load their modules at their first use, so help does not wait for the kernel.
 """
@@ -9,82 +10,154 @@ The packages `tpmscad.workflows` and `tpmscad.recipe` load their modules at thei
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from typing import Annotated, NoReturn
 
 import typer
 
 from tpmscad import __version__
-from tpmscad.cli import infill_command, lattice_command, recipe_commands, step_file_commands, surfaces_command
+from tpmscad.cli import (
+    infill_command,
+    lattice_command,
+    recipe_commands,
+    reference_commands,
+    step_file_commands,
+)
+from tpmscad.cli.option_language import in_option_language
 from tpmscad.errors import InvalidRequest, TpmscadError
 
-EXIT_STATUS_HELP = """Exit status: 0 if the result was made as requested; 1 if it could not be made or misses the request
-(nothing is written); 2 if the request cannot be carried out as written."""
+INTERRUPTED = 130
+"""Exit status after an interrupt from the keyboard."""
+
+EXIT_STATUS_HELP = """Lengths are in mm, angles in degrees; several numbers are written with commas: 10,10,14.
+
+Exit status: 0 if the result was made as requested; 1 if it could not be made or misses the request (nothing is written);
+2 if the request cannot be carried out as written."""
 
 app = typer.Typer(
     name="tpmscad",
-    help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids. Lengths are in mm.",
+    help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids.",
     no_args_is_help=True,
     epilog=EXIT_STATUS_HELP,
-    rich_markup_mode=None,
+    rich_markup_mode="rich",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+MAKE, RECIPES, LOOK = "Make solids", "Solids of fields", "Look at results and at what there is"
 
-def format_examples(*lines: str) -> str:
-    """The examples at the end of a command's help; \b keeps their line breaks."""
-    return "\b\n" + "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
-
-
-for command, short, lines in (
-    (surfaces_command.surfaces, "List the catalogue of surfaces.", ["surfaces"]),
+COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
     (
+        MAKE,
         lattice_command.lattice,
-        "Make a lattice of a minimal surface in a box.",
-        [
+        "Make a lattice of a minimal surface in a box, or wrapped.",
+        (
             "lattice gyroid --cell 10 --cells 2,2,2 --thickness 1 -o gyroid.step",
             "lattice diamond --cell 10,10,14 --offset -0.6,0.4 -o d.step",
-            "lattice P --cell 8 --volume-fraction 0.3 --kind skeletal -o p.step",
-        ],
+            "lattice P --cell 8 --volume-fraction 0.3 --kind skeletal -o p.stl",
+            "lattice gyroid --porosity 0.7 --pore-size 0.6 --cells 4,4,4 -o scaffold.3mf",
+            "lattice gyroid --cell 10 --cells 12,1,1 --thickness 1 --map cylinder -o ring.step",
+        ),
     ),
     (
+        MAKE,
         infill_command.infill,
         "Fill the solid in a STEP file with a lattice.",
-        ["infill bracket.step gyroid --cell 8 --thickness 0.8 --skin 1.5 -o filled.step"],
+        (
+            "infill bracket.step gyroid --cell 8 --thickness 0.8 -o filled.step",
+            'infill bracket.step P --cell 8 --thickness 1 --skin 2 --open-faces ">Z" -o filled.step',
+        ),
     ),
     (
-        recipe_commands.blend,
-        "Join porous structures as a TOML file describes.",
-        ["blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"],
+        MAKE,
+        infill_command.domains,
+        "Divide a body into the wall and two channels of a heat exchanger.",
+        ("domains body.step gyroid --cell 8 --thickness 0.8 -o exchanger.step",),
     ),
     (
+        RECIPES,
         recipe_commands.solidify,
-        "Make the solid of a field that a TOML file describes.",
-        ["solidify examples/graded.toml -o graded.step --report graded.json"],
+        "Make the solid of a field in a TOML recipe, or of an array.",
+        (
+            "solidify examples/graded.toml -o graded.step --report graded.json",
+            "solidify density.npy --level 0.5 --spacing 0.5 -o part.step",
+        ),
     ),
     (
+        RECIPES,
+        recipe_commands.blend,
+        "Join porous structures as a TOML recipe describes.",
+        ("blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"),
+    ),
+    (
+        RECIPES,
+        reference_commands.template,
+        "Print a commented recipe to start from.",
+        ("template solidify > my.toml",),
+    ),
+    (
+        RECIPES,
+        reference_commands.recipe_keys,
+        "List what recipes may hold: kinds of fields and their keys.",
+        ("recipe-keys", "recipe-keys rod"),
+    ),
+    (
+        LOOK,
         step_file_commands.check,
         "Read a STEP file and report its content.",
-        ["check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"],
+        ("check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"),
     ),
-    (step_file_commands.render, "Draw a STEP file as a PNG picture.", ["render gyroid.step -o gyroid.png"]),
-):
-    app.command(short_help=short, epilog=format_examples(*lines))(command)
+    (
+        LOOK,
+        step_file_commands.render,
+        "Draw a STEP file as a PNG picture.",
+        (
+            "render gyroid.step -o gyroid.png",
+            "render exchanger.step --section z=5 --color-by piece --size 1600x1200 -o exchanger.png",
+        ),
+    ),
+    (LOOK, reference_commands.surfaces, "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
+)
+"""The commands in the order of the help: panel, function, short help, examples."""
+
+
+def format_examples(lines: Sequence[str]) -> str:
+    """The examples at the end of a command's help."""
+    return "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
+
+
+for panel, command, short, lines in COMMANDS:
+    app.command(short_help=short, epilog=format_examples(lines), rich_help_panel=panel)(in_option_language(command))
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line on `arguments` (default: those of the process); it ends in SystemExit."""
     try:
-        app(None if arguments is None else list(arguments), prog_name="tpmscad")
+        status = app(None if arguments is None else list(arguments), prog_name="tpmscad", standalone_mode=False)
     except InvalidRequest as error:
-        _exit_with_error(error, 2)
+        _exit_with_error(str(error), 2)
     except (TpmscadError, OSError) as error:
-        _exit_with_error(error, 1)
+        _exit_with_error(str(error), 1)
+    except typer.TyperException as error:
+        _exit_with_usage_error(error)
+    except typer.Abort:
+        _exit_with_error("interrupted", INTERRUPTED)
+    sys.exit(status or 0)
 
 
-def _exit_with_error(error: Exception, status: int) -> None:
-    print("tpmscad:", " ".join(str(error).split()), file=sys.stderr)
+def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
+    """Exit with status 2 and the line of an error of usage; without arguments at all the help was asked for."""
+    context = getattr(error, "ctx", None)
+    if type(error).__name__ == "NoArgsIsHelpError" and context is not None:
+        print(context.get_help())
+        sys.exit(error.exit_code)
+    message = error.format_message().rstrip(".").replace("Value error, ", "")
+    hint = f" (see {context.command_path} --help)" if context is not None else ""
+    _exit_with_error(f"{message}{hint}", error.exit_code)
+
+
+def _exit_with_error(message: str, status: int) -> NoReturn:
+    print("tpmscad:", " ".join(message.split()), file=sys.stderr)
     sys.exit(status)
 
 

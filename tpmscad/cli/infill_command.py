@@ -1,70 +1,124 @@
-"""tpmscad infill: a CAD body filled with a lattice."""
+"""tpmscad infill and tpmscad domains: a CAD body filled with a lattice, or divided into a wall and two channels."""
 
 from __future__ import annotations
 
 from tpmscad import workflows
-from tpmscad.cli.options import (
+from tpmscad.cli.lattice_options import (
+    BodyPhaseOption,
     CellOption,
+    CellOrPoreOption,
     KindOption,
     OffsetOption,
-    OutputOption,
-    PhaseOption,
-    QuietOption,
+    OpenFacesOption,
+    PoreSizeOption,
+    PorosityOption,
     ReferenceOption,
-    ReportOption,
     RotationOption,
-    SchemaOption,
     SideOption,
     SkinOption,
-    StepFileArgument,
     SurfaceArgument,
     ThicknessOption,
-    TolOption,
     VolumeFractionOption,
 )
-from tpmscad.cli.output import make_and_write
+from tpmscad.cli.options import (
+    BodyArgument,
+    DeviationOption,
+    KeepLooseOption,
+    OutputOption,
+    QuietOption,
+    ReportOption,
+    SchemaOption,
+    TolOption,
+    VerboseOption,
+)
+from tpmscad.cli.output import Writing, given_options, make_and_write
 
 
 def infill(
-    body: StepFileArgument,
+    body: BodyArgument,
     surface: SurfaceArgument,
-    cell: CellOption,
-    output: OutputOption,
+    *,
+    cell: CellOrPoreOption = None,
     thickness: ThicknessOption = None,
     offset: OffsetOption = None,
     volume_fraction: VolumeFractionOption = None,
+    porosity: PorosityOption = None,
+    pore_size: PoreSizeOption = None,
     skin: SkinOption = None,
-    tol: TolOption = None,
+    open_faces: OpenFacesOption = None,
     kind: KindOption = "sheet",
     side: SideOption = "-",
     reference: ReferenceOption = None,
-    phase: PhaseOption = "0,0,0",
+    phase: BodyPhaseOption = None,
     rotation: RotationOption = "0,0,0",
+    output: OutputOption,
+    tol: TolOption = None,
+    keep_loose: KeepLooseOption = False,
+    deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
     report: ReportOption = None,
+    verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Fill the solid in a STEP file with a lattice that is anchored at the origin of the file's coordinates."""
+    request = given_options(
+        cell=cell,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        porosity=porosity,
+        pore_size=pore_size,
+        skin=skin,
+        open_faces=open_faces,
+        tol=tol,
+        kind=kind,
+        side=side,
+        reference=reference,
+        phase=phase,
+        rotation=rotation,
+        loose="keep" if keep_loose else None,
+    )
     make_and_write(
         f"{surface} infill",
-        lambda progress: workflows.infill(
-            body,
-            surface,
-            cell=cell,
-            thickness=thickness,
-            offset=offset,
-            volume_fraction=volume_fraction,
-            skin=skin,
-            tol=tol,
-            kind=kind,
-            side=side,
-            reference=reference,
-            phase=phase,
-            rotation=rotation,
-            progress=progress,
-        ),
-        output,
-        report=report,
-        quiet=quiet,
-        schema=schema,
+        lambda progress: workflows.infill(body, surface, progress=progress, **request),
+        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema),
+    )
+
+
+def domains(
+    body: BodyArgument,
+    surface: SurfaceArgument,
+    *,
+    cell: CellOption,
+    thickness: ThicknessOption = None,
+    offset: OffsetOption = None,
+    volume_fraction: VolumeFractionOption = None,
+    porosity: PorosityOption = None,
+    reference: ReferenceOption = None,
+    phase: BodyPhaseOption = None,
+    rotation: RotationOption = "0,0,0",
+    output: OutputOption,
+    tol: TolOption = None,
+    deviation: DeviationOption = None,
+    schema: SchemaOption = "ap242",
+    report: ReportOption = None,
+    verbose: VerboseOption = False,
+    quiet: QuietOption = False,
+) -> None:
+    """Divide the solid in a STEP file into the wall of a sheet lattice and the two channels beside it, for heat exchangers."""
+    request = given_options(
+        cell=cell,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        porosity=porosity,
+        tol=tol,
+        reference=reference,
+        phase=phase,
+        rotation=rotation,
+    )
+    make_and_write(
+        f"{surface} exchanger",
+        lambda progress: workflows.fluid_domains(body, surface, progress=progress, **request),
+        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema),
     )

@@ -1,4 +1,4 @@
-"""The arguments and options of the commands, with their help texts."""
+"""The arguments and options that commands share, with their help texts: files, reports, tolerance."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from tpmscad.catalogue import CATALOGUE
+OUTPUT_PANEL = "Result"
+
+MODEL_FORMATS = ".step, .stl, .3mf, .brep or .glb"
 
 
 def parse_numbers(text: str) -> float | tuple[float, ...]:
@@ -19,70 +21,87 @@ def parse_numbers(text: str) -> float | tuple[float, ...]:
     return values if len(values) > 1 else values[0]
 
 
-def complete_surface_name(incomplete: str) -> list[str]:
-    """Names of the catalogue that begin so, for the completion of the shell."""
-    return [name for name in CATALOGUE if name.startswith(incomplete)]
-
-
-SurfaceArgument = Annotated[
-    str, typer.Argument(autocompletion=complete_surface_name, help="Name of the surface; see `tpmscad surfaces`.")
-]
-CellOption = Annotated[
-    Any,
-    typer.Option(parser=parse_numbers, metavar="L|X,Y,Z", help="Edge length of the cell, or one for each axis, mm."),
-]
-CellsOption = Annotated[
-    Any,
-    typer.Option(
-        parser=parse_numbers, metavar="N|X,Y,Z", help="Number of cells along every axis, or along x, y and z."
-    ),
-]
-ThicknessOption = Annotated[
-    float | None,
-    typer.Option(metavar="MM", help="Wall thickness along the normal, mm. Give this or one of the next two."),
-]
-OffsetOption = Annotated[
-    Any,
-    typer.Option(
-        parser=parse_numbers,
-        metavar="LO,HI",
-        help="Signed normal distances of the two sides of the wall, mm; one distance for --kind skeletal.",
-    ),
-]
-VolumeFractionOption = Annotated[
-    float | None,
-    typer.Option(metavar="0..1", help="Solid fraction of the whole cell, from which the distances follow."),
-]
 TolOption = Annotated[
     float | None,
-    typer.Option(metavar="MM", help="Greatest deviation from the surface, mm.  [default: a thousandth of the cell]"),
+    typer.Option(
+        metavar="MM",
+        help="Greatest deviation from the surface, mm.",
+        show_default="a thousandth of the cell",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
 ]
-KindOption = Annotated[
-    Literal["sheet", "skeletal"],
-    typer.Option(help="Solid between two surfaces, or on one side of one."),
+OutputOption = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help=f"The file to write; its name ends in {MODEL_FORMATS}.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
 ]
-SideOption = Annotated[Literal["+", "-"], typer.Option(help="Solid side, for --kind skeletal.")]
-ReferenceOption = Annotated[
-    Literal["minimal", "nodal"] | None,
-    typer.Option(help="The exact minimal surface (the default if the catalogue has it), or the trigonometric one."),
+OptionalOutputOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help=f"The file to write; its name ends in {MODEL_FORMATS}.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
 ]
-BoundaryOption = Annotated[
-    Literal["box", "natural"],
-    typer.Option(help="Planar caps in the box, or whole patches bridged by gap faces."),
+DeviationOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="MM",
+        help="Greatest distance of the triangles of .stl, .3mf and .glb from the solid, mm.",
+        show_default="the tolerance",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
 ]
-PhaseOption = Annotated[
-    Any, typer.Option(parser=parse_numbers, metavar="X,Y,Z", help="Shift of the lattice, in cells.")
+SchemaOption = Annotated[
+    Literal["ap242", "ap214"],
+    typer.Option(help="Application protocol of a .step file.", rich_help_panel=OUTPUT_PANEL),
 ]
 InstancedOption = Annotated[
-    bool, typer.Option("--instanced", help="Store one cell and place it once for each, as an assembly.")
+    bool,
+    typer.Option(
+        "--instanced",
+        help="Store one cell in a .step file and place it once for each, as an assembly.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
 ]
-SchemaOption = Annotated[Literal["ap242", "ap214"], typer.Option(help="STEP application protocol.")]
-OutputOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")]
-PictureOption = Annotated[Path, typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.")]
-ReportOption = Annotated[Path | None, typer.Option(metavar="FILE.json", help="Write the certificate as JSON.")]
-QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Show no progress bar and no summary.")]
+KeepLooseOption = Annotated[
+    bool,
+    typer.Option(
+        "--keep-loose",
+        help="Keep loose pieces below 1 % of the largest one's volume, which are left out otherwise.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+PictureOption = Annotated[
+    Path,
+    typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.", rich_help_panel=OUTPUT_PANEL),
+]
+ReportOption = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.json", help="Write what was measured as JSON.", rich_help_panel=OUTPUT_PANEL),
+]
+QuietOption = Annotated[
+    bool, typer.Option("--quiet", "-q", help="Show no progress bar and no summary.", rich_help_panel=OUTPUT_PANEL)
+]
+VerboseOption = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Tell every figure of the certificate, with its bound.", rich_help_panel=OUTPUT_PANEL
+    ),
+]
 StepFileArgument = Annotated[
     Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")
+]
+BodyArgument = Annotated[
+    Path,
+    typer.Argument(metavar="BODY.step", exists=True, dir_okay=False, help="A STEP file with one solid."),
 ]
 MetricsOption = Annotated[
     bool,
@@ -96,28 +115,70 @@ WithinOption = Annotated[
         metavar="BODY.step",
         exists=True,
         dir_okay=False,
-        help="The body whose volume the metrics refer to; by default the bounding box.",
+        help="The body whose volume the metrics refer to.",
+        show_default="the bounding box",
     ),
-]
-RotationOption = Annotated[
-    Any,
-    typer.Option(
-        parser=parse_numbers, metavar="X,Y,Z", help="Rotation of the lattice about x, then its own y and z, degrees."
-    ),
-]
-SkinOption = Annotated[
-    float | None, typer.Option(metavar="MM", help="Thickness of a solid wall kept along the boundary of the body, mm.")
 ]
 RecipeArgument = Annotated[
     Path,
-    typer.Argument(metavar="FILE.toml", exists=True, dir_okay=False, help="The recipe; see examples/*.toml."),
+    typer.Argument(
+        metavar="FILE.toml",
+        exists=True,
+        dir_okay=False,
+        help="The recipe; `tpmscad template` prints one to start from.",
+    ),
 ]
-RecipeOutputOption = Annotated[
-    Path | None, typer.Option("--output", "-o", metavar="FILE.step", help="The STEP file to write.")
+FieldFileArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        exists=True,
+        dir_okay=False,
+        help="A recipe (.toml; `tpmscad template solidify` prints one), or an array (.npy, .vti, .vtk, .nrrd, .nii).",
+    ),
 ]
 DryRunOption = Annotated[
-    bool, typer.Option("--dry-run", help="Read and check the recipe; make no solid and write no STEP file.")
+    bool,
+    typer.Option("--dry-run", help="Check the recipe and all it names; make no solid.", rich_help_panel=OUTPUT_PANEL),
 ]
 AllowErrorsOption = Annotated[
-    bool, typer.Option("--allow-errors", help="Make the solid of a blend even if topological errors remain.")
+    bool,
+    typer.Option(
+        "--allow-errors", help="Make the solid even if topological errors remain.", rich_help_panel=OUTPUT_PANEL
+    ),
+]
+ARRAY_PANEL = "An array"
+LevelOption = Annotated[
+    float | None,
+    typer.Option(metavar="VALUE", help="Solid where the array exceeds this.", rich_help_panel=ARRAY_PANEL),
+]
+SpacingOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_numbers,
+        metavar="MM|X,Y,Z",
+        help="Distance of neighbouring samples of the array, mm.",
+        show_default="of the file, or 1",
+        rich_help_panel=ARRAY_PANEL,
+    ),
+]
+OriginOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_numbers,
+        metavar="X,Y,Z",
+        help="Position of the first sample of the array, mm.",
+        show_default="of the file, or 0,0,0",
+        rich_help_panel=ARRAY_PANEL,
+    ),
+]
+ArrayTolOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tol",
+        metavar="MM",
+        help="Greatest deviation from the surface in an array, mm.",
+        show_default="a tenth of the spacing",
+        rich_help_panel=ARRAY_PANEL,
+    ),
 ]

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,16 +20,54 @@ if TYPE_CHECKING:
 BAR_DELAY_SECONDS = 1.0
 """Time before the progress bar appears."""
 
-STEP_SUFFIXES = (".step", ".stp")
+MODEL_SUFFIXES = (".step", ".stp", ".stl", ".3mf", ".brep", ".glb")
+
+
+@dataclass(frozen=True, slots=True)
+class Writing:
+    """Where a result goes and how: the file, the report, what is said, and the options of the format (None: its default)."""
+
+    output: Path
+    report: Path | None = None
+    quiet: bool = False
+    verbose: bool = False
+    deviation: float | None = None
+    schema: str = "ap242"
+    instanced: bool = False
+
+    def __post_init__(self) -> None:
+        check_writable(self.output, MODEL_SUFFIXES)
+        check_report(self.report)
+
+    @property
+    def format_options(self) -> dict[str, Any]:
+        """The options of the file's format that differ from its defaults."""
+        options = given_options(deviation=self.deviation, instanced=self.instanced or None)
+        return options if self.schema == "ap242" else {**options, "schema": self.schema}
+
+
+def given_options(**options: Any) -> dict[str, Any]:
+    """The options that are given; the others keep the defaults of the function that is called."""
+    return {name: value for name, value in options.items() if value is not None}
 
 
 def check_writable(path: Path, suffixes: Iterable[str]) -> Path:
-    """The path; InvalidRequest unless it has one of the suffixes and its folder exists."""
+    """The path; InvalidRequest unless it has one of the suffixes, its folder exists and a file can be written there."""
     if path.suffix.lower() not in suffixes:
         raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {' or '.join(suffixes)}")
+    if path.is_dir():
+        raise InvalidRequest(f"{path} is a folder: give the name of a file")
     if not path.parent.is_dir():
         raise InvalidRequest(f"the folder {path.parent} of {path.name} does not exist: make it first")
+    if not os.access(path.parent, os.W_OK):
+        raise InvalidRequest(f"no file can be written in the folder {path.parent}: choose another one")
     return path
+
+
+def check_report(path: Path | None) -> None:
+    """InvalidRequest unless a report can be written, if one is asked for."""
+    if path is not None:
+        check_writable(path, (".json",))
 
 
 def write_report(path: Path | None, content: dict[str, Any]) -> None:
@@ -68,8 +107,7 @@ def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
 @contextmanager
 def report_unmet_request(report: Path | None) -> Iterator[None]:
     """Write the certificate of a NotMet that passes through to the report, before any file is written."""
-    if report is not None:
-        check_writable(report, (".json",))
+    check_report(report)
     try:
         yield
     except NotMet as error:
@@ -78,31 +116,33 @@ def report_unmet_request(report: Path | None) -> Iterator[None]:
         raise
 
 
-def write_model(model: Any, path: Path, progress: Progress | None, **export_options: Any) -> None:
-    """Write a model as STEP; NotMet if it misses the request."""
+def write_model(model: Any, writing: Writing, progress: Progress | None) -> None:
+    """Write a model in the format of the file's suffix; NotMet if it misses the request."""
     certificate = model.certificate
     if not certificate.met:
-        raise NotMet(f"{path} not written, it misses the request: {'; '.join(certificate.shortfalls)}", certificate)
+        missed = "; ".join(certificate.shortfalls)
+        raise NotMet(f"{writing.output} not written, it misses the request: {missed}", certificate)
     if progress:
         progress("write", 0.0)
-    model.export_step(path, **export_options)
+    model.export(writing.output, **writing.format_options)
 
 
-def make_and_write(
-    title: str,
-    make: Callable[[Progress | None], Any],
-    output: Path,
-    *,
-    report: Path | None,
-    quiet: bool,
-    **export_options: Any,
-) -> None:
-    """Make a model, write it as STEP and its certificate as JSON, and print the certificate."""
-    check_writable(output, STEP_SUFFIXES)
-    with report_unmet_request(report):
-        with progress_bar(title, quiet) as progress:
+def make_and_write(title: str, make: Callable[[Progress | None], Any], writing: Writing) -> None:
+    """Make a model, write it and its certificate as JSON, and print its summary."""
+    with report_unmet_request(writing.report):
+        with progress_bar(title, writing.quiet) as progress:
             model = make(progress)
-            write_model(model, output, progress, **export_options)
-        write_report(report, model.certificate.to_dict())
-    if not quiet:
-        print(model.certificate)
+            write_model(model, writing, progress)
+        write_report(writing.report, describe_result(model))
+    if not writing.quiet:
+        print(summarise(model, verbose=writing.verbose))
+
+
+def describe_result(model: Any) -> dict[str, Any]:
+    """What the report of a result holds: its certificate, and the domains of an exchanger."""
+    return model.certificate.to_dict()
+
+
+def summarise(model: Any, *, verbose: bool) -> str:
+    """What is said of a result: its certificate in plain words, or every figure with its bound."""
+    return str(model.certificate)

@@ -1,4 +1,4 @@
-"""tpmscad blend and tpmscad solidify: solids of fields described in a TOML file."""
+"""tpmscad blend and tpmscad solidify: solids of fields described in a TOML file, or sampled in an array."""
 
 from __future__ import annotations
 
@@ -9,18 +9,27 @@ from typing import TYPE_CHECKING
 from tpmscad import recipe as recipes
 from tpmscad.cli.options import (
     AllowErrorsOption,
+    ArrayTolOption,
+    DeviationOption,
     DryRunOption,
+    FieldFileArgument,
+    KeepLooseOption,
+    LevelOption,
+    OptionalOutputOption,
+    OriginOption,
     QuietOption,
     RecipeArgument,
-    RecipeOutputOption,
     ReportOption,
     SchemaOption,
+    SpacingOption,
+    VerboseOption,
 )
 from tpmscad.cli.output import (
-    STEP_SUFFIXES,
-    check_writable,
+    Writing,
+    check_report,
     progress_bar,
     report_unmet_request,
+    summarise,
     write_model,
     write_report,
 )
@@ -30,64 +39,92 @@ if TYPE_CHECKING:
     from tpmscad._typing import Progress  # loads NumPy
     from tpmscad.recipe.recipe_runs import RecipeRun
 
+ReadRun = Callable[["Progress | None"], "RecipeRun"]
+
 
 def blend(
     recipe: RecipeArgument,
-    output: RecipeOutputOption = None,
+    output: OptionalOutputOption = None,
     dry_run: DryRunOption = False,
     allow_errors: AllowErrorsOption = False,
+    keep_loose: KeepLooseOption = False,
+    deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
     report: ReportOption = None,
+    verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid as STEP."""
+    """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid."""
 
-    def read(path: Path, progress: Progress | None) -> RecipeRun:
-        return recipes.BlendRun.read(path, allow_errors=allow_errors, progress=progress)
+    def read(progress: Progress | None) -> RecipeRun:
+        return recipes.BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
-    _run(recipe, output, dry_run, f"blending {recipe.name}", read, schema=schema, report=report, quiet=quiet)
+    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema)
+    _run(f"blending {recipe.name}", read, writing, report, quiet)
 
 
 def solidify(
-    recipe: RecipeArgument,
-    output: RecipeOutputOption = None,
+    file: FieldFileArgument,
+    level: LevelOption = None,
+    spacing: SpacingOption = None,
+    origin: OriginOption = None,
+    tol: ArrayTolOption = None,
+    output: OptionalOutputOption = None,
     dry_run: DryRunOption = False,
+    keep_loose: KeepLooseOption = False,
+    deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
     report: ReportOption = None,
+    verbose: VerboseOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Make the solid of a field that a TOML file describes (graded, thresholded, mapped), and write it as STEP."""
+    """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array of numbers."""
 
-    def read(path: Path, progress: Progress | None) -> RecipeRun:
-        return recipes.SolidRun.read(path)
+    def read(progress: Progress | None) -> RecipeRun:
+        if file.suffix.lower() == ".toml":
+            given = {"level": level, "spacing": spacing, "origin": origin, "tol": tol}
+            extra = [f"`{name}`" for name, value in given.items() if value is not None]
+            if extra:
+                raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
+            return recipes.SolidRun.read(file, keep_loose=keep_loose)
+        if level is None:
+            raise InvalidRequest(
+                f"an array needs `level`: solid is where {file.name} exceeds it, such as 0.5 of a density"
+            )
+        return recipes.SolidRun.sample(
+            file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose
+        )
 
-    _run(recipe, output, dry_run, f"making {recipe.name}", read, schema=schema, report=report, quiet=quiet)
+    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema)
+    _run(f"making {file.name}", read, writing, report, quiet)
 
 
-def _run(
-    path: Path,
+def _prepare_writing(
     output: Path | None,
     dry_run: bool,
-    title: str,
-    read: Callable[[Path, Progress | None], RecipeRun],
-    *,
-    schema: str,
     report: Path | None,
     quiet: bool,
-) -> None:
-    """Read a recipe and make its solid, or describe it in a dry run."""
+    verbose: bool,
+    deviation: float | None,
+    schema: str,
+) -> Writing | None:
+    """Where the solid goes; None for a dry run."""
     if dry_run == (output is not None):
-        raise InvalidRequest("give either --output FILE.step, or --dry-run, which writes no STEP file")
-    if output is not None:
-        check_writable(output, STEP_SUFFIXES)
+        raise InvalidRequest("give either `output`, the file to write, or `dry_run`, which makes no solid")
+    check_report(report)
+    return None if output is None else Writing(output, report, quiet, verbose, deviation=deviation, schema=schema)
+
+
+def _run(title: str, read: ReadRun, writing: Writing | None, report: Path | None, quiet: bool) -> None:
+    """Read a recipe and make its solid, or describe it in a dry run."""
     with report_unmet_request(report), progress_bar(title, quiet) as progress:
-        run = read(path, progress)
-        if output is None:
+        run = read(progress)
+        if writing is None:
             text, content = run.describe()
         else:
             model, content = run.make(progress)
-            write_model(model, output, progress, schema=schema)
-            text = str(model.certificate)
+            write_model(model, writing, progress)
+            text = summarise(model, verbose=writing.verbose)
         write_report(report, content)
     if not quiet:
         print(text)

@@ -2,10 +2,63 @@
 
 from __future__ import annotations
 
+from typing import Annotated, Any, Literal
+
+import typer
+
 from tpmscad import workflows
-from tpmscad.cli.options import MetricsOption, PictureOption, QuietOption, ReportOption, StepFileArgument, WithinOption
-from tpmscad.cli.output import check_writable, progress_bar, report_unmet_request, write_report
+from tpmscad.cli.options import (
+    MetricsOption,
+    PictureOption,
+    QuietOption,
+    ReportOption,
+    StepFileArgument,
+    WithinOption,
+)
+from tpmscad.cli.output import (
+    check_report,
+    check_writable,
+    given_options,
+    progress_bar,
+    report_unmet_request,
+    write_report,
+)
 from tpmscad.errors import TpmscadError
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height in pixels of a text such as 1600x1200."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise typer.BadParameter(f"{text!r} is no size in pixels: write 1600x1200")
+    return int(width), int(height)
+
+
+ViewOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME|X,Y,Z",
+        help="iso, front, back, left, right, top or bottom, or the direction from the part to the eye.",
+        show_default="iso",
+    ),
+]
+SectionOption = Annotated[
+    str | None,
+    typer.Option(metavar="AXIS=MM", help="Cut the part open by a plane: z=5, z for the middle, x=0,y=0 for a quarter."),
+]
+SizeOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_size, metavar="WxH", help="Width and height of the picture, pixels.", show_default="1200x900"
+    ),
+]
+ColorByOption = Annotated[
+    Literal["piece", "tag", "curvature"] | None,
+    typer.Option(
+        help="A colour for each solid, for each group of faces, or for the mean curvature.",
+        show_default="the colours in the file",
+    ),
+]
 
 
 def check(
@@ -16,8 +69,7 @@ def check(
     quiet: QuietOption = False,
 ) -> None:
     """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
-    if report is not None:
-        check_writable(report, (".json",))
+    check_report(report)
     with progress_bar(f"reading {file.name}", quiet):
         found = workflows.check_step(file)
     content, text = found.to_dict(), str(found)
@@ -34,11 +86,20 @@ def check(
 
 
 def render(
-    file: StepFileArgument, output: PictureOption, report: ReportOption = None, quiet: QuietOption = False
+    file: StepFileArgument,
+    output: PictureOption,
+    view: ViewOption = None,
+    section: SectionOption = None,
+    size: SizeOption = None,
+    color_by: ColorByOption = None,
+    report: ReportOption = None,
+    quiet: QuietOption = False,
 ) -> None:
     """Draw a STEP file as a PNG picture, without a display."""
     check_writable(output, (".png",))
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
-            workflows.render_step(file, output)
+            workflows.render_step(
+                file, output, **given_options(view=view, section=section, size=size, color_by=color_by)
+            )
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})

@@ -59,7 +59,9 @@ def _all_sections(width: int) -> Iterator[tuple[str, str, str]]:
 
 def _format_table(head: str, meaning: str, table: KeyTable, width: int) -> str:
     """A table with its keys: name, type, unit, what it means, its default."""
-    lines = [f"{head}    {meaning}" if len(head) + 4 + len(meaning) <= width else f"{head}\n  {meaning}"]
+    one_line = f"{head}    {meaning}"
+    wrapped = textwrap.fill(meaning, width, initial_indent="  ", subsequent_indent="  ")
+    lines = [one_line if len(one_line) <= width else f"{head}\n{wrapped}"]
     name_width = max(len(" | ".join(key.spellings)) for key in table.keys) + 2
     for key in table.keys:
         unit = f" [{key.unit}]" if key.unit else ""

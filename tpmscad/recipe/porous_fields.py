@@ -79,7 +79,14 @@ def solve_threshold(phi: Field, fraction: Any, what: str) -> Any:
     if not isinstance(fraction, Field):
         if not 0 < fraction < 1:
             raise InvalidRequest(f"volume_fraction {fraction:g} must be between 0 and 1")
-        return fields.threshold_for(phi, fraction, what)
+        try:
+            return fields.threshold_for(phi, fraction, what)
+        except InvalidRequest as error:
+            if phi.periods() is None:
+                raise InvalidRequest(
+                    "volume_fraction is solved over one period, and the field has none: give a level instead"
+                ) from error
+            raise
     if not isinstance(fraction, RampField):
         raise InvalidRequest('volume_fraction must be a number, or a field of kind = "ramp"')
     low, high = sorted((fraction.low, fraction.high))

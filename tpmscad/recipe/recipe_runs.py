@@ -6,19 +6,25 @@ comes before the fits, and computes the volume fraction of its field.
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tpmscad import workflows
+from tpmscad import fields, workflows
 from tpmscad._typing import Progress
 from tpmscad.blending import BlendResult
 from tpmscad.errors import NotMet
+from tpmscad.fields import Field
 from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
 from tpmscad.recipe.solid_recipe import SolidRecipe, read_solid_recipe
+from tpmscad.recipe.value_types import RecipeBox
 
 if TYPE_CHECKING:
     from tpmscad.workflows import Model
+
+DEFAULT_TOL_SPACINGS = 0.1
+"""In spacings of an array: the tolerance of its solid if none is given."""
 
 
 class RecipeRun(Protocol):
@@ -47,12 +53,15 @@ class BlendRun:
 
     result: BlendResult
     tol: float
+    keep_loose: bool = False
 
     @classmethod
-    def read(cls, path: Path, *, allow_errors: bool = False, progress: Progress | None = None) -> BlendRun:
+    def read(
+        cls, path: Path, *, allow_errors: bool = False, keep_loose: bool = False, progress: Progress | None = None
+    ) -> BlendRun:
         """The blend of the recipe in a TOML file; errors as `read_blend_recipe` and `run_blend_recipe`."""
         recipe = read_blend_recipe(path)
-        return cls(run_blend_recipe(recipe, allow_errors=allow_errors, progress=progress), recipe.tol)
+        return cls(run_blend_recipe(recipe, allow_errors=allow_errors, progress=progress), recipe.tol, keep_loose)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The message of the blend, and its report."""
@@ -60,36 +69,66 @@ class BlendRun:
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid in the domain of the blend; the notes of its certificate include the message of the blend."""
-        model = workflows.solidify(self.result.field, self.result.domain, tol=self.tol, progress=progress)
-        certificate = replace(model.certificate, notes=(*model.certificate.notes, f"blend: {self.result.message}"))
+        result = self.result
+        model = _make_solid(result.field, result.domain, self.tol, self.keep_loose, progress)
+        certificate = replace(model.certificate, notes=(*model.certificate.notes, f"blend: {result.message}"))
         model = replace(model, name="blended scaffold", certificate=certificate)
-        return model, certificate.to_dict() | {"blend": self.result.to_dict()}
+        return model, certificate.to_dict() | {"blend": result.to_dict()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidRun:
-    """A field that was read, to be made a solid."""
+    """A field that was read, to be made a solid in a box or a body within `tol` (mm); of a recipe, if there is one."""
 
-    recipe: SolidRecipe
+    field: Field
+    domain: RecipeBox | Path
+    tol: float
+    recipe: SolidRecipe | None = None
+    keep_loose: bool = False
 
     @classmethod
-    def read(cls, path: Path) -> SolidRun:
+    def read(cls, path: Path, *, keep_loose: bool = False) -> SolidRun:
         """The field of the recipe in a TOML file; errors as `read_solid_recipe`."""
-        return cls(read_solid_recipe(path))
+        recipe = read_solid_recipe(path)
+        return cls(recipe.field, recipe.domain, recipe.tol, recipe, keep_loose)
+
+    @classmethod
+    def sample(
+        cls,
+        path: Path,
+        *,
+        level: float,
+        spacing: Any = None,
+        origin: Any = None,
+        tol: float | None = None,
+        keep_loose: bool = False,
+    ) -> SolidRun:
+        """The part of an array that exceeds a level, in the box of its samples; by default within a tenth of their spacing."""
+        field = fields.sampled(path, spacing, origin, level=level)
+        (x0, y0, z0), (x1, y1, z1) = field.domain
+        least = DEFAULT_TOL_SPACINGS * min(field.spacing)
+        return cls(field, ((x0, y0, z0), (x1, y1, z1)), least if tol is None else tol, None, keep_loose)
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""
-        recipe = self.recipe
-        with recipe.locate_errors():
-            found = workflows.preview_solid(recipe.field, recipe.domain, tol=recipe.tol)
-        domain = str(recipe.domain) if isinstance(recipe.domain, Path) else [list(corner) for corner in recipe.domain]
-        content = {"domain": domain, "tol": recipe.tol, "volume_fraction": found.volume_fraction}
-        text = f"domain {domain}, about {100 * found.volume_fraction:.1f} % solid, tolerance {recipe.tol:g}"
+        with self._locate_errors():
+            found = workflows.preview_solid(self.field, self.domain, tol=self.tol)
+        domain = str(self.domain) if isinstance(self.domain, Path) else [list(corner) for corner in self.domain]
+        content = {"domain": domain, "tol": self.tol, "volume_fraction": found.volume_fraction}
+        text = f"domain {domain}, about {100 * found.volume_fraction:.1f} % solid, tolerance {self.tol:g}"
         return text, content
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid of the field in its domain, and its report."""
-        recipe = self.recipe
-        with recipe.locate_errors():
-            model = workflows.solidify(recipe.field, recipe.domain, tol=recipe.tol, progress=progress)
+        with self._locate_errors():
+            model = _make_solid(self.field, self.domain, self.tol, self.keep_loose, progress)
         return model, model.certificate.to_dict()
+
+    def _locate_errors(self) -> AbstractContextManager[None]:
+        return nullcontext() if self.recipe is None else self.recipe.locate_errors()
+
+
+def _make_solid(field: Field, domain: Any, tol: float, keep_loose: bool, progress: Progress | None) -> Model:
+    """The solid of a field, with or without its loose pieces."""
+    options: dict[str, Any] = {"loose": "keep"} if keep_loose else {}
+    return workflows.solidify(field, domain, tol=tol, progress=progress, **options)

@@ -143,8 +143,7 @@ def check_reference(record: SurfaceRecord, reference: str) -> None:
         return
     if not record.references:
         raise InvalidRequest(
-            f"the {record.title} has no exact or mirrored primitives: make a solid of its formula, "
-            f"tpmscad.solidify(fields.sheet(fields.tpms({record.name!r}, cell), ...), box, tol=...)"
+            f"the {record.title} has no exact or mirrored primitives: make a solid of its field with tpmscad.solidify"
         )
     raise InvalidRequest(
         f"reference {reference!r} of the {record.name} is unknown; choose one of {', '.join(record.references)}"

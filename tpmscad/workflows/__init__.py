@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.pictures import render, render_bytes
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step
+    from tpmscad.workflows.surface_limits import thickest_wall
 
 __all__ = [
     "Certificate",
@@ -46,6 +47,7 @@ __all__ = [
     "render_bytes",
     "render_step",
     "solidify",
+    "thickest_wall",
 ]
 
 _MODULE_OF_NAME = {
@@ -68,6 +70,7 @@ _MODULE_OF_NAME = {
     "render_bytes": "tpmscad.workflows.pictures",
     "render_step": "tpmscad.workflows.step_files",
     "solidify": "tpmscad.workflows.implicit_solid",
+    "thickest_wall": "tpmscad.workflows.surface_limits",
 }
 
 __getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

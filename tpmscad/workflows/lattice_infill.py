@@ -27,6 +27,7 @@ from tpmscad.kernel import (
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
 from tpmscad.workflows.certificate import certify_kernel_solids
+from tpmscad.workflows.face_selection import resolve_face_selectors
 from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
 from tpmscad.workflows.lattice_request import (
     INFILL_DEFAULTS,
@@ -92,7 +93,7 @@ def infill(
         Thickness of a solid wall kept along the body's boundary and joined to the lattice, model units.
     open_faces : iterable, optional
         Plane faces of the body that get no skin, so that powder or fluid can pass: build123d, CadQuery or TopoDS faces of that
-        very shape, or their numbers in its order.
+        very shape, their numbers in its order, or ">Z" and the like for the faces at one end of an axis.
     tol : float, optional
         Greatest orthogonal deviation from the surface or the field, model units; by default a thousandth of the cell.
         Required for a field.
@@ -141,7 +142,7 @@ def infill(
         _reject_lattice_options(given | {"rotation": rotation})
         block, name = build_field_block(surface, read, tol, stages), "field infill"
     with stages("trim"):
-        openings = resolve_open_faces(read, open_faces)
+        openings = resolve_open_faces(read, resolve_face_selectors(read, open_faces))
         if skin is not None:
             result = fill_within_skin(block, read, skin, openings)
         elif openings:

@@ -1,0 +1,81 @@
+"""tpmscad surfaces, template and recipe-keys: the catalogue, a recipe to start from, and all that recipes may hold."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from typing import Annotated, Literal
+
+import typer
+
+from tpmscad import recipe as recipes
+from tpmscad import workflows
+from tpmscad.catalogue import CATALOGUE
+
+MIN_WIDTH, MAX_WIDTH = 60, 100
+"""Columns of printed text: those of the terminal, within these limits."""
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the whole catalogue as JSON.")]
+TemplateArgument = Annotated[
+    Literal["blend", "solidify"], typer.Argument(help="The command that the recipe is for.", metavar="blend|solidify")
+]
+KindArgument = Annotated[
+    str | None, typer.Argument(metavar="[KIND]", help="One kind of field, such as `rod`; all if it is left out.")
+]
+
+
+def surfaces(as_json: JsonOption = False) -> None:
+    """List the surfaces: names, references, genus, space group, and the thickest wall that a sheet may have."""
+    rows = [
+        {
+            "name": info.name,
+            "title": info.title,
+            "aliases": list(info.aliases),
+            "references": list(info.references),
+            "patches_per_cell": info.patches_per_cell,
+            "genus": info.genus,
+            "space_group": info.space_group,
+            "formula": info.formula,
+            "thickest_wall": workflows.thickest_wall(info.name),
+        }
+        for info in CATALOGUE.values()
+    ]
+    if as_json:
+        print(json.dumps(rows, indent=2))
+        return
+    head = ("name", "short", "thickest wall", "reference", "genus", "space group")
+    table = [head]
+    for row in rows:
+        wall, names = row["thickest_wall"], row["aliases"]
+        table.append(
+            (
+                str(row["name"]),
+                str(names[0]) if isinstance(names, list) and len(names[0]) <= MAX_ALIAS else "",
+                "-" if wall is None else f"{wall:.3f} cell",
+                ", ".join(row["references"]) or "formula",  # type: ignore[arg-type]
+                str(row["genus"]),
+                str(row["space_group"]),
+            )
+        )
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for line in table:
+        print("  ".join(entry.ljust(width) for entry, width in zip(line, widths, strict=True)).rstrip())
+    print(f"\n{CATALOGUE_NOTE}")
+
+
+MAX_ALIAS = 5
+"""Letters of an alias that the table shows."""
+
+CATALOGUE_NOTE = """Thickest wall: --thickness stays below it, times the edge of the cell, or the
+wall would fold; - is not known beforehand. --json prints the formulas, too."""
+
+
+def template(recipe: TemplateArgument) -> None:
+    """Print a commented recipe that runs as it is: save it, change it, and hand it to the command of that name."""
+    print(recipes.read_template(recipe), end="")
+
+
+def recipe_keys(kind: KindArgument = None) -> None:
+    """List every kind of field that a recipe may hold, with its keys: type, unit, meaning and default."""
+    width = min(max(shutil.get_terminal_size().columns, MIN_WIDTH), MAX_WIDTH)
+    print(recipes.format_reference(kind, width=width))
