@@ -27,6 +27,7 @@ from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
+from tpmscad.workflows.reference_distance import field_distance
 
 KERNEL_VOLUME_RTOL = 1e-6
 """Relative difference allowed between the kernel's quadrature of its faces and that of the patches."""
@@ -93,7 +94,13 @@ def solidify(
         built = kernel.build_solids(found.brep, found.moments)
     with stages("check"):
         certificate = certify_field_solid(found, kernel.check_shape(built.shape))
-    return Model("field solid", found.brep, certificate.with_seconds(stages.seconds), built)
+    return Model(
+        "field solid",
+        found.brep,
+        certificate.with_seconds(stages.seconds),
+        built,
+        distance_to_reference=field_distance(field),
+    )
 
 
 def certify_field_solid(found: FieldPatches, report: kernel.ShapeReport) -> Certificate:

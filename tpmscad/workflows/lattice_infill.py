@@ -37,6 +37,7 @@ from tpmscad.workflows.lattice_request import (
     rotation_matrix,
 )
 from tpmscad.workflows.model import Model
+from tpmscad.workflows.reference_distance import field_distance, lattice_distance
 
 MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
@@ -137,10 +138,13 @@ def infill(
             raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
         request = resolve_lattice_request(surface, tol=tol, **given)
         _check_wall_thickness(request)
-        block, name = build_lattice_block(request, rotation_matrix(rotation), read, stages), f"{request.surface} infill"
+        turn = rotation_matrix(rotation)
+        block, name = build_lattice_block(request, turn, read, stages), f"{request.surface} infill"
+        distance = lattice_distance(request, None, turn)
     else:
         _reject_lattice_options(given | {"rotation": rotation})
         block, name = build_field_block(surface, read, tol, stages), "field infill"
+        distance = field_distance(surface)
     with stages("trim"):
         openings = resolve_open_faces(read, resolve_face_selectors(read, open_faces))
         if skin is not None:
@@ -160,6 +164,7 @@ def infill(
         result.built,
         trimmed_by=result.method,
         outer_faces="body",
+        distance_to_reference=distance,
     )
 
 

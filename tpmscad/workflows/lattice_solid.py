@@ -34,6 +34,7 @@ from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
+from tpmscad.workflows.reference_distance import lattice_distance
 
 FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
@@ -141,7 +142,14 @@ def lattice(
         edge_gap = float(made.brep.edges.deviation.max(initial=0.0))
         certificate = certify(made.brep, properties, measures, valid=valid, edge_gap=edge_gap)
     name = f"{request.surface} {request.kind}"
-    return Model(name, made.brep, certificate.with_seconds(stages.seconds), built, made.unit_cell)
+    return Model(
+        name,
+        made.brep,
+        certificate.with_seconds(stages.seconds),
+        built,
+        made.unit_cell,
+        distance_to_reference=lattice_distance(request, mapping),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

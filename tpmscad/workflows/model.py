@@ -63,6 +63,8 @@ class Model:
         bodies with faces that are neither planes nor quadrics. None if no body did.
     outer_faces : str
         Name in files of the faces that bound the lattice from outside: "cap", "body" or "opening".
+    distance_to_reference : callable or None
+        Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
     """
 
     name: str
@@ -72,6 +74,7 @@ class Model:
     unit_cell: UnitCell | None = None
     trimmed_by: str | None = None
     outer_faces: str = "cap"
+    distance_to_reference: Callable[[Array], Array] | None = None
 
     @property
     def solid(self) -> Any:

@@ -96,7 +96,9 @@ def render_bytes(
     pieces = hide_pieces(found, (hide,) if isinstance(hide, str) else tuple(hide))
     has_axes = view != "iso" or section is not None
     draw = partial(kernel.draw_scene, view=view, section=section, size=size, axes=has_axes)
-    scene = kernel.Scene.of_pieces([piece.shape for piece in pieces], for_values=color_by in VALUE_COLOURINGS)
+    scene = kernel.Scene.of_pieces(
+        [piece.shape for piece in pieces], fine=color_by in VALUE_COLOURINGS or section is not None
+    )
     if distance is not None:
         values = _values_on_reference(distance(scene.points), scene, source)
         scale = kernel.sequential_scale("distance from the\nreference, mm", values)

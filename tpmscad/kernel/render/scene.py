@@ -20,8 +20,8 @@ from tpmscad.kernel.render.tessellation import MAX_FACET_ANGLE, mean_curvatures,
 DEFLECTION_FRACTION = 6e-4
 """Distance of the triangles from the shape, in diagonals of its box: half a pixel of a large picture."""
 
-VALUE_FACET_ANGLE = 0.12
-"""Radians between neighbouring facets where values are shown, which are linear on a triangle."""
+FINE_FACET_ANGLE = 0.12
+"""Radians between neighbouring facets where values are shown, which are linear on a triangle, or a section shows the facets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,12 +52,12 @@ class Scene:
         return cls.of_pieces(pieces_of(shape))
 
     @classmethod
-    def of_pieces(cls, pieces: Sequence[TopoDS_Shape], *, for_values: bool = False) -> Scene:
-        """The pieces in one colour; `for_values` makes finer triangles. Raises KernelError if there is no face to draw."""
+    def of_pieces(cls, pieces: Sequence[TopoDS_Shape], *, fine: bool = False) -> Scene:
+        """The pieces in one colour; `fine`: smaller triangles, for values and sections. Raises KernelError if there is no face to draw."""
         if not pieces:
             raise KernelError("draw", "the shape has no face")
         whole = make_compound(pieces)
-        angle = VALUE_FACET_ANGLE if for_values else MAX_FACET_ANGLE
+        angle = FINE_FACET_ANGLE if fine else MAX_FACET_ANGLE
         found = tessellate(whole, DEFLECTION_FRACTION * box_diagonal(whole), angle)
         faces = tuple(faces_of(whole))
         piece_of_face = np.repeat(np.arange(len(pieces)), [len(faces_of(piece)) for piece in pieces])

@@ -13,7 +13,7 @@ KEY_LIGHT = np.array([-0.45, 0.62, 0.64])
 FILL_LIGHT = np.array([0.85, 0.1, 0.5])
 """Direction of the second light, in the eye's frame."""
 
-KEY_STRENGTH, FILL_STRENGTH, AMBIENT, SKY_STRENGTH = 0.62, 0.30, 0.14, 0.18
+KEY_STRENGTH, FILL_STRENGTH, AMBIENT, SKY_STRENGTH = 0.58, 0.34, 0.20, 0.18
 HIGHLIGHT_STRENGTH, HIGHLIGHT_EXPONENT = 0.22, 40
 
 DEPTH_BLURS = ((3.0, 1.6), (16.0, 2.6), (48.0, 1.3))
