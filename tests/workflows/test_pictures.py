@@ -14,8 +14,10 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import tpmscad
+from tpmscad import kernel
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import NamedSolid
+from tpmscad.workflows.picture_pieces import find_pieces
 from tpmscad.workflows.pictures import render, render_bytes
 
 pytestmark = pytest.mark.kernel
@@ -93,3 +95,26 @@ def test_what_cannot_be_drawn_is_refused_with_the_remedy(tmp_path: Path, options
     with pytest.raises(tpmscad.TpmscadError, match=message):
         render(bd.Box(1, 1, 1), tmp_path / "a.png", **options)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_the_deviation_of_a_lattice_is_shown_up_to_the_certificate_s_and_only_on_its_surfaces(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    model = tpmscad.lattice("schwarz_p", cell=10, thickness=1, tol=0.05)
+    drawn: list[Any] = []
+    draw = kernel.draw_scene
+    monkeypatch.setitem(
+        vars(kernel), "draw_scene", lambda scene, **options: (drawn.append((scene, options)), draw(scene, **options))[1]
+    )
+    render_bytes(model, color_by="deviation", size=(64, 64))
+    scene, options = drawn[0]
+    assert options["scale"].greatest == pytest.approx(model.certificate.max_deviation, rel=0.05)
+    on_caps = np.isin(scene.points, (0.0, 10.0)).any(axis=1) & ~scene.has_spline()[scene.face]
+    assert on_caps.any()
+    np.testing.assert_array_equal(np.isnan(scene.values), ~scene.has_spline()[scene.face])
+    assert {group for piece in find_pieces(model, with_groups=True) for group in piece.face_groups} == {
+        "surface +",
+        "surface -",
+        "cap",
+    }

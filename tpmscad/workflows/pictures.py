@@ -21,6 +21,15 @@ OFF_REFERENCE_FACTOR = 10.0
 """A face belongs to a cap, a body or a skin if it lies off the reference by more than this many times the greatest deviation
 measured, or the tolerance."""
 
+VALUE_FACET_ANGLE = 0.05
+"""Radians between neighbouring facets where values are shown, which are linear on a triangle, of up to `N_FINE_FACES` faces."""
+
+N_FINE_FACES = 600
+"""Faces up to which values are shown in full detail; beyond, facets grow as faces get smaller on the picture."""
+
+SECTION_FACET_ANGLE = 0.12
+"""Radians between neighbouring facets where a section shows them from the side."""
+
 CURVATURE_SHARE = 0.99
 """Share of the points whose mean curvature the scale of colours spans; a few extreme points would make the rest look flat."""
 
@@ -96,9 +105,7 @@ def render_bytes(
     pieces = hide_pieces(found, (hide,) if isinstance(hide, str) else tuple(hide))
     has_axes = view != "iso" or section is not None
     draw = partial(kernel.draw_scene, view=view, section=section, size=size, axes=has_axes)
-    scene = kernel.Scene.of_pieces(
-        [piece.shape for piece in pieces], fine=color_by in VALUE_COLOURINGS or section is not None
-    )
+    scene = kernel.Scene.of_pieces([piece.shape for piece in pieces], angle=_facet_angle(pieces, color_by, section))
     if distance is not None:
         values = _values_on_reference(distance(scene.points), scene, source)
         scale = kernel.sequential_scale("distance from the\nreference, mm", values)
@@ -114,6 +121,16 @@ def render_bytes(
     if len(key) == 1:
         key = tuple((piece.name, colour) for piece, colour in zip(pieces, colours, strict=True))
     return draw(scene.with_piece_colours(colours), key=key if len(key) > 1 else ())
+
+
+def _facet_angle(pieces: Sequence[PicturePiece], color_by: str | None, section: Any) -> float | None:
+    """Radians between neighbouring facets; None for the default."""
+    if color_by in VALUE_COLOURINGS:
+        n_faces = sum(len(kernel.faces_of(piece.shape)) for piece in pieces)
+        return float(
+            np.clip(VALUE_FACET_ANGLE * np.sqrt(n_faces / N_FINE_FACES), VALUE_FACET_ANGLE, SECTION_FACET_ANGLE)
+        )
+    return None if section is None else SECTION_FACET_ANGLE
 
 
 def _paint_faces(pieces: Sequence[PicturePiece], scene: kernel.Scene, color_by: str | None) -> kernel.Scene:
@@ -158,6 +175,6 @@ def _values_on_reference(distance: Array, scene: kernel.Scene, model: Any) -> Ar
     """The distances at points of faces on the reference; NaN on caps, the body's faces and skins."""
     certificate = model.certificate
     limit = OFF_REFERENCE_FACTOR * max(certificate.tol, certificate.max_deviation)
-    greatest = np.zeros(len(scene.faces))
+    greatest = np.where(scene.has_spline(), 0.0, np.inf)
     np.maximum.at(greatest, scene.face, np.nan_to_num(distance, nan=np.inf))
     return np.where(greatest[scene.face] <= limit, distance, np.nan)

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.Geom import Geom_BSplineSurface
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array, BoolArray, IntArray
@@ -19,9 +21,6 @@ from tpmscad.kernel.render.tessellation import MAX_FACET_ANGLE, mean_curvatures,
 
 DEFLECTION_FRACTION = 6e-4
 """Distance of the triangles from the shape, in diagonals of its box: half a pixel of a large picture."""
-
-FINE_FACET_ANGLE = 0.12
-"""Radians between neighbouring facets where values are shown, which are linear on a triangle, or a section shows the facets."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,13 +51,12 @@ class Scene:
         return cls.of_pieces(pieces_of(shape))
 
     @classmethod
-    def of_pieces(cls, pieces: Sequence[TopoDS_Shape], *, fine: bool = False) -> Scene:
-        """The pieces in one colour; `fine`: smaller triangles, for values and sections. Raises KernelError if there is no face to draw."""
+    def of_pieces(cls, pieces: Sequence[TopoDS_Shape], *, angle: float | None = None) -> Scene:
+        """The pieces in one colour; `angle`: between neighbouring facets, radians. KernelError if there is no face."""
         if not pieces:
             raise KernelError("draw", "the shape has no face")
         whole = make_compound(pieces)
-        angle = FINE_FACET_ANGLE if fine else MAX_FACET_ANGLE
-        found = tessellate(whole, DEFLECTION_FRACTION * box_diagonal(whole), angle)
+        found = tessellate(whole, DEFLECTION_FRACTION * box_diagonal(whole), angle or MAX_FACET_ANGLE)
         faces = tuple(faces_of(whole))
         piece_of_face = np.repeat(np.arange(len(pieces)), [len(faces_of(piece)) for piece in pieces])
         piece = piece_of_face[found.face[found.triangles[:, 0]]]
@@ -103,6 +101,10 @@ class Scene:
     def with_values(self, values: Array) -> Scene:
         """The scene with a value at each point, NaN where there is none."""
         return replace(self, values=values)
+
+    def has_spline(self) -> BoolArray:
+        """Whether each face (F,) lies on a B-spline surface."""
+        return np.array([isinstance(BRep_Tool.Surface_s(face), Geom_BSplineSurface) for face in self.faces])
 
     def mean_curvature(self) -> Array:
         """Mean curvature at each point (n,), positive where the solid is convex; NaN at singular points."""
