@@ -66,7 +66,9 @@ def optimise_density(n: int, steps: int = 12, fraction: float = 0.25) -> Array:
         low_price, high_price = 1e-12 * gain.max(), gain.max() * 1e3
         while high_price / low_price > 1 + 1e-4:
             price = np.sqrt(low_price * high_price)
-            update = np.clip(density * np.sqrt(gain / price), np.maximum(density - 0.2, 0), np.minimum(density + 0.2, 1))
+            update = np.clip(
+                density * np.sqrt(gain / price), np.maximum(density - 0.2, 0), np.minimum(density + 0.2, 1)
+            )
             low_price, high_price = (price, high_price) if update.mean() > fraction else (low_price, price)
         density = update
     return np.asarray(gaussian_filter(density, 1.0, mode="nearest"))
@@ -123,7 +125,11 @@ def scan_row(n: int, folder: Path) -> Iterator[Row]:
     import nrrd
 
     grey = scan_bone(n)
-    header = {"space": "left-posterior-superior", "space directions": np.diag([0.06, 0.06, 0.08]), "space origin": [3, 4, 5]}
+    header = {
+        "space": "left-posterior-superior",
+        "space directions": np.diag([0.06, 0.06, 0.08]),
+        "space origin": [3, 4, 5],
+    }
     nrrd.write(str(folder / "scan.nrrd"), grey.astype(np.float32), header)
     started = time.process_time()
     field = fields.sampled(folder / "scan.nrrd", level=500.0)
@@ -163,7 +169,9 @@ def main() -> None:
     parser.add_argument("rows", nargs="*", choices=list(ROWS), help="by default all")
     parser.add_argument("--samples", type=int, default=64, help="samples along each axis of density and scan")
     arguments = parser.parse_args()
-    print(f"{'solid':22} {'':8} {'faces':>6} {'deviation':>19} {'Betti':16} {'volume':>10} {'counted':>10} {'field s':>7} {'solid s':>7} {'MB':>7}")
+    print(
+        f"{'solid':22} {'':8} {'faces':>6} {'deviation':>19} {'Betti':16} {'volume':>10} {'counted':>10} {'field s':>7} {'solid s':>7} {'MB':>7}"
+    )
     with TemporaryDirectory() as folder:
         for name in arguments.rows or ROWS:
             for row in ROWS[name](arguments.samples, Path(folder)):
