@@ -6,6 +6,7 @@ comes before the fits, and computes the volume fraction of its field.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,8 +18,7 @@ from tpmscad.blending import BlendResult
 from tpmscad.errors import NotMet
 from tpmscad.fields import Field
 from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
-from tpmscad.recipe.solid_recipe import SolidRecipe, read_solid_recipe
-from tpmscad.recipe.value_types import RecipeBox
+from tpmscad.recipe.solid_recipe import SolidDomain, SolidRecipe, read_solid_recipe
 
 if TYPE_CHECKING:
     from tpmscad.workflows import Model
@@ -81,7 +81,7 @@ class SolidRun:
     """A field that was read, to be made a solid in a box or a body within `tol` (mm); of a recipe, if there is one."""
 
     field: Field
-    domain: RecipeBox | Path
+    domain: SolidDomain
     tol: float
     recipe: SolidRecipe | None = None
     keep_loose: bool = False
@@ -113,9 +113,12 @@ class SolidRun:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""
         with self._locate_errors():
             found = workflows.preview_solid(self.field, self.domain, tol=self.tol)
-        domain = str(self.domain) if isinstance(self.domain, Path) else [list(corner) for corner in self.domain]
-        content = {"domain": domain, "tol": self.tol, "volume_fraction": found.volume_fraction}
-        text = f"domain {domain}, about {100 * found.volume_fraction:.1f} % solid, tolerance {self.tol:g}"
+        box = [list(corner) for corner in found.box]
+        content = {"domain": box, "tol": self.tol, "volume_fraction": found.volume_fraction}
+        if self.recipe is not None:
+            content["domain"] = self.recipe.recipe["domain"].value
+        fraction = f"about {100 * found.volume_fraction:.1f} % of it solid"
+        text = f"box {_format_corner(box[0])} to {_format_corner(box[1])}, {fraction}, tolerance {self.tol:g}"
         return text, content
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
@@ -126,6 +129,10 @@ class SolidRun:
 
     def _locate_errors(self) -> AbstractContextManager[None]:
         return nullcontext() if self.recipe is None else self.recipe.locate_errors()
+
+
+def _format_corner(corner: Sequence[float]) -> str:
+    return f"({', '.join(f'{x:.6g}' for x in corner)})"
 
 
 def _make_solid(field: Field, domain: Any, tol: float, keep_loose: bool, progress: Progress | None) -> Model:

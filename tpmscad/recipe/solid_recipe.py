@@ -1,7 +1,7 @@
 """Recipes of solids: a field, a box or a body, and a tolerance in a TOML file.
 
 tol = 0.02
-domain = [[0, 0, 0], [10, 10, 20]]      # or "part.step"
+domain = [[0, 0, 0], [10, 10, 20]]      # or "part.step", or { kind = "cylinder", ... }
 
 [field]
 kind = "rod"
@@ -22,17 +22,24 @@ from tpmscad.errors import InvalidRequest, LevelSetError, RecipeError
 from tpmscad.fields import Field
 from tpmscad.recipe.field_kind import Key, KeyTable
 from tpmscad.recipe.field_reader import FIELDS_KEY, make_field_reader
+from tpmscad.recipe.region_fields import REGION_KINDS
 from tpmscad.recipe.toml_entry import Entry, read_document
-from tpmscad.recipe.value_types import FIELD, POSITIVE, RecipeBox, plain_type, read_box_corners
+from tpmscad.recipe.value_types import FIELD, POSITIVE, ReadField, RecipeBox, ValueType, read_box_corners
+
+BODY_KINDS = ("box", "cylinder", "sphere")
+"""Kinds of regions that may be a domain, as exact bodies."""
+
+SolidDomain = RecipeBox | Path | Field
+"""What a field is made a solid in: a box, the solid of a STEP file, or a primitive region as a body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidRecipe:
-    """A field to be made a solid in a box or in the body of a STEP file, and the tolerance (mm)."""
+    """A field to be made a solid in a box or a body, and the tolerance (mm)."""
 
     recipe: Entry
     field: Field
-    domain: RecipeBox | Path
+    domain: SolidDomain
     tol: float
 
     @contextmanager
@@ -48,8 +55,13 @@ class SolidRecipe:
             raise LevelSetError(str(self.recipe["field"].error(str(error)))) from error
 
 
-def read_solid_domain(entry: Entry) -> RecipeBox | Path:
-    """Two corners of a box, or the path of a STEP file."""
+def read_solid_domain(entry: Entry, read: ReadField) -> SolidDomain:
+    """Two corners of a box, the path of a STEP file, or a primitive body."""
+    if isinstance(entry.value, dict):
+        body = REGION_KINDS[entry["kind"].string(BODY_KINDS)].read(entry, read)
+        if getattr(body, "height", 0.0) is None:
+            raise entry.error("a cylinder that is filled needs ends: give its height")
+        return body
     return entry.sibling_file() if isinstance(entry.value, str) else read_box_corners(entry)
 
 
@@ -58,8 +70,9 @@ SOLID_KEYS = KeyTable(
         Key("field", FIELD, "the solid is where this field is negative: [field]"),
         Key(
             "domain",
-            plain_type("2 corners or file name", read_solid_domain),
-            "the box [[x0, y0, z0], [x1, y1, z1]], or a STEP file with one solid, whose faces stay exact",
+            ValueType("2 corners, file name or table", read_solid_domain),
+            "the box [[x0, y0, z0], [x1, y1, z1]]; or a body, whose faces stay exact: a STEP file with one solid, or a table of "
+            f"kind {', '.join(BODY_KINDS)}",
             "mm",
         ),
         Key("tol", POSITIVE, "greatest deviation of the solid from the field", "mm"),

@@ -68,7 +68,8 @@ def fluid_domains(
     Parameters
     ----------
     body : shape, str or Path
-        One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file.
+        One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` or
+        ``fields.cylinder`` with a height.
     surface : str
         Name of a surface (see ``tpmscad surfaces``).
     cell : float or (3,) floats

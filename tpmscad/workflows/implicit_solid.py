@@ -48,8 +48,9 @@ def solidify(
     field : Field or callable
         A field of `tpmscad.fields`, or a function of points (..., 3) -> (...); negative is solid.
     domain : ((x0, y0, z0), (x1, y1, z1)) or body
-        A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, or the path of a
-        STEP file. A body's own faces stay exact, and the field beyond the body's bounding box does not matter.
+        A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the path of a
+        STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay exact, and the field
+        beyond the body's bounding box does not matter.
     tol : float
         Greatest orthogonal deviation between the surface and the level set, model units.
     executor : concurrent.futures.Executor, optional

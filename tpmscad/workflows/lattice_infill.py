@@ -68,7 +68,8 @@ def infill(
     Parameters
     ----------
     body : shape, str or Path
-        One closed solid: a build123d, CadQuery or TopoDS shape, or the path of a STEP file.
+        One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` or
+        ``fields.cylinder`` with a height.
     surface : str, Field or callable
         Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A field
         takes `tol`, `skin`, `open_faces` and `progress` only.

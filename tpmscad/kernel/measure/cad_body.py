@@ -10,6 +10,7 @@ import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.build.region_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import solids_of, unwrap
@@ -34,7 +35,9 @@ class CadBody:
 
 
 def read_body(source: Any) -> CadBody:
-    """The single solid of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape or a STEP file.
+    """The single solid of a build123d or CadQuery object (builders and workplanes too), a TopoDS shape, a region or a STEP file.
+
+    Regions are `fields.box`, `fields.sphere` and `fields.cylinder` with a height.
 
     Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
     invalid or inside out, or if the file is no STEP file.
@@ -73,6 +76,8 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
             raise InvalidRequest(f"{error.status}: give a STEP file with one solid") from error
     if isinstance(source, CadBody):
         return source.shape, source.name
+    if isinstance(source, PrimitiveRegion):
+        return make_region_solid(source), f"the {type(source).__name__.removesuffix('Region').lower()}"
     if hasattr(source, "findSolid"):  # a CadQuery Workplane: the solid on its stack or in its parents
         try:
             source = source.findSolid()
@@ -86,6 +91,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
         shape = None
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
         raise InvalidRequest(
-            f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape or a STEP file's path"
+            f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, a STEP file's path, or "
+            "fields.box, fields.sphere or fields.cylinder"
         )
     return shape, str(getattr(source, "label", "") or "the body")
