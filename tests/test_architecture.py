@@ -78,6 +78,7 @@ ONLY_IN = {
 """Packages that a single file may import, finer than its room's row above."""
 
 SHORT = {
+    "tpmscad/kernel/build/region_solids.py": "one function",
     "tpmscad/__main__.py": "runs the command line",
     "tpmscad/_lazy_import.py": "one function",
     "tpmscad/_typing.py": "aliases only",

@@ -21,7 +21,15 @@ _KEYWORD = re.compile(
     |(?<![\w./-])(?P<plain>[a-z]+(?:_[a-z]+)+)(?![\w(./])""",
     re.VERBOSE,
 )
-_FUNCTION = re.compile(r"\btpmscad\.([a-z_]+)")
+COMMAND_OF_FUNCTION: Mapping[str, str] = {
+    **{name: name for name in ("lattice", "infill", "solidify", "blend")},
+    "fluid_domains": "domains",
+    "check_step": "check",
+    "render_step": "render",
+}
+"""Commands by the public functions that they call."""
+
+_FUNCTION = re.compile(rf"\btpmscad\.({'|'.join(COMMAND_OF_FUNCTION)})\b")
 
 RENAMED_VALUES: Mapping[tuple[str, str], str] = {
     ("loose", "keep"): "--keep-loose",
@@ -46,7 +54,7 @@ def speak_in_options(message: str, options: Mapping[str, str]) -> str:
             return RENAMED_VALUES[keyword, value]
         return option if value in ("", "True") else f"{option} {value}"
 
-    return _FUNCTION.sub(r"tpmscad \1", _KEYWORD.sub(replace, message))
+    return _FUNCTION.sub(lambda match: f"tpmscad {COMMAND_OF_FUNCTION[match[1]]}", _KEYWORD.sub(replace, message))
 
 
 def options_of(command: Callable[..., Any]) -> dict[str, str]:

@@ -146,7 +146,7 @@ def as_map(function: Map | Callable[[Array], Array]) -> Map:
     """
     if not callable(function):
         raise InvalidRequest(
-            f"map {function!r} is no function of points: give one of tpmscad.maps, such as maps.cylinder(20), or your own"
+            f"map {function!r} is no function of points: give one of tpmscad.maps, such as `maps.cylinder`, or your own"
         )
     return function if isinstance(function, Map) else Map(function, name=getattr(function, "__name__", "user map"))
 
