@@ -218,7 +218,7 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
                 if len(rows):
                     at = start[rows]
                     poles = np.stack([fit.patches[j] for j in numbers])[np.searchsorted(numbers, patch[at])]
-                    distance = _foot_point_distances(poles, points[chosen[rows]], u[at], v[at], p, q)
+                    distance = foot_point_distances(poles, points[chosen[rows]], u[at], v[at], p, q)
                     best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
     return best
 
@@ -322,7 +322,7 @@ def _gather_side_samples(samples: PatchSamples, sides: IntArray) -> tuple[Array,
     return normals, curvatures
 
 
-def _foot_point_distances(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Array:
+def foot_point_distances(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Array:
     """Distances (n,) from points to their foot points on patches, one each, from starting parameters.
 
     The Gauss-Newton steps are kept inside the patch: a parameter that would leave it stays, and the other takes its own best
