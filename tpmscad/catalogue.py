@@ -30,10 +30,10 @@ class SurfaceRecord:
       cubic cell is the same unless the text states another edge.
     - `genus`: genus of the nodal surface in the quotient by the primitive lattice of `space_group`.
     - `value_range`: minimum and maximum of f, found by minimisation from the extreme samples of a 128^3 grid, to 1e-12.
-    - `patches_per_cell`: number of primitive patches in the cubic cell; 0 if there are none.
+    - `patches_per_cell`: number of primitive patches in the cubic cell; 0 if they are fitted to a mesh of one period.
     - `references`: surfaces a lattice can be fitted to: "minimal" (exact), "nodal" (the level set f = 0).
     - `primitives`: "exact" for patches of the minimal surface or its nodal counterpart, "mirrored" for pieces of the nodal
-      surface bounded by mirror planes, None if only `tpmscad.solidify` makes solids of the formula.
+      surface bounded by mirror planes, "level set" for patches fitted to the nodal surface of one period.
     - `source`: origin of the surface; `formula_source`: publication of the formula.
     """
 
@@ -47,7 +47,7 @@ class SurfaceRecord:
     value_range: tuple[float, float]
     patches_per_cell: int
     references: tuple[str, ...]
-    primitives: str | None
+    primitives: str
     source: str
     formula_source: str
 
@@ -163,8 +163,8 @@ _RECORDS = (
         genus=17,
         value_range=(-1.35, 1.15),
         patches_per_cell=0,
-        references=(),
-        primitives=None,
+        references=("nodal",),
+        primitives="level set",
         source="S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769",
         formula_source=_MINISURF,
     ),
@@ -181,8 +181,8 @@ _RECORDS = (
         genus=9,
         value_range=(-1.8, 1.81),
         patches_per_cell=0,
-        references=(),
-        primitives=None,
+        references=("nodal",),
+        primitives="level set",
         source=_WOHLGEMUTH,
         formula_source=_WOHLGEMUTH,
     ),
@@ -196,8 +196,8 @@ _RECORDS = (
         genus=11,
         value_range=(-math.sqrt(2), math.sqrt(2)),
         patches_per_cell=0,
-        references=(),
-        primitives=None,
+        references=("nodal",),
+        primitives="level set",
         source="W. Fischer, E. Koch, Acta Cryst. A 43 (1987) 559",
         formula_source=_NESPER,
     ),
@@ -211,8 +211,8 @@ _RECORDS = (
         genus=10,
         value_range=(-0.75, 3.25),
         patches_per_cell=0,
-        references=(),
-        primitives=None,
+        references=("nodal",),
+        primitives="level set",
         source=_SCHOEN,
         formula_source=_MINISURF,
     ),

@@ -235,9 +235,9 @@ def test_a_foot_is_where_the_point_was_lifted_from(name: str) -> None:
         waves.project_to_level_set(np.array([[0.5, 0.5, 0.5]]) + 1e-7)
 
 
-@pytest.mark.parametrize("name", [i.name for i in surfaces.CATALOGUE.values() if i.primitives is None])
-def test_a_surface_without_primitives_is_referred_to_solidify(name: str) -> None:
-    with pytest.raises(InvalidRequest, match=r"tpmscad\.solidify"):
-        surfaces.primitive_patch(name)
+@pytest.mark.parametrize("name", [i.name for i in surfaces.CATALOGUE.values() if i.primitives == "level set"])
+def test_a_surface_of_level_set_patches_has_no_exact_ones(name: str) -> None:
+    with pytest.raises(InvalidRequest, match="patches of its nodal level set are fitted"):
+        surfaces.primitive_patch(name, "nodal")
     with pytest.raises(InvalidRequest, match="no mirror tetrahedron"):
         surfaces.mirror_symmetry(name)

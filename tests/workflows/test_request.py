@@ -70,8 +70,11 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
             {"surface": "I-WP", "thickness": 0.5, "cell": (10, 10, 12)},
             ("[10.0, 10.0, 12.0]", "mirror planes of the I-WP"),
         ),
-        ({"surface": "lidinoid", "thickness": 0.5}, ("Lidinoid", "tpmscad.solidify", "'lidinoid'")),
-        ({"surface": "S", "kind": "skeletal", "reference": "nodal"}, ("Fischer-Koch S", "tpmscad.solidify")),
+        ({"surface": "lidinoid", "thickness": 0.6}, ("offset", "lidinoid", "between -0.28", "0.338", "thin")),
+        ({"surface": "lidinoid", "thickness": 0.5, "map": IDENTITY}, ("Lidinoid", "map", "tpmscad.solidify")),
+        ({"surface": "S", "thickness": 0.5, "boundary": "natural"}, ("Fischer-Koch S", "boundary='box'")),
+        ({"porosity": 0.7, "volume_fraction": 0.3}, ("volume_fraction and porosity",)),
+        ({"porosity": 1.2}, ("porosity 1.2", "below 1")),
     ],
 )
 def test_what_is_wrong_is_named_with_the_way_out(changes: dict[str, Any], words: tuple[str, ...]) -> None:

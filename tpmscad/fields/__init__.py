@@ -24,6 +24,7 @@ from tpmscad.fields.field import Field, as_field, constant, from_function
 from tpmscad.fields.image_regions import image_region
 from tpmscad.fields.implicit_bspline import bspline_unit
 from tpmscad.fields.nodal_field import tpms
+from tpmscad.fields.normal_distance import normal_distance, wall
 from tpmscad.fields.primitive_regions import box, cylinder, halfspace, sphere
 from tpmscad.fields.ramps import coordinate, linear, ramp
 from tpmscad.fields.sampled_data import sampled
@@ -52,6 +53,7 @@ __all__ = [
     "image_region",
     "intersection",
     "linear",
+    "normal_distance",
     "pore",
     "ramp",
     "rod",
@@ -69,5 +71,6 @@ __all__ = [
     "translate",
     "union",
     "volume_fraction",
+    "wall",
     "warp",
 ]

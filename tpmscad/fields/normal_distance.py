@@ -19,8 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
-from tpmscad.errors import InvalidRequest
+from tpmscad._typing import Array
 from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field

@@ -42,7 +42,7 @@ def cover_box(symmetry: PatchSymmetry, offsets: OffsetSurfaces, cells: tuple[int
     """
     faces = _place_layers(symmetry, offsets, _copies_around_box(symmetry.cell_motions, cells, phase))
     primitives = offsets.primitives
-    if _midlines_in_box_planes(primitives, faces, cells):
+    if midlines_in_box_planes(primitives, faces, cells):
         primitives = tuple(quarter for primitive in primitives for quarter in quarter_patch(primitive))
         faces = faces[np.repeat(np.arange(len(faces.carrier)), 4)]
         faces = replace(faces, carrier=4 * faces.carrier + np.tile(np.arange(4), len(faces.carrier) // 4))
@@ -189,8 +189,8 @@ def _reaches_into_box(points: Array, cells: tuple[int, int, int]) -> BoolArray:
     return np.asarray(((high > TOUCH_TOL_CELLS) & (low < np.array(cells) - TOUCH_TOL_CELLS)).all(axis=1))
 
 
-def _midlines_in_box_planes(
-    primitives: tuple[BSplineSurface, ...], faces: PlacedFaces, cells: tuple[int, int, int]
+def midlines_in_box_planes(
+    primitives: tuple[BSplineSurface, ...], faces: PlacedFaces, cells: Array | tuple[int, int, int]
 ) -> bool:
     """Whether a midline of some patch lies in a plane of the box."""
     t = np.linspace(0.0, 1.0, 5)

@@ -1,8 +1,8 @@
 """Bezier patches of a periodic level set, or of its normal offset: one patch of each orbit, fitted and measured.
 
-The patches lie over the polygons of a `TorusMesh`. All curves and patches have one degree, the lowest at which every patch is within
-the tolerance and smooth with its neighbours. Curves and patches that an isometry maps to themselves are given that symmetry to the
-last bits, so that copies meet to round-off.
+The patches lie over the polygons of a `TorusMesh`. All curves and patches have one degree, the lowest at which every patch is
+within the tolerance and smooth with its neighbours. Curves and patches that an isometry maps to themselves are given that
+symmetry to the last bits, so that copies meet to round-off.
 """
 
 from __future__ import annotations
@@ -35,7 +35,8 @@ MIN_NORMAL_COSINE = 0.95
 
 SAMPLES_PER_SIDE = 7
 NEAREST_PATCHES = (4, 24)
-"""Samples along each parameter of the patches among which the nearest to a point is looked for, and the number of starts, first try and retry."""
+"""Samples along each parameter of the patches, and the numbers of those nearest to a point from which its foot point is sought,
+first try and retry."""
 
 RETRY_FRACTION = 0.5
 """Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
@@ -79,8 +80,8 @@ class _Sides:
 def fit_torus(field: Field, mesh: TorusMesh, isometries: Motion, offset: float, samples: Array, tol: float) -> TorusFit:
     """The patches of the surface at the normal `offset` from {field = 0}, with the lowest degree that meets `tol`.
 
-    `samples` (n, 3) are points of {field = 0} at which the patches are tested too. Where no degree meets the limits the best fit is
-    returned: compare `met`.
+    `samples` (n, 3) are points of {field = 0} at which the patches are tested too. Where no degree meets the limits the best fit
+    is returned: compare `met`.
     """
     distance = NormalDistance(field) - offset
     sides = _reduce_sides(mesh, isometries)
@@ -115,7 +116,7 @@ def _reduce_sides(mesh: TorusMesh, isometries: Motion) -> _Sides:
     curve, sense = np.full(n, -1), np.zeros(n, np.int64)
     rotation, translation = np.zeros((n, 3, 3)), np.zeros((n, 3))
     representative = np.repeat(np.isin(polygons, mesh.representatives), 4)
-    ends = []
+    ends: list[Array] = []
     for k in np.flatnonzero(representative):
         if curve[k] >= 0:
             continue

@@ -103,6 +103,7 @@ def build_torus_mesh(field: Field, isometries: Motion, n_leaves: IntArray, origi
 
 def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> TorusMesh:
     """The mesh of a quotient, its representatives smoothed and all others placed."""
+    _check_closed(quotient)
     vertex_image, vertex_period = _match_images(quotient.start, isometries, quotient.period)
     midpoints = (quotient.start[quotient.corners] + quotient.corner_period * quotient.period).mean(axis=1)
     polygon_image, polygon_period = _match_images(midpoints, isometries, quotient.period)
@@ -117,6 +118,12 @@ def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> 
     if not np.array_equal(np.sort(corners, axis=1), np.sort(quotient.corners, axis=1)):
         raise LevelSetError("the mesh of a period does not have the symmetry of its field: use a finer grid")
     return TorusMesh(quotient.period, vertices, corners, corner_period, origin_of, motion)
+
+
+def count_euler_characteristic(field: Field, n_leaves: IntArray, origin: Array) -> int:
+    """Euler characteristic of {field = 0} in one period, on a grid as in `build_torus_mesh`."""
+    quotient = _reduce_dual_mesh(field, n_leaves, origin)
+    return len(quotient.start) - len(quotient.corners)  # every side belongs to two of the quadrilaterals
 
 
 def min_corner_sine(mesh: TorusMesh, field: Field) -> float:
@@ -153,9 +160,7 @@ def _weld_polygons(points: Array, period: Array, origin: Array) -> _Quotient:
     reduced = points - cell * period
     label, first = cluster_points(reduced.reshape(-1, 3), tolerance)
     corners = label.reshape(-1, 4)
-    quotient = _Quotient(period, reduced.reshape(-1, 3)[first], corners, cell)
-    _check_closed(quotient)
-    return quotient
+    return _Quotient(period, reduced.reshape(-1, 3)[first], corners, cell)
 
 
 def _select_strips(mesh: TorusMesh, field: Field) -> BoolArray:

@@ -107,7 +107,8 @@ def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
     record = find_surface(name)
     check_reference(record, reference)
     if record.primitives != "exact":
-        raise InvalidRequest(f"the {record.title} has no patch in closed form; its pieces between mirrors are fitted")
+        fitted = "its pieces between mirrors" if record.primitives == "mirrored" else "patches of its nodal level set"
+        raise InvalidRequest(f"the {record.title} has no patch in closed form; {fitted} are fitted")
     if reference == "minimal":
         return SurfacePatch(
             record.name,
@@ -141,10 +142,6 @@ def check_reference(record: SurfaceRecord, reference: str) -> None:
     """
     if reference in record.references:
         return
-    if not record.references:
-        raise InvalidRequest(
-            f"the {record.title} has no exact or mirrored primitives: make a solid of its field with tpmscad.solidify"
-        )
     raise InvalidRequest(
         f"reference {reference!r} of the {record.name} is unknown; choose one of {', '.join(record.references)}"
     )

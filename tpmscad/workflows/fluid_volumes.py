@@ -57,6 +57,7 @@ def fluid_domains(
     thickness: float | None = None,
     offset: Sequence[float] | None = None,
     volume_fraction: float | None = None,
+    porosity: float | None = None,
     reference: str | None = None,
     phase: Sequence[float] = (0.0, 0.0, 0.0),
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
@@ -75,11 +76,14 @@ def fluid_domains(
     cell : float or (3,) floats
         Edge length of the cell, or one for each axis, model units.
     thickness : float, optional
-        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`.
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
+        `volume_fraction` and `porosity`.
     offset : (float, float), optional
         Signed normal distances of the two sides of the wall, the lower first, model units.
     volume_fraction : float, optional
         Fraction of the whole cell that is wall, between 0 and 1.
+    porosity : float, optional
+        Void fraction of the whole cell, 1 - volume fraction.
     reference : {"minimal", "nodal"}, optional
         The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
     phase : (3,) floats, optional
@@ -120,6 +124,7 @@ def fluid_domains(
         thickness=thickness,
         offset=offset,
         volume_fraction=volume_fraction,
+        porosity=porosity,
         reference=reference,
         phase=phase,
         tol=tol,

@@ -26,7 +26,6 @@ from tpmscad.kernel import CadBody, enclosing_box, transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.mapped_lattice import MappedFit
 from tpmscad.lattices.maps import Map, stretching
-from tpmscad.lattices.sources import lattice_source
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
@@ -34,6 +33,7 @@ from tpmscad.trimming import box, trim
 from tpmscad.workflows.certificate import PatchMeasures, require
 from tpmscad.workflows.field_patches import fit_field_patches
 from tpmscad.workflows.lattice_request import LatticeRequest
+from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
 from tpmscad.workflows.patch_measures import measure_field_patches, measure_lattice_patches
 
 BLOCK_MARGIN_CELLS = 0.1237
@@ -78,9 +78,9 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Fracti
         )
     cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
     mapping = None
-    if len(set(request.cell)) == 1:
+    if len(set(request.cell)) == 1 or is_level_set_surface(request.surface):
         cell = request.cell[0]
-        source = lattice_source(request.surface, request.reference)
+        source = resolve_source(request)
         fit = source.fit(request.layer_offsets, cell, request.tol)
         patches = scale_brep(source.cover(fit.sheet, cells, phase).brep, cell)
         deviation, bounds, convergence = fit.deviation, fit.bounds, fit.convergence

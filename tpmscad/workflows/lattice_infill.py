@@ -28,11 +28,11 @@ from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
 from tpmscad.workflows.certificate import certify_kernel_solids
 from tpmscad.workflows.face_selection import resolve_face_selectors
+from tpmscad.workflows.keyword_checks import check_finite
 from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
 from tpmscad.workflows.lattice_request import (
     INFILL_DEFAULTS,
     LatticeRequest,
-    check_finite,
     resolve_lattice_request,
     rotation_matrix,
 )
@@ -51,6 +51,7 @@ def infill(
     thickness: float | None = None,
     offset: float | Sequence[float] | None = None,
     volume_fraction: float | None = None,
+    porosity: float | None = None,
     kind: str = "sheet",
     side: str = "-",
     reference: str | None = None,
@@ -76,11 +77,14 @@ def infill(
     cell : float or (3,) floats
         Edge length of the cell, or one for each axis, model units. Required for a surface.
     thickness : float, optional
-        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`.
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
+        `volume_fraction` and `porosity`.
     offset : float or (float, float), optional
         Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
     volume_fraction : float, optional
         Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
+    porosity : float, optional
+        Void fraction of the whole cell, 1 - volume fraction.
     kind : {"sheet", "skeletal"}, optional
         Between two offset surfaces, or on one side of one.
     side : {"-", "+"}, optional
@@ -127,6 +131,7 @@ def infill(
         "thickness": thickness,
         "offset": offset,
         "volume_fraction": volume_fraction,
+        "porosity": porosity,
         "kind": kind,
         "side": side,
         "reference": reference,

@@ -20,6 +20,13 @@ from tpmscad._typing import Array, Progress
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.maps import Map
 from tpmscad.lattices.sources import lattice_source
+from tpmscad.workflows.keyword_checks import (
+    check_cell_counts,
+    check_positive,
+    check_positive_triple,
+    check_triple,
+)
+from tpmscad.workflows.wall_request import resolve_wall
 
 MIN_TOL = 2e-7
 """Model units: twice the distance of 1e-7 below which the kernel merges points."""
@@ -45,6 +52,7 @@ class WallOptions(TypedDict, total=False):
     thickness: float | None
     offset: float | Sequence[float] | None
     volume_fraction: float | None
+    porosity: float | None
     reference: str | None
     phase: Sequence[float]
     tol: float | None
@@ -78,6 +86,7 @@ LATTICE_DEFAULTS: Mapping[str, Any] = {
     "thickness": None,
     "offset": None,
     "volume_fraction": None,
+    "porosity": None,
     "kind": "sheet",
     "side": "-",
     "reference": None,
@@ -94,6 +103,7 @@ INFILL_DEFAULTS: Mapping[str, Any] = {
     "thickness": None,
     "offset": None,
     "volume_fraction": None,
+    "porosity": None,
     "kind": "sheet",
     "side": "-",
     "reference": None,
@@ -133,7 +143,8 @@ class LatticeRequest:
     """A valid request for a lattice, in model units.
 
     `cell` holds the three edges, `cells` the counts, `offset` the normal distances of the two walls (sheet) or of the one surface
-    twice (skeletal), `phase` the shift in cells, `tol` the greatest deviation.
+    twice (skeletal), `levels` the nodal levels of the two walls if they are no offsets of one surface, `notes` what the
+    certificate says of the wall, `phase` the shift in cells, `tol` the greatest deviation.
     """
 
     surface: str
@@ -146,6 +157,8 @@ class LatticeRequest:
     boundary: str
     phase: tuple[float, float, float]
     tol: float
+    levels: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
 
     @property
     def layer_offsets(self) -> tuple[float | None, float | None]:
@@ -181,63 +194,45 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
         )
-    edges = _check_positive_triple("cell", given["cell"])
-    counts = _check_cell_counts(given["cells"])
-    phase = _check_triple("phase", given["phase"])
+    edges = check_positive_triple("cell", given["cell"])
+    counts = check_cell_counts(given["cells"])
+    phase = check_triple("phase", given["phase"])
     has_mapping = given["map"] is not None or len(set(edges)) > 1
-    if has_mapping and not lattice_source(name, reference).can_be_mapped:
+    if info.primitives == "level set":
+        _check_level_set_request(info.title, boundary, given["map"])
+    elif has_mapping and not lattice_source(name, reference).can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
             "are made: give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
         )
-    tol = DEFAULT_TOL_CELLS * min(edges) if given["tol"] is None else _check_positive("tol", given["tol"])
+    tol = DEFAULT_TOL_CELLS * min(edges) if given["tol"] is None else check_positive("tol", given["tol"])
     least = max(MIN_TOL, MIN_TOL_CELLS * min(edges))
     if tol < least:
         raise InvalidRequest(
             f"tol {tol:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
             "ask for more, or scale the model up"
         )
-    offset = _resolve_offsets(name, given, edges[0], has_mapping)
+    wall = resolve_wall(name, given, edges[0], has_mapping)
     if not has_mapping:
-        for distance in offset:
+        for distance in wall.offset:
             surfaces.check_offset(name, reference, distance, edges[0])
-    return LatticeRequest(name, edges, counts, offset, kind, side, reference, boundary, phase, tol)
+    return LatticeRequest(
+        name, edges, counts, wall.offset, kind, side, reference, boundary, phase, tol, wall.levels, wall.notes
+    )
 
 
-def _resolve_offsets(name: str, given: Mapping[str, Any], cell: float, has_mapping: bool) -> tuple[float, float]:
-    """The two normal distances that the one of thickness, offset and volume_fraction in `given` asks for, in model units."""
-    kind = given["kind"]
-    named = [keyword for keyword in ("thickness", "offset", "volume_fraction") if given[keyword] is not None]
-    if kind == "skeletal":
-        if "thickness" in named:
-            raise InvalidRequest("a skeletal solid has no thickness; give offset= (one distance) or volume_fraction=")
-        if not named:
-            return 0.0, 0.0
-    if len(named) != 1:
-        listed = " and ".join(named) if named else "none of them"
-        raise InvalidRequest(f"give exactly one of thickness, offset, volume_fraction; here: {listed}")
-    if "volume_fraction" in named:
-        fraction = _check_positive("volume_fraction", given["volume_fraction"])
-        if fraction >= 1:
-            raise InvalidRequest(f"volume_fraction {fraction:g} must lie below 1")
-        if has_mapping:
-            raise InvalidRequest(
-                "volume_fraction is solved for cubic cells without a map; give thickness or offset instead"
-            )
-        return surfaces.offsets_for(name, given["reference"], fraction, kind, cell, given["side"])
-    if "thickness" in named:
-        half = _check_positive("thickness", given["thickness"]) / 2
-        return -half, half
-    values = np.atleast_1d(np.asarray(given["offset"], float))
-    if not np.isfinite(values).all():
-        raise InvalidRequest(f"offset {values.tolist()} must be finite")
-    if kind == "skeletal":
-        if values.size != 1:
-            raise InvalidRequest(f"a skeletal solid has one offset, not {values.size}")
-        return float(values[0]), float(values[0])
-    if values.size != 2 or values[0] >= values[1]:
-        raise InvalidRequest(f"offset {values.tolist()} of a sheet must be two distances, the lower first")
-    return float(values[0]), float(values[1])
+def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
+    """InvalidRequest for what a lattice of fitted level-set patches cannot have."""
+    if map is not None:
+        raise InvalidRequest(
+            f"the patches of the {title} are fitted to one period and copied, which a map does not allow: "
+            "make a solid of the mapped field, tpmscad.solidify(fields.warp(...), box, tol=...)"
+        )
+    if boundary == "natural":
+        raise InvalidRequest(
+            f"the patches of the {title} do not end at a boundary of whole cells, so it has no natural one: "
+            "use boundary='box'"
+        )
 
 
 def lattice_size(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
@@ -257,42 +252,3 @@ def rotation_matrix(rotation: Sequence[float]) -> Array:
     matrix = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
     rounded = np.rint(matrix)
     return np.asarray(rounded if np.abs(matrix - rounded).max() < EXACT_ROTATION_TOL else matrix)
-
-
-def check_finite(label: str, value: Any) -> float:
-    """The value as a float; InvalidRequest if it is not a finite number."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InvalidRequest(f"{label} {value!r} is not a number") from None
-    if not np.isfinite(number):
-        raise InvalidRequest(f"{label} {number:g} must be finite")
-    return number
-
-
-def _check_positive(label: str, value: Any) -> float:
-    number = check_finite(label, value)
-    if number <= 0:
-        raise InvalidRequest(f"{label} {number:g} must be positive")
-    return number
-
-
-def _check_triple(label: str, value: Any) -> tuple[float, float, float]:
-    values = list(value) if np.ndim(value) else [value]
-    if len(values) != 3:
-        raise InvalidRequest(f"{label} takes three numbers, one for each axis; here {len(values)}")
-    x, y, z = (check_finite(label, v) for v in values)
-    return x, y, z
-
-
-def _check_positive_triple(label: str, value: Any) -> tuple[float, float, float]:
-    x, y, z = (_check_positive(label, v) for v in _check_triple(label, [value] * 3 if not np.ndim(value) else value))
-    return x, y, z
-
-
-def _check_cell_counts(cells: Any) -> tuple[int, int, int]:
-    x, y, z = _check_positive_triple("cells", cells)
-    for value in (x, y, z):
-        if value != int(value):
-            raise InvalidRequest(f"cells {value:g} must be a whole number; trim the solid to take part of a cell")
-    return int(x), int(y), int(z)

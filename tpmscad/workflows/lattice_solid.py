@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -22,9 +23,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import TrimmingError
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
-from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.lattices.self_contact import require_no_self_contact
-from tpmscad.lattices.sources import lattice_source
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
@@ -32,6 +31,7 @@ from tpmscad.workflows.attempts import Attempt, first_success
 from tpmscad.workflows.certificate import certify
 from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
+from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
 from tpmscad.workflows.reference_distance import lattice_distance
@@ -48,6 +48,7 @@ def lattice(
     thickness: float | None = None,
     offset: float | Sequence[float] | None = None,
     volume_fraction: float | None = None,
+    porosity: float | None = None,
     kind: str = "sheet",
     side: str = "-",
     reference: str | None = None,
@@ -68,12 +69,14 @@ def lattice(
     cells : int or (3,) ints, optional
         Number of cells along every axis, or along each.
     thickness : float, optional
-        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset` and `volume_fraction`; a skeletal
-        lattice may also take none.
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`;
+        a skeletal lattice may also take none.
     offset : float or (float, float), optional
         Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
     volume_fraction : float, optional
         Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
+    porosity : float, optional
+        Void fraction of the whole cell, 1 - volume fraction.
     kind : {"sheet", "skeletal"}, optional
         Between two offset surfaces, or on one side of one.
     side : {"-", "+"}, optional
@@ -120,6 +123,7 @@ def lattice(
         thickness=thickness,
         offset=offset,
         volume_fraction=volume_fraction,
+        porosity=porosity,
         kind=kind,
         side=side,
         reference=reference,
@@ -167,7 +171,7 @@ class LatticePatches:
 def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
     """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
     stretch = None
-    if len(set(request.cell)) > 1:
+    if len(set(request.cell)) > 1 and not is_level_set_surface(request.surface):
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
         return stretch
@@ -183,14 +187,14 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
 
     def fit_and_copy(tol: float) -> LatticePatches:
         with stages("fit"):
-            source = lattice_source(request.surface, request.reference)
+            source = resolve_source(request)
             fit = source.fit(request.layer_offsets, cell, tol)
         brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
         if tol < request.tol:
             notes = (*notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
         unit_cell = UnitCell(
             lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
-            cell * _cell_origins(request.cells),
+            np.array(request.cell) * _cell_origins(request.cells),
         )
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell)
 
@@ -199,11 +203,11 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
 
 
 def _copy_primitives(
-    request: LatticeRequest, sheet: OffsetSurfaces, cells: tuple[int, int, int], stages: StageTimer
+    request: LatticeRequest, sheet: Any, cells: tuple[int, int, int], stages: StageTimer
 ) -> tuple[Brep, tuple[str, ...]]:
     """The boundary representation of the copies of the fitted primitives, in model units, and notes on it."""
     cell, phase = request.cell[0], np.array(request.phase)
-    source = lattice_source(request.surface, request.reference)
+    source = resolve_source(request)
     with stages("assemble"):
         assemble = source.natural if request.boundary == "natural" else source.cover
         assembly = assemble(sheet, cells, phase)
@@ -212,7 +216,7 @@ def _copy_primitives(
         return brep, ()
     low = cell * assembly.trim_corner
     with stages("trim"):
-        return _trim_by_box(brep, low, low + cell * np.array(cells, float), cell)
+        return _trim_by_box(brep, low, low + np.array(request.cell) * np.array(cells, float), cell)
 
 
 def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:

@@ -11,9 +11,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.edge_continuity import measure_edge_continuity
+from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.lattices.maps import Map
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.workflows.certificate import Check, PatchMeasures, require
@@ -54,6 +55,8 @@ def measure_lattice_patches(
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
     continuity = measure_edge_continuity(brep, OFFSET_TAGS)
+    if surfaces.find_surface(request.surface).primitives == "level set":
+        return _measure_level_set_patches(request, continuity, deviation, notes)
     limits = (
         (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
         if mapping is None
@@ -70,7 +73,25 @@ def measure_lattice_patches(
         bounds=bounds,
         figures={"CPIA iterations": convergence.iterations, "CPIA bound": convergence.bound},
         checks=tuple(map(Check, names, values, limits)),
-        notes=notes,
+        notes=(*notes, *request.notes),
+    )
+
+
+def _measure_level_set_patches(
+    request: LatticeRequest, continuity: EdgeContinuity, deviation: Deviation, notes: tuple[str, ...]
+) -> PatchMeasures:
+    """The measures of patches fitted to a nodal level set, whose joints are tangent within the limit of fields."""
+    surface = f"nodal {request.surface} surface" if request.levels is None else f"nodal {request.surface} level sets"
+    return PatchMeasures(
+        request.tol,
+        deviation,
+        surface,
+        continuity,
+        checks=(
+            Check("gap", continuity.gap, MAX_GAP_CELLS * max(request.cell)),
+            Check("tangent jump in degrees", continuity.tangent_jump_deg, MAX_FIELD_TANGENT_JUMP_DEG),
+        ),
+        notes=(*notes, *request.notes),
     )
 
 
