@@ -161,8 +161,8 @@ class LevelSetSource:
         low, high = (cell * limit for limit in measure_offset_limits(make_periodic_layout(self._field(0.0))))
         if not low < distance < high:
             raise InvalidRequest(
-                f"offset {distance:g} (thickness {2 * abs(distance):g} if symmetric) passes the curvature radius of the stretched "
-                f"{self.name}: offsets stay between {low:.4g} and {high:.4g}; thin the wall or enlarge the cell"
+                f"offset {distance:g} (thickness {2 * abs(distance):g} if symmetric) passes the curvature radius of the "
+                f"stretched {self.name}: offsets stay between {low:.4g} and {high:.4g}; thin the wall or enlarge the cell"
             )
 
     def _field(self, level: float) -> Field:
