@@ -19,6 +19,35 @@ from tpmscad.errors import InvalidRequest
 MAX_SUGGESTIONS = 3
 """Greatest number of similar names in the message about an unknown surface."""
 
+Phase = tuple[float, float, float]
+"""Shift of a lattice along x, y and z, in cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class OnePiecePhases:
+    """Phases at which a lattice in a box of whole cells is one connected piece, at every offset that the surface allows.
+
+    One cell in one piece makes a block of cells one piece, since neighbours share the solid in their common face. Where the
+    endless solid itself falls apart, as thin skeletal solids of some surfaces do, no phase joins it.
+
+    - `sheet`, `minus`, `plus`: phases of the sheet and of the skeletal solids on the sides "-" and "+".
+    - `skeletal_chips`: whether chips below 1 % of the solid remain at some offsets of the skeletal solids, because no phase is
+      free of them; `tpmscad.lattice` leaves them out and says so.
+    """
+
+    sheet: Phase = (0.0, 0.0, 0.0)
+    minus: Phase = (0.0, 0.0, 0.0)
+    plus: Phase = (0.0, 0.0, 0.0)
+    skeletal_chips: bool = False
+
+    def phase_of(self, kind: str = "sheet", side: str = "-") -> Phase:
+        """The phase of a kind, "sheet" or "skeletal", and of the solid side of a skeletal lattice."""
+        return self.sheet if kind == "sheet" else self.minus if side == "-" else self.plus
+
+
+_SYMMETRY_PLANES = OnePiecePhases()
+"""The faces of the box lie in mirror planes, where they cut nothing off."""
+
 
 @dataclass(frozen=True, slots=True)
 class SurfaceRecord:
@@ -35,6 +64,7 @@ class SurfaceRecord:
     - `primitives`: "exact" for patches of the minimal surface or its nodal counterpart, "mirrored" for pieces of the nodal
       surface bounded by mirror planes, "level set" for patches fitted to the nodal surface of one period.
     - `source`: origin of the surface; `formula_source`: publication of the formula.
+    - `one_piece`: the phases that lattices in a box have unless another is asked for.
     """
 
     name: str
@@ -50,6 +80,7 @@ class SurfaceRecord:
     primitives: str
     source: str
     formula_source: str
+    one_piece: OnePiecePhases = _SYMMETRY_PLANES
 
 
 _WEIERSTRASS = "Enneper-Weierstrass with R = (tau^8 - 14 tau^4 + 1)^(-1/2), Bonnet angle"
@@ -74,6 +105,9 @@ _RECORDS = (
         primitives="exact",
         source=f"{_SCHOEN}; {_WEIERSTRASS} arccot(K'/K) = 38.0147740 degrees",
         formula_source=_NESPER,
+        one_piece=OnePiecePhases(
+            (0.27, 0.385, 0.48), (1 / 48, 5 / 48, 43 / 48), (47 / 48, 43 / 48, 5 / 48), skeletal_chips=True
+        ),
     ),
     SurfaceRecord(
         name="diamond",
@@ -89,6 +123,7 @@ _RECORDS = (
         primitives="exact",
         source=f"{_SCHWARZ}; {_WEIERSTRASS} 0",
         formula_source=_NESPER,
+        one_piece=OnePiecePhases((0.0625, 0.128, 0.378), (0.0625, 0.128, 0.378), (0.9375, 0.872, 0.622)),
     ),
     SurfaceRecord(
         name="schwarz_p",
@@ -167,6 +202,7 @@ _RECORDS = (
         primitives="level set",
         source="S. Lidin, S. Larsson, J. Chem. Soc. Faraday Trans. 86 (1990) 769",
         formula_source=_MINISURF,
+        one_piece=OnePiecePhases((0.0, 0.0, 0.25), (0.0, 0.0, 0.25), (0.0, 0.0, 0.25)),
     ),
     SurfaceRecord(
         name="split_p",
@@ -185,6 +221,7 @@ _RECORDS = (
         primitives="level set",
         source=_WOHLGEMUTH,
         formula_source=_WOHLGEMUTH,
+        one_piece=OnePiecePhases(minus=(0.0, 0.0, 0.25)),
     ),
     SurfaceRecord(
         name="fischer_koch_s",
@@ -200,6 +237,7 @@ _RECORDS = (
         primitives="level set",
         source="W. Fischer, E. Koch, Acta Cryst. A 43 (1987) 559",
         formula_source=_NESPER,
+        one_piece=OnePiecePhases((0.0, 0.0, 0.25), (0.0, 0.0, 0.75), (0.0, 0.0, 0.25)),
     ),
     SurfaceRecord(
         name="octo",

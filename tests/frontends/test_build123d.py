@@ -16,8 +16,15 @@ from tpmscad.build123d import Tpms
 pytestmark = pytest.mark.kernel
 
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
-PIECES: dict[str, Any] = {"surface": "gyroid", "cell": 10, "thickness": 1, "tol": 0.1}
-"""One cell of a gyroid sheet in its box falls into three pieces."""
+PIECES: dict[str, Any] = {
+    "surface": "gyroid",
+    "cell": 10,
+    "thickness": 1,
+    "tol": 0.1,
+    "phase": (0.0, 0.0, 0.0),
+    "loose": "keep",
+}
+"""One cell of a gyroid sheet falls into three pieces at the phase of the nodal formula."""
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +55,14 @@ def test_a_shell_that_completes_the_call_sees_every_keyword() -> None:
 
 
 def test_every_parameter_becomes_an_attribute_under_its_name(schwarz: Tpms) -> None:
-    given = P | {"cells": (1, 1, 1), "kind": "sheet", "phase": (0.0, 0.0, 0.0), "align": bd.Align.CENTER, "map": None}
+    given = P | {
+        "cells": (1, 1, 1),
+        "kind": "sheet",
+        "phase": None,
+        "loose": "drop",
+        "align": bd.Align.CENTER,
+        "map": None,
+    }
     assert {name: getattr(schwarz, name) for name in given} == given
     assert schwarz.mode is bd.Mode.ADD
 

@@ -15,8 +15,15 @@ import tpmscad
 pytestmark = [pytest.mark.kernel, pytest.mark.frontend]
 
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
-PIECES: dict[str, Any] = {"surface": "gyroid", "cell": 10, "thickness": 1, "tol": 0.1}
-"""One cell of a gyroid sheet in its box falls into three pieces."""
+PIECES: dict[str, Any] = {
+    "surface": "gyroid",
+    "cell": 10,
+    "thickness": 1,
+    "tol": 0.1,
+    "phase": (0.0, 0.0, 0.0),
+    "loose": "keep",
+}
+"""One cell of a gyroid sheet falls into three pieces at the phase of the nodal formula."""
 
 
 @pytest.fixture(scope="module")

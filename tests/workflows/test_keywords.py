@@ -37,13 +37,13 @@ def test_the_tables_hold_the_defaults_of_lattice_and_infill(function: Any, defau
 
 
 def test_fluid_domains_takes_the_keywords_of_infill_that_apply_to_a_sheet() -> None:
-    assert keywords(fluid_domains).keys() == keywords(infill).keys() - {"kind", "side", "skin", "open_faces"}
+    assert keywords(fluid_domains).keys() == keywords(infill).keys() - {"kind", "side", "skin", "open_faces", "loose"}
 
 
 @pytest.mark.parametrize(("command", "function"), [(lattice_command, lattice), (infill_command, infill)])
 def test_a_command_takes_the_keywords_of_its_function(command: Any, function: Any) -> None:
     missing = keywords(function).keys() - inspect.signature(command).parameters.keys()
-    assert missing <= {"map", "progress", "open_faces"}
+    assert missing <= {"map", "progress", "open_faces", "loose"}
 
 
 def test_a_front_end_shows_every_keyword_before_its_own() -> None:

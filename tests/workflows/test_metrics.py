@@ -66,6 +66,23 @@ def test_hydraulic_diameter_of_a_bore_is_its_diameter() -> None:
     assert found.surface_per_volume == pytest.approx(found.wetted_area / 8000, rel=1e-12)
 
 
+def test_a_channel_is_measured_as_the_fluid_itself() -> None:
+    """A round channel between two faces of a box: its own diameter, which the void around it does not have."""
+    channel = bd.Cylinder(3, 20)
+    found = measure(channel, within=((-10, -10, -10), (10, 10, 10)), is_fluid=True)
+    assert found.hydraulic_diameter == pytest.approx(6.0, rel=1e-9)
+    assert found.smallest_wall is None
+    assert width_of(found.smallest_pore) == pytest.approx(6.0, rel=WIDTH)
+    other = measure(channel, within=((-10, -10, -10), (10, 10, 10)))
+    assert other.hydraulic_diameter == pytest.approx(4 * (8000 - np.pi * 180) / (2 * np.pi * 60), rel=1e-9)
+
+
+def test_the_text_gives_units_and_says_smallest() -> None:
+    text = str(measure(bd.Box(20, 20, 20) - bd.Cylinder(3, 20)))
+    for words in ("mm3", "mm2", "hydraulic diameter  6 mm", "smallest wall  ", "smallest pore  "):
+        assert words in text
+
+
 def test_within_a_body_only_what_is_inside_it_is_void_and_wetted() -> None:
     found = measure(tube(10, 8, 30), within=bd.Cylinder(10, 30))
     assert found.volume_fraction == pytest.approx(0.36, rel=1e-9)

@@ -201,6 +201,25 @@ def select_faces(brep: Brep, selected: IntArray) -> Brep:
     )
 
 
+def drop_unused_geometry(brep: Brep) -> Brep:
+    """The same boundary representation without the carriers, curves and pcurves that no face, edge or use refers to."""
+    faces, edges, uses = brep.faces, brep.edges, brep.uses
+    carriers, carrier = np.unique(faces.carrier, return_inverse=True)
+    curves, curve = np.unique(edges.curve, return_inverse=True)
+    pcurves, pcurve = np.unique(uses.pcurve[uses.pcurve >= 0], return_inverse=True)
+    index = uses.pcurve.copy()
+    index[index >= 0] = pcurve
+    return replace(
+        brep,
+        carriers=tuple(brep.carriers[i] for i in carriers.tolist()),
+        curves=tuple(brep.curves[i] for i in curves.tolist()),
+        pcurves=tuple(brep.pcurves[i] for i in pcurves.tolist()),
+        edges=replace(edges, curve=curve),
+        uses=replace(uses, pcurve=index),
+        faces=replace(faces, carrier=carrier),
+    )
+
+
 def spline_faces(brep: Brep) -> Iterator[tuple[IntArray, BSplineSurface]]:
     """The B-spline surfaces that carry faces, each with the indices of its faces (f,)."""
     for index in np.unique(brep.faces.carrier).tolist():

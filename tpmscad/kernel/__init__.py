@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.boolean.hollow_body import resolve_open_faces, subtract_voids
     from tpmscad.kernel.boolean.inward_offset import offset_inward
     from tpmscad.kernel.boolean.local_intersection import intersect_locally
-    from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids
+    from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids, select_solids
     from tpmscad.kernel.export.brep_file import write_brep_file
     from tpmscad.kernel.export.gltf_file import write_glb
     from tpmscad.kernel.export.mesh_parts import group_faces
@@ -119,6 +119,7 @@ __all__ = [
     "resolve_open_faces",
     "sample_faces",
     "sample_solid",
+    "select_solids",
     "sequential_scale",
     "split_body",
     "subtract_solid",
@@ -188,6 +189,7 @@ _MODULE_OF_NAME = {
     "resolve_open_faces": "tpmscad.kernel.boolean.hollow_body",
     "sample_faces": "tpmscad.kernel.measure.shape_sampling",
     "sample_solid": "tpmscad.kernel.measure.shape_sampling",
+    "select_solids": "tpmscad.kernel.build.solids",
     "sequential_scale": "tpmscad.kernel.render.palette",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",

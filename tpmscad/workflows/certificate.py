@@ -25,6 +25,9 @@ from tpmscad.splines.bspline import BSplineSurface
 CHIP_VOLUME_FRACTION = 1e-2
 """Fraction of the largest piece's volume below which the notes call a piece a chip."""
 
+MAX_PIECES_LISTED = 5
+"""Pieces that the notes list one by one."""
+
 
 @dataclass(frozen=True, slots=True)
 class Check:
@@ -65,11 +68,11 @@ class PatchMeasures:
     notes: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Certificate:
     """What was measured on a solid, and whether it meets the request.
 
-    Lengths are in model units (mm in files), angles in degrees.
+    Lengths are in model units (mm in files), angles in degrees. `print` shows the summary.
 
     Attributes
     ----------
@@ -91,9 +94,11 @@ class Certificate:
     volume, area : float
         Of the solid.
     betti : tuple of int
-        Betti numbers of the solid: pieces, tunnels, voids.
+        Betti numbers of the solid: pieces, tunnels, closed cavities.
     pieces : tuple of float
         Volumes of the connected components, largest first.
+    dropped : tuple of float
+        Volumes of the loose pieces that were left out of the solid, largest first.
     n_faces, n_primitives, n_poles : int
         Numbers of faces, of different B-spline surfaces among them, and of their control points.
     bounds : mapping of str to float
@@ -128,6 +133,7 @@ class Certificate:
     figures: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    dropped: tuple[float, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """The certificate as plain values, ready for JSON.
@@ -143,24 +149,77 @@ class Certificate:
         """The certificate with the wall time of each stage."""
         return replace(self, seconds=dict(seconds))
 
-    def __str__(self) -> str:
-        verdict = "met" if self.met else "NOT met: " + "; ".join(self.shortfalls)
+    def summary(self, *, verbose: bool = False) -> str:
+        """The certificate in plain words, with units.
+
+        Parameters
+        ----------
+        verbose : bool, optional
+            Add the number of poles, the a-priori bounds, the further measured values and the time of each stage.
+
+        Returns
+        -------
+        str
+            A few lines: whether the request is met, what the solid is, its size, deviation, joints, notes.
+
+        Examples
+        --------
+        >>> print(tpmscad.lattice("gyroid", cell=10, thickness=1).certificate.summary())  # doctest: +SKIP
+        met
+        solid       1 piece, 7 tunnels, no closed cavity
+        ...
+        """
+        state = [] if self.closed else ["OPEN: not watertight"]
+        state += [] if self.valid else ["INVALID: rejected by the kernel's check"]
         lines = [
-            verdict,
-            f"deviation   max {self.max_deviation:.3g}, rms {self.rms_deviation:.3g} (tol {self.tol:g}) "
-            f"from the {self.reference}",
-            f"joints      gap {self.gap:.2g}, tangent {self.tangent_jump_deg:.2g} deg, "
-            f"curvature {self.curvature_jump:.2g} relative",
-            f"solid       {'valid' if self.valid else 'INVALID'}, {'closed' if self.closed else 'OPEN'}, "
-            f"volume {self.volume:.9g}, area {self.area:.9g}, Betti numbers {self.betti}",
-            f"size        {self.n_faces} faces, {self.n_primitives} primitives, {self.n_poles} poles",
+            "met" if self.met else "NOT met: " + "; ".join(self.shortfalls),
+            f"solid       {', '.join([describe_topology(self.betti), *state])}",
+            f"size        volume {self.volume:.9g} mm3, surface {self.area:.9g} mm2, {self.n_faces} faces",
+            f"deviation   at most {self.max_deviation:.3g} mm, {self.rms_deviation:.3g} mm rms, from the {self.reference}; "
+            f"allowed {self.tol:g} mm",
+            f"joints      apart by at most {self.gap:.2g} mm, bent by {self.tangent_jump_deg:.2g} degrees; "
+            f"curvature differs by {self.curvature_jump:.2g} of its greatest value",
         ]
-        lines += [f"bound       {bound:.3g}, {name}" for name, bound in self.bounds.items()]
-        lines += [f"measured    {value:.6g}, {name}" for name, value in self.figures.items()]
+        if cavities := self.betti[2]:
+            lines.append(f"warning     {describe_traps(cavities)}")
         lines += [f"note        {note}" for note in self.notes]
-        if self.seconds:
-            lines.append("seconds     " + ", ".join(f"{k} {v:.2f}" for k, v in self.seconds.items()))
+        if verbose:
+            lines.append(f"patches     {self.n_primitives} primitives, {self.n_poles} poles")
+            lines += [f"bound       {bound:.3g} mm, {name}" for name, bound in self.bounds.items()]
+            lines += [f"measured    {value:.6g}, {name}" for name, value in self.figures.items()]
+            if self.seconds:
+                lines.append("seconds     " + ", ".join(f"{k} {v:.2f}" for k, v in self.seconds.items()))
+        elif self.seconds:
+            lines.append(f"seconds     {sum(self.seconds.values()):.1f}")
         return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return self.summary()
+
+    def __repr__(self) -> str:
+        verdict = "met" if self.met else f"NOT met ({len(self.shortfalls)} shortfalls)"
+        return (
+            f"<Certificate: {verdict}; {describe_topology(self.betti)}; volume {self.volume:.6g} mm3; "
+            f"deviation {self.max_deviation:.3g} of {self.tol:g} mm>"
+        )
+
+
+def describe_topology(betti: tuple[int, int, int]) -> str:
+    """Betti numbers in plain words, such as "1 piece, 54 tunnels, no closed cavity"."""
+    names = ("piece", "pieces"), ("tunnel", "tunnels"), ("closed cavity", "closed cavities")
+    return ", ".join(
+        f"{count or 'no'} {singular if count < 2 else plural}"
+        for count, (singular, plural) in zip(betti, names, strict=True)
+    )
+
+
+def describe_traps(cavities: int) -> str:
+    """What closed cavities mean to those who print the part."""
+    one = cavities == 1
+    return (
+        f"{cavities} closed {'cavity' if one else 'cavities'}: powder or resin stays inside; "
+        f"open {'it' if one else 'them'} by another thickness, phase or cell, or bore into {'it' if one else 'each'}"
+    )
 
 
 def certify(
@@ -173,12 +232,13 @@ def certify(
     n_faces: int | None = None,
     checks: Sequence[Check] = (),
     notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
 ) -> Certificate:
     """The certificate of a solid made of the patches of `brep`.
 
     `measures` are the figures of the patches, `properties` those of the solid, `valid` the kernel's verdict on it, `edge_gap`
     the greatest distance between an edge and its faces, `n_faces` the number of faces if it is not that of `brep`. `checks`
-    and `notes` are added to those of `measures`.
+    and `notes` are added to those of `measures`; `dropped` are the volumes of the loose pieces that were left out.
     """
     deviation = measures.deviation
     everything = (
@@ -212,23 +272,24 @@ def certify(
         bounds=dict(measures.bounds),
         figures=dict(measures.figures),
         notes=(*measures.notes, *notes, *_note_pieces(properties.pieces)),
+        dropped=dropped,
     )
 
 
 def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
-    """A note on each piece but the largest."""
-    if len(pieces) < 2:
-        return ()
-    notes = [f"{len(pieces)} separate pieces; another phase may join or remove the small ones"]
-    for piece in pieces[1:]:
+    """A note on each of the largest pieces but the first, and on the number of the others."""
+    notes = []
+    for piece in pieces[1 : 1 + MAX_PIECES_LISTED]:
         x, y, z = piece.near
-        notes.append(f"{describe_piece(piece.volume, pieces[0].volume)} near ({x:.4g}, {y:.4g}, {z:.4g})")
+        notes.append(f"{describe_piece(piece.volume, pieces[0].volume)} apart near ({x:.4g}, {y:.4g}, {z:.4g})")
+    if len(pieces) > 1 + MAX_PIECES_LISTED:
+        notes.append(f"{len(pieces) - 1 - MAX_PIECES_LISTED} smaller pieces apart")
     return tuple(notes)
 
 
 def describe_piece(volume: float, largest: float) -> str:
     """Whether a piece is a chip relative to the largest one, and its volume."""
-    return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of volume {volume:.4g}"
+    return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of {volume:.4g} mm3"
 
 
 def check_kernel_solids(report: kernel.ShapeReport, tol: float) -> list[Check]:
@@ -251,6 +312,7 @@ def certify_kernel_solids(
     *,
     checks: Sequence[Check] = (),
     notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
 ) -> Certificate:
     """The certificate of kernel solids, largest first, that were made of the patches of `brep`."""
     report = kernel.check_shape(make_compound(solids))
@@ -271,6 +333,7 @@ def certify_kernel_solids(
         n_faces=report.faces,
         checks=(*check_kernel_solids(report, measures.tol), *checks),
         notes=notes,
+        dropped=dropped,
     )
 
 

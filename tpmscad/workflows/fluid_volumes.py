@@ -59,7 +59,7 @@ def fluid_domains(
     volume_fraction: float | None = None,
     porosity: float | None = None,
     reference: str | None = None,
-    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    phase: Sequence[float] | None = None,
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     tol: float | None = None,
     progress: Progress | None = None,
@@ -87,7 +87,7 @@ def fluid_domains(
     reference : {"minimal", "nodal"}, optional
         The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
     phase : (3,) floats, optional
-        Shift of the lattice, in cells.
+        Shift of the lattice, in cells; none by default.
     rotation : (3,) floats, optional
         Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
     tol : float, optional
@@ -126,7 +126,7 @@ def fluid_domains(
         volume_fraction=volume_fraction,
         porosity=porosity,
         reference=reference,
-        phase=phase,
+        phase=(0.0, 0.0, 0.0) if phase is None else phase,
         tol=tol,
     )
     block = build_lattice_block(request, rotation_matrix(rotation), read, stages)
@@ -148,6 +148,7 @@ def fluid_domains(
             domain.built,
             trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
             outer_faces="body" if name == WALL else "opening",
+            is_fluid=name != WALL,
         )
         for name, domain in found.items()
     }
@@ -255,10 +256,10 @@ def _certify_domains(
         solids = domains[name].built.solids
         found[name] = own = certify_kernel_solids(solids, block.patches, block.measures, notes=domains[name].notes)
         checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
-        lines.append(f"{name}: volume {own.volume:.9g}, {len(solids)} connected")
+        lines.append(f"{name}: volume {own.volume:.9g} mm3, {len(solids)} piece{'s' if len(solids) > 1 else ''}")
         lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
     for contact in contacts:
-        areas = ", ".join(f"{name} {area:.4g}" for name, area in contact.areas.items())
+        areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"face {contact.face}: {areas}")
     wall = certify_kernel_solids(domains[WALL].built.solids, block.patches, block.measures, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume

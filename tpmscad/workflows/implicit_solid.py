@@ -17,6 +17,8 @@ import numpy as np
 
 from tpmscad import kernel
 from tpmscad._typing import BoxCorners, Progress
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
@@ -25,6 +27,7 @@ from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, Check, certify
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
+from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, check_loose, drop_loose_pieces
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
 from tpmscad.workflows.reference_distance import field_distance
@@ -38,6 +41,7 @@ def solidify(
     domain: BoxCorners | Any,
     *,
     tol: float,
+    loose: str = "drop",
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Model:
@@ -53,6 +57,8 @@ def solidify(
         beyond the body's bounding box does not matter.
     tol : float
         Greatest orthogonal deviation between the surface and the level set, model units.
+    loose : {"drop", "keep"}, optional
+        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     executor : concurrent.futures.Executor, optional
         Runs the fits of a box; its workers must be able to import this package. By default a pool of this machine's cores does,
         if there is enough work. The result is the same, bit for bit. Not for bodies.
@@ -84,29 +90,38 @@ def solidify(
     >>> model.certificate.met  # doctest: +SKIP
     True
     """
+    check_loose(loose)
     if not is_numeric_box(domain):
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
         bounds = enclosing_box(read_body(domain).shape)
-        return infill(domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, progress=progress)
+        return infill(
+            domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
+        )
     stages = StageTimer(progress)
     found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     with stages("build"):
-        built = kernel.build_solids(found.brep, found.moments)
+        brep, built, dropped = drop_loose_pieces(found.brep, kernel.build_solids(found.brep, found.moments), loose)
     with stages("check"):
-        certificate = certify_field_solid(found, kernel.check_shape(built.shape))
+        certificate = certify_field_solid(found, kernel.check_shape(built.shape), brep, dropped)
     return Model(
         "field solid",
-        found.brep,
+        brep,
         certificate.with_seconds(stages.seconds),
         built,
         distance_to_reference=field_distance(field),
     )
 
 
-def certify_field_solid(found: FieldPatches, report: kernel.ShapeReport) -> Certificate:
-    """The certificate of the kernel's solid of a field's patches; `report` is the kernel's own examination of it."""
-    properties = found.properties
+def certify_field_solid(
+    found: FieldPatches, report: kernel.ShapeReport, kept: Brep | None = None, dropped: DroppedPieces = NOTHING_DROPPED
+) -> Certificate:
+    """The certificate of the kernel's solid of a field's patches; `report` is the kernel's own examination of it.
+
+    `kept` is the boundary representation without the loose pieces `dropped`. The field is compared with all of its patches.
+    """
+    brep = found.brep if kept is None else kept
+    properties = measure_solid(brep) if dropped.volumes else found.properties
     checks = []
     if properties.closed:
         checks.append(
@@ -118,10 +133,23 @@ def certify_field_solid(found: FieldPatches, report: kernel.ShapeReport) -> Cert
             )
         )
     measures = measure_field_patches(found)
-    volumes = {"volume of the field": found.field_volume, "uncertainty of that volume": found.field_volume_error}
+    whole = " with the pieces left out" if dropped.volumes else ""
+    volumes = {
+        f"volume of the field{whole}": found.field_volume,
+        "uncertainty of that volume": found.field_volume_error,
+    }
     measures = replace(measures, figures={**measures.figures, **volumes})
     gap = measures.continuity.gap
-    return certify(found.brep, properties, measures, valid=report.valid, edge_gap=gap, checks=checks)
+    return certify(
+        brep,
+        properties,
+        measures,
+        valid=report.valid,
+        edge_gap=gap,
+        checks=checks,
+        notes=dropped.notes,
+        dropped=dropped.volumes,
+    )
 
 
 def is_numeric_box(domain: Any) -> bool:

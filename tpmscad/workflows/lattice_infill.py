@@ -8,6 +8,7 @@ subtracted from the body.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ from tpmscad.workflows.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
+from tpmscad.workflows.loose_pieces import DroppedPieces, check_loose, drop_loose_pieces, drop_loose_solids
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.reference_distance import field_distance, lattice_distance
 
@@ -55,10 +57,11 @@ def infill(
     kind: str = "sheet",
     side: str = "-",
     reference: str | None = None,
-    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    phase: Sequence[float] | None = None,
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     skin: float | None = None,
     open_faces: Iterable[Any] = (),
+    loose: str = "drop",
     tol: float | None = None,
     progress: Progress | None = None,
 ) -> Model:
@@ -73,7 +76,7 @@ def infill(
         ``fields.cylinder`` with a height.
     surface : str, Field or callable
         Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A field
-        takes `tol`, `skin`, `open_faces` and `progress` only.
+        takes `tol`, `skin`, `open_faces`, `loose` and `progress` only.
     cell : float or (3,) floats
         Edge length of the cell, or one for each axis, model units. Required for a surface.
     thickness : float, optional
@@ -92,7 +95,7 @@ def infill(
     reference : {"minimal", "nodal"}, optional
         The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
     phase : (3,) floats, optional
-        Shift of the lattice, in cells.
+        Shift of the lattice, in cells; none by default.
     rotation : (3,) floats, optional
         Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
     skin : float, optional
@@ -100,6 +103,8 @@ def infill(
     open_faces : iterable, optional
         Plane faces of the body that get no skin, so that powder or fluid can pass: build123d, CadQuery or TopoDS faces of that
         very shape, their numbers in its order, or ">Z" and the like for the faces at one end of an axis.
+    loose : {"drop", "keep"}, optional
+        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     tol : float, optional
         Greatest orthogonal deviation from the surface or the field, model units; by default a thousandth of the cell.
         Required for a field.
@@ -125,6 +130,7 @@ def infill(
     >>> model = tpmscad.infill("bracket.step", "gyroid", cell=8, thickness=0.8, skin=1.5)  # doctest: +SKIP
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
+    check_loose(loose)
     stages = StageTimer(progress)
     given: dict[str, Any] = {
         "cell": cell,
@@ -142,6 +148,7 @@ def infill(
     if isinstance(surface, str):
         if cell is None:
             raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
+        given["phase"] = (0.0, 0.0, 0.0) if phase is None else phase
         request = resolve_lattice_request(surface, tol=tol, **given)
         _check_wall_thickness(request)
         turn = rotation_matrix(rotation)
@@ -161,8 +168,15 @@ def infill(
             result = intersect_body_with_lattice(block, read)
             if not result.solids:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
+        result, dropped = _drop_loose_solids(result, loose)
     with stages("check"):
-        certificate = certify_kernel_solids(result.solids, block.patches, block.measures, notes=result.notes)
+        certificate = certify_kernel_solids(
+            result.solids,
+            block.patches,
+            block.measures,
+            notes=(*result.notes, *dropped.notes),
+            dropped=dropped.volumes,
+        )
     return Model(
         name,
         block.patches if result.brep is None else result.brep,
@@ -172,6 +186,15 @@ def infill(
         outer_faces="body",
         distance_to_reference=distance,
     )
+
+
+def _drop_loose_solids(result: BooleanResult, loose: str) -> tuple[BooleanResult, DroppedPieces]:
+    """The result without its loose pieces, and what was left out."""
+    if result.brep is None:
+        solids, dropped = drop_loose_solids(result.solids, loose)
+        return replace(result, built=KernelSolids(solids)), dropped
+    brep, built, dropped = drop_loose_pieces(result.brep, result.built, loose)
+    return replace(result, brep=brep, built=built), dropped
 
 
 def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:

@@ -54,7 +54,7 @@ class WallOptions(TypedDict, total=False):
     volume_fraction: float | None
     porosity: float | None
     reference: str | None
-    phase: Sequence[float]
+    phase: Sequence[float] | None
     tol: float | None
     progress: Progress | None
 
@@ -67,6 +67,7 @@ class LatticeOptions(WallOptions, total=False):
     kind: str
     side: str
     boundary: str
+    loose: str
     map: Map | Callable[[Array], Array] | None
 
 
@@ -79,6 +80,7 @@ class InfillOptions(WallOptions, total=False):
     rotation: Sequence[float]
     skin: float | None
     open_faces: Iterable[Any]
+    loose: str
 
 
 LATTICE_DEFAULTS: Mapping[str, Any] = {
@@ -91,7 +93,8 @@ LATTICE_DEFAULTS: Mapping[str, Any] = {
     "side": "-",
     "reference": None,
     "boundary": "box",
-    "phase": (0.0, 0.0, 0.0),
+    "phase": None,
+    "loose": "drop",
     "map": None,
     "tol": None,
     "progress": None,
@@ -107,10 +110,11 @@ INFILL_DEFAULTS: Mapping[str, Any] = {
     "kind": "sheet",
     "side": "-",
     "reference": None,
-    "phase": (0.0, 0.0, 0.0),
+    "phase": None,
     "rotation": (0.0, 0.0, 0.0),
     "skin": None,
     "open_faces": (),
+    "loose": "drop",
     "tol": None,
     "progress": None,
 }
@@ -196,7 +200,7 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         )
     edges = check_positive_triple("cell", given["cell"])
     counts = check_cell_counts(given["cells"])
-    phase = check_triple("phase", given["phase"])
+    phase = _resolve_phase(info, given)
     has_mapping = given["map"] is not None or len(set(edges)) > 1
     if info.primitives == "level set":
         _check_level_set_request(info.title, boundary, given["map"])
@@ -219,6 +223,15 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
     return LatticeRequest(
         name, edges, counts, wall.offset, kind, side, reference, boundary, phase, tol, wall.levels, wall.notes
     )
+
+
+def _resolve_phase(info: surfaces.SurfaceRecord, given: Mapping[str, Any]) -> tuple[float, float, float]:
+    """The phase asked for; by default the one that makes one piece in a box, and none for whole patches or under a map."""
+    if given["phase"] is not None:
+        return check_triple("phase", given["phase"])
+    if given["boundary"] == "natural" or given["map"] is not None:
+        return 0.0, 0.0, 0.0
+    return info.one_piece.phase_of(given["kind"], given["side"])
 
 
 def _check_level_set_request(title: str, boundary: str, map: Any) -> None:

@@ -9,7 +9,7 @@ in a box is trimmed by the planes of the box and closed by caps.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -20,7 +20,7 @@ from tpmscad._typing import Array, Progress
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
@@ -32,6 +32,7 @@ from tpmscad.workflows.certificate import certify
 from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
+from tpmscad.workflows.loose_pieces import check_loose, drop_loose_pieces
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
 from tpmscad.workflows.reference_distance import lattice_distance
@@ -53,7 +54,8 @@ def lattice(
     side: str = "-",
     reference: str | None = None,
     boundary: str = "box",
-    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    phase: Sequence[float] | None = None,
+    loose: str = "drop",
     map: Map | Callable[[Array], Array] | None = None,
     tol: float | None = None,
     progress: Progress | None = None,
@@ -86,7 +88,10 @@ def lattice(
     boundary : {"box", "natural"}, optional
         Planar caps in the faces of the box, or whole patches bridged by gap faces.
     phase : (3,) floats, optional
-        Shift of the lattice, in cells.
+        Shift of the lattice, in cells; (0, 0, 0) is the nodal formula's own place. By default the shift that makes one piece in
+        a box (see ``tpmscad surfaces``), and none for a natural boundary or a map.
+    loose : {"drop", "keep"}, optional
+        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     map : callable, optional
         Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their
         thickness.
@@ -132,27 +137,55 @@ def lattice(
         map=map,
         tol=tol,
     )
+    check_loose(loose)
     stages = StageTimer(progress)
     mapping = _compose_map(request, map)
     made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
-        built = kernel.build_solids(made.brep)
+        brep, built, dropped = drop_loose_pieces(made.brep, kernel.build_solids(made.brep), loose)
     with stages("check"):
         valid = kernel.is_valid(built.shape)
-        properties = measure_solid(made.brep, built.nesting.moments)
-        measures = measure_lattice_patches(
-            request, mapping, made.brep, made.deviation, made.bounds, made.convergence, made.notes
-        )
-        edge_gap = float(made.brep.edges.deviation.max(initial=0.0))
-        certificate = certify(made.brep, properties, measures, valid=valid, edge_gap=edge_gap)
+        properties = measure_solid(brep, built.nesting.moments)
+        notes = (*made.notes, *dropped.notes, *_note_phase(request, len(dropped.volumes) + len(built.solids)))
+        measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
+        edge_gap = float(brep.edges.deviation.max(initial=0.0))
+        certificate = certify(brep, properties, measures, valid=valid, edge_gap=edge_gap, dropped=dropped.volumes)
     name = f"{request.surface} {request.kind}"
+    unit_cell = made.unit_cell
+    if unit_cell is not None and dropped.volumes:
+        unit_cell = replace(unit_cell, make=partial(_refuse_unit_cell, name, len(dropped.volumes)))
     return Model(
         name,
-        made.brep,
+        brep,
         certificate.with_seconds(stages.seconds),
         built,
-        made.unit_cell,
+        unit_cell,
         distance_to_reference=lattice_distance(request, mapping),
+    )
+
+
+def _note_phase(request: LatticeRequest, n_pieces: int) -> tuple[str, ...]:
+    """What the phase has to do with a lattice in a box that is cut into several pieces."""
+    if n_pieces < 2 or request.boundary != "box":
+        return ()
+    known = surfaces.find_surface(request.surface).one_piece
+    best = known.phase_of(request.kind, request.side)
+    if request.phase != best:
+        return (f"phase {_format_phase(best)} gives fewer pieces: it is the default in a box",)
+    if request.kind == "skeletal" and known.skeletal_chips:
+        return (f"no phase makes one piece of every skeletal {request.surface}: this one leaves chips only",)
+    return ("the endless solid itself is in several pieces, or these offsets are beyond those that one phase joins",)
+
+
+def _format_phase(phase: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in phase) + ")"
+
+
+def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:
+    """InvalidRequest: the copies of one cell would bring the loose pieces back that the solid was made without."""
+    raise InvalidRequest(
+        f"{n_dropped} loose piece{'s were' if n_dropped > 1 else ' was'} left out of the {name}, which copies of one cell would "
+        'contain: make it with loose="keep" (--keep-loose), or leave instanced (--instanced) out'
     )
 
 

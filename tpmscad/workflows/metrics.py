@@ -1,8 +1,9 @@
-"""The figures that parts are designed by, measured on the finished solid.
+"""The figures that parts and channels are designed by, measured on the finished solid.
 
 Volume fraction, wetted surface and hydraulic diameter follow from the exact volumes and areas of the kernel's solids and from the
 envelope, the box or body in which void counts. The smallest wall and the smallest pore are found on samples of the surface: the
-smallest ball in the solid (in the void) that touches two opposite sides.
+smallest ball in the solid (in the void) that touches two opposite sides. A shape is taken as material with void around it, or as
+the fluid itself.
 """
 
 from __future__ import annotations
@@ -41,17 +42,17 @@ class LocatedWidth:
     at: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"{self.width:.4g} at " + " ".join(f"{x:.4g}" for x in self.at)
+        return f"{self.width:.4g} mm at (" + ", ".join(f"{x:.4g}" for x in self.at) + ")"
 
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
-    """The figures of a solid, in the unit of the shape (mm for files).
+    """The figures of a solid or of a fluid, in the unit of the shape (mm for files).
 
     Attributes
     ----------
     volume, area : float
-        Of the solid.
+        Of the shape.
     envelope_volume : float
         Volume of the envelope, the box or body in which void counts.
     volume_fraction : float
@@ -61,15 +62,18 @@ class Metrics:
     surface_per_volume : float
         `wetted_area` / `envelope_volume`.
     hydraulic_diameter : float or None
-        4 x void volume / `wetted_area`; None if no face is wetted.
+        4 x fluid volume / `wetted_area`; None if no face is wetted. The fluid is the shape itself if `is_fluid`, otherwise the
+        void that the shape leaves in the envelope.
     smallest_wall, smallest_pore : LocatedWidth or None
-        Diameter and center of the smallest ball in the solid, or in the void, that touches two opposite sides (which may
+        Diameter and center of the smallest ball in the material, or in the fluid, that touches two opposite sides (which may
         taper by 5 degrees); None if no sides are opposite. Sides that meet in a sharp edge nearby are left out, because their
         distance goes to zero at every cut.
     pieces : int
         Number of solids.
     spacing : float
         Greatest distance of neighbouring samples. Widths are accurate to about spacing^2 / (8 x radius of curvature).
+    is_fluid : bool
+        Whether the shape was measured as fluid with walls around it.
     """
 
     volume: float
@@ -83,6 +87,7 @@ class Metrics:
     smallest_pore: LocatedWidth | None
     pieces: int
     spacing: float
+    is_fluid: bool = False
 
     def to_dict(self) -> dict[str, Any]:
         """The metrics as plain values, ready for JSON.
@@ -95,20 +100,23 @@ class Metrics:
         return asdict(self)
 
     def __str__(self) -> str:
-        diameter = "no wetted surface" if self.hydraulic_diameter is None else f"{self.hydraulic_diameter:.6g}"
+        diameter = "none: no wetted surface" if self.hydraulic_diameter is None else f"{self.hydraulic_diameter:.6g} mm"
+        fluid = "channel" if self.is_fluid else "void"
         return "\n".join(
             [
-                f"fraction    {self.volume_fraction:.6g} of {self.envelope_volume:.6g}",
-                f"surface     {self.wetted_area:.6g} wetted, {self.surface_per_volume:.6g} per volume",
-                f"hydraulic   {diameter}",
-                f"wall        {self.smallest_wall or 'no two opposite sides'}",
-                f"pore        {self.smallest_pore or 'no two opposite sides'}",
-                f"pieces      {self.pieces}",
+                f"volume              {self.volume:.6g} mm3, a fraction of {self.volume_fraction:.6g} of the envelope's "
+                f"{self.envelope_volume:.6g} mm3",
+                f"wetted surface      {self.wetted_area:.6g} mm2, {self.surface_per_volume:.6g} mm2 per mm3 of the envelope",
+                f"hydraulic diameter  {diameter}, 4 x volume of the {fluid} / wetted surface",
+                f"smallest wall       {self.smallest_wall or 'none: no two sides are opposite'}",
+                f"smallest {'passage' if self.is_fluid else 'pore   '}    "
+                f"{self.smallest_pore or 'none: no two sides are opposite'}",
+                f"pieces              {self.pieces}",
             ]
         )
 
 
-def measure(source: Any, *, within: Any = None, spacing: float | None = None) -> Metrics:
+def measure(source: Any, *, within: Any = None, spacing: float | None = None, is_fluid: bool | None = None) -> Metrics:
     """Measure the figures that parts are designed by: volume fraction, wetted surface, hydraulic diameter, walls and pores.
 
     Parameters
@@ -119,6 +127,9 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         The envelope in which void counts: a box or a body. By default the bounding box of the shape.
     spacing : float, optional
         Greatest distance of the samples on the surface; by default 0.4 x volume / area.
+    is_fluid : bool, optional
+        Whether the shape is a channel full of fluid instead of material. By default the channels of `fluid_domains` are fluid and
+        all other shapes are material.
 
     Returns
     -------
@@ -135,8 +146,13 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
     >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
     >>> metrics = tpmscad.measure(model, within=((0, 0, 0), (20, 20, 20)))  # doctest: +SKIP
     >>> print(metrics.smallest_wall)  # doctest: +SKIP
-    0.9969 at ...
+    0.9969 mm at ...
+    >>> channel = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1).plus  # doctest: +SKIP
+    >>> tpmscad.measure(channel, within=body).hydraulic_diameter  # doctest: +SKIP
+    4.6...
     """
+    if is_fluid is None:
+        is_fluid = isinstance(source, Model) and source.is_fluid
     if isinstance(source, Model):
         source = source.built.shape
     shape = kernel.read_step(source).shape if isinstance(source, str | Path) else getattr(source, "wrapped", source)
@@ -154,8 +170,9 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         raise InvalidRequest(
             "solids that touch have no surface of their own there: measure one of them, or unite them first"
         )
-    void = max(0.0, envelope_volume - report.volume)
+    fluid_volume = report.volume if is_fluid else max(0.0, envelope_volume - report.volume)
     reach = 2.0 * report.volume / report.area
+    inner, outer = (_measure_smallest_width(samples, creases, sign, reach, size, spacing) for sign in (1.0, -1.0))
     return Metrics(
         volume=report.volume,
         area=report.area,
@@ -163,11 +180,12 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None) ->
         volume_fraction=report.volume / envelope_volume,
         wetted_area=wetted,
         surface_per_volume=wetted / envelope_volume,
-        hydraulic_diameter=4.0 * void / wetted if wetted else None,
-        smallest_wall=_measure_smallest_width(samples, creases, 1.0, reach, size, spacing),
-        smallest_pore=_measure_smallest_width(samples, creases, -1.0, reach, size, spacing),
+        hydraulic_diameter=4.0 * fluid_volume / wetted if wetted else None,
+        smallest_wall=outer if is_fluid else inner,
+        smallest_pore=inner if is_fluid else outer,
         pieces=report.solids,
         spacing=spacing,
+        is_fluid=is_fluid,
     )
 
 

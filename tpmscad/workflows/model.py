@@ -65,6 +65,8 @@ class Model:
         Name in files of the faces that bound the lattice from outside: "cap", "body" or "opening".
     distance_to_reference : callable or None
         Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
+    is_fluid : bool
+        Whether the solid is a channel full of fluid, which `measure` then takes it for.
     """
 
     name: str
@@ -75,6 +77,7 @@ class Model:
     trimmed_by: str | None = None
     outer_faces: str = "cap"
     distance_to_reference: Callable[[Array], Array] | None = None
+    is_fluid: bool = False
 
     @property
     def solid(self) -> Any:

@@ -30,7 +30,7 @@ from OCP.TopoDS import (
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.brep.carriers import Carrier, Plane
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
@@ -79,6 +79,28 @@ def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = N
     nested = nest_shells(brep, lambda shell, point: shell_contains(shells[shell], point), moments)
     solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.shells_of_solid)
     return _collect_solids(solids, faces, nested)
+
+
+def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tuple[Brep, BuiltSolids]:
+    """Some of the solids of `built`, with the boundary representation of these alone; nothing is built anew."""
+    nesting = built.nesting
+    pieces = [nesting.shells_of_solid[s] for s in selected]
+    faces = np.flatnonzero(np.isin(nesting.shell_of_face, [shell for piece in pieces for shell in piece]))
+    shells, shell_of_face = np.unique(nesting.shell_of_face[faces], return_inverse=True)
+    number = {shell: k for k, shell in enumerate(shells.tolist())}
+    moments = nesting.moments
+    kept = ShellNesting(
+        shell_of_face=shell_of_face,
+        volume=nesting.volume[shells],
+        moments=integral_properties.FaceMoments(
+            moments.area[faces], moments.normal[faces], moments.first[faces], moments.second[faces]
+        ),
+        shells_of_solid=tuple(tuple(number[shell] for shell in piece) for piece in pieces),
+    )
+    solids = tuple(built.solids[s] for s in selected)
+    shape = solids[0] if len(solids) == 1 else make_compound(solids)
+    part = drop_unused_geometry(select_faces(brep, faces))
+    return part, BuiltSolids(shape, solids, tuple(built.faces[f] for f in faces.tolist()), kept)
 
 
 def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
