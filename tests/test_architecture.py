@@ -19,7 +19,16 @@ PACKAGES = ("tpmscad", "cq_plugins")
 MAX_LINES = 420
 MIN_LINES = 40
 
-GROUND = {"_lazy_import", "_typing", "catalogue", "errors", "parallel", "rigid_motion", "stage_timer"}
+GROUND = {
+    "_lazy_import",
+    "_typing",
+    "catalogue",
+    "errors",
+    "parallel",
+    "progress_display",
+    "rigid_motion",
+    "stage_timer",
+}
 """Modules that every room may import; they import nothing of the package but each other."""
 
 MATHEMATICS = {"numpy", "scipy"}
@@ -50,6 +59,7 @@ FACES = {
 
 ALLOWED = {
     **{name: {"numpy"} for name in GROUND},
+    "progress_display": {"rich", "IPython"},
     **ROOMS,
     **FACES,
     "__init__": {*ROOMS},
@@ -73,6 +83,7 @@ FLOORS = {
 ONLY_IN = {
     "gudhi": {"tpmscad/topology/gudhi_complex.py"},
     "matplotlib": {"tpmscad/topology/diagrams.py"},
+    "IPython": {"tpmscad/progress_display.py"},
     "PIL": {"tpmscad/kernel/render/labels.py"},
 }
 """Packages that a single file may import, finer than its room's row above."""
@@ -82,7 +93,6 @@ SHORT = {
     "tpmscad/__main__.py": "runs the command line",
     "tpmscad/_lazy_import.py": "one function",
     "tpmscad/_typing.py": "aliases only",
-    "tpmscad/stage_timer.py": "one value that the workflows and the blends share",
     "tpmscad/kernel/step/atomic_file.py": "one context manager that both writers use",
 }
 """Modules below the least length, each with its reason."""

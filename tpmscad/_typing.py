@@ -17,5 +17,8 @@ BoxCorners = Sequence[Sequence[float]]
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done, from 0 to 1."""
 
+ProgressOption = Progress | bool | None
+"""Who shows the progress: a callable; None or True for a bar in a terminal or notebook, nothing elsewhere; False for nobody."""
+
 FractionProgress = Callable[[float], None]
 """Called with the fraction of one stage that is done, from 0 to 1."""

@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from tpmscad._typing import Progress
+from tpmscad._typing import ProgressOption
 from tpmscad.blending.baseline_weights import BASELINE_METHODS, make_baseline_weight
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.initial_weights import WeightSpec, expand_weight_specs, make_initial_weight
@@ -78,7 +78,7 @@ def blend(
     level_margin: float = 0.0,
     drop_intrinsic: bool = False,
     specks: bool | None = None,
-    progress: Progress | None = None,
+    progress: ProgressOption = None,
 ) -> BlendResult:
     """Blend porous structures in given regions without isolated components and cavities.
 
@@ -121,8 +121,9 @@ def blend(
     specks : bool, optional
         Search also between the samples for isolated parts, and remove them. By default they are searched for only where few
         samples come into question.
-    progress : callable, optional
-        Called with the name of each stage of the computation and the fraction of it that is done.
+    progress : callable or bool, optional
+        Called with the name of each stage of the computation and the fraction of it that is done. By default work of more than
+        two seconds shows a bar in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

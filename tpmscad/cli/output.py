@@ -84,9 +84,9 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 @contextmanager
 def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
-    """A callback that draws a progress bar on standard error; None if that is no terminal, or `quiet`."""
+    """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`."""
     if quiet or not sys.stderr.isatty():
-        yield None
+        yield lambda stage, done: None  # None would leave the bar to the functions themselves
         return
     from rich.console import Console
     from rich.progress import BarColumn, ProgressColumn, TextColumn, TimeElapsedColumn

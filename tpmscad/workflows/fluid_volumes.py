@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Progress
+from tpmscad._typing import ProgressOption
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
@@ -62,7 +62,7 @@ def fluid_domains(
     phase: Sequence[float] | None = None,
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
     tol: float | None = None,
-    progress: Progress | None = None,
+    progress: ProgressOption = None,
 ) -> FluidDomains:
     """Divide a body into the wall of a sheet lattice and the two channels beside it, as solids that share their faces.
 
@@ -92,8 +92,9 @@ def fluid_domains(
         Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
     tol : float, optional
         Greatest orthogonal deviation from the surface, model units; by default a thousandth of the cell.
-    progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

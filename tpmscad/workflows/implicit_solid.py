@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad import kernel
-from tpmscad._typing import BoxCorners, Progress
+from tpmscad._typing import BoxCorners, ProgressOption
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
@@ -43,7 +43,7 @@ def solidify(
     tol: float,
     loose: str = "drop",
     executor: Executor | None = None,
-    progress: Progress | None = None,
+    progress: ProgressOption = None,
 ) -> Model:
     """Make the solid {field < 0} inside a domain, its surface within `tol` of the level set.
 
@@ -62,8 +62,9 @@ def solidify(
     executor : concurrent.futures.Executor, optional
         Runs the fits of a box; its workers must be able to import this package. By default a pool of this machine's cores does,
         if there is enough work. The result is the same, bit for bit. Not for bodies.
-    progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Progress
+from tpmscad._typing import ProgressOption
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel import (
@@ -63,7 +63,7 @@ def infill(
     open_faces: Iterable[Any] = (),
     loose: str = "drop",
     tol: float | None = None,
-    progress: Progress | None = None,
+    progress: ProgressOption = None,
 ) -> Model:
     """Fill a CAD body with a lattice of a minimal surface, or with the solid of a field.
 
@@ -108,8 +108,9 @@ def infill(
     tol : float, optional
         Greatest orthogonal deviation from the surface or the field, model units; by default a thousandth of the cell.
         Required for a field.
-    progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

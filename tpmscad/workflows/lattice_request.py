@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
-from tpmscad._typing import Array, Progress
+from tpmscad._typing import Array, ProgressOption
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.maps import Map
 from tpmscad.lattices.sources import lattice_source
@@ -56,7 +56,7 @@ class WallOptions(TypedDict, total=False):
     reference: str | None
     phase: Sequence[float] | None
     tol: float | None
-    progress: Progress | None
+    progress: ProgressOption
 
 
 class LatticeOptions(WallOptions, total=False):

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad import kernel, surfaces
-from tpmscad._typing import Array, Progress
+from tpmscad._typing import Array, ProgressOption
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.solid_properties import measure_solid
@@ -58,7 +58,7 @@ def lattice(
     loose: str = "drop",
     map: Map | Callable[[Array], Array] | None = None,
     tol: float | None = None,
-    progress: Progress | None = None,
+    progress: ProgressOption = None,
 ) -> Model:
     """Make a lattice of a minimal surface that fills the box from the origin to `cells` x `cell`.
 
@@ -97,8 +97,9 @@ def lattice(
         thickness.
     tol : float, optional
         Greatest orthogonal deviation from the surface, model units; by default a thousandth of the smallest cell edge.
-    progress : callable, optional
-        Called with the name of a stage and the fraction of it that is done.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

@@ -1,0 +1,120 @@
+"""The progress of long work, shown without being asked for: a bar in a terminal, a line in a notebook, nothing elsewhere.
+
+Nothing is written before a delay has passed, so that short work leaves no trace. A timer opens the display, because a stage may
+take minutes between two reports; the display disappears at the end of its stage.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, Protocol
+
+from tpmscad._typing import FractionProgress
+
+DELAY_SECONDS = 2.0
+"""Time from the beginning of the work before its progress is shown."""
+
+NOTEBOOK_SECONDS = 0.2
+"""Least time between two updates of a notebook's line."""
+
+
+class Display(Protocol):
+    """A place on which the progress of one stage is shown."""
+
+    def update(self, done: float) -> None:
+        """Show the fraction that is done, 0 if it is not known."""
+
+    def close(self) -> None:
+        """Remove the display."""
+
+
+def find_display() -> Callable[[str], Display] | None:
+    """What opens a display for a stage: in a notebook, or in a terminal on standard error; None elsewhere."""
+    shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if type(shell).__name__ == "ZMQInteractiveShell":
+        return NotebookLine
+    return TerminalBar if sys.stderr is not None and sys.stderr.isatty() else None
+
+
+@contextmanager
+def show_stage(stage: str, begun: float) -> Iterator[FractionProgress]:
+    """Show the progress of a stage from `DELAY_SECONDS` after `begun` (`time.monotonic`) on; yields the function for reports."""
+    open_display = find_display()
+    if open_display is None:
+        yield lambda done: None
+        return
+    lock, shown, fraction, ended = threading.Lock(), list[Display](), [0.0], threading.Event()
+
+    def begin() -> None:
+        with lock:
+            if not ended.is_set():
+                shown.append(open_display(stage))
+                shown[0].update(fraction[0])
+
+    def report(done: float) -> None:
+        with lock:
+            fraction[0] = done
+            for display in shown:
+                display.update(done)
+
+    wait = begun + DELAY_SECONDS - time.monotonic()
+    timer = threading.Timer(wait, begin)
+    timer.daemon = True
+    if wait > 0:
+        timer.start()
+    else:
+        begin()
+    try:
+        yield report
+    finally:
+        ended.set()
+        timer.cancel()
+        with lock:
+            for display in shown:
+                display.close()
+
+
+class TerminalBar:
+    """A bar of `rich` on standard error; it moves to and fro while no fraction is known."""
+
+    def __init__(self, stage: str) -> None:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+        self._bar = Progress(*columns, console=Console(file=sys.stderr), transient=True)
+        self._task = self._bar.add_task(stage, total=None)
+        self._bar.start()
+
+    def update(self, done: float) -> None:
+        """Show the fraction that is done."""
+        self._bar.update(self._task, completed=done, total=1.0 if done else None)
+
+    def close(self) -> None:
+        """Remove the bar."""
+        self._bar.stop()
+
+
+class NotebookLine:
+    """A line of text below the cell of a notebook."""
+
+    def __init__(self, stage: str) -> None:
+        from IPython.display import display
+
+        self._stage, self._latest = stage, 0.0
+        self._handle: Any = display({"text/plain": stage}, raw=True, display_id=True)
+
+    def update(self, done: float) -> None:
+        """Show the fraction that is done."""
+        if time.monotonic() - self._latest >= NOTEBOOK_SECONDS:
+            self._latest = time.monotonic()
+            share = f": {round(100 * done)} %" if done else " ..."
+            self._handle.update({"text/plain": self._stage + share}, raw=True)
+
+    def close(self) -> None:
+        """Empty the line."""
+        self._handle.update({"text/plain": ""}, raw=True)
