@@ -106,7 +106,8 @@ class NotebookLine:
         from IPython.display import display
 
         self._stage, self._latest = stage, 0.0
-        self._handle: Any = display({"text/plain": stage}, raw=True, display_id=True)
+        show: Any = display
+        self._handle: Any = show({"text/plain": stage}, raw=True, display_id=True)
 
     def update(self, done: float) -> None:
         """Show the fraction that is done."""
