@@ -197,6 +197,19 @@ class TestFluidDomains:
         curved = {bd.GeomType.BSPLINE, bd.GeomType.BEZIER}
         assert len(wall & (plus | minus)) == sum(face.geom_type in curved for face in domains.wall.solid.faces())
 
+    def test_a_channel_s_hydraulic_diameter_counts_the_faces_it_shares_with_the_wall(
+        self, domains: FluidDomains
+    ) -> None:
+        wall = {hash(face.wrapped) for face in domains.wall.solid.faces()}
+        for name, diameter in domains.hydraulic_diameters.items():
+            channel = domains.domains[name].solid
+            wetted = sum(face.area for face in channel.faces() if hash(face.wrapped) in wall)
+            assert diameter == pytest.approx(4 * channel.volume / wetted, rel=1e-3)
+            assert f"hydraulic diameter {diameter:.4g} mm" in domains.summary()
+        found = domains.to_dict()["domains"]
+        assert sum(found[name]["volume"] for name in found) == pytest.approx(np.pi * 64 * 12, rel=1e-6)
+        assert sum(sum(found[name]["faces"].values()) for name in found) == pytest.approx(2 * np.pi * 8 * 20, rel=1e-6)
+
     def test_each_channel_lies_on_its_side(self, domains: FluidDomains) -> None:
         phi = fields.translate(fields.tpms("P", 10.0), (1, 2, 3))
         for part, sign in ((domains.plus, 1), (domains.minus, -1)):

@@ -8,7 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,9 +140,13 @@ def make_and_write(title: str, make: Callable[[Progress | None], Any], writing: 
 
 def describe_result(model: Any) -> dict[str, Any]:
     """What the report of a result holds: its certificate, and the domains of an exchanger."""
-    return model.certificate.to_dict()
+    return model.to_dict() if hasattr(model, "domains") else model.certificate.to_dict()
 
 
 def summarise(model: Any, *, verbose: bool) -> str:
     """What is said of a result: its certificate in plain words, or every figure with its bound."""
-    return str(model.certificate)
+    certificate = model.certificate
+    if hasattr(model, "domains"):  # the table of an exchanger tells what its notes tell of channels and faces
+        notes = tuple(note for note in certificate.notes if not note.startswith(("face ", "channel ")))
+        return f"{replace(certificate, notes=notes)}\n{model.summary()}"
+    return str(certificate)

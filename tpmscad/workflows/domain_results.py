@@ -213,6 +213,52 @@ class FluidDomains:
             ]
         return tuple(result)
 
+    @property
+    def hydraulic_diameters(self) -> dict[str, float]:
+        """4 x volume / wetted area of each channel by its name, model units; the area on the body's faces is not wetted."""
+        on_body = {name: sum(contact.areas.get(name, 0.0) for contact in self.touches) for name in (PLUS, MINUS)}
+        return {name: 4.0 * self.domains[name].volume / (self.domains[name].area - on_body[name]) for name in on_body}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The certificate and the figures of every domain as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The entries of the certificate, and under "domains" by name: pieces, volume, area, hydraulic diameter (of channels),
+            and the areas on the body's faces by their numbers.
+        """
+        diameters = self.hydraulic_diameters
+        domains = {
+            name: {
+                "pieces": len(model.built.solids),
+                "volume": model.volume,
+                "area": model.area,
+                "hydraulic_diameter": diameters.get(name),
+                "faces": {str(contact.face): contact.areas[name] for contact in self.touches if name in contact.areas},
+            }
+            for name, model in self.domains.items()
+        }
+        return self.certificate.to_dict() | {"domains": domains}
+
+    def summary(self) -> str:
+        """The domains as a table: pieces, volume, hydraulic diameter, and the faces of the body that each reaches.
+
+        Returns
+        -------
+        str
+            A line for each domain, with units.
+        """
+        lines = []
+        for name, found in self.to_dict()["domains"].items():
+            pieces = "1 piece" if found["pieces"] == 1 else f"{found['pieces']} pieces"
+            line = f"{name:10}  {pieces}, volume {found['volume']:.7g} mm3"
+            if found["hydraulic_diameter"] is not None:
+                line += f", hydraulic diameter {found['hydraulic_diameter']:.4g} mm"
+            faces = ", ".join(f"{face} ({area:.4g} mm2)" for face, area in found["faces"].items())
+            lines += [line, f"{'':10}  reaches face {faces}" if faces else f"{'':10}  reaches no face of the body"]
+        return "\n".join(lines)
+
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
