@@ -87,7 +87,7 @@ def test_an_assembly_of_cells_is_made_on_request(tmp_path: Path) -> None:
         ("gyroid --cell 10 --cells 1.5,1,1 --thickness 1", "cells 1.5"),
         ("gyroid --cell 10 --thickness -1", "thickness -1"),
         ("gyroid --cell 10 --thickness 9", "thickness below"),
-        ("gyroid --cell 10 --thickness 1 --offset -0.5,0.5", "thickness and offset"),
+        ("gyroid --cell 10 --thickness 1 --offset -0.5,0.5", "--thickness and --offset"),
         ("gyroid --cell 10 --volume-fraction 1.5", "--volume-fraction 1.5"),
         ("gyroid --cell 10", "exactly one of"),
         ("gyroid --cell 10 --thickness 1 --tol 0", "tol 0"),

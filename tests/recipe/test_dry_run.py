@@ -35,7 +35,7 @@ def dry_run(folder: Path, field: str = SHEET, domain: str = BOX, tol: str = "0.0
             "part.toml, line 3, field: two surfaces cross near",
         ),
         ({"field": 'kind = "sphere"\ncenter = [99, 0, 0]\nradius = 1'}, LevelSetError, "no surface inside the box"),
-        ({"field": SHEET.replace("-0.4", "0.3999")}, LevelSetError, "too thin for tol"),
+        ({"field": SHEET.replace("-0.4", "0.3999")}, LevelSetError, "too thin for `tol`"),
         ({"field": 'kind = "expression"\nformula = "sqrt(x - 2)"'}, RecipeError, "not finite"),
         ({"tol": "5"}, RecipeError, "line 1, tol: tol 5"),
         ({"domain": '"absent.step"'}, RecipeError, "line 2, domain: there is no file"),

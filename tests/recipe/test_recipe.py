@@ -140,6 +140,13 @@ SAME = {
             fields.rod(GYROID, fields.ramp("x", (0, 9), (-1, 1))),
         ),
     ],
+    "wall": [
+        ("of = 'gyroid'\nthickness = 0.8", fields.wall(GYROID, 0.8)),
+        (
+            "surface = 'gyroid'\ncell = 10\nthickness = { kind = 'ramp', by = 'x', span = [0, 9], values = [0.4, 1] }",
+            fields.wall(GYROID, fields.ramp("x", (0, 9), (0.4, 1))),
+        ),
+    ],
     "pore": [("of = 'gyroid'\nlevel = 0.4", fields.pore(GYROID, 0.4))],
     "sheet": [
         ("of = 'gyroid'\nlevels = [-0.2, 0.3]", fields.sheet(GYROID, -0.2, 0.3)),

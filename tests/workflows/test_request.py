@@ -48,7 +48,7 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"cells": 1.5, "thickness": 1}, ("cells 1.5", "whole")),
         ({"thickness": -1}, ("thickness -1", "positive")),
         ({"thickness": 4}, ("offset", "3.76", "thin")),
-        ({"thickness": 1, "offset": (-1, 1)}, ("exactly one", "thickness and offset")),
+        ({"thickness": 1, "offset": (-1, 1)}, ("exactly one", "`thickness` and `offset`")),
         ({}, ("exactly one", "none")),
         ({"offset": (1, -1)}, ("offset [1.0, -1.0]", "lower first")),
         ({"volume_fraction": 1.2}, ("volume_fraction 1.2", "below 1")),

@@ -46,13 +46,13 @@ def surfaces(as_json: JsonOption = False) -> None:
     head = ("name", "short", "thickest wall", "reference", "genus", "space group")
     table = [head]
     for row in rows:
-        wall, names = row["thickest_wall"], row["aliases"]
+        names = row["aliases"]
         table.append(
             (
                 str(row["name"]),
                 str(names[0]) if isinstance(names, list) and len(names[0]) <= MAX_ALIAS else "",
-                "-" if wall is None else f"{wall:.3f} cell",
-                ", ".join(row["references"]) or "formula",  # type: ignore[arg-type]
+                f"{row['thickest_wall']:.3f} cell",
+                ", ".join(row["references"]),  # type: ignore[arg-type]
                 str(row["genus"]),
                 str(row["space_group"]),
             )
@@ -67,7 +67,7 @@ MAX_ALIAS = 5
 """Letters of an alias that the table shows."""
 
 CATALOGUE_NOTE = """Thickest wall: --thickness stays below it, times the edge of the cell, or the
-wall would fold; - is not known beforehand. --json prints the formulas, too."""
+wall would fold. --json prints the formulas, too."""
 
 
 def template(recipe: TemplateArgument) -> None:

@@ -82,8 +82,8 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
             least = min(least, float(wall.min()))
             if least <= MIN_WALL_TOLS * tol:
                 raise LevelSetError(
-                    f"the wall is {wall.min():.3g} thick near {_format_point(points[i][wall.argmin()])}, too thin for tol "
-                    f"{tol:g}: use a tol below {wall.min() / 2:.2g}, or a thicker wall"
+                    f"the wall is {wall.min():.3g} thick near {_format_point(points[i][wall.argmin()])}, too thin for `tol` "
+                    f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall"
                 )
     return least
 

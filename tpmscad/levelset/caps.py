@@ -82,7 +82,7 @@ def find_solid_box_edges(
             where = ", ".join(f"{x:.6g}" for x in np.where(np.array(corners[1]), hi, lo))
             raise LevelSetError(
                 f"solid and void do not alternate along the edge of the box at ({where}) along {'xyz'[axis]}: "
-                "walls touch there; use a finer tol or move the box"
+                "walls touch there; use a finer `tol` or move the box"
             )
         stops = between.tolist()
         if first:
@@ -127,13 +127,13 @@ def chain_cap_loops(
     except loops.LoopError as error:
         end = where(polylines[error.index][-1])
         raise LevelSetError(
-            f"the cap's boundary does not close at ({end}): a finer mesh is needed there, so use a finer tol"
+            f"the cap's boundary does not close at ({end}): a finer mesh is needed there, so use a finer `tol`"
         ) from error
     try:
         faces = loops.nest_loops([flat[loop][:, :-1].reshape(-1, 2) for loop in chained])
     except loops.LoopError as error:
         start = where(polylines[chained[error.index][0]][0])
-        raise LevelSetError(f"{error} near ({start}): a finer mesh is needed there, so use a finer tol") from error
+        raise LevelSetError(f"{error} near ({start}): a finer mesh is needed there, so use a finer `tol`") from error
     return [
         [[(int(open_edges.edge[rows[k]]), int(open_edges.sense[rows[k]])) for k in chained[i]] for i in face]
         for face in faces

@@ -74,6 +74,11 @@ def make_sheet(*, levels: Any, volume_fraction: Any, **base: Any) -> Field:
     return fields.sheet(phi, low, high)
 
 
+def make_wall(*, thickness: Any, **base: Any) -> Field:
+    """The wall of a thickness along the normal round {field = 0}."""
+    return fields.wall(make_base_field(**base), thickness)
+
+
 def solve_threshold(phi: Field, fraction: Any, what: str) -> Any:
     """The level, or the pair of levels of a sheet, that gives a volume fraction; fields of them if a ramp grades it."""
     if not isinstance(fraction, Field):
@@ -158,6 +163,13 @@ STRUCTURE_KINDS: dict[str, FieldKind] = {
         Key("level", FIELD, "the level; a ramp grades it"),
         FRACTION_KEY,
         one_of=["of surface", "level volume_fraction"],
+    ),
+    "wall": field_kind(
+        "A wall of a thickness in mm along the surface {field = 0}.",
+        make_wall,
+        *BASE_KEYS,
+        Key("thickness", NUMBER_OR_FIELD, "thickness along the normal; a ramp grades it", "mm"),
+        one_of=["of surface"],
     ),
     "sheet": field_kind(
         "Solid where a field lies between two levels.",

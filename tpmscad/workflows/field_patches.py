@@ -112,7 +112,7 @@ def fit_field_patches(
             if unrounded not in (None, betti):
                 notes = (
                     *notes,
-                    f"rounding changes the field's Betti numbers from {unrounded} to {betti}: use a finer tol",
+                    f"rounding changes the field's Betti numbers from {unrounded} to {betti}: use a finer `tol`",
                 )
                 betti = unrounded
         spacing = float((hi - lo).max()) / N_QUADRATURE_LINES

@@ -239,7 +239,7 @@ def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
     if map is not None:
         raise InvalidRequest(
             f"the patches of the {title} are fitted to one period and copied, which a map does not allow: "
-            "make a solid of the mapped field, tpmscad.solidify(fields.warp(...), box, tol=...)"
+            "make a solid of the mapped field with tpmscad.solidify"
         )
     if boundary == "natural":
         raise InvalidRequest(

@@ -202,7 +202,7 @@ class Model:
     def _export_instances(self, path: str | Path, schema: str) -> None:
         """Write the unit cell once and place it as often as the solid repeats it."""
         if self.unit_cell is None:
-            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave instanced out")
+            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
         cell = self.unit_cell.make()
         write_checked_brep(
             cell,

@@ -9,7 +9,7 @@ from tpmscad import surfaces
 from tpmscad.errors import InvalidRequest
 
 
-def thickest_wall(surface: str, reference: str | None = None) -> float | None:
+def thickest_wall(surface: str, reference: str | None = None) -> float:
     """Return the thickness, in cell edges, that the wall of a symmetric sheet has to stay below.
 
     Parameters
@@ -21,8 +21,8 @@ def thickest_wall(surface: str, reference: str | None = None) -> float | None:
 
     Returns
     -------
-    float or None
-        Twice the least radius of curvature; None for surfaces whose curvature is not known beforehand.
+    float
+        Twice the least radius of curvature.
 
     Raises
     ------
@@ -37,8 +37,6 @@ def thickest_wall(surface: str, reference: str | None = None) -> float | None:
     """
     info = surfaces.find_surface(surface)
     if reference is None:
-        if not info.references:
-            return None
         reference = info.references[0]
     elif reference not in info.references:
         raise InvalidRequest(f"the {info.title} has no {reference} reference")

@@ -51,13 +51,14 @@ def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: 
         if not named:
             return Wall((0.0, 0.0))
     if len(named) != 1:
-        listed = " and ".join(named) if named else "none of them"
-        raise InvalidRequest(f"give exactly one of {', '.join(WALL_KEYWORDS)}; here: {listed}")
+        choices = ", ".join(f"`{keyword}`" for keyword in WALL_KEYWORDS)
+        listed = " and ".join(f"`{keyword}`" for keyword in named) if named else "none of them"
+        raise InvalidRequest(f"give exactly one of {choices}; here: {listed}")
     if "volume_fraction" in named or "porosity" in named:
         fraction = _check_fraction(named[0], given[named[0]])
         if has_mapping:
             raise InvalidRequest(
-                f"{named[0]} is solved for cubic cells without a map; give thickness or offset instead"
+                f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
             )
         return _solve_for_fraction(name, given["reference"], fraction, kind, cell, given["side"])
     if "thickness" in named:
