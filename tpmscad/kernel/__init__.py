@@ -21,8 +21,9 @@ if TYPE_CHECKING:
         intersect_solids,
         subtract_solid,
     )
-    from tpmscad.kernel.boolean.hollow_body import resolve_open_faces, subtract_voids
-    from tpmscad.kernel.boolean.inward_offset import offset_inward
+    from tpmscad.kernel.boolean.erosion import erode
+    from tpmscad.kernel.boolean.hollow_body import find_skin_faces, resolve_open_faces, subtract_voids
+    from tpmscad.kernel.boolean.inward_offset import offset_by_occt
     from tpmscad.kernel.boolean.local_intersection import intersect_locally
     from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids, select_solids
     from tpmscad.kernel.export.brep_file import write_brep_file
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
         sample_solid,
     )
     from tpmscad.kernel.measure.signed_distance import body_field
+    from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import make_compound
     from tpmscad.kernel.occt.convert import transform_shape
@@ -78,6 +80,8 @@ __all__ = [
     "NotQuadric",
     "Scene",
     "ShapeReport",
+    "SkinDepth",
+    "SkinThickness",
     "SplitSolid",
     "StepContent",
     "StepReport",
@@ -93,11 +97,13 @@ __all__ = [
     "diverging_scale",
     "draw_scene",
     "enclosing_box",
+    "erode",
     "estimate_volume",
     "face_moments",
     "faces_of",
     "find_creases",
     "find_label_colour",
+    "find_skin_faces",
     "group_faces",
     "have_touching_solids",
     "intersect_locally",
@@ -107,8 +113,9 @@ __all__ = [
     "label_shape_faces",
     "lie_on_surface",
     "make_compound",
+    "measure_skin_thickness",
     "mesh_solids",
-    "offset_inward",
+    "offset_by_occt",
     "order_labels",
     "piece_colour",
     "pieces_of",
@@ -117,6 +124,7 @@ __all__ = [
     "read_step",
     "render_png",
     "resolve_open_faces",
+    "sample_depths",
     "sample_faces",
     "sample_solid",
     "select_solids",
@@ -178,7 +186,13 @@ _MODULE_OF_NAME = {
     "lie_on_surface": "tpmscad.kernel.measure.shape_sampling",
     "make_compound": "tpmscad.kernel.occt.construction",
     "mesh_solids": "tpmscad.kernel.export.solid_mesh",
-    "offset_inward": "tpmscad.kernel.boolean.inward_offset",
+    "offset_by_occt": "tpmscad.kernel.boolean.inward_offset",
+    "measure_skin_thickness": "tpmscad.kernel.measure.skin_depth",
+    "sample_depths": "tpmscad.kernel.measure.skin_depth",
+    "SkinDepth": "tpmscad.kernel.measure.skin_depth",
+    "SkinThickness": "tpmscad.kernel.measure.skin_depth",
+    "erode": "tpmscad.kernel.boolean.erosion",
+    "find_skin_faces": "tpmscad.kernel.boolean.hollow_body",
     "order_labels": "tpmscad.kernel.step.face_labels",
     "piece_colour": "tpmscad.kernel.render.palette",
     "pieces_of": "tpmscad.kernel.render.scene",

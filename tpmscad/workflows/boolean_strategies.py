@@ -24,6 +24,7 @@ from tpmscad.kernel import CadBody, KernelSolids, brep_from_shape, intersect_loc
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import trim
 from tpmscad.workflows.attempts import Attempt, first_success
+from tpmscad.workflows.certificate import Check
 from tpmscad.workflows.lattice_block import LatticeBlock
 
 TRIMMED_PATCHES = "patches"
@@ -47,13 +48,14 @@ SEARCH_RADIUS_PATCHES = 2.0
 class BooleanResult:
     """The solids that are left, largest first; `brep` bounds them if the patches were trimmed.
 
-    `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN.
+    `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN. `checks` of the certificate are those that the boolean itself gives rise to.
     """
 
     built: Any
     brep: Brep | None
     method: str
     notes: tuple[str, ...]
+    checks: tuple[Check, ...] = ()
 
     @property
     def solids(self) -> tuple[Any, ...]:

@@ -16,21 +16,13 @@ import numpy as np
 from tpmscad._typing import ProgressOption
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.kernel import (
-    CadBody,
-    KernelSolids,
-    betti_numbers,
-    offset_inward,
-    read_body,
-    resolve_open_faces,
-    subtract_voids,
-)
+from tpmscad.kernel import KernelSolids, read_body, resolve_open_faces
 from tpmscad.stage_timer import StageTimer
-from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice, subtract_lattice_from_body
+from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice
 from tpmscad.workflows.certificate import certify_kernel_solids
 from tpmscad.workflows.face_selection import resolve_face_selectors
 from tpmscad.workflows.keyword_checks import check_finite
-from tpmscad.workflows.lattice_block import LatticeBlock, build_field_block, build_lattice_block
+from tpmscad.workflows.lattice_block import build_field_block, build_lattice_block
 from tpmscad.workflows.lattice_request import (
     INFILL_DEFAULTS,
     LatticeRequest,
@@ -40,6 +32,7 @@ from tpmscad.workflows.lattice_request import (
 from tpmscad.workflows.loose_pieces import DroppedPieces, check_loose, drop_loose_pieces, drop_loose_solids
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.reference_distance import field_distance, lattice_distance
+from tpmscad.workflows.skin import fill_within_skin
 
 MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
@@ -162,7 +155,7 @@ def infill(
     with stages("trim"):
         openings = resolve_open_faces(read, resolve_face_selectors(read, open_faces))
         if skin is not None:
-            result = fill_within_skin(block, read, skin, openings)
+            result = fill_within_skin(block, read, check_finite("skin", skin), openings)
         elif openings:
             raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
         else:
@@ -175,6 +168,7 @@ def infill(
             result.solids,
             block.patches,
             block.measures,
+            checks=result.checks,
             notes=(*result.notes, *dropped.notes),
             dropped=dropped.volumes,
         )
@@ -196,31 +190,6 @@ def _drop_loose_solids(result: BooleanResult, loose: str) -> tuple[BooleanResult
         return replace(result, built=KernelSolids(solids)), dropped
     brep, built, dropped = drop_loose_pieces(result.brep, result.built, loose)
     return replace(result, brep=brep, built=built), dropped
-
-
-def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
-    """The body without the voids that the lattice leaves in it deeper than the skin.
-
-    The voids become shells inside one solid, or reach the outside through the open faces.
-    """
-    skin = check_finite("skin", skin)
-    voids = subtract_lattice_from_body(block, offset_inward(body, skin, open_faces))
-    if not voids.solids:
-        raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
-    solids = subtract_voids(body, voids.solids, open_faces)
-    return BooleanResult(KernelSolids(solids), None, voids.method, (*voids.notes, *_note_closed_channels(solids)))
-
-
-def _note_closed_channels(solids: Sequence[Any]) -> tuple[str, ...]:
-    """A note on the channels that no opening reaches."""
-    closed = betti_numbers(solids)[2]
-    if not closed:
-        return ()
-    count = "a channel" if closed == 1 else f"{closed} channels that do not meet"
-    return (
-        f"the skin closes off {count}: each is bounded by a shell of its own inside the solid; "
-        "name open_faces, or bore through the skin, to let powder or fluid out",
-    )
 
 
 def _check_wall_thickness(request: LatticeRequest) -> None:

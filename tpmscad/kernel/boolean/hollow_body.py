@@ -9,17 +9,17 @@ import numpy as np
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepTools import BRepTools_WireExplorer
-from OCP.Geom import Geom_Plane
+from OCP.Geom import Geom_ElementarySurface, Geom_Plane
 from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_WIRE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
 
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, nest_loops
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.kernel.boolean.inward_offset import sample_edges
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
 from tpmscad.kernel.measure.cad_body import CadBody
-from tpmscad.kernel.measure.shape_sampling import find_creases, sample_edge
+from tpmscad.kernel.measure.shape_sampling import find_creases, sample_edge, sample_faces
+from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -43,12 +43,9 @@ def subtract_voids(
     The voids are disjoint solids inside the body that touch its boundary in open faces only. Their shells are reversed, and their
     faces in an open face become holes of it. Raises KernelError if the result is not closed.
     """
-    if not open_faces:
-        return (
-            make_solid(
-                [*_shells(body.shape), *(convert.as_shell(s.Reversed()) for void in voids for s in _shells(void))]
-            ),
-        )
+    shells = [convert.as_shell(shell.Reversed()) for void in voids for shell in _shells(void)]
+    if not open_faces and len(shells) == len(voids):
+        return (make_solid([*_shells(body.shape), *shells]),)
     holes: list[list[TopoDS_Face]] = [[] for _ in open_faces]
     planes = [_outward_plane(face) for face in open_faces]
     faces = [f for f in faces_of(body.shape) if not any(f.IsSame(face) for face in open_faces)]
@@ -90,7 +87,7 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
     smooth = find_creases(own, float(np.ptp(body.report.bounds, axis=0).max())).smooth_group
     for face in found:
         if np.count_nonzero(smooth == smooth[next(i for i, f in enumerate(own) if f.IsSame(face))]) > 1:
-            x, y, z = sample_edges(face).mean(axis=0)
+            x, y, z = np.concatenate([sample_edge(edge, 4) for edge in edges_of(face)]).mean(axis=0)
             raise InvalidRequest(
                 f"open_faces: the face about ({x:.4g}, {y:.4g}, {z:.4g}) joins another face smoothly, so that the skin has no "
                 "edge to end at: open a face with sharp edges, or add the fillets afterwards"
@@ -99,6 +96,35 @@ def resolve_open_faces(body: CadBody, faces: Iterable[Any]) -> tuple[TopoDS_Face
     if len(set(edges)) < len(edges):
         raise InvalidRequest("open_faces: two of the faces meet in an edge or are the same: remove one of them")
     return tuple(found)
+
+
+def find_skin_faces(
+    voids: Sequence[TopoDS_Solid], inner: Sequence[CadBody], open_faces: Sequence[TopoDS_Face]
+) -> list[TopoDS_Face]:
+    """The faces of the voids that lie on the boundary of the offset bodies, without those in open faces.
+
+    On planes and quadrics they are known by their surfaces, since those of a lattice are splines; among splines the distance
+    from the offset bodies decides.
+    """
+    planes = [_outward_plane(face) for face in open_faces]
+    free_form = [f for body in inner for f in faces_of(body.shape) if _is_spline(f)]
+    near = SkinDepth(inner[0].shape, free_form) if free_form else None
+    found = []
+    for face in (face for void in voids for face in faces_of(void)):
+        if any(_is_in_opening(face, plane, of) for plane, of in zip(planes, open_faces, strict=True)):
+            continue
+        if not _is_spline(face):
+            found.append(face)
+        elif near is not None:
+            points = sample_faces([face], np.inf).points[:1]
+            if len(points) and near.distances(points)[0] < OPENING_TOL:
+                found.append(face)
+    return found
+
+
+def _is_spline(face: TopoDS_Face) -> bool:
+    """Whether the face lies on neither a plane nor a quadric."""
+    return not isinstance(BRep_Tool.Surface_s(face), Geom_Plane | Geom_ElementarySurface)
 
 
 def _shells(solid: TopoDS_Solid) -> list[Any]:

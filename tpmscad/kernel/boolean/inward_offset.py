@@ -1,7 +1,7 @@
 """Inward offset of a CAD body by OCCT in a process of its own, with a time limit.
 
-OCCT offsets free-form faces too, but for some bodies it does not return, or ends the process with a segmentation fault. Each shell
-is offset by itself, because OCCT refuses a solid with cavities: the outer shell inwards, the others into the material around them.
+OCCT offsets free-form faces too, but for some bodies it does not return, or ends the process with a segmentation fault. Each
+shell is offset by itself, because OCCT refuses a solid with cavities: the outer shell inwards, the others into the material.
 
     python -m tpmscad.kernel.boolean.inward_offset IN.bin OUT.bin SKIN arc|mitre [OPEN_FACE ...]
 """
@@ -110,8 +110,7 @@ def main(arguments: Sequence[str]) -> int:
     faces = faces_of(body)
     try:
         found = _offset_all_shells(convert.as_solid(body), float(skin), [faces[int(n)] for n in numbers], join)
-    except Exception as error:  # OCCT's exceptions have no common base class
-        print(type(error).__name__, error, file=sys.stderr)
+    except Exception:  # OCCT's exceptions have no common base class
         return FAILED
     BinTools.Write_s(make_compound(solids_of(found)), made)
     return 0

@@ -1,9 +1,9 @@
 """The surfaces on which the boundary of an eroded body lies: where the depth below the body's faces is exactly the skin.
 
-A body of planes and quadrics has offsets of the same kinds. Round a concave edge the points of equal depth form a tube, a cylinder
-for a straight edge and a torus for a circular one; round a concave corner they form a sphere. Each surface is cut to a rectangle of
-its parameters that exceeds the face or the edge by a margin, so that neighbours cross each other: the offset faces on both sides of
-a concave edge that has no tube then meet in a mitre.
+A body of planes and quadrics has offsets of the same kinds. Round a concave edge the points of equal depth form a tube, a
+cylinder for a straight edge and a torus for a circular one; round a concave corner they form a sphere. Each surface is cut to a
+rectangle of its parameters that exceeds the face or the edge by a margin, so that neighbours cross each other: the offset faces
+on both sides of a concave edge that has no tube then meet in a mitre.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def _parameter_box(body: Brep, face: int, carrier: Plane | Quadric) -> Box:
     pieces = []
     for use in uses:
         edge, pcurve = body.uses.edge[use], body.uses.pcurve[use]
-        t = np.linspace(*body.edges.span[edge], SAMPLES)
+        t = np.linspace(body.edges.span[edge, 0], body.edges.span[edge, 1], SAMPLES)
         if pcurve >= 0:
             pieces.append(body.pcurves[pcurve](t))
         else:
@@ -120,7 +120,7 @@ def _parameter_box(body: Brep, face: int, carrier: Plane | Quadric) -> Box:
 
 
 def _make_tubes(body: Brep, is_open: NDArray[np.bool_], skin: float) -> tuple[list[CarrierPiece], set[int]]:
-    """Cylinders and tori round concave edges that are straight or circular, and the faces at edges that need extension instead."""
+    """Cylinders and tori round straight and circular concave edges, and the faces at edges that need extension instead."""
     tubes, mitred = [], set()
     for edge in find_sharp_edges(body):
         opened, normals = is_open[list(edge.faces)], edge.normals
@@ -174,7 +174,7 @@ def find_sharp_edges(body: Brep) -> Iterator[SharpEdge]:
     order = np.argsort(body.uses.edge, kind="stable")
     for one, two in order.reshape(-1, 2).tolist():
         edge = int(body.uses.edge[one])
-        t = np.linspace(*body.edges.span[edge], SAMPLES)[:: SAMPLES // 8]
+        t = np.linspace(body.edges.span[edge, 0], body.edges.span[edge, 1], SAMPLES)[:: SAMPLES // 8]
         curve = body.curves[body.edges.curve[edge]]
         points, tangents = curve(t), curve(t, 1)
         tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
@@ -194,7 +194,7 @@ def _gradient(body: Brep, face: int, points: Array) -> Array:
 
 
 def _sector(directions: Array, x_axis: Array, y_axis: Array) -> tuple[float, float]:
-    """Range of the angles of two families of directions (2, n, 3) in frames (n, 3), (n, 3); the sector is less than half a turn."""
+    """Range of the angles, less than half a turn, of two families of directions (2, n, 3) in frames (n, 3), (n, 3)."""
     angle = np.arctan2((directions * y_axis).sum(axis=2), (directions * x_axis).sum(axis=2))
     first = angle[0, 0] + np.angle(np.exp(1j * (angle[0] - angle[0, 0])))
     second = first + np.angle(np.exp(1j * (angle[1] - first)))
@@ -216,10 +216,8 @@ def _merge_same_surfaces(pieces: Sequence[CarrierPiece], tol: float) -> list[Car
         carrier, sense = group[0].carrier, group[0].sense
         boxes = [piece.box if piece is group[0] else _box_on(carrier, piece) for piece in group]
         v_range = _cover([b[1] for b in boxes], carrier.period[1])
-        if carrier.period[0]:
-            ranges = _arcs([b[0] for b in boxes], carrier.period[0])
-        else:
-            ranges = [_cover([b[0] for b in boxes], 0.0)]
+        along_u = [b[0] for b in boxes]
+        ranges = _arcs(along_u, carrier.period[0]) if carrier.period[0] else [_cover(along_u, 0.0)]
         margin = max(piece.margin for piece in group)
         merged += [CarrierPiece(carrier, (u_range, v_range), sense, margin) for u_range in ranges]
     return merged

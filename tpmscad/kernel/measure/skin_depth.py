@@ -24,8 +24,8 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of
 
-MAX_FACE_POINTS = 600
-MAX_EDGE_POINTS = 400
+MAX_FACE_POINTS = 300
+MAX_EDGE_POINTS = 200
 """Points at which the thickness of a skin is measured, each 0.3 to 1 ms."""
 
 POINTS_ACROSS = 24
