@@ -169,10 +169,6 @@ class TestSkin:
         with pytest.raises(tpmscad.InvalidRequest, match="skin"):
             tpmscad.infill(bd.Box(16, 14, 12), **P, skin=skin)
 
-    def test_an_offset_that_folds_over_is_not_taken(self) -> None:
-        with pytest.raises(tpmscad.KernelError, match="folds over"):
-            tpmscad.infill(bd.fillet(bd.Box(20, 20, 20).edges(), 3), **P, skin=4.0)
-
 
 @pytest.fixture(scope="module")
 def domains() -> FluidDomains:

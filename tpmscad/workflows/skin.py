@@ -4,7 +4,7 @@ The body is eroded by the skin, the lattice is subtracted from what is left, and
 body. A body of planes and quadrics is eroded exactly by an arrangement of its offset surfaces; the skin then has the thickness
 asked for everywhere, round concave edges too, save where two faces meet along a concave edge that is neither straight nor
 circular: there the offset faces meet in a mitre. Free-form bodies, and what the arrangement refuses, are offset by the kernel in
-a process of its own with a time limit. Whatever the method, the thickness is measured on the offset body, and again on the result.
+a process of its own with a time limit. Whatever the method, the thickness is measured on the offset body, and on the result.
 """
 
 from __future__ import annotations
@@ -42,6 +42,9 @@ MAX_THICKNESS_RATIO = 1.45
 
 EXACT_RATIO = 1.001
 """In skins: thickness up to which a point counts as exact in the note."""
+
+EROSION_MARGIN = 0.6
+"""In skins: by how much the offset surfaces exceed their faces in the second attempt to intersect them."""
 
 DEPTH_SAMPLES = 512
 """Points in the body's box that tell whether an offset misses a part deeper than the skin."""
@@ -109,6 +112,7 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
     found = first_success(
         [
             attempt("exact erosion", lambda: erode(body, skin, open_faces, depth)),
+            attempt("exact erosion", lambda: erode(body, skin, open_faces, depth, EROSION_MARGIN)),
             attempt("the kernel's offset with arcs", lambda: offset_by_occt(body.shape, skin, open_faces, "arc")),
             attempt("the kernel's offset with mitres", lambda: offset_by_occt(body.shape, skin, open_faces, "mitre")),
         ]

@@ -63,15 +63,18 @@ PROBE_STEP = 1e-3
 """In skins: step from a face of a cell to the probe that tells whether the cell is deep."""
 
 
-def erode(body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face], depth: SkinDepth) -> tuple[TopoDS_Solid, ...]:
+def erode(
+    body: CadBody, skin: float, open_faces: Sequence[TopoDS_Face], depth: SkinDepth, margin: float = 0.0
+) -> tuple[TopoDS_Solid, ...]:
     """Solids of {depth > skin}, largest first; open faces bound it without a skin.
 
+    `margin` (in skins) is that of `offset_pieces`: the kernel may intersect the surfaces with one and fail with another.
     Raises NotQuadric for a body with free-form faces, and KernelError if the surfaces do not close.
     """
     carriers, source = brep_and_source_faces(body.shape)
     own = faces_of(body.shape)
     is_open = np.array([any(own[f].IsSame(face) for face in open_faces) for f in source.tolist()])
-    pieces = [*offset_pieces(carriers, is_open, skin), *_corner_balls(carriers, skin, depth)]
+    pieces = [*offset_pieces(carriers, is_open, skin, margin), *_corner_balls(carriers, skin, depth)]
     if len(pieces) > MAX_SURFACES:
         raise KernelError(OPERATION, f"{len(pieces)} offset surfaces are too many to intersect, at most {MAX_SURFACES}")
     with translate_occt_errors(OPERATION, body.shape):
@@ -143,7 +146,9 @@ def _select_deep(
     kept, least = [], {}
     edges: dict[ShapeKey, float] = {}
     for face in faces:
-        point = interior_point(face, context)
+        point = _interior_point(face, context)
+        if point is None:
+            continue
         d = float(depth(point[None])[0])
         if not limit <= d <= MAX_DEPTH_RATIO * skin:
             continue
@@ -160,11 +165,11 @@ def _select_deep(
     return kept, least
 
 
-def interior_point(face: TopoDS_Face, context: IntTools_Context) -> Array:
-    """A point inside a trimmed face: (3,)."""
+def _interior_point(face: TopoDS_Face, context: IntTools_Context) -> Array | None:
+    """A point inside a trimmed face: (3,), or None if the kernel finds none, in a sliver for example."""
     point, uv = gp_Pnt(), gp_Pnt2d()
     if BOPTools_AlgoTools3D.PointInFace_s(face, point, uv, context):
-        raise KernelError(OPERATION, "the kernel found no interior point of a face", face)
+        return None
     return np.array(point.Coord())
 
 

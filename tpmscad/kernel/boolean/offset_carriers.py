@@ -2,8 +2,7 @@
 
 A body of planes and quadrics has offsets of the same kinds. Round a concave edge the points of equal depth form a tube, a
 cylinder for a straight edge and a torus for a circular one; round a concave corner they form a sphere. Each surface is cut to a
-rectangle of its parameters that exceeds the face or the edge by a margin, so that neighbours cross each other: the offset faces
-on both sides of a concave edge that has no tube then meet in a mitre.
+rectangle of its parameters, extended beside a concave edge that has no tube: there the offset faces meet in a mitre.
 """
 
 from __future__ import annotations
@@ -29,14 +28,9 @@ from tpmscad.splines.bspline import BSplineCurve
 
 Box = tuple[tuple[float, float], tuple[float, float]]
 
-MARGIN = 0.25
-"""In skins: how far a rectangle exceeds its face. Small margins keep surfaces apart that do not meet on the result."""
-
 MITRE_MARGIN = 1.3
-"""In skins: the same beside a concave edge without a tube. Mitres of up to 1.45 skins need 1.05 skins."""
-
-TUBE_MARGIN = 0.2
-"""Radians by which the sector of a tube exceeds the angle between the offset faces that it joins."""
+"""In skins: by how much the rectangle of a face is extended beside a concave edge without a tube. Mitres of up to 1.45 skins
+need 1.05 skins."""
 
 SMOOTH_SINE = 1e-6
 """Sine of the angle at an edge below which its faces count as tangent."""
@@ -68,13 +62,15 @@ class CarrierPiece:
     margin: float
 
 
-def offset_pieces(body: Brep, is_open: NDArray[np.bool_], skin: float) -> list[CarrierPiece]:
+def offset_pieces(body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float) -> list[CarrierPiece]:
     """Pieces of all surfaces on which the boundary of {depth > skin} lies, but for spheres round corners.
 
     body: planes and quadrics only. is_open (F,): faces from which the depth is not measured; they bound the result themselves.
+    margin: by how much, in skins, each piece exceeds its face or edge. Without a margin neighbours that join smoothly end on each
+    other; with one they cross.
     """
     tol = SAME_REL_TOL * float(np.linalg.norm(np.ptp(body.vertices, axis=0)))
-    tubes, mitred = _make_tubes(body, is_open, skin)
+    tubes, mitred = _make_tubes(body, is_open, skin, margin)
     pieces = []
     for face in range(len(body.faces)):
         carrier, sense = body.carriers[body.faces.carrier[face]], int(body.faces.sense[face])
@@ -84,7 +80,7 @@ def offset_pieces(body: Brep, is_open: NDArray[np.bool_], skin: float) -> list[C
             continue
         box = _cut_at_apex(moved, _parameter_box(body, face, moved))
         if box is not None:
-            pieces.append(CarrierPiece(moved, box, sense, (MITRE_MARGIN if face in mitred else MARGIN) * skin))
+            pieces.append(CarrierPiece(moved, box, sense, (MITRE_MARGIN if face in mitred else margin) * skin))
     faces = [_extend_face(face) for face in _merge_same_surfaces(pieces, tol)]
     return faces + [_extend_tube(tube) for tube in _merge_same_surfaces(tubes, tol)]
 
@@ -119,7 +115,9 @@ def _parameter_box(body: Brep, face: int, carrier: Plane | Quadric) -> Box:
     return (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
 
 
-def _make_tubes(body: Brep, is_open: NDArray[np.bool_], skin: float) -> tuple[list[CarrierPiece], set[int]]:
+def _make_tubes(
+    body: Brep, is_open: NDArray[np.bool_], skin: float, margin: float
+) -> tuple[list[CarrierPiece], set[int]]:
     """Cylinders and tori round straight and circular concave edges, and the faces at edges that need extension instead."""
     tubes, mitred = [], set()
     for edge in find_sharp_edges(body):
@@ -127,7 +125,7 @@ def _make_tubes(body: Brep, is_open: NDArray[np.bool_], skin: float) -> tuple[li
         cosine = float((normals[0] * normals[1]).sum(axis=1).max())
         if opened.all() or not (edge.concave or (opened.any() and cosine > 0)):
             continue
-        tube = _tube(body, edge, skin) if edge.concave or cosine > OPEN_RIM_COSINE else None
+        tube = _tube(body, edge, skin, margin) if edge.concave or cosine > OPEN_RIM_COSINE else None
         if tube is None:
             mitred |= set(edge.faces)
         else:
@@ -135,21 +133,21 @@ def _make_tubes(body: Brep, is_open: NDArray[np.bool_], skin: float) -> tuple[li
     return tubes, mitred
 
 
-def _tube(body: Brep, edge: SharpEdge, skin: float) -> CarrierPiece | None:
+def _tube(body: Brep, edge: SharpEdge, skin: float, margin: float) -> CarrierPiece | None:
     """The sector of a tube that joins the offsets of both faces of an edge; None if the edge is neither straight nor circular."""
     curve, span, points = body.curves[body.edges.curve[edge.index]], body.edges.span[edge.index], edge.points
     if isinstance(curve, Circle) and curve.radius > skin:
         torus = ToroidalSurface(curve.origin, curve.x_axis, curve.normal, curve.radius, skin)
         arm = points - curve.origin
         radial = arm / np.linalg.norm(arm, axis=1, keepdims=True)
-        sector = _sector(-edge.normals, radial, np.broadcast_to(curve.normal, radial.shape))
-        return CarrierPiece(torus, ((float(span[0]), float(span[1])), sector), 1, MARGIN * skin)
+        sector = _sector(-edge.normals, radial, np.broadcast_to(curve.normal, radial.shape), margin / 3)
+        return CarrierPiece(torus, ((float(span[0]), float(span[1])), sector), 1, margin * skin)
     if isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2:
         length = float(np.linalg.norm(points[-1] - points[0]))
         x_axis = -edge.normals[0, 0]
         tube = CylindricalSurface(points[0], x_axis, (points[-1] - points[0]) / length, skin)
         frame = np.broadcast_to(x_axis, points.shape), np.broadcast_to(tube.y_axis, points.shape)
-        return CarrierPiece(tube, (_sector(-edge.normals, *frame), (0.0, length)), 1, MARGIN * skin)
+        return CarrierPiece(tube, (_sector(-edge.normals, *frame, margin / 3), (0.0, length)), 1, margin * skin)
     return None
 
 
@@ -193,13 +191,13 @@ def _gradient(body: Brep, face: int, points: Array) -> Array:
     return carrier.gradient(points)
 
 
-def _sector(directions: Array, x_axis: Array, y_axis: Array) -> tuple[float, float]:
-    """Range of the angles, less than half a turn, of two families of directions (2, n, 3) in frames (n, 3), (n, 3)."""
+def _sector(directions: Array, x_axis: Array, y_axis: Array, margin: float) -> tuple[float, float]:
+    """Range of angles, less than half a turn, of two families of directions (2, n, 3) in frames (n, 3), (n, 3), and a margin."""
     angle = np.arctan2((directions * y_axis).sum(axis=2), (directions * x_axis).sum(axis=2))
     first = angle[0, 0] + np.angle(np.exp(1j * (angle[0] - angle[0, 0])))
     second = first + np.angle(np.exp(1j * (angle[1] - first)))
     both = np.concatenate([first, second])
-    return float(both.min() - TUBE_MARGIN), float(both.max() + TUBE_MARGIN)
+    return float(both.min() - margin), float(both.max() + margin)
 
 
 def _merge_same_surfaces(pieces: Sequence[CarrierPiece], tol: float) -> list[CarrierPiece]:

@@ -1,0 +1,129 @@
+"""Skins: the part of a body deeper than the skin against closed forms, the thickness measured, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.kernel import SkinThickness, find_skin_faces, measure_skin_thickness, offset_by_occt, read_body
+from tpmscad.workflows.skin import ErodedBody, check_skin_thickness, erode_body
+
+pytestmark = pytest.mark.kernel
+
+PI = np.pi
+
+
+def eroded(body: Any, skin: float = 1.0, open_faces: Any = ()) -> ErodedBody:
+    return erode_body(read_body(body), skin, tuple(face.wrapped for face in open_faces))
+
+
+def volume(found: ErodedBody) -> float:
+    return sum(part.volume for part in found.parts)
+
+
+def thickness(found: ErodedBody, open_faces: Any = ()) -> SkinThickness:
+    shapes = [part.shape for part in found.parts]
+    return measure_skin_thickness(find_skin_faces(shapes, found.parts, [f.wrapped for f in open_faces]), found.depth)
+
+
+def bracket() -> bd.Part:
+    return bd.Box(40, 24, 6) + bd.Pos(-17, 0, 12) * bd.Box(6, 24, 20)
+
+
+def grown_box(x: float, y: float, z: float, by: float) -> float:
+    """Volume of the points within a distance of a box."""
+    return x * y * z + 2 * by * (x * y + y * z + z * x) + PI * by**2 * (x + y + z) + 4 / 3 * PI * by**3
+
+
+CLOSED_FORMS = {
+    "a bracket with a sharp concave edge": (bracket, 1.0, 22 * (38 * 4 + 4 * 19 + (1 - PI / 4))),
+    "a box with a cavity": (
+        lambda: bd.Box(30, 26, 22) - bd.Box(14, 10, 8),
+        1.0,
+        28 * 24 * 20 - grown_box(14, 10, 8, 1.0),
+    ),
+    "fillets smaller than the skin": (lambda: bd.fillet(bd.Box(20, 18, 16).edges(), 0.5), 1.0, 18 * 16 * 14),
+    "fillets larger than the skin": (
+        lambda: bd.fillet(bd.Box(20, 18, 16).edges(), 3.0),
+        1.0,
+        grown_box(14, 12, 10, 2.0),
+    ),
+    "a torus": (lambda: bd.Torus(20, 7), 1.0, 2 * PI**2 * 20 * 6**2),
+    "a bore": (lambda: bd.Box(20, 18, 16) - bd.Cylinder(3, 20), 1.0, (18 * 16 - PI * 16) * 14),
+    "two blocks with a bridge thinner than two skins": (
+        lambda: bd.Box(30, 10, 10) - bd.Pos(0, 0, 3.5) * bd.Box(10, 10, 14),
+        1.0,
+        2 * 8 * (8 * 8 + 0.5 - 0.5 * (0.5 * np.sqrt(0.75) + PI / 6)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_what_is_deeper_than_the_skin_has_its_closed_form_volume(name: str) -> None:
+    make, skin, expected = CLOSED_FORMS[name]
+    found = eroded(make(), skin)
+    assert found.method == "exact erosion"
+    assert volume(found) == pytest.approx(expected, rel=1e-7)
+    measured = thickness(found)
+    assert measured.least == pytest.approx(skin, rel=1e-6)
+    assert measured.greatest == pytest.approx(skin, rel=1e-6)
+
+
+def test_a_cone_keeps_its_apex() -> None:
+    radius, height, skin = 14.0, 30.0, 1.0
+    slant = np.hypot(radius, height)
+    left = height - skin - skin * slant / radius  # the apex sinks by skin / sin(half-angle)
+    found = eroded(bd.Cone(radius, 0, height), skin)
+    assert volume(found) == pytest.approx(PI / 3 * (radius / height) ** 2 * left**3, rel=1e-7)
+
+
+def test_a_mitre_stays_within_the_limits_and_is_told() -> None:
+    body = bd.Cylinder(9, 30) + bd.Rot(0, 90, 0) * bd.Pos(0, 0, 9) * bd.Cylinder(6, 18)
+    measured = thickness(eroded(body))
+    assert measured.least == pytest.approx(1.0, rel=1e-6)
+    assert 1.3 < measured.greatest < 1.45
+    assert (measured.thickness < 1.001).mean() > 0.5
+
+
+def test_open_faces_get_no_skin() -> None:
+    body = bracket()
+    top = body.faces().sort_by(bd.Axis.Z)[-1:]
+    found = eroded(body, 1.0, top)
+    assert volume(found) == pytest.approx(22 * (38 * 4 + 4 * 20 + (1 - PI / 4)), rel=1e-7)
+    assert thickness(found, top).greatest == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_kernel_offsets_each_shell_in_a_process_of_its_own() -> None:
+    body = read_body(bd.Box(30, 26, 22) - bd.Box(14, 10, 8)).shape
+    (inner,) = offset_by_occt(body, 1.0, (), "mitre")
+    assert read_body(inner).volume == pytest.approx(28 * 24 * 20 - 16 * 12 * 10, rel=1e-9)
+
+
+def test_a_kernel_that_does_not_answer_is_ended() -> None:
+    with pytest.raises(tpmscad.KernelError, match="no answer from the kernel within"):
+        offset_by_occt(read_body(bd.Box(3, 3, 3)).shape, 1.0, (), "arc", seconds=0.01)
+
+
+@pytest.mark.parametrize(("thickest", "words"), [(0.97, "only 0.97 thick near"), (1.46, "1.46 thick near")])
+def test_a_skin_outside_the_limits_fails_its_check(thickest: float, words: str) -> None:
+    measured = SkinThickness(np.eye(3), np.array([1.0, 1.0, thickest]))
+    failed = [check for check in check_skin_thickness(measured, 1.0) if not check.passed]
+    assert len(failed) == 1
+    assert words in failed[0].shortfall
+
+
+@pytest.mark.slow
+def test_the_certificate_says_how_thick_the_skin_is() -> None:
+    body = bracket()
+    model = tpmscad.infill(
+        body, "gyroid", cell=6, thickness=0.6, tol=0.05, skin=1, open_faces=body.faces().sort_by(bd.Axis.Z)[-1:]
+    )
+    found = model.certificate
+    assert found.met
+    assert found.betti[::2] == (1, 0)
+    assert found.volume < body.volume
+    assert any(note.startswith("skin of 1 by exact erosion: 1 to 1 thick") for note in found.notes)
