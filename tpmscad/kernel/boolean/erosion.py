@@ -79,8 +79,8 @@ def erode(
         raise KernelError(OPERATION, f"{len(pieces)} offset surfaces are too many to intersect, at most {MAX_SURFACES}")
     with translate_occt_errors(OPERATION, body.shape):
         split = _split_by_each_other([make_face(piece) for piece in pieces])
-        kept, least = _select_deep(split, skin, depth)
-        cells = _deep_cells(kept, least, skin, depth)
+        kept = _select_deep(split, skin, depth, np.inf if is_open.any() else MAX_DEPTH_RATIO * skin)
+        cells = _deep_cells(kept, skin, depth)
         if not cells:
             raise KernelError(OPERATION, "the offset surfaces bound no cell deeper than the skin", body.shape)
         return assemble_solids(_unite_faces(_outer_faces(cells)))[0]
@@ -138,31 +138,25 @@ def _split_by_each_other(faces: Sequence[TopoDS_Face]) -> list[TopoDS_Face]:
     return list(pieces.values())
 
 
-def _select_deep(
-    faces: Sequence[TopoDS_Face], skin: float, depth: SkinDepth
-) -> tuple[list[TopoDS_Face], dict[ShapeKey, float]]:
-    """The faces nowhere shallower than the skin, and the least depth of each."""
+def _select_deep(faces: Sequence[TopoDS_Face], skin: float, depth: SkinDepth, most: float) -> dict[ShapeKey, float]:
+    """The faces nowhere shallower than the skin with their depths in the middle, which are at most `most`."""
     limit, context = skin * (1 - SHALLOW_REL_TOL), IntTools_Context()
-    kept, least = [], {}
-    edges: dict[ShapeKey, float] = {}
+    kept: dict[ShapeKey, float] = {}
+    of_edge: dict[ShapeKey, float] = {}
     for face in faces:
         point = _interior_point(face, context)
         if point is None:
             continue
-        d = float(depth(point[None])[0])
-        if not limit <= d <= MAX_DEPTH_RATIO * skin:
+        middle = float(depth(point[None])[0])
+        if not limit <= middle <= most:
             continue
-        for edge in edges_of(face):
-            if BRep_Tool.Degenerated_s(edge):
-                continue
-            key = ShapeKey(edge)
-            if key not in edges:
-                edges[key] = float(depth(sample_edge(edge, 2)[1:2])[0])
-            d = min(d, edges[key])
-        if d >= limit:
-            kept.append(face)
-            least[ShapeKey(face)] = d
-    return kept, least
+        edges = [ShapeKey(edge) for edge in edges_of(face) if not BRep_Tool.Degenerated_s(edge)]
+        for key in edges:
+            if key not in of_edge:
+                of_edge[key] = float(depth(sample_edge(key.shape, 2)[1:2])[0])
+        if all(of_edge[key] >= limit for key in edges):
+            kept[ShapeKey(face)] = middle
+    return kept
 
 
 def _interior_point(face: TopoDS_Face, context: IntTools_Context) -> Array | None:
@@ -173,12 +167,10 @@ def _interior_point(face: TopoDS_Face, context: IntTools_Context) -> Array | Non
     return np.array(point.Coord())
 
 
-def _deep_cells(
-    faces: Sequence[TopoDS_Face], least: dict[ShapeKey, float], skin: float, depth: SkinDepth
-) -> list[TopoDS_Solid]:
-    """The cells bounded by the faces that lie inside the body and deeper than the skin."""
+def _deep_cells(faces: dict[ShapeKey, float], skin: float, depth: SkinDepth) -> list[TopoDS_Solid]:
+    """The cells bounded by the faces that lie inside the body and deeper than the skin; the faces come with their depths."""
     maker = BOPAlgo_MakerVolume()
-    maker.SetArguments(convert.shape_list(faces))
+    maker.SetArguments(convert.shape_list(key.shape for key in faces))
     maker.SetIntersect(False)
     maker.Perform()
     if maker.HasErrors():
@@ -186,7 +178,7 @@ def _deep_cells(
     context = IntTools_Context()
     cells = []
     for cell in solids_of(maker.Shape()):
-        face = min(faces_of(cell), key=lambda f: least.get(ShapeKey(f), np.inf))
+        face = min(faces_of(cell), key=lambda f: faces.get(ShapeKey(f), np.inf))
         point, uv, normal = gp_Pnt(), gp_Pnt2d(), gp_Vec()
         BOPTools_AlgoTools3D.PointInFace_s(face, point, uv, context)
         BRepGProp_Face(face).Normal(uv.X(), uv.Y(), point, normal)
