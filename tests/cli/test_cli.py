@@ -41,8 +41,8 @@ class Certificate:
     def to_dict(self) -> dict[str, Any]:
         return {"met": self.met, "max_deviation": 0.0625}
 
-    def __str__(self) -> str:
-        return "met, all of it"
+    def summary(self, *, verbose: bool) -> str:
+        return "met, all of it" + (", bound 0.25" if verbose else "")
 
 
 class Recorder:
@@ -53,6 +53,8 @@ class Recorder:
         self.outcome: Certificate | Exception = Certificate()
 
     def make(self, *operands: Any, **request: Any) -> Any:
+        progress = request.pop("progress")  # never None, which would leave the bar to the function
+        progress("make", 0.5)
         self.called = {"operands": operands, **request}
         if isinstance(self.outcome, Exception):
             raise self.outcome
@@ -116,7 +118,6 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
         "boundary": "natural",
         "phase": (0.125, 0.0, -0.5),
         "loose": "keep",
-        "progress": None,
         "file": "out.step",
         "instanced": True,
         "schema": "ap214",
@@ -163,7 +164,7 @@ def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder,
     assert run(f"{start[name]} --cell 10 -o out.step --quiet") == 0
     defaults = {key: p.default for key, p in signature(real).parameters.items()}
     for key, value in workflows.called.items():
-        if key not in ("operands", "cell", "file", "progress"):
+        if key not in ("operands", "cell", "file"):
             assert value == defaults[key], key
 
 
@@ -193,6 +194,11 @@ def test_what_is_made_and_met_ends_in_0_with_file_and_report(
     assert json.loads(Path("out.json").read_text()) == {"met": True, "max_deviation": 0.0625}
     assert sorted(os.listdir()) == ["out.json", "out.step"]
     assert capsys.readouterr() == ("met, all of it\n", "")
+
+
+def test_verbose_tells_the_bounds(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(f"{LATTICE} --verbose") == 0
+    assert capsys.readouterr().out == "met, all of it, bound 0.25\n"
 
 
 def test_quiet_says_nothing(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
@@ -382,13 +388,17 @@ def test_the_bar_shows_on_a_terminal_only_after_its_delay(
     with monkeypatch.context() as patch:
         patch.setattr(sys, "stderr", terminal)
         with output.progress_bar("weaving", quiet=False) as progress:
-            assert progress is not None
             progress("knotting", 0.5)
     text = terminal.getvalue()
     assert ("knotting" in text) is shown
     assert shown or "\n" not in text.strip()
 
 
-def test_no_bar_where_nobody_watches() -> None:
-    with output.progress_bar("weaving", quiet=False) as progress:
-        assert progress is None
+@pytest.mark.parametrize("quiet", [False, True])
+def test_no_bar_where_nobody_watches(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], quiet: bool
+) -> None:
+    monkeypatch.setattr(output, "BAR_DELAY_SECONDS", 0.0)
+    with output.progress_bar("weaving", quiet=quiet) as progress:
+        progress("knotting", 0.5)
+    assert capsys.readouterr() == ("", "")

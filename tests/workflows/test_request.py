@@ -73,7 +73,7 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"surface": "lidinoid", "thickness": 0.6}, ("offset", "lidinoid", "between -0.28", "0.338", "thin")),
         ({"surface": "lidinoid", "thickness": 0.5, "map": IDENTITY}, ("Lidinoid", "map", "tpmscad.solidify")),
         ({"surface": "S", "thickness": 0.5, "boundary": "natural"}, ("Fischer-Koch S", "boundary='box'")),
-        ({"porosity": 0.7, "volume_fraction": 0.3}, ("volume_fraction and porosity",)),
+        ({"porosity": 0.7, "volume_fraction": 0.3}, ("`volume_fraction` and `porosity`",)),
         ({"porosity": 1.2}, ("porosity 1.2", "below 1")),
     ],
 )

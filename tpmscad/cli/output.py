@@ -83,7 +83,7 @@ def write_report(path: Path | None, content: dict[str, Any]) -> None:
 
 
 @contextmanager
-def progress_bar(title: str, quiet: bool) -> Iterator[Progress | None]:
+def progress_bar(title: str, quiet: bool) -> Iterator[Progress]:
     """A callback that draws a progress bar on standard error; silent if that is no terminal, or `quiet`."""
     if quiet or not sys.stderr.isatty():
         yield lambda stage, done: None  # None would leave the bar to the functions themselves
@@ -116,18 +116,17 @@ def report_unmet_request(report: Path | None) -> Iterator[None]:
         raise
 
 
-def write_model(model: Any, writing: Writing, progress: Progress | None) -> None:
+def write_model(model: Any, writing: Writing, progress: Progress) -> None:
     """Write a model in the format of the file's suffix; NotMet if it misses the request."""
     certificate = model.certificate
     if not certificate.met:
         missed = "; ".join(certificate.shortfalls)
         raise NotMet(f"{writing.output} not written, it misses the request: {missed}", certificate)
-    if progress:
-        progress("write", 0.0)
+    progress("write", 0.0)
     model.export(writing.output, **writing.format_options)
 
 
-def make_and_write(title: str, make: Callable[[Progress | None], Any], writing: Writing) -> None:
+def make_and_write(title: str, make: Callable[[Progress], Any], writing: Writing) -> None:
     """Make a model, write it and its certificate as JSON, and print its summary."""
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet) as progress:
@@ -148,5 +147,5 @@ def summarise(model: Any, *, verbose: bool) -> str:
     certificate = model.certificate
     if hasattr(model, "domains"):  # the table of an exchanger tells what its notes tell of channels and faces
         notes = tuple(note for note in certificate.notes if not note.startswith(("face ", "channel ")))
-        return f"{replace(certificate, notes=notes)}\n{model.summary()}"
-    return str(certificate)
+        return f"{replace(certificate, notes=notes).summary(verbose=verbose)}\n{model.summary()}"
+    return str(certificate.summary(verbose=verbose))

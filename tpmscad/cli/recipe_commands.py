@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from tpmscad._typing import Progress  # loads NumPy
     from tpmscad.recipe.recipe_runs import RecipeRun
 
-ReadRun = Callable[["Progress | None"], "RecipeRun"]
+ReadRun = Callable[["Progress"], "RecipeRun"]
 
 
 def blend(
@@ -56,7 +56,7 @@ def blend(
 ) -> None:
     """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid."""
 
-    def read(progress: Progress | None) -> RecipeRun:
+    def read(progress: Progress) -> RecipeRun:
         return recipes.BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
     writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema)
@@ -80,7 +80,7 @@ def solidify(
 ) -> None:
     """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array of numbers."""
 
-    def read(progress: Progress | None) -> RecipeRun:
+    def read(progress: Progress) -> RecipeRun:
         if file.suffix.lower() == ".toml":
             given = {"level": level, "spacing": spacing, "origin": origin, "tol": tol}
             extra = [f"`{name}`" for name, value in given.items() if value is not None]
