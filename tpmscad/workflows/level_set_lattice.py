@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tpmscad import fields
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.deviation import Deviation, combine_deviations
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
@@ -185,9 +185,12 @@ def is_level_set_surface(name: str) -> bool:
     return find_surface(name).primitives == "level set"
 
 
-def _reaches_into_box(primitives: list[BSplineSurface], faces: PlacedFaces, size: Array) -> Array:
-    """Whether each face (n,) has poles on both sides of no plane of the box [0, size] only: its bounding box overlaps the box."""
-    poles = np.stack([p.poles.reshape(-1, 3) for p in primitives])[faces.carrier]
-    placed = faces.motion[:, None].apply(poles)
-    low, high = placed.min(axis=1), placed.max(axis=1)
-    return np.asarray(((high > TOUCH_TOL_CELLS) & (low < size - TOUCH_TOL_CELLS)).all(axis=1))
+def _reaches_into_box(primitives: list[BSplineSurface], faces: PlacedFaces, size: Array) -> BoolArray:
+    """Whether the bounding box of each face's (n,) poles overlaps the box [0, size]."""
+    inside = np.zeros(len(faces.carrier), bool)
+    for number, primitive in enumerate(primitives):
+        own = np.flatnonzero(faces.carrier == number)
+        placed = faces.motion[own, None].apply(primitive.poles.reshape(-1, 3))
+        low, high = placed.min(axis=1), placed.max(axis=1)
+        inside[own] = ((high > TOUCH_TOL_CELLS) & (low < size - TOUCH_TOL_CELLS)).all(axis=1)
+    return inside
