@@ -69,10 +69,10 @@ class CellMeasures:
 
 LEVEL_SET_MEASURES: Mapping[str, CellMeasures] = MappingProxyType(
     {
-        "lidinoid": CellMeasures(6.2385966, -10.205779, -128 * np.pi, 0.38447, -0.0288692218, 0.0338797751),
-        "split_p": CellMeasures(5.11357703, 2.03011999, -64 * np.pi, 0.51030, -0.0482879448, 0.0840213970),
+        "lidinoid": CellMeasures(6.2385966, -10.205779, -128 * np.pi, 0.384490, -0.0288692218, 0.0338797751),
+        "split_p": CellMeasures(5.11357703, 2.03011999, -64 * np.pi, 0.510311, -0.0482879448, 0.0840213970),
         "fischer_koch_s": CellMeasures(5.43012464, 0.0, -80 * np.pi, 0.5, -0.0635124187, 0.0635124187),
-        "octo": CellMeasures(3.72970962, 3.04049358, -36 * np.pi, 0.470584, -0.0190249282, 0.0536269776),
+        "octo": CellMeasures(3.72970962, 3.04049358, -36 * np.pi, 0.4705916, -0.0190249282, 0.0536269776),
     }
 )
 """Measures of the nodal surfaces without primitives, by Gauss quadrature over patches of degree 11 on one period. The integral of

@@ -53,11 +53,12 @@ def fluid_domains(
     body: Any,
     surface: str,
     *,
-    cell: float | Sequence[float],
+    cell: float | Sequence[float] | None = None,
     thickness: float | None = None,
     offset: Sequence[float] | None = None,
     volume_fraction: float | None = None,
     porosity: float | None = None,
+    pore_size: float | None = None,
     reference: str | None = None,
     phase: Sequence[float] | None = None,
     rotation: Sequence[float] = (0.0, 0.0, 0.0),
@@ -73,8 +74,8 @@ def fluid_domains(
         ``fields.cylinder`` with a height.
     surface : str
         Name of a surface (see ``tpmscad surfaces``).
-    cell : float or (3,) floats
-        Edge length of the cell, or one for each axis, model units.
+    cell : float or (3,) floats, optional
+        Edge length of the cell, or one for each axis, model units. Required unless `pore_size` is given.
     thickness : float, optional
         Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
         `volume_fraction` and `porosity`.
@@ -84,6 +85,9 @@ def fluid_domains(
         Fraction of the whole cell that is wall, between 0 and 1.
     porosity : float, optional
         Void fraction of the whole cell, 1 - volume fraction.
+    pore_size : float, optional
+        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
+        Of a sheet the larger of the two channels counts; a note of the certificate states both.
     reference : {"minimal", "nodal"}, optional
         The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
     phase : (3,) floats, optional
@@ -126,6 +130,7 @@ def fluid_domains(
         offset=offset,
         volume_fraction=volume_fraction,
         porosity=porosity,
+        pore_size=pore_size,
         reference=reference,
         phase=(0.0, 0.0, 0.0) if phase is None else phase,
         tol=tol,

@@ -47,6 +47,7 @@ def infill(
     offset: float | Sequence[float] | None = None,
     volume_fraction: float | None = None,
     porosity: float | None = None,
+    pore_size: float | None = None,
     kind: str = "sheet",
     side: str = "-",
     reference: str | None = None,
@@ -70,8 +71,8 @@ def infill(
     surface : str, Field or callable
         Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A field
         takes `tol`, `skin`, `open_faces`, `loose` and `progress` only.
-    cell : float or (3,) floats
-        Edge length of the cell, or one for each axis, model units. Required for a surface.
+    cell : float or (3,) floats, optional
+        Edge length of the cell, or one for each axis, model units. Required for a surface unless `pore_size` is given.
     thickness : float, optional
         Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
         `volume_fraction` and `porosity`.
@@ -81,6 +82,9 @@ def infill(
         Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
     porosity : float, optional
         Void fraction of the whole cell, 1 - volume fraction.
+    pore_size : float, optional
+        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
+        Of a sheet the larger of the two channels counts; a note of the certificate states both.
     kind : {"sheet", "skeletal"}, optional
         Between two offset surfaces, or on one side of one.
     side : {"-", "+"}, optional
@@ -132,6 +136,7 @@ def infill(
         "offset": offset,
         "volume_fraction": volume_fraction,
         "porosity": porosity,
+        "pore_size": pore_size,
         "kind": kind,
         "side": side,
         "reference": reference,
@@ -140,8 +145,6 @@ def infill(
     with stages("read"):
         read = read_body(body)
     if isinstance(surface, str):
-        if cell is None:
-            raise InvalidRequest(f"a lattice of the {surface} needs cell=, the edge length of its cell")
         given["phase"] = (0.0, 0.0, 0.0) if phase is None else phase
         request = resolve_lattice_request(surface, tol=tol, **given)
         _check_wall_thickness(request)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import Parameter, signature
-from typing import Any, Required, TypedDict, TypeVar, Unpack
+from typing import Any, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -26,6 +26,7 @@ from tpmscad.workflows.keyword_checks import (
     check_positive_triple,
     check_triple,
 )
+from tpmscad.workflows.pore_request import solve_cell
 from tpmscad.workflows.wall_request import resolve_wall
 
 MIN_TOL = 2e-7
@@ -53,6 +54,7 @@ class WallOptions(TypedDict, total=False):
     offset: float | Sequence[float] | None
     volume_fraction: float | None
     porosity: float | None
+    pore_size: float | None
     reference: str | None
     phase: Sequence[float] | None
     tol: float | None
@@ -62,7 +64,7 @@ class WallOptions(TypedDict, total=False):
 class LatticeOptions(WallOptions, total=False):
     """The keywords of `lattice`."""
 
-    cell: Required[float | Sequence[float]]
+    cell: float | Sequence[float] | None
     cells: int | Sequence[int]
     kind: str
     side: str
@@ -84,11 +86,13 @@ class InfillOptions(WallOptions, total=False):
 
 
 LATTICE_DEFAULTS: Mapping[str, Any] = {
+    "cell": None,
     "cells": (1, 1, 1),
     "thickness": None,
     "offset": None,
     "volume_fraction": None,
     "porosity": None,
+    "pore_size": None,
     "kind": "sheet",
     "side": "-",
     "reference": None,
@@ -107,6 +111,7 @@ INFILL_DEFAULTS: Mapping[str, Any] = {
     "offset": None,
     "volume_fraction": None,
     "porosity": None,
+    "pore_size": None,
     "kind": "sheet",
     "side": "-",
     "reference": None,
@@ -198,6 +203,11 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
         )
+    pore_notes: tuple[str, ...] = ()
+    if given["pore_size"] is not None:
+        given["cell"], pore_notes = solve_cell(name, given)
+    elif given["cell"] is None:
+        raise InvalidRequest(f"a lattice of the {name} needs cell=, the edge length of its cell, or pore_size=")
     edges = check_positive_triple("cell", given["cell"])
     counts = check_cell_counts(given["cells"])
     phase = _resolve_phase(info, given)
@@ -221,7 +231,18 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         for distance in wall.offset:
             surfaces.check_offset(name, reference, distance, edges[0])
     return LatticeRequest(
-        name, edges, counts, wall.offset, kind, side, reference, boundary, phase, tol, wall.levels, wall.notes
+        name,
+        edges,
+        counts,
+        wall.offset,
+        kind,
+        side,
+        reference,
+        boundary,
+        phase,
+        tol,
+        wall.levels,
+        (*wall.notes, *pore_notes),
     )
 
 

@@ -44,12 +44,13 @@ FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 def lattice(
     surface: str,
     *,
-    cell: float | Sequence[float],
+    cell: float | Sequence[float] | None = None,
     cells: int | Sequence[int] = (1, 1, 1),
     thickness: float | None = None,
     offset: float | Sequence[float] | None = None,
     volume_fraction: float | None = None,
     porosity: float | None = None,
+    pore_size: float | None = None,
     kind: str = "sheet",
     side: str = "-",
     reference: str | None = None,
@@ -66,8 +67,8 @@ def lattice(
     ----------
     surface : str
         Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell : float or (3,) floats
-        Edge length of the cell, or one for each axis, model units (mm).
+    cell : float or (3,) floats, optional
+        Edge length of the cell, or one for each axis, model units (mm). Required unless `pore_size` is given.
     cells : int or (3,) ints, optional
         Number of cells along every axis, or along each.
     thickness : float, optional
@@ -79,6 +80,9 @@ def lattice(
         Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
     porosity : float, optional
         Void fraction of the whole cell, 1 - volume fraction.
+    pore_size : float, optional
+        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
+        Of a sheet the larger of the two channels counts; a note of the certificate states both.
     kind : {"sheet", "skeletal"}, optional
         Between two offset surfaces, or on one side of one.
     side : {"-", "+"}, optional
@@ -130,6 +134,7 @@ def lattice(
         offset=offset,
         volume_fraction=volume_fraction,
         porosity=porosity,
+        pore_size=pore_size,
         kind=kind,
         side=side,
         reference=reference,

@@ -92,10 +92,7 @@ def _note_pores(radii: PoreRadii, wall: Wall, given: Mapping[str, Any], cell: fl
 @lru_cache(maxsize=64)
 def find_pore_radii(name: str, reference: str) -> PoreRadii:
     """The greatest distances from a surface on either side of it, in cells."""
-    if reference == "minimal":
-        points = _sample_exact_surface(name)
-    else:
-        points = _sample_nodal_level(name, 0.0)
+    points = _sample_exact_surface(name) if reference == "minimal" else _sample_nodal_level(name, 0.0)
     return PoreRadii(*(_deepest(name, points, (0.0, 0.0), sign) for sign in (-1, 1)))
 
 
