@@ -78,7 +78,7 @@ def tpms(
     if given["map"] is not None and any(middle):
         raise InvalidRequest("a mapped lattice lies where the map puts it: leave centered out")
     model = lattice(surface, **options)
-    size = lattice_size(given["cell"], given["cells"])
+    size = lattice_size(surface, given)
     shift = (-length / 2 if half else 0.0 for length, half in zip(size, middle, strict=True))
     shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
     return self.eachpoint(shape, True, combine, clean and bool(combine))

@@ -87,7 +87,7 @@ class Tpms(BasePartObject):
         self.model = lattice(surface, **options)
         self.certificate = self.model.certificate
         if given["map"] is None:
-            low, high = (0.0, 0.0, 0.0), lattice_size(given["cell"], given["cells"])
+            low, high = (0.0, 0.0, 0.0), lattice_size(surface, given)
         else:  # the extreme vertices lie in the caps, hence in the planes of the box
             low, high = (tuple(f(self.model.patches.vertices[:, k]) for k in range(3)) for f in (min, max))
         part = self.model.solid

@@ -269,9 +269,13 @@ def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
         )
 
 
-def lattice_size(cell: float | Sequence[float], cells: int | Sequence[int]) -> tuple[float, float, float]:
-    """Edge lengths of the box of `cells` x `cell` that a lattice fills."""
-    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * np.broadcast_to(np.asarray(cells, float), 3)).tolist()
+def lattice_size(surface: str, options: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Edge lengths of the box of `cells` x `cell` that the lattice of these keywords of `lattice` fills."""
+    cell = options.get("cell")
+    if cell is None:  # it follows from the pore size
+        cell = resolve_lattice_request(surface, **options).cell
+    counts = np.broadcast_to(np.asarray(options.get("cells", 1), float), 3)
+    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * counts).tolist()
     return x, y, z
 
 
