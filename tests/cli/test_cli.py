@@ -68,6 +68,9 @@ class Recorder:
         ok = "bad" not in path.name
 
         class Found(SimpleNamespace):
+            def summary(self, *, verbose: bool) -> str:
+                return "ok" if self.ok else "NOT ok"
+
             def to_dict(self) -> dict[str, Any]:
                 return {"ok": self.ok}
 

@@ -49,6 +49,8 @@ def test_check_finds_in_the_file_what_the_report_says(made: tuple[Path, dict[str
     folder, report = made
     answer = tpmscad("check", "gyroid.step", "--report", "check.json", folder=folder)
     assert (answer.returncode, answer.stderr) == (0, "")
+    assert "ok          valid, closed, the right way out\nsize        10 x 10 x 10 mm" in answer.stdout
+    assert "1 solid" in answer.stdout
     found = json.loads((folder / "check.json").read_text())
     assert found["volume"] == pytest.approx(report["volume"], rel=1e-9)
     assert found["area"] == pytest.approx(report["area"], rel=1e-6)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tpmscad import fields
 from tpmscad.errors import LevelSetError, RecipeError, TpmscadError
 from tpmscad.recipe import SolidRun
 
@@ -62,6 +63,21 @@ def test_the_dry_run_tells_box_and_fraction(tmp_path: Path) -> None:
     text, content = dry_run(tmp_path, field, CYLINDER)
     assert content["domain"]["kind"] == "cylinder"  # type: ignore[index]
     assert "box (0, 0, 0) to (4, 4, 4)" in text
+
+
+def test_two_walls_mix_into_a_wall(tmp_path: Path) -> None:
+    other = SHEET.replace('"P"', '"gyroid"').replace("\n", ", ")
+    weight = '{ kind = "ramp", by = "z", span = [1, 3], values = [0, 1] }'
+    field = f'kind = "mix"\nof = [{{ {SHEET.replace(chr(10), ", ")} }}, {{ {other} }}]\nweight = {weight}'
+    dry_run(tmp_path, field)
+    found = SolidRun.read(tmp_path / "part.toml").field
+    points = np.random.default_rng(1).uniform(0, 4, (500, 3))
+    w, p, g = (
+        fields.ramp("z", (1, 3), (0, 1))(points),
+        fields.tpms("P", 4.0)(points),
+        fields.tpms("gyroid", 4.0)(points),
+    )
+    np.testing.assert_allclose(found(points), np.abs((1 - w) * p + w * g) - 0.4, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import typer
 
 from tpmscad import workflows
 from tpmscad.cli.options import (
+    OUTPUT_PANEL,
     MetricsOption,
     PictureOption,
     QuietOption,
@@ -34,6 +35,12 @@ def parse_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
+VerboseCheckOption = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Tell shells, edges, centroid and tolerance, too.", rich_help_panel=OUTPUT_PANEL
+    ),
+]
 ViewOption = Annotated[
     str | None,
     typer.Option(
@@ -66,13 +73,14 @@ def check(
     metrics: MetricsOption = False,
     within: WithinOption = None,
     report: ReportOption = None,
+    verbose: VerboseCheckOption = False,
     quiet: QuietOption = False,
 ) -> None:
     """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
     check_report(report)
     with progress_bar(f"reading {file.name}", quiet):
         found = workflows.check_step(file)
-    content, text = found.to_dict(), str(found)
+    content, text = found.to_dict(), found.summary(verbose=verbose)
     if found.ok and (metrics or within):
         with progress_bar(f"measuring {file.name}", quiet):
             measured = workflows.measure(file, within=within)

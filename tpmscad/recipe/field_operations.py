@@ -8,6 +8,7 @@ from typing import Any
 
 from tpmscad import fields
 from tpmscad.fields import Field
+from tpmscad.fields.field import MinMaxField
 from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
 from tpmscad.recipe.value_types import (
     AXIS_OR_FIELD,
@@ -41,8 +42,15 @@ def make_difference(*, of: Field, minus: Sequence[Field], width: float | None) -
 
 
 def make_mixture(*, of: Sequence[Field], weight: Field) -> Field:
-    """The first field where the weight is 0, the second where it is 1, and their weighted mean between."""
+    """The first field where the weight is 0, the second where it is 1, and their weighted mean between.
+
+    Two walls, or two intersections or unions of as many parts, are mixed part by part: the mean of two maxima has edges where
+    the maximum of two means has none.
+    """
     first, second = of
+    if isinstance(first, MinMaxField) and isinstance(second, MinMaxField) and first.sign == second.sign:
+        parts = ((first.first, second.first), (first.second, second.second))
+        return MinMaxField(*(make_mixture(of=pair, weight=weight) for pair in parts), first.sign)
     return first + weight * (second - first)
 
 

@@ -139,6 +139,51 @@ class StepReport:
         """
         return {"file": self.file, "units": list(self.units), "products": list(self.products)} | self.shape.to_dict()
 
+    def summary(self, *, verbose: bool = False) -> str:
+        """The report in plain words, with units.
+
+        Parameters
+        ----------
+        verbose : bool, optional
+            Add shells, edges, centroid and tolerance.
+
+        Returns
+        -------
+        str
+            A few lines: names and units, whether the solids are sound, their size, number, volume and surface.
+        """
+        shape = self.shape
+        wrong = [
+            what
+            for is_wrong, what in (
+                (not shape.valid, "INVALID, the kernel's check rejects it"),
+                (not shape.closed, "OPEN, not watertight"),
+                (not shape.outward, "INSIDE OUT"),
+            )
+            if is_wrong
+        ]
+        low, high = (np.asarray(corner) for corner in shape.bounds)
+        size = " x ".join(f"{edge:.6g}" for edge in high - low)
+        corners = " to ".join(f"({', '.join(f'{c:.6g}' for c in corner)})" for corner in (low, high))
+        solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
+        lines = [
+            f"{self.file}: {', '.join(self.products[:3])}, written in {', '.join(self.units)}",
+            "ok          valid, closed, the right way out" if not wrong else f"NOT ok      {'; '.join(wrong)}",
+            f"size        {size} mm, from {corners}",
+            f"holds       {solids}, {shape.faces} faces",
+            f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
+        ]
+        if (cavities := shape.shells - shape.solids) > 0:
+            found = "1 closed cavity" if cavities == 1 else f"{cavities} closed cavities"
+            lines.append(f"warning     {found} inside: powder or fluid cannot get out")
+        if verbose:
+            lines += [
+                f"shells      {shape.shells}, with {shape.edges} edges",
+                f"centroid    ({', '.join(f'{c:.9g}' for c in shape.centroid)})",
+                f"tolerance   {shape.max_tolerance:.3g} mm at most",
+            ]
+        return "\n".join(lines)
+
     def __str__(self) -> str:
         names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")
         return f"{self.file}: {names}, in {', '.join(self.units)}\n{self.shape}"
