@@ -2,17 +2,19 @@
 
 Both faces are evaluated along the edge, ends included, so that extraordinary vertices are among the samples. Curvature is
 compared as the symmetric 3 x 3 tensor K = A I^-1 II I^-1 A^T (A: tangents, I and II: fundamental forms), which does not depend on
-the parametrisations. Of edges that are congruent, adjacent faces included, one is measured.
+the parametrisations. Of edges that are congruent, adjacent faces included, one is measured, on whole
+patches.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.tight_carriers import whole_surfaces
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 SAMPLES_PER_EDGE = 33
@@ -36,6 +38,12 @@ def measure_edge_continuity(brep: Brep, tags: tuple[str, ...]) -> EdgeContinuity
     """Measure every edge between two B-spline faces with one of the tags; all values are 0 if there is none."""
     first, second = _smooth_edge_use_pairs(brep, tags)
     gap = tangent_jump = curvature_jump = max_curvature = 0.0
+    wholes, number = whole_surfaces(brep)
+    brep = replace(
+        brep,
+        carriers=tuple(wholes.get(i, c) for i, c in enumerate(brep.carriers)),
+        faces=replace(brep.faces, carrier=number[brep.faces.carrier]),
+    )
     chosen = _congruence_representatives(brep, first, second)
     for a, b in zip(first[chosen], second[chosen], strict=True):
         (x_a, n_a, k_a), (x_b, n_b, k_b) = (_evaluate_along_use(brep, int(use)) for use in (a, b))

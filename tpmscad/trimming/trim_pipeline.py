@@ -27,12 +27,13 @@ from tpmscad.trimming.classify.point_membership import points_in_lattice
 from tpmscad.trimming.intersect.arrangement import Arrangement, Operands
 from tpmscad.trimming.intersect.body_edges import intersect_body_edges
 from tpmscad.trimming.intersect.broad_phase import find_candidate_pairs
+from tpmscad.trimming.intersect.corner_clearance import find_clear_shift
 from tpmscad.trimming.intersect.curve_surface import check_tangencies, intersect_lattice_edges
 from tpmscad.trimming.intersect.patch_surface import collect_imprints, intersect_patches
 from tpmscad.trimming.operands.face_regions import build_face_regions
 from tpmscad.trimming.operands.patch_sides import read_patch_sides, read_patches, read_spline_curves
 from tpmscad.trimming.operands.trimming_body import prepare_trimming_body
-from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains, rebuild_domains
+from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains, rebuild_domains, tighten_domains
 
 DEFAULT_TOL = 1e-7
 """Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
@@ -80,6 +81,8 @@ def trim(
     inside: Callable[[Array], Array] | None = None,
     *,
     clear_sides: bool = False,
+    clearance: float = 0.0,
+    max_shift: float = 0.0,
 ) -> TrimResult:
     """The intersection of the lattice's solid and the body, as a closed boundary representation with the tag "cap" on new faces.
 
@@ -97,6 +100,9 @@ def trim(
     clear_sides
         Whether the lattice is also translated if a face of the body is tangent to the side of a patch, so that intersection
         curves keep clear of sides.
+    clearance, max_shift
+        The lattice is translated by at most `max_shift`, so that no corner of a patch lies nearer to a face of the body than
+        `clearance`, both in model units; as far from it as possible if that cannot be had.
 
     Raises
     ------
@@ -106,18 +112,24 @@ def trim(
         If the lattice does not cover the body, or an intersection is not resolved at any of the `SHIFT_ATTEMPTS`.
     """
     domain = LatticeDomain(np.arange(len(lattice.faces)), 1)
-    result, report = _trim_with_shifts(lattice, body, [domain], tol, inside, clear_sides)
+    result, report = _trim_with_shifts(lattice, body, [domain], tol, inside, clear_sides, (clearance, max_shift))
     return TrimResult(result.breps[0], report)
 
 
 def trim_domains(
-    lattice: Brep, body: Brep, domains: Sequence[LatticeDomain], tol: float | None = None
+    lattice: Brep,
+    body: Brep,
+    domains: Sequence[LatticeDomain],
+    tol: float | None = None,
+    *,
+    clearance: float = 0.0,
+    max_shift: float = 0.0,
 ) -> tuple[TrimmedDomains, TrimReport]:
     """Several regions that the lattice's faces bound, each intersected with the body; arguments and errors as in `trim`.
 
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
-    return _trim_with_shifts(lattice, body, domains, tol, None, False)
+    return _trim_with_shifts(lattice, body, domains, tol, None, False, (clearance, max_shift))
 
 
 def _trim_with_shifts(
@@ -127,22 +139,32 @@ def _trim_with_shifts(
     tol: float | None,
     inside: Callable[[Array], Array] | None,
     clear_sides: bool,
+    clear_corners: tuple[float, float],
 ) -> tuple[TrimmedDomains, TrimReport]:
     """The first of the `SHIFT_ATTEMPTS` that succeeds; if none does, the error of the first attempt is raised."""
     operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol)
     classify = _points_in_domain if inside is None else partial(_points_inside, inside)
-    reason = ""
+    reason, failure, shift = "", "", np.zeros(3)
+    if clear_corners[0] > 0:
+        shift, before, after = find_clear_shift(operands, *clear_corners)
+        if shift.any():
+            operands = translate_lattice(operands, shift)
+            reason = (
+                f"a corner of a patch lay {before:.2g} from a face of the body, where {after:.2g} is the nearest now"
+            )
     for multiple in SHIFT_ATTEMPTS:
         distance = multiple * SHIFT_STEP_TOLS * operands.tol
         shifted = translate_lattice(operands, distance * SHIFT_DIRECTION) if multiple else operands
         try:
             arrangement = compute_arrangement(shifted, clear_sides)
             result = rebuild_domains(arrangement, domains, [partial(classify, shifted, d) for d in domains])
+            result = tighten_domains(result)
         except (TrimmingError, LoopError) as error:
-            reason = reason or str(error)
+            failure = failure or str(error)
             continue
-        return result, _report(arrangement, result, abs(distance), reason)
-    raise TrimmingError(reason)
+        moved = float(np.linalg.norm(shift + distance * SHIFT_DIRECTION))
+        return result, _report(arrangement, result, moved, "; ".join(filter(None, (reason, failure))))
+    raise TrimmingError(failure)
 
 
 def compute_arrangement(operands: Operands, clear_sides: bool = False) -> Arrangement:

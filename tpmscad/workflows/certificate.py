@@ -19,8 +19,8 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.solid_properties import SolidPiece, SolidProperties
+from tpmscad.brep.tight_carriers import whole_surfaces
 from tpmscad.kernel import betti_numbers, bounding_box, make_compound
-from tpmscad.splines.bspline import BSplineSurface
 
 CHIP_VOLUME_FRACTION = 1e-2
 """Fraction of the largest piece's volume below which the notes call a piece a chip."""
@@ -249,7 +249,7 @@ def certify(
         *checks,
     )
     shortfalls = tuple(check.shortfall for check in everything if not check.passed)
-    splines = [c for c in brep.carriers if isinstance(c, BSplineSurface)]
+    primitives, primitive = whole_surfaces(brep)
     return Certificate(
         met=not shortfalls,
         shortfalls=shortfalls,
@@ -267,8 +267,8 @@ def certify(
         betti=properties.betti or (0, 0, 0),
         pieces=tuple(piece.volume for piece in properties.pieces),
         n_faces=len(brep.faces) if n_faces is None else n_faces,
-        n_primitives=len({int(i) for i in brep.faces.carrier if isinstance(brep.carriers[int(i)], BSplineSurface)}),
-        n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in splines),
+        n_primitives=len(primitives.keys() & set(primitive[brep.faces.carrier].tolist())),
+        n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in primitives.values()),
         bounds=dict(measures.bounds),
         figures=dict(measures.figures),
         notes=(*measures.notes, *notes, *_note_pieces(properties.pieces)),

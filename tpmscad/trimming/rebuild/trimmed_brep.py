@@ -15,6 +15,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity, loops
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.brep.carriers import EdgeCurve, Plane
+from tpmscad.brep.tight_carriers import restrict_carriers
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
@@ -106,6 +107,22 @@ def rebuild_domains(
     if len(domains) == 1:
         return TrimmedDomains(breps, breps[0], (np.arange(len(breps[0].faces)),))
     return TrimmedDomains(breps, *_share_faces(a, domains, faces, kept, caps, tables))
+
+
+def tighten_domains(result: TrimmedDomains) -> TrimmedDomains:
+    """The same domains, with the carriers of faces restricted where their poles leave the box of a domain that they bound."""
+    shared = result.shared
+    low, high = np.full((len(shared.faces), 3), -np.inf), np.full((len(shared.faces), 3), np.inf)
+    for brep, own in zip(result.breps, result.members, strict=True):
+        if len(own):
+            low[own] = np.maximum(low[own], brep.vertices.min(axis=0))
+            high[own] = np.minimum(high[own], brep.vertices.max(axis=0))
+    shared = restrict_carriers(shared, low, high)
+    breps = tuple(
+        replace(brep, carriers=shared.carriers, faces=replace(brep.faces, carrier=shared.faces.carrier[own]))
+        for brep, own in zip(result.breps, result.members, strict=True)
+    )
+    return TrimmedDomains(breps, breps[0] if len(breps) == 1 else shared, result.members)
 
 
 def _share_faces(
