@@ -63,6 +63,11 @@ class BooleanResult:
         return self.built.solids
 
 
+CLEARANCE_SIDES = 0.004
+"""Sides of a patch: a corner of a patch that lies nearer to a face of the body leaves a sliver there. A patch is two to four
+walls wide, so that this is about a hundredth of the wall."""
+
+
 class _RejectedTrim(TrimmingError):
     """The kernel's check rejects the trimmed lattice."""
 
@@ -73,7 +78,7 @@ def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanRe
     def intersect_solids() -> tuple[Any, ...]:
         return kernel.intersect_solids(block.shape, body.shape)
 
-    return _intersect_with_fallbacks(block.patches, body, intersect_solids)
+    return _intersect_with_fallbacks(block.patches, body, block.measures.tol, intersect_solids)
 
 
 def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
@@ -82,11 +87,11 @@ def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanRes
     def subtract_solids() -> tuple[Any, ...]:
         return kernel.subtract_solid(body.shape, block.shape)
 
-    return _intersect_with_fallbacks(reverse_faces(block.patches), body, subtract_solids)
+    return _intersect_with_fallbacks(reverse_faces(block.patches), body, block.measures.tol, subtract_solids)
 
 
 def _intersect_with_fallbacks(
-    patches: Brep, body: CadBody, kernel_boolean: Callable[[], tuple[Any, ...]]
+    patches: Brep, body: CadBody, tol: float, kernel_boolean: Callable[[], tuple[Any, ...]]
 ) -> BooleanResult:
     """The solids that the patches bound inside the body, by the first method that succeeds."""
 
@@ -97,7 +102,7 @@ def _intersect_with_fallbacks(
 
     outcome = first_success(
         [
-            Attempt("trimming on the patches' parameters", lambda: trim_on_parameters(patches, body)),
+            Attempt("trimming on the patches' parameters", lambda: trim_on_parameters(patches, body, tol)),
             Attempt("splitting near the body's faces", lambda: split_near_body_faces(patches, body)),
             Attempt("the kernel's boolean", intersect_in_kernel),
         ]
@@ -109,15 +114,23 @@ def _intersect_with_fallbacks(
     return replace(result, notes=(f"{first}: {outcome.reasons}", *others))
 
 
-def trim_on_parameters(patches: Brep, body: CadBody) -> BooleanResult:
-    """The patches trimmed by the body on their parameter domains.
+def corner_clearance(patches: Brep) -> float:
+    """The distance that corners of patches should keep from the faces of a body, in model units."""
+    edges = patches.edges
+    return CLEARANCE_SIDES * float(
+        np.linalg.norm(patches.vertices[edges.end] - patches.vertices[edges.start], axis=1).min()
+    )
+
+
+def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResult:
+    """The patches trimmed by the body on their parameter domains, moved by at most `tol` so that no sliver arises.
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
     operand = brep_from_shape(body.shape)
 
     def trim_and_build(apart: bool) -> BooleanResult:
-        cut = trim(patches, operand, clear_sides=apart)
+        cut = trim(patches, operand, clear_sides=apart, clearance=corner_clearance(patches), max_shift=tol)
         if not len(cut.brep.faces):
             _check_volume_by_sampling(0.0, patches, body)
             return BooleanResult(KernelSolids(()), None, TRIMMED_PATCHES, ())

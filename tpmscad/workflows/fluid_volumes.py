@@ -32,7 +32,7 @@ from tpmscad.kernel import (
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success
-from tpmscad.workflows.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES
+from tpmscad.workflows.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES, corner_clearance
 from tpmscad.workflows.certificate import (
     Certificate,
     Check,
@@ -197,21 +197,28 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
         PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
         MINUS: LatticeDomain(patches.faces_with_tag("offset-"), -1),
     }
-    trimmed, _ = trim_domains(patches, brep, list(bounds.values()))
+    trimmed, report = trim_domains(
+        patches,
+        brep,
+        list(bounds.values()),
+        clearance=corner_clearance(patches),
+        max_shift=block.measures.tol,
+    )
     for name, domain in zip(bounds, trimmed.breps, strict=True):
         if not len(domain.faces):
             raise _missing_domain(body, name)
     built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
     if not all(is_valid(solid) for of in built for solid in of.solids):
         raise TrimmingError("the kernel's check rejects a domain")
+    notes: tuple[str, ...] = ("trimmed on the patches' parameter domains",)
+    if report.shifted:
+        notes = (*notes, f"the lattice was moved by {report.shifted:.2g}: {report.reason}")
     result = {}
     for name, domain, of in zip(bounds, trimmed.breps, built, strict=True):
         caps = domain.faces_with_tag("cap")
         face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
         areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
-        result[name] = DomainSolids(
-            of, domain, dict(enumerate(areas.tolist())), ("trimmed on the patches' parameter domains",)
-        )
+        result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes)
     return result
 
 

@@ -1,22 +1,31 @@
-"""Shifts of a lattice that keep the corners of its patches clear of the faces of a body, so that no sliver arises.
+"""Shifts of a lattice that keep its corners clear of the faces of a body, and its edges clear of those of the body.
 
-Where a corner of a patch just crosses a face of the body, the trimmed patch gets an edge as short as the corner is deep, and a
-mesh its worst elements. The depth of every corner follows from the distances of points from surfaces, without any intersection:
-dozens of shifts within the tolerance are compared before the first is carried out.
+Where a corner of a patch just crosses a face of the body, or a side of a patch passes close by an edge of the body, a trimmed
+patch gets an edge as short as that, and a mesh its worst elements. These distances follow from points and segments, without any
+intersection: hundreds of shifts within the tolerance are compared before the first is carried out.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.trimming.intersect.arrangement import Operands
 
-N_DIRECTIONS = 24
+N_DIRECTIONS = 60
 """Directions of the shifts that are compared, spread evenly over the sphere."""
 
 SHIFT_FRACTIONS = (0.2, 0.4, 0.7, 1.0)
 """Lengths of the shifts that are compared, in parts of the largest one allowed."""
+
+SEGMENTS_PER_SIDE = 48
+SEGMENTS_PER_BODY_EDGE = 256
+"""Straight segments by which sides of patches and edges of the body are replaced, for their distances."""
+
+MIN_CROSSING_SINE = 0.05
+"""Sine of the angle below which a side and an edge run along each other and have no single nearest points."""
 
 MIN_GAIN = 2.0
 """Factor by which the best shift must improve the clearance if none reaches the one asked for."""
@@ -30,9 +39,11 @@ def find_clear_shift(operands: Operands, clearance: float, max_shift: float) -> 
     """
     points, surface = _corners_near_surfaces(operands)
     surfaces = operands.body.surfaces.take(surface)
+    passes, normals = _edges_near_body_edges(operands, clearance + max_shift)
 
     def distances(shift: Array) -> Array:
-        return np.abs(surfaces.value((points + shift)[:, None])[:, 0])
+        corners = surfaces.value((points + shift)[:, None])[:, 0]
+        return np.abs(np.concatenate([corners, passes + normals @ shift]))
 
     standing = distances(np.zeros(3))
     before = float(standing[standing >= operands.snap].min(initial=np.inf))
@@ -57,6 +68,37 @@ def _corners_near_surfaces(o: Operands) -> tuple[Array, IntArray]:
     pairs = [np.column_stack([ends[face, side], surface]) for ends in corners for side in range(4)]
     vertex, surface = np.unique(np.concatenate(pairs), axis=0).T
     return o.lattice.vertices[vertex], surface
+
+
+def _edges_near_body_edges(o: Operands, reach: float) -> tuple[Array, Array]:
+    """Signed distances (n,) within `reach` between sides of patches and edges of the body, and their directions (n, 3)."""
+    face = np.flatnonzero(o.candidates.any(axis=1))
+    e, edges = np.unique(o.sides.edge[face]), o.lattice.edges
+    x = np.linspace(0.0, 1.0, SEGMENTS_PER_SIDE + 1)
+    t = edges.span[e, :1] + np.diff(edges.span[e], axis=1) * x
+    rows = np.repeat(e, len(x))
+    (local,) = evaluate_curves(o.curves, edges.curve[rows], t.ravel())
+    sides = edges.motion[rows].apply(local).reshape(len(e), len(x), 3)
+    spans = zip(o.body.curves, o.body.brep.edges.span.tolist(), strict=True)
+    body = np.stack([c(np.linspace(low, high, SEGMENTS_PER_BODY_EDGE + 1)) for c, (low, high) in spans])
+    (a, along), (b, beside) = (
+        (0.5 * (p[:, 1:] + p[:, :-1]).reshape(-1, 3), np.diff(p, axis=1).reshape(-1, 3)) for p in (sides, body)
+    )
+    half_a, half_b = (0.5 * np.linalg.norm(v, axis=1) for v in (along, beside))
+    near = cKDTree(a).sparse_distance_matrix(cKDTree(b), half_a.max() + half_b.max() + reach, output_type="coo_matrix")
+    i, j = near.row, near.col
+    normal = np.cross(along[i], beside[j])
+    length = np.linalg.norm(normal, axis=1)
+    crossed = length > MIN_CROSSING_SINE * 4.0 * half_a[i] * half_b[j]
+    i, j, normal = i[crossed], j[crossed], normal[crossed] / length[crossed, None]
+    apart = a[i] - b[j]
+    ahead = np.cross(beside[j], normal)
+    across = np.cross(along[i], normal)
+    s = -(apart * ahead).sum(axis=1) / (along[i] * ahead).sum(axis=1)  # the nearest points, in parts of the segments
+    t_body = (apart * across).sum(axis=1) / (beside[j] * across).sum(axis=1)
+    distance = (apart * normal).sum(axis=1)
+    met = (np.abs(s) < 0.6) & (np.abs(t_body) < 0.6) & (np.abs(distance) < reach)
+    return distance[met], normal[met]
 
 
 def _spread_directions(count: int) -> Array:
