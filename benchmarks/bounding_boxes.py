@@ -3,8 +3,8 @@
     python -m benchmarks.bounding_boxes [--cadquery PYTHON] [--freecad freecadcmd] [--only NAME ...]
 
 Columns: poles = BRepBndLib::Add without triangulation, optimal = BRepBndLib::AddOptimal (what build123d and CadQuery show); after
-STEP both in another Python with CadQuery, and FreeCAD's BoundBox and optimalBoundingBox. Each is the greatest distance of a corner's
-coordinate from the true one.
+STEP both in another Python with CadQuery, and FreeCAD's BoundBox and optimalBoundingBox. Each is the greatest distance of a
+corner's coordinate from the true one.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRepBndLib import BRepBndLib
 
 import tpmscad
-from tpmscad import fields
+from tpmscad import fields, kernel
 from tpmscad.brep import true_bounds
 
 CADQUERY_CODE = """
@@ -118,7 +118,7 @@ def main() -> None:
             shape, bounds = solid_of(CASES[name]())
             path = str(Path(folder) / f"{list(CASES).index(name)}.step")
             bd.export_step(bd.Compound(shape) if shape.ShapeType().name.endswith("COMPOUND") else bd.Solid(shape), path)
-            true[path] = tpmscad.kernel.bounding_box_of(shape) if bounds is None else bounds
+            true[path] = np.concatenate(kernel.shape_bounds(shape)) if bounds is None else bounds
             here[path] = boxes_of(shape)
             print(f"made {name}", flush=True)
         cadquery = read_elsewhere([options.cadquery, "-c", CADQUERY_CODE, *true]) if options.cadquery else {}

@@ -8,7 +8,7 @@ dropped, and so is a piece of a surface without a stationary point; the others a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -226,29 +226,52 @@ class _Pieces:
 
 def _extend_by_spline_faces(brep: Brep, reach: Array, tol: float) -> Array:
     """The reach (6,) extended by the stationary points of the coordinates inside B-spline faces."""
+    polygons: dict[int, tuple[Array, Array]] = {}
+
+    def contains(face: int, uv: Array) -> bool:
+        if face not in polygons:
+            polygons[face] = _face_polygon(brep, face)
+        return bool(points_in_polygons(*polygons[face], uv[None])[0])
+
     by_degree: dict[tuple[int, int], list[_Pieces]] = {}
     for own, surface in spline_faces(brep):
         exceeding = _exceeds(brep.faces.motion[own], surface.poles.reshape(-1, 3), reach, tol)
         f, axis = np.nonzero(exceeding)
-        if not len(f):
-            continue
-        pieces, box = _bezier_pieces_of_surface(surface)
-        height = _signed(brep.faces.motion[own[f]][:, None, None, None].apply(pieces))
-        net = np.take_along_axis(height, axis[:, None, None, None, None], axis=4)[..., 0]
-        n = len(pieces)
-        by_degree.setdefault((surface.degree_u, surface.degree_v), []).append(
-            _Pieces(
-                net.reshape(-1, *net.shape[2:]), np.tile(box, (len(f), 1, 1)), np.repeat(axis, n), np.repeat(own[f], n)
-            )
-        )
+        if len(f):
+            pieces = _pieces_of_surface(surface, brep.faces.motion[own[f]], axis, own[f])
+            by_degree.setdefault((surface.degree_u, surface.degree_v), []).append(pieces)
     for parts in by_degree.values():
-        reach = _extend_on_surfaces(brep, _Pieces.concatenate(parts), reach, tol)
+        reach = _extend_on_surfaces(_Pieces.concatenate(parts), contains, reach, tol)
     return reach
 
 
-def _extend_on_surfaces(brep: Brep, pieces: _Pieces, reach: Array, tol: float) -> Array:
+def extend_by_surface(surface: BSplineSurface, contains: Callable[[Array], bool], reach: Array, tol: float) -> Array:
+    """The reach (6,), along -x, -y, -z, x, y, z, extended by stationary points of a surface that a face contains.
+
+    contains(uv (2,)) tells whether a point of the surface lies in the face.
+    """
+    motion = Motion.identity(1)
+    axis = np.flatnonzero(_exceeds(motion, surface.poles.reshape(-1, 3), reach, tol)[0])
+    if not len(axis):
+        return reach
+    zeros = np.zeros(len(axis), np.int64)
+    pieces = _pieces_of_surface(surface, motion[zeros], axis, zeros)
+    return _extend_on_surfaces(pieces, lambda _, uv: contains(uv), reach, tol)
+
+
+def _pieces_of_surface(surface: BSplineSurface, motion: Motion, axis: IntArray, face: IntArray) -> _Pieces:
+    """The coordinates of a surface along directions (n,), placed by motions (n,), on its Bezier pieces."""
+    pieces, box = _bezier_pieces_of_surface(surface)
+    height = _signed(motion[:, None, None, None].apply(pieces))
+    net = np.take_along_axis(height, axis[:, None, None, None, None], axis=4)[..., 0]
+    n = len(pieces)
+    return _Pieces(
+        net.reshape(-1, *net.shape[2:]), np.tile(box, (len(axis), 1, 1)), np.repeat(axis, n), np.repeat(face, n)
+    )
+
+
+def _extend_on_surfaces(pieces: _Pieces, contains: Callable[[int, Array], bool], reach: Array, tol: float) -> Array:
     """The reach (6,) extended by the stationary points of pieces that lie in their faces."""
-    polygons: dict[int, tuple[Array, Array]] = {}
     for _ in range(MAX_BISECTIONS):
         net = pieces.net
         keep = net.max(axis=(1, 2)) > reach[pieces.axis] + tol
@@ -256,12 +279,9 @@ def _extend_on_surfaces(brep: Brep, pieces: _Pieces, reach: Array, tol: float) -
             keep &= (slope.min(axis=(1, 2)) <= 0) & (slope.max(axis=(1, 2)) >= 0)
         small = keep & (np.ptp(net, axis=(1, 2)) < tol)
         for i in np.flatnonzero(small).tolist():
-            axis, face, value = int(pieces.axis[i]), int(pieces.face[i]), float(net[i].max())
-            if value > reach[axis]:
-                if face not in polygons:
-                    polygons[face] = _face_polygon(brep, face)
-                if points_in_polygons(*polygons[face], pieces.box[i].mean(axis=0)[None])[0]:
-                    reach = np.where(np.arange(6) == axis, value, reach)
+            axis, value = int(pieces.axis[i]), float(net[i].max())
+            if value > reach[axis] and contains(int(pieces.face[i]), pieces.box[i].mean(axis=0)):
+                reach = np.where(np.arange(6) == axis, value, reach)
         pieces = pieces.select(keep & ~small)
         if not len(pieces.net):
             break

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.mass_properties import face_moments
+    from tpmscad.kernel.measure.shape_extents import shape_bounds
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
     from tpmscad.kernel.measure.shape_sampling import (
         Creases,
@@ -129,6 +130,7 @@ __all__ = [
     "sample_solid",
     "select_solids",
     "sequential_scale",
+    "shape_bounds",
     "split_body",
     "subtract_solid",
     "subtract_voids",
@@ -205,6 +207,7 @@ _MODULE_OF_NAME = {
     "sample_solid": "tpmscad.kernel.measure.shape_sampling",
     "select_solids": "tpmscad.kernel.build.solids",
     "sequential_scale": "tpmscad.kernel.render.palette",
+    "shape_bounds": "tpmscad.kernel.measure.shape_extents",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",

@@ -103,7 +103,7 @@ class Model:
     def bounding_box(self) -> BoxCorners:
         """Opposite corners of the box around the solid: ((x0, y0, z0), (x1, y1, z1)), model units."""
         exact = isinstance(self.built, BuiltSolids)
-        corners = true_bounds(self.patches) if exact else kernel.bounding_box(self.built.shape)
+        corners = true_bounds(self.patches) if exact else kernel.shape_bounds(self.built.shape)
         (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
         return (x0, y0, z0), (x1, y1, z1)
 
