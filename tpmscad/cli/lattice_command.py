@@ -8,7 +8,7 @@ from typing import Any
 from tpmscad import workflows
 from tpmscad.cli.lattice_options import (
     BoundaryOption,
-    CellOrPoreOption,
+    CellOption,
     CellsOption,
     KindOption,
     MapOption,
@@ -42,7 +42,7 @@ MAP_NAMES = ("cylinder", "sphere")
 def lattice(
     surface: SurfaceArgument,
     *,
-    cell: CellOrPoreOption = None,
+    cell: CellOption = None,
     cells: CellsOption = "1,1,1",
     thickness: ThicknessOption = None,
     offset: OffsetOption = None,

@@ -32,15 +32,6 @@ CellOption = Annotated[
     typer.Option(
         parser=parse_numbers,
         metavar="L|X,Y,Z",
-        help="Edge length of the cell, or one for each axis, mm.",
-        rich_help_panel=CELL_PANEL,
-    ),
-]
-CellOrPoreOption = Annotated[
-    Any,
-    typer.Option(
-        parser=parse_numbers,
-        metavar="L|X,Y,Z",
         help="Edge length of the cell, or one for each axis, mm. Required, unless --pore-size is given.",
         rich_help_panel=CELL_PANEL,
     ),
