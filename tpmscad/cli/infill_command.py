@@ -30,7 +30,7 @@ from tpmscad.cli.options import (
     TolOption,
     VerboseOption,
 )
-from tpmscad.cli.output import Writing, given_options, make_and_write
+from tpmscad.cli.output import DOMAIN_SUFFIXES, Writing, given_options, make_and_write
 
 
 def infill(
@@ -121,5 +121,5 @@ def domains(
     make_and_write(
         f"{surface} exchanger",
         lambda progress: workflows.fluid_domains(body, surface, progress=progress, **request),
-        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema),
+        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, suffixes=DOMAIN_SUFFIXES),
     )

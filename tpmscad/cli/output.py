@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import time
@@ -20,7 +21,11 @@ if TYPE_CHECKING:
 BAR_DELAY_SECONDS = 1.0
 """Time before the progress bar appears."""
 
-MODEL_SUFFIXES = (".step", ".stp", ".stl", ".3mf", ".brep", ".glb")
+STEP_SUFFIXES = (".step", ".stp")
+MESH_SUFFIXES = (".stl", ".3mf", ".glb")
+MODEL_SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, ".brep")
+DOMAIN_SUFFIXES = tuple(suffix for suffix in MODEL_SUFFIXES if suffix != ".stl")
+"""Suffixes of files of several named solids; an STL file holds one body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +39,20 @@ class Writing:
     deviation: float | None = None
     schema: str = "ap242"
     instanced: bool = False
+    suffixes: tuple[str, ...] = MODEL_SUFFIXES
 
     def __post_init__(self) -> None:
-        check_writable(self.output, MODEL_SUFFIXES)
+        check_writable(self.output, self.suffixes)
         check_report(self.report)
+        suffix = self.output.suffix.lower()
+        if self.deviation is not None and suffix not in MESH_SUFFIXES:
+            raise InvalidRequest(
+                f"`deviation` is for {', '.join(MESH_SUFFIXES)}; a {suffix} file is exact: leave it out"
+            )
+        if self.deviation is not None and not 0 < self.deviation < math.inf:
+            raise InvalidRequest(f"`deviation` {self.deviation:g} must be a distance in mm above zero")
+        if suffix not in STEP_SUFFIXES and (self.instanced or self.schema != "ap242"):
+            raise InvalidRequest(f"`schema` and `instanced` are for .step files: leave them out of a {suffix} file")
 
     @property
     def format_options(self) -> dict[str, Any]:

@@ -55,7 +55,7 @@ def solve_cell(name: str, given: Mapping[str, Any]) -> tuple[float, tuple[str, .
     pore = check_positive("pore_size", given["pore_size"])
     if given["cell"] is not None:
         raise InvalidRequest(
-            f"give cell or pore_size, not both: a pore_size of {pore:g} determines the cell, here {given['cell']}"
+            f"give `cell` or pore_size, not both: a pore_size of {pore:g} determines the cell, here {given['cell']}"
         )
     if given.get("map") is not None:
         raise InvalidRequest("pore_size is solved for a lattice without a map; give cell= instead")
