@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,16 @@ def test_a_dome_lies_around_the_axis_and_is_certified() -> None:
     low, high = model.patches.vertices.min(axis=0), model.patches.vertices.max(axis=0)
     assert high[2] > 15
     assert low[:2].max() < -10 < 10 < high[:2].min()
+
+
+@pytest.mark.slow
+def test_the_example_of_a_ring_makes_what_it_says(tmp_path: Path) -> None:
+    example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "closed_ring.py"))
+    found = example["main"](tmp_path / "ring.step", cells=4, surface="schwarz_p", tol=0.3)
+    assert found["met"]
+    assert (found["pieces"], found["tunnels"], found["cavities"]) == (1, 13, 0)
+    assert "repeats after 4.39822972 cells along x" in found["refused"]
+    assert tpmscad.check_step(tmp_path / "ring.step").ok
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.boolean.hollow_body import find_skin_faces, resolve_open_faces, subtract_voids
     from tpmscad.kernel.boolean.inward_offset import offset_by_occt
     from tpmscad.kernel.boolean.local_intersection import intersect_locally
+    from tpmscad.kernel.build.revolved_body import revolve_profile
     from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids, select_solids
     from tpmscad.kernel.export.brep_file import write_brep_file
     from tpmscad.kernel.export.gltf_file import write_glb
@@ -125,6 +126,7 @@ __all__ = [
     "read_step",
     "render_png",
     "resolve_open_faces",
+    "revolve_profile",
     "sample_depths",
     "sample_faces",
     "sample_solid",
@@ -203,6 +205,7 @@ _MODULE_OF_NAME = {
     "read_step": "tpmscad.kernel.step.step_reader",
     "render_png": "tpmscad.kernel.render.picture",
     "resolve_open_faces": "tpmscad.kernel.boolean.hollow_body",
+    "revolve_profile": "tpmscad.kernel.build.revolved_body",
     "sample_faces": "tpmscad.kernel.measure.shape_sampling",
     "sample_solid": "tpmscad.kernel.measure.shape_sampling",
     "select_solids": "tpmscad.kernel.build.solids",

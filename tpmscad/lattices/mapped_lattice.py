@@ -41,6 +41,9 @@ CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 MAX_PARAMETRIC_EXCESS = 3.0
 """Greatest ratio of differences at equal parameters to orthogonal distances."""
 
+PATCH_BULGE_FRACTION = 0.125
+"""Part of its extent by which a patch bulges at most between samples."""
+
 FLATNESS_TOL_FRACTION = 1e-9
 """A side of the box counts as flat if its image spreads by less than this fraction of the box."""
 
@@ -60,7 +63,8 @@ def map_box(map: Map, size: Array) -> tuple[Array, Array]:
             if np.ptp(image) > FLATNESS_TOL_FRACTION * size.max():
                 raise InvalidRequest(
                     f"{map.name} does not keep the box's {'lower' if end == 0 else 'upper'} {'xyz'[axis]} side flat and "
-                    f"square to {'xyz'[axis]} (it spreads over {np.ptp(image):.3g}): use boundary='natural'"
+                    f"square to {'xyz'[axis]} (it spreads over {np.ptp(image):.3g}), nor does it turn the box about an axis: "
+                    "use boundary='natural'"
                 )
             bounds[end, axis] = image.mean()
     return bounds.min(axis=0), bounds.max(axis=0)
@@ -84,11 +88,33 @@ def select_placements_near_box(
     points = placements[:, None].apply(patch.jet(u, v).position)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
-    # Between samples a patch bulges by less than an eighth of its extent.
-    margin = reach + 0.125 * np.ptp(image, axis=1).max()
+    margin = reach + PATCH_BULGE_FRACTION * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
     keep = np.flatnonzero(near)[inside]
     return placements[keep]
+
+
+def select_placements_in_lattice(
+    patch: SurfacePatch,
+    symmetry: PatchSymmetry,
+    cells: tuple[int, int, int],
+    phase: Array,
+    margin: float,
+    closed: tuple[bool, bool, bool],
+) -> Motion:
+    """The placements whose mid patch comes within `margin` cells of the box in lattice coordinates, once around closed axes."""
+    axes = [
+        np.arange(n) if c else np.arange(-SEARCH_MARGIN_CELLS, n + SEARCH_MARGIN_CELLS)
+        for n, c in zip(cells, closed, strict=True)
+    ]
+    origins = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
+    t = np.linspace(0.0, 1.0, 7)
+    u, v = (g.ravel() for g in np.meshgrid(t, t))
+    points = placements[:, None].apply(patch.jet(u, v).position)
+    margin = margin + PATCH_BULGE_FRACTION * float(np.ptp(points, axis=1).max())
+    inside = (points.max(axis=1) > -margin) & (points.min(axis=1) < np.array(cells) + margin)
+    return placements[np.flatnonzero((inside | np.array(closed)).all(axis=1))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

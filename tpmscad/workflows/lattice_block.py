@@ -25,6 +25,7 @@ from tpmscad.fields.field import Field
 from tpmscad.kernel import CadBody, enclosing_box, transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.mapped_lattice import MappedFit
+from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.maps import Map, stretching
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.cpia import NetConvergence
@@ -102,7 +103,7 @@ def _fit_stretched_patches(
     placements = mapped_lattice.select_placements_near_box(
         patch, symmetry, mapping, bounds, cells, phase, cell, max_offset
     )
-    surface = mapped_lattice.MappedSurface(patch, symmetry, placements, mapping, cell)
+    surface = MappedSurface(patch, symmetry, placements, mapping, cell)
     mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=False), fit

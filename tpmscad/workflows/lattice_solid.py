@@ -21,7 +21,7 @@ from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.lattices import copies, mapped_lattice, mapped_surface
+from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.splines.cpia import NetConvergence
@@ -33,6 +33,7 @@ from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
 from tpmscad.workflows.loose_pieces import check_loose, drop_loose_pieces
+from tpmscad.workflows.mapped_cover import cover_mapped_lattice
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
 from tpmscad.workflows.reference_distance import lattice_distance
@@ -255,46 +256,34 @@ def _copy_primitives(
         return brep, ()
     low = cell * assembly.trim_corner
     with stages("trim"):
-        return _trim_by_box(brep, low, low + np.array(request.cell) * np.array(cells, float), cell)
+        return _trim_by_body(brep, box(low, low + np.array(request.cell) * np.array(cells, float)), cell)
 
 
 def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
     """Patches fitted one by one to the mapped surface."""
-    cell, phase, name = request.cell[0], np.array(request.phase), request.surface
+    cell, name = request.cell[0], request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
-    bounds, periods = None, (0.0, 0.0, 0.0)
     with stages("fit") as done:
         mapped_surface.require_regular(mapping, mapped_surface.box_points(request.cells, cell), cell)
-        if request.boundary == "natural":
-            closed = mapped_surface.find_closed_axes(mapping, request.cells, cell)
-            x, y, z = (float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
-            periods = x, y, z
-            placements = copies.place_whole_cells(name, request.cells, phase, closed)
-        else:
-            bounds = mapped_lattice.map_box(mapping, cell * np.array(request.cells, float))
-            max_offset = float(np.abs(request.offset).max())
-            placements = mapped_lattice.select_placements_near_box(
-                patch, symmetry, mapping, bounds, request.cells, phase, cell, max_offset
-            )
-        surface = mapped_surface.MappedSurface(patch, symmetry, placements, mapping, cell, periods)
+        cover = cover_mapped_lattice(request, mapping)
+        surface = mapped_surface.MappedSurface(patch, symmetry, cover.placements, mapping, cell, cover.periods)
         surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
         if request.kind == "sheet":
-            box_limits = None if bounds is None else (np.zeros(3), cell * np.array(request.cells, float))
-            require_no_self_contact(surface, request.offset, box_limits)
+            require_no_self_contact(surface, request.offset, cover.limits)
         fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
     with stages("assemble"):
-        brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=bounds is None)
+        brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=cover.body is None)
     notes: tuple[str, ...] = ()
-    if bounds is not None:
+    if cover.body is not None:
         with stages("trim"):
-            brep, notes = _trim_by_box(brep, *bounds, cell)
+            brep, notes = _trim_by_body(brep, cover.body, cell)
     return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes)
 
 
-def _trim_by_box(brep: Brep, low: Array, high: Array, cell: float) -> tuple[Brep, tuple[str, ...]]:
-    """The part inside the box [low, high], closed by caps, and a note if the lattice had to be moved off a plane it touches."""
-    cut = trim(brep, box(low, high), tol=BOX_TRIM_TOL_CELLS * cell)
+def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:
+    """The part inside a body, closed by caps, and a note if the lattice had to be moved off a face that it touches."""
+    cut = trim(brep, body, tol=BOX_TRIM_TOL_CELLS * cell)
     if cut.report.shifted == 0.0:
         return cut.brep, ()
     return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)

@@ -1,0 +1,152 @@
+"""The image of a lattice's box as a body of revolution: what the box becomes on a cylinder, and on a sphere along its equator.
+
+Nothing is assumed about the map. It turns the box about an axis if translations along one lattice axis become rotations about a
+line (found from sample points, by Kabsch). The opposite sides of the box then sweep the profile that the other two axes draw at
+the beginning of the lattice. If the sides of the profile are straight or circular, planes, cylinders, cones, spheres and tori
+bound the image, and the lattice can be trimmed by them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.lattices.congruent_patches import match_points
+from tpmscad.lattices.maps import Map
+
+REVOLUTION_TOL_FRACTION = 1e-10
+"""A map turns the box if the images agree with rotations to this fraction of the box."""
+
+ROUND_OFF = 1e-13
+"""Components of the axis below this are zero, so that planes square to it are square to the last digit."""
+
+SAMPLE_POINTS = 40
+"""Points of the box that are compared with their rotations."""
+
+SIDE_SAMPLES = 17
+"""Points along each side of the profile."""
+
+LEAST_TURNS_FRACTION = 1 / 64
+"""Part of the lattice over which the rotation is read off: up to 32 turns have no ambiguity."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RevolvedBox:
+    """A body of revolution about the line through `origin` (3,) along the unit vector `axis` (3,).
+
+    `sides` (4, 3, 3): start, middle and end of the sides of the profile, in order, in one half-plane of the axis; `straight` (4,)
+    tells segments from arcs of circles. The body sweeps `angle` (radians, positive) from there; 2 pi exactly if it is closed.
+    `lattice_axis` is the axis of the lattice that goes round.
+    """
+
+    origin: Array
+    axis: Array
+    sides: Array
+    straight: tuple[bool, ...]
+    angle: float
+    lattice_axis: int
+
+    @property
+    def closed(self) -> bool:
+        """Whether the body goes all round."""
+        return self.angle == 2 * np.pi
+
+
+def find_revolved_box(map: Map, size: Array) -> RevolvedBox | None:
+    """The image of the box from the origin to `size` (3,) as a body of revolution, None if it is none.
+
+    InvalidRequest if the map winds the box round its axis more than once.
+    """
+    for axis in range(3):
+        found = _find_axis(map, size, axis)
+        if found is None:
+            continue
+        origin, direction, angle = found
+        if angle > 2 * np.pi * (1 + REVOLUTION_TOL_FRACTION):
+            turns = angle / (2 * np.pi)
+            raise InvalidRequest(
+                f"{map.name} winds the lattice {turns:.9g} times round its axis, so that it overlaps itself: make it at most "
+                f"{1 / turns:.9g} times as long along {'xyz'[axis]}, or the map larger"
+            )
+        full = abs(angle - 2 * np.pi) <= 2 * np.pi * REVOLUTION_TOL_FRACTION
+        profile = _read_profile(map, size, axis, origin, direction, full)
+        if profile is not None:
+            return RevolvedBox(origin, direction, *profile, 2 * np.pi if full else angle, axis)
+    return None
+
+
+def _find_axis(map: Map, size: Array, axis: int) -> tuple[Array, Array, float] | None:
+    """A point and the direction of the line about which the map turns translations along a lattice axis, and the whole angle."""
+    unit = np.random.default_rng(0).random((SAMPLE_POINTS, 3))
+    points = unit * size * np.where(np.arange(3) == axis, 0.5, 1.0)
+    images = map(points)
+    tol = REVOLUTION_TOL_FRACTION * float(np.ptp(images, axis=0).max())
+    along = size * np.eye(3)[axis]
+
+    def motion_after(fraction: float) -> tuple[Array, Array, float]:
+        moved = map(points + fraction * along)
+        motion = match_points(images[None], moved[None])[0]
+        return motion.rotation, motion.translation, float(np.abs(motion.apply(images) - moved).max())
+
+    rotation, translation, miss = motion_after(LEAST_TURNS_FRACTION)
+    turn = Rotation.from_matrix(rotation).as_rotvec()
+    if miss > tol or np.linalg.norm(turn) < REVOLUTION_TOL_FRACTION:
+        return None
+    # The direction is read off a quarter-turn or so, where it is exact to round-off.
+    rate = float(np.linalg.norm(turn)) / LEAST_TURNS_FRACTION
+    fraction = min(0.5, 0.5 * np.pi / rate)
+    rotation, translation, miss = motion_after(fraction)
+    turn = Rotation.from_matrix(rotation).as_rotvec()
+    angle = float(np.linalg.norm(turn))
+    direction = turn / angle
+    origin = np.linalg.lstsq(np.eye(3) - rotation, translation, rcond=1e-6)[0]
+    direction[np.abs(direction) < ROUND_OFF] = 0.0
+    origin[np.abs(origin) < ROUND_OFF * np.abs(images).max()] = 0.0
+    slides = abs(float(translation @ direction)) > tol
+    check, shift, far_miss = motion_after(0.5)
+    expected = Rotation.from_rotvec(0.5 * angle / fraction * direction).as_matrix()
+    differs = (
+        float(np.abs(check - expected).max()) > 10 * REVOLUTION_TOL_FRACTION or abs(float(shift @ direction)) > tol
+    )
+    return None if slides or differs or max(miss, far_miss) > tol else (origin, direction, angle / fraction)
+
+
+def _read_profile(
+    map: Map, size: Array, axis: int, origin: Array, direction: Array, full: bool
+) -> tuple[Array, tuple[bool, ...]] | None:
+    """The sides (4, 3, 3) of the profile at the beginning of the lattice, and which are straight; None if any is neither."""
+    j, k = ((1, 2), (2, 0), (0, 1))[axis]
+    corners = np.zeros((4, 3))
+    corners[[1, 2], j], corners[[2, 3], k] = size[j], size[k]
+    t = np.linspace(0.0, 1.0, SIDE_SAMPLES)[:, None]
+    lines = np.stack([a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
+    from_axis = map(lines) - origin
+    height = from_axis @ direction
+    across = from_axis - height[..., None] * direction
+    radius = np.linalg.norm(across, axis=-1)
+    tol = REVOLUTION_TOL_FRACTION * float(np.abs(from_axis).max())
+    outward = across[0, 0] / radius[0, 0]
+    if not full and np.abs(across - radius[..., None] * outward).max() > tol:
+        return None  # the ends of the lattice are not flat
+    flat = np.stack([radius, height], axis=-1)
+    straight = []
+    for side in flat:
+        chord = side[-1] - side[0]
+        bulge = (side - side[0]) @ np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
+        straight.append(bool(np.abs(bulge).max() <= tol))
+        if not straight[-1] and not _is_circular(side, tol):
+            return None
+    points = flat[:, [0, SIDE_SAMPLES // 2, -1]]
+    return origin + points[..., :1] * outward + points[..., 1:] * direction, tuple(straight)
+
+
+def _is_circular(points: Array, tol: float) -> bool:
+    """Whether plane points (n, 2) lie on a circle."""
+    rows = np.column_stack([2 * points, np.ones(len(points))])
+    x, y, rest = np.linalg.lstsq(rows, (points**2).sum(axis=1), rcond=None)[0]
+    centre, radius = np.array([x, y]), np.sqrt(rest + x**2 + y**2)
+    return bool(np.abs(np.linalg.norm(points - centre, axis=1) - radius).max() <= 10 * tol)

@@ -1,0 +1,74 @@
+"""Which patches a mapped lattice needs, and what trims them: whole cells, a box that the map keeps, or a body of revolution.
+
+A lattice of natural boundary is a block of whole cells; along an axis after whose length the map repeats it has no end. With
+boundary "box" the image of the box of the lattice trims it. It can do so if the map leaves its sides flat and square to the axes,
+as a stretch or a grading does, or makes a body of revolution of it, as wraps around a cylinder and along the equator of a sphere
+do: a tube, or a sector of one. Either image bounds the lattice without overlap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad import kernel, surfaces
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.lattices import copies, mapped_lattice, mapped_surface
+from tpmscad.lattices.maps import Map
+from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box
+from tpmscad.rigid_motion import Motion
+from tpmscad.trimming import box
+from tpmscad.workflows.lattice_request import LatticeRequest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedCover:
+    """The placements of the patches, the periods of a closed lattice in cells, and the body that trims them, if any.
+
+    `limits` are the corners of the box in lattice coordinates, infinite along closed axes; None for a natural boundary.
+    """
+
+    placements: Motion
+    periods: tuple[float, float, float]
+    body: Brep | None
+    limits: tuple[Array, Array] | None
+
+
+def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
+    """The cover of a lattice under a map from cubic lattice coordinates; InvalidRequest if its box has no image to trim by."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    size = cell * np.array(request.cells, float)
+    if request.boundary == "natural":
+        closed = mapped_surface.find_closed_axes(map, request.cells, cell)
+        placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
+        return MappedCover(placements, _periods(request, closed), None, None)
+    patch = surfaces.primitive_patch(request.surface, request.reference)
+    symmetry, reach = surfaces.patch_symmetry(request.surface), float(np.abs(request.offset).max())
+    revolved = find_revolved_box(map, size)
+    if revolved is None:
+        bounds = mapped_lattice.map_box(map, size)
+        placements = mapped_lattice.select_placements_near_box(
+            patch, symmetry, map, bounds, request.cells, phase, cell, reach
+        )
+        return MappedCover(placements, (0.0, 0.0, 0.0), box(*bounds), (np.zeros(3), size))
+    x, y, z = (revolved.closed and axis == revolved.lattice_axis for axis in range(3))
+    closed = x, y, z
+    sizes = np.linalg.svd(map.jacobian(mapped_surface.box_points(request.cells, cell), cell), compute_uv=False)
+    margin = reach / float(cell * sizes.min())
+    placements = mapped_lattice.select_placements_in_lattice(patch, symmetry, request.cells, phase, margin, closed)
+    open_axes = np.where(closed, np.inf, 0.0)
+    return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_axes, size + open_axes))
+
+
+def _periods(request: LatticeRequest, closed: tuple[bool, bool, bool]) -> tuple[float, float, float]:
+    x, y, z = (float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
+    return x, y, z
+
+
+def _sweep(revolved: RevolvedBox) -> Brep:
+    """The body of revolution as a boundary representation of planes and quadrics."""
+    return kernel.brep_from_shape(
+        kernel.revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
+    )
