@@ -101,8 +101,12 @@ def select_placements_in_lattice(
     phase: Array,
     margin: float,
     closed: tuple[bool, bool, bool],
+    inscribed: float = 0.0,
 ) -> Motion:
-    """The placements whose mid patch comes within `margin` cells of the box in lattice coordinates, once around closed axes."""
+    """The placements whose mid patch comes within `margin` cells of the box in lattice coordinates, once around closed axes.
+
+    Given the radius `inscribed` (cells), only those near the cylinder about the middle line of the box along z.
+    """
     axes = [
         np.arange(n) if c else np.arange(-SEARCH_MARGIN_CELLS, n + SEARCH_MARGIN_CELLS)
         for n, c in zip(cells, closed, strict=True)
@@ -114,7 +118,11 @@ def select_placements_in_lattice(
     points = placements[:, None].apply(patch.jet(u, v).position)
     margin = margin + PATCH_BULGE_FRACTION * float(np.ptp(points, axis=1).max())
     inside = (points.max(axis=1) > -margin) & (points.min(axis=1) < np.array(cells) + margin)
-    return placements[np.flatnonzero((inside | np.array(closed)).all(axis=1))]
+    keep = (inside | np.array(closed)).all(axis=1)
+    if inscribed:
+        from_middle = np.hypot(points[..., 0] - cells[0] / 2, points[..., 1] - cells[1] / 2)
+        keep &= from_middle.min(axis=1) < inscribed + margin
+    return placements[np.flatnonzero(keep)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -4,6 +4,9 @@ Nothing is assumed about the map. It turns the box about an axis if translations
 line (found from sample points, by Kabsch). The opposite sides of the box then sweep the profile that the other two axes draw at
 the beginning of the lattice. If the sides of the profile are straight or circular, planes, cylinders, cones, spheres and tori
 bound the image, and the lattice can be trimmed by them.
+
+A dome has no such axis, but it turns with the lattice about the middle line of its box: there the image of the *cylinder
+inscribed in the box* is a body of revolution, and the lattice ends in a round rim.
 """
 
 from __future__ import annotations
@@ -40,7 +43,8 @@ class RevolvedBox:
 
     `sides` (4, 3, 3): start, middle and end of the sides of the profile, in order, in one half-plane of the axis; `straight` (4,)
     tells segments from arcs of circles. The body sweeps `angle` (radians, positive) from there; 2 pi exactly if it is closed.
-    `lattice_axis` is the axis of the lattice that goes round.
+    `lattice_axis` is the axis of the lattice that goes round, None for a cylinder of radius `inscribed` about the middle line
+    along z.
     """
 
     origin: Array
@@ -48,7 +52,8 @@ class RevolvedBox:
     sides: Array
     straight: tuple[bool, ...]
     angle: float
-    lattice_axis: int
+    lattice_axis: int | None
+    inscribed: float = 0.0
 
     @property
     def closed(self) -> bool:
@@ -73,10 +78,35 @@ def find_revolved_box(map: Map, size: Array) -> RevolvedBox | None:
                 f"{1 / turns:.9g} times as long along {'xyz'[axis]}, or the map larger"
             )
         full = abs(angle - 2 * np.pi) <= 2 * np.pi * REVOLUTION_TOL_FRACTION
-        profile = _read_profile(map, size, axis, origin, direction, full)
+        j, k = ((1, 2), (2, 0), (0, 1))[axis]
+        corners = np.zeros((4, 3))
+        corners[[1, 2], j], corners[[2, 3], k] = size[j], size[k]
+        profile = _read_profile(map, corners, origin, direction, flat=not full)
         if profile is not None:
             return RevolvedBox(origin, direction, *profile, 2 * np.pi if full else angle, axis)
     return None
+
+
+def find_revolved_cylinder(map: Map, size: Array) -> RevolvedBox | None:
+    """The image of the cylinder along z that is inscribed in the box, if it is a body of revolution; else None."""
+    radius = float(min(size[:2])) / 2
+    unit = np.random.default_rng(0).random((SAMPLE_POINTS, 3))
+    middle = np.array([size[0] / 2, size[1] / 2, 0.0])
+    points = (unit - [0.5, 0.5, 0.0]) * [2 * radius / np.sqrt(2), 2 * radius / np.sqrt(2), size[2]]
+    images = map(middle + points)
+    tol = REVOLUTION_TOL_FRACTION * float(np.ptp(images, axis=0).max())
+    line = map(middle + np.outer([0.0, 1.0], [0.0, 0.0, size[2]]))
+    direction = (line[1] - line[0]) / np.linalg.norm(line[1] - line[0])
+    direction[np.abs(direction) < ROUND_OFF] = 0.0
+    for angle in (1.0, 2.5):
+        turn = Rotation.from_rotvec([0.0, 0.0, angle]).as_matrix()
+        moved = map(middle + points @ turn.T)
+        expected = line[0] + (images - line[0]) @ Rotation.from_rotvec(angle * direction).as_matrix().T
+        if np.abs(moved - expected).max() > tol:
+            return None
+    corners = middle + np.array([[0, 0, 0], [radius, 0, 0], [radius, 0, size[2]], [0, 0, size[2]]])
+    profile = _read_profile(map, corners, line[0], direction, flat=True)
+    return None if profile is None else RevolvedBox(line[0], direction, *profile, 2 * np.pi, None, radius)
 
 
 def _find_axis(map: Map, size: Array, axis: int) -> tuple[Array, Array, float] | None:
@@ -103,7 +133,7 @@ def _find_axis(map: Map, size: Array, axis: int) -> tuple[Array, Array, float] |
     turn = Rotation.from_matrix(rotation).as_rotvec()
     angle = float(np.linalg.norm(turn))
     direction = turn / angle
-    origin = np.linalg.lstsq(np.eye(3) - rotation, translation, rcond=1e-6)[0]
+    origin = np.array(np.linalg.lstsq(np.eye(3) - rotation, translation, rcond=1e-6)[0], float)
     direction[np.abs(direction) < ROUND_OFF] = 0.0
     origin[np.abs(origin) < ROUND_OFF * np.abs(images).max()] = 0.0
     slides = abs(float(translation @ direction)) > tol
@@ -116,12 +146,12 @@ def _find_axis(map: Map, size: Array, axis: int) -> tuple[Array, Array, float] |
 
 
 def _read_profile(
-    map: Map, size: Array, axis: int, origin: Array, direction: Array, full: bool
+    map: Map, corners: Array, origin: Array, direction: Array, *, flat: bool
 ) -> tuple[Array, tuple[bool, ...]] | None:
-    """The sides (4, 3, 3) of the profile at the beginning of the lattice, and which are straight; None if any is neither."""
-    j, k = ((1, 2), (2, 0), (0, 1))[axis]
-    corners = np.zeros((4, 3))
-    corners[[1, 2], j], corners[[2, 3], k] = size[j], size[k]
+    """The sides (4, 3, 3) of the image of a rectangle (corners (4, 3)) in a half-plane of the axis, and which are straight.
+
+    None if a side is neither straight nor circular, or if the image has to be `flat` and is not.
+    """
     t = np.linspace(0.0, 1.0, SIDE_SAMPLES)[:, None]
     lines = np.stack([a + t * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)])
     from_axis = map(lines) - origin
@@ -129,18 +159,18 @@ def _read_profile(
     across = from_axis - height[..., None] * direction
     radius = np.linalg.norm(across, axis=-1)
     tol = REVOLUTION_TOL_FRACTION * float(np.abs(from_axis).max())
-    outward = across[0, 0] / radius[0, 0]
-    if not full and np.abs(across - radius[..., None] * outward).max() > tol:
-        return None  # the ends of the lattice are not flat
-    flat = np.stack([radius, height], axis=-1)
+    outward = across[1, 0] / radius[1, 0]
+    if flat and np.abs(across - radius[..., None] * outward).max() > tol:
+        return None
+    meridian = np.stack([radius, height], axis=-1)
     straight = []
-    for side in flat:
+    for side in meridian:
         chord = side[-1] - side[0]
         bulge = (side - side[0]) @ np.array([-chord[1], chord[0]]) / np.linalg.norm(chord)
         straight.append(bool(np.abs(bulge).max() <= tol))
         if not straight[-1] and not _is_circular(side, tol):
             return None
-    points = flat[:, [0, SIDE_SAMPLES // 2, -1]]
+    points = meridian[:, [0, SIDE_SAMPLES // 2, -1]]
     return origin + points[..., :1] * outward + points[..., 1:] * direction, tuple(straight)
 
 

@@ -264,7 +264,6 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     cell, name = request.cell[0], request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
     with stages("fit") as done:
-        mapped_surface.require_regular(mapping, mapped_surface.box_points(request.cells, cell), cell)
         cover = cover_mapped_lattice(request, mapping)
         surface = mapped_surface.MappedSurface(patch, symmetry, cover.placements, mapping, cell, cover.periods)
         surface.orientation()
