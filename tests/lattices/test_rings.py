@@ -14,6 +14,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice, maps
 from tpmscad.lattices.cell_block import build_incidence, choose_manifold_block
 from tpmscad.lattices.mapped_surface import MappedSurface, box_points, find_closed_axes, require_regular
+from tpmscad.lattices.revolved_box import find_revolved_box, find_revolved_cylinder
 from tpmscad.lattices.self_contact import require_no_self_contact
 
 CELL = 10.0
@@ -176,3 +177,36 @@ def test_maps_that_are_singular_somewhere_are_refused_with_the_place(
 ) -> None:
     with pytest.raises(InvalidRequest, match=match):
         require_regular(maps.as_map(function), box_points((2, 2, 1), CELL), CELL)
+
+
+def test_a_wrap_around_a_cylinder_makes_a_tube_or_a_sector_of_the_box() -> None:
+    size = np.array([40.0, 10.0, 5.0])
+    tube, sector = (find_revolved_box(maps.cylinder(r), size) for r in (20 / np.pi, 10.0))
+    assert tube is not None
+    assert tube.closed
+    assert sector is not None
+    assert not sector.closed
+    assert sector.angle == pytest.approx(4.0, rel=1e-12)
+    for found, radius in ((tube, 20 / np.pi), (sector, 10.0)):
+        assert all(found.straight)
+        corners = found.sides[:, 0]
+        np.testing.assert_allclose(np.abs(found.axis), [0, 0, 1], atol=1e-12)
+        np.testing.assert_allclose(sorted(np.hypot(*corners.T[:2])), [radius] * 2 + [radius + 10] * 2, rtol=1e-12)
+        np.testing.assert_allclose(sorted(corners[:, 2]), [0, 0, 5, 5], atol=1e-12)
+
+
+def test_spheres_are_trimmed_by_arcs_and_cones_and_other_boxes_not_at_all() -> None:
+    size = np.array([40.0, 10.0, 5.0])
+    band = find_revolved_box(maps.sphere(20 / np.pi, chart="equator", centre=(0.0, 5.0)), size)
+    assert band is not None
+    assert band.straight == (False, True, False, True)
+    cap = find_revolved_cylinder(maps.sphere(40 / np.pi, centre=(20.0, 20.0)), np.array([40.0, 40.0, 5.0]))
+    assert cap is not None
+    assert cap.straight == (False, True, False, True)
+    # Half a sphere: the rim lies in the plane of the equator.
+    np.testing.assert_allclose(cap.sides[1, :, 2], 0, atol=1e-12)
+    for map in (maps.stretching((1.0, 2.0, 3.0)), maps.grading(0, (1.0, 2.0), 40.0), maps.as_map(loop)):
+        assert find_revolved_box(map, size) is None
+    assert find_revolved_box(maps.as_map(lambda p: helix(p, 16.0)), size) is None  # a screw is no rotation
+    with pytest.raises(InvalidRequest, match=r"1.06103295 times round .* at most 0.942477796 times as long along x"):
+        find_revolved_box(maps.cylinder(6.0), size)

@@ -48,6 +48,21 @@ def test_a_dome_lies_around_the_axis_and_is_certified() -> None:
 
 
 @pytest.mark.slow
+def test_a_tube_ends_in_the_cylinders_and_planes_of_its_box() -> None:
+    radius = 20 / np.pi
+    tube = {"map": maps.cylinder(radius), "cells": (4, 1, 1)}
+    model = tpmscad.lattice("schwarz_p", cell=10.0, kind="skeletal", tol=0.3, **tube)
+    assert model.certificate.met, model.certificate.shortfalls
+    other = tpmscad.lattice("schwarz_p", cell=10.0, kind="skeletal", side="+", tol=0.3, **tube)
+    # The two sides of the surface share it and fill the tube.
+    whole = np.pi * ((radius + 10) ** 2 - radius**2) * 10
+    assert model.certificate.volume + other.certificate.volume == pytest.approx(whole, rel=1e-6)
+    radii = np.hypot(*model.patches.vertices.T[:2])
+    assert radii.min() == pytest.approx(radius, abs=1e-6)
+    assert radii.max() == pytest.approx(radius + 10, abs=1e-6)
+
+
+@pytest.mark.slow
 def test_the_example_of_a_ring_makes_what_it_says(tmp_path: Path) -> None:
     example = runpy.run_path(str(Path(__file__).parents[2] / "examples" / "closed_ring.py"))
     found = example["main"](tmp_path / "ring.step", cells=4, surface="schwarz_p", tol=0.3)
