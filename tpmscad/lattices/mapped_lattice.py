@@ -175,7 +175,7 @@ def fit_mapped_layers(
             MappedLayer([g2_fit.bezier_surface(p) for p in poles], c.label, c.motion)
             for (poles, _), c in zip(fits, classes, strict=True)
         ]
-        deviations = _measure_patches(mapped, given, layers, classes, progress)
+        deviations = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
         if last or max(d.max for d in deviations) <= tol:
             break
     fitted = iter(layers)
@@ -195,9 +195,10 @@ def _measure_patches(
     distances: Sequence[float],
     layers: Sequence[MappedLayer],
     classes: Sequence[CongruenceClasses],
+    limit: float,
     progress: Callable[[float], None],
 ) -> list[Deviation]:
-    """Deviation of every fitted patch; `progress` receives the fraction done."""
+    """Deviation of every fitted patch, up to the first that exceeds `limit`; `progress` receives the fraction done."""
     total = sum(len(c.first) for c in classes)
     deviations: list[Deviation] = []
     for distance, layer, members in zip(distances, layers, classes, strict=True):
@@ -205,6 +206,8 @@ def _measure_patches(
             exact = _offset_evaluator(mapped, distance, int(index))
             deviations.append(measure_deviation(patch, exact, PATCH_SAMPLES_PER_PARAMETER))
             progress(len(deviations) / total)
+            if deviations[-1].max > limit:
+                return deviations
     return deviations
 
 
