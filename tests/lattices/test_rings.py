@@ -115,17 +115,11 @@ def loop(p: np.ndarray) -> np.ndarray:
     return np.stack([x + y * normal[..., 0], across + y * normal[..., 1], p[..., 2]], axis=-1)
 
 
-def fifth_power(p: np.ndarray) -> np.ndarray:
-    w = ((p[..., 0] + 1 + 1j * (p[..., 1] + 1)) / 10) ** 5
-    return np.stack([10 * w.real, 10 * w.imag, p[..., 2]], axis=-1)
-
-
 OVERLAPS = {
     "a cylinder whose turn is too short": (maps.cylinder(7.0), (5, 1, 1), "repeats after 4.39822972 cells along x"),
     "a band around a sphere": (maps.sphere(7.0, chart="equator"), (5, 1, 1), "repeats after 4.39822972 cells along x"),
     "a helix that rises too little": (maps.as_map(lambda p: helix(p, 5.0)), (9, 1, 1), "Give the walls room"),
     "a loop": (maps.as_map(loop), (5, 1, 1), "Give the walls room"),
-    "a power": (maps.as_map(fifth_power), (1, 1, 1), "Give the walls room"),
 }
 
 

@@ -38,13 +38,16 @@ MARGIN_SPACINGS = 0.3
 PREDICTED_PAIRS = 3000
 """Predicted pairs, the deepest, whose feet are found: more only say the same again."""
 
+PAIRS_PER_PATCHES = 8
+"""Predicted pairs of any two patches."""
+
 CLOSE_PAIRS = 24
-"""Pairs of feet, the deepest, around which samples are refined."""
+"""Pairs of patches, those with the deepest feet, in which samples are refined."""
 
-REFINEMENTS = 3
-"""Rounds of refinement; each divides the spacing by four."""
+MAX_REFINEMENTS = 7
+"""Most rounds of refinement; each divides the spacing by four, until an eighth of the wall is resolved."""
 
-FOOT_STEPS = 12
+FOOT_STEPS = 8
 """Newton steps to a foot; one reduces the error by the ratio of distance and radius of curvature at least."""
 
 TOUCH_FRACTION = 1e-6
@@ -83,16 +86,37 @@ def require_no_self_contact(
     pairs = _predict_pairs(mapped, offsets)
     if limits is not None:
         pairs = _within(mapped, pairs, limits)
-    pairs = pairs.select(np.argsort(-pairs.depth, kind="stable")[:PREDICTED_PAIRS])
-    for round_ in range(REFINEMENTS + 1):
+    pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
+    wall = offsets[1] - offsets[0]
+    for refinement in range(MAX_REFINEMENTS + 1):
+        pairs = _deepest(_find_feet(mapped, pairs, offsets), 1, CLOSE_PAIRS)
         if len(pairs.patch) == 0:
             return
-        pairs = _find_feet(mapped, pairs, offsets)
-        pairs = pairs.select(np.argsort(-pairs.depth, kind="stable")[:CLOSE_PAIRS])
-        if round_ < REFINEMENTS:
-            pairs = _refine(pairs, 0.25**round_ / (SAMPLES_PER_PARAMETER - 1), offsets)
+        window = 0.25**refinement / (SAMPLES_PER_PARAMETER - 1)
+        resolved = window * float(_patch_size(mapped, pairs.patch).max()) < wall / 8
+        if refinement == MAX_REFINEMENTS or resolved or (pairs.depth[0] > 0 and refinement > 1):
+            break
+        pairs = _refine(pairs, window, offsets)
     if pairs.depth[0] > TOUCH_FRACTION * mapped.cell:
         raise InvalidRequest(_describe(mapped, pairs.select(np.array([0]))))
+
+
+def _deepest(pairs: WallPairs, each: int, count: int) -> WallPairs:
+    """The `count` deepest pairs in order of depth, at most `each` of any two patches."""
+    pairs = pairs.select(np.argsort(-pairs.depth, kind="stable"))
+    patches = np.stack([pairs.patch, pairs.other], axis=1)
+    _, label = np.unique(patches, axis=0, return_inverse=True)
+    by_patches = np.argsort(label.ravel(), kind="stable")
+    sorted_label = label.ravel()[by_patches]
+    rank = np.empty(len(label.ravel()), np.int64)
+    rank[by_patches] = np.arange(len(rank)) - np.searchsorted(sorted_label, sorted_label)
+    return pairs.select(np.flatnonzero(rank < each)[:count])
+
+
+def _patch_size(mapped: MappedSurface, patch: IntArray) -> Array:
+    """The longer of the two tangents at the middle of patches (n,): their size, (n,)."""
+    middle = mapped.points_at(patch, np.full(len(patch), 0.5), np.full(len(patch), 0.5))
+    return np.maximum(np.linalg.norm(middle.du, axis=1), np.linalg.norm(middle.dv, axis=1))
 
 
 def _heights(offsets: tuple[float, float]) -> Array:
