@@ -1,10 +1,11 @@
-"""Lattices on the CadQuery stack: `import cq_plugins.tpms` adds the methods `tpms` and `tpmsInfill` to Workplane.
+"""Lattices on the CadQuery stack: `import cq_plugins.tpms` adds `tpms`, `tpmsInfill` and `tpmsModels` to Workplane.
 
 import cadquery as cq
 import cq_plugins.tpms
 
 part = cq.Workplane().tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
 filled = cq.Workplane().cylinder(50, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5)
+filled.faces(">Z").workplane().hole(4).tpmsModels()[-1].certificate
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ def tpms(
     surface: str,
     *,
     centered: bool | tuple[bool, bool, bool] = False,
-    combine: bool | Literal["cut", "a", "s"] = False,
-    clean: bool = True,
+    combine: bool | Literal["cut", "a", "s"] = True,
+    clean: bool = False,
     **options: Unpack[LatticeOptions],
 ) -> cq.Workplane:
     """Put a lattice of a minimal surface at each point on the stack, or at the origin of the workplane if there is none.
@@ -47,9 +48,10 @@ def tpms(
     centered : bool or (3,) bools, optional
         Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.
     combine : bool or {"cut", "a", "s"}, optional
-        As in ``Workplane.box``, but False by default: the lattices are the new stack, unchanged by the kernel.
+        As in ``Workplane.box``: the lattices are joined to the solid in the chain, if there is one. False leaves them on the stack
+        by themselves, as they were made.
     clean : bool, optional
-        As in ``Workplane.box``.
+        As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.
 
     Returns
     -------
@@ -63,10 +65,9 @@ def tpms(
     NotMet
         If the result misses the request; it carries the certificate.
 
-    Notes
-    -----
-    To read the certificate of a lattice that meets the request, make it with `tpmscad.lattice` and place it with
-    ``eachpoint(cq.Shape.cast(model.wrapped), True)``.
+    See Also
+    --------
+    tpmsModels : The models and certificates behind a chain.
 
     Examples
     --------
@@ -81,48 +82,107 @@ def tpms(
     size = lattice_size(surface, given)
     shift = (-length / 2 if half else 0.0 for length, half in zip(size, middle, strict=True))
     shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
-    return self.eachpoint(shape, True, combine, clean and bool(combine))
+    return _with_models(self.eachpoint(shape, True, combine, clean), [model])
 
 
 @with_keywords_of(infill)
-def tpmsInfill(self: cq.Workplane, surface: Any, **options: Unpack[InfillOptions]) -> cq.Workplane:
-    """Fill the solid on the stack, or the nearest up the chain, with a lattice.
+def tpmsInfill(
+    self: cq.Workplane, surface: Any, *, combine: bool = True, **options: Unpack[InfillOptions]
+) -> cq.Workplane:
+    """Fill every solid on the stack, or the nearest up the chain, with a lattice.
 
     Parameters
     ----------
     surface : str, Field or callable
         Name of a surface, or a field; see `tpmscad.infill`.
     cell, thickness, offset, volume_fraction, kind, side, reference, phase, rotation, skin, open_faces, tol, progress
-        The keywords of `tpmscad.infill`, in global coordinates. `open_faces` may also be a selector of the solid's faces, such as
-        ``">Z"``.
+        The keywords of `tpmscad.infill`, in global coordinates. `open_faces` may also be a selector of each solid's faces, such
+        as ``">Z"``.
+    combine : bool, optional
+        Whether the filled solids become one object on the stack, as after ``Workplane.fillet``. False leaves each by itself.
 
     Returns
     -------
     Workplane
-        With the filled solid on the stack.
+        With the filled solids on the stack.
 
     Raises
     ------
     InvalidRequest
         If the request cannot be carried out; the message names the value, the limit and the remedy.
     NotMet
-        If the result misses the request; it carries the certificate.
+        If a result misses the request; it carries the certificate.
 
-    Notes
-    -----
-    To read the certificate of a solid that meets the request, call `tpmscad.infill` with the workplane and put the result on a
-    stack with ``newObject([cq.Shape.cast(model.wrapped)])``.
+    See Also
+    --------
+    tpmsModels : The models and certificates behind a chain.
 
     Examples
     --------
     >>> import cadquery as cq
     >>> filled = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5, open_faces=">Z")
     """
-    open_faces = options.get("open_faces", ())
-    if isinstance(open_faces, str):
-        options["open_faces"] = self.newObject([self.findSolid()]).faces(open_faces).vals()
-    model = infill(self, surface, **options)
-    return self.newObject([cq.Shape.cast(_require_met(model).wrapped)])
+    solids = _find_solids(self)
+    given = options.pop("open_faces", ())
+    models = []
+    for solid in solids:
+        open_faces = _faces_of_solid(self, solid, given, only=len(solids) == 1)
+        models.append(_require_met(infill(solid, surface, **options, open_faces=open_faces)))
+    filled = [cq.Shape.cast(model.wrapped) for model in models]
+    stack = [cq.Compound.makeCompound(filled)] if combine and len(filled) > 1 else filled
+    return _with_models(self.newObject(stack), models)
+
+
+def tpmsModels(self: cq.Workplane) -> tuple[Model, ...]:
+    """The models that `tpms` and `tpmsInfill` have made in this chain, with their certificates.
+
+    They stay with the chain: selections, booleans and further features keep them.
+
+    Returns
+    -------
+    tuple of Model
+        The first one made first; of a stack of several solids one for each. Empty if the chain has none.
+
+    Examples
+    --------
+    >>> import cadquery as cq
+    >>> part = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8).faces(">Z")
+    >>> part.tpmsModels()[-1].certificate.met
+    True
+    """
+    found: list[Model] = []
+    work: cq.Workplane | None = self
+    while work is not None:
+        found[:0] = getattr(work, "_tpms_models", ())
+        work = work.parent
+    return tuple(found)
+
+
+def _with_models(work: cq.Workplane, models: list[Model]) -> cq.Workplane:
+    """The workplane, which keeps the models it holds; those made after it have it as an ancestor."""
+    work._tpms_models = tuple(models)
+    return work
+
+
+def _find_solids(work: cq.Workplane) -> list[cq.Solid]:
+    """The solids on the stack, or those of the nearest solid or compound up the chain."""
+    on_stack = [solid for value in work.vals() if isinstance(value, cq.Shape) for solid in value.Solids()]
+    if on_stack:
+        return on_stack
+    try:
+        return work.findSolid().Solids()
+    except ValueError:
+        raise InvalidRequest("the chain holds no solid to fill: make one before tpmsInfill") from None
+
+
+def _faces_of_solid(work: cq.Workplane, solid: cq.Solid, given: Any, *, only: bool) -> Any:
+    """The open faces of one solid: those a selector finds, or those of the given ones that are its own."""
+    if isinstance(given, str):
+        return work.newObject([solid]).faces(given).vals()
+    if only:
+        return given
+    own = solid.Faces()
+    return [face for face in given if isinstance(face, int) or any(face.isSame(other) for other in own)]
 
 
 def _require_met(model: Model) -> Model:
@@ -135,8 +195,8 @@ def _require_met(model: Model) -> Model:
 
 
 def _register_methods() -> None:
-    """Make `tpms` and `tpmsInfill` methods of Workplane; ImportError if another plug-in has taken one of the names."""
-    for method in (tpms, tpmsInfill):
+    """Make `tpms`, `tpmsInfill` and `tpmsModels` methods of Workplane; ImportError if another plug-in has taken one of the names."""
+    for method in (tpms, tpmsInfill, tpmsModels):
         taken = getattr(cq.Workplane, method.__name__, method)
         if taken.__module__ != __name__:
             raise ImportError(
@@ -145,6 +205,7 @@ def _register_methods() -> None:
             )
     cq.Workplane.tpms = tpms
     cq.Workplane.tpmsInfill = tpmsInfill
+    cq.Workplane.tpmsModels = tpmsModels
 
 
 _register_methods()

@@ -29,6 +29,10 @@ from tpmscad.workflows.lattice_request import (
 __all__ = ["Tpms", "TpmsInfill"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 class Tpms(BasePartObject):
     """A lattice of a minimal surface as a build123d part.
 
@@ -117,8 +121,10 @@ class TpmsInfill(Part):
 
     Parameters
     ----------
-    *body_and_surface
-        The body, if it is not the part being built, and the name of a surface or a field.
+    body : shape, str or Path, optional
+        One closed solid, or the path of its STEP file; by default the part being built.
+    surface : str, Field or callable
+        Name of a surface of the catalogue, or a field; alone it may stand first.
     cell, thickness, offset, volume_fraction, kind, side, reference, phase, rotation, skin, open_faces, tol, progress
         The keywords of `tpmscad.infill`; `rotation` turns the lattice, not the body.
     mode : Mode, optional
@@ -148,16 +154,23 @@ class TpmsInfill(Part):
     """
 
     @with_keywords_of(infill)
-    def __init__(self, *body_and_surface: Any, mode: Mode = Mode.REPLACE, **options: Unpack[InfillOptions]) -> None:
+    def __init__(
+        self,
+        body: Any = None,
+        surface: Any = None,
+        *,
+        mode: Mode = Mode.REPLACE,
+        **options: Unpack[InfillOptions],
+    ) -> None:
         context: Builder | None = Builder._get_context("TpmsInfill")
-        if not 1 <= len(body_and_surface) <= 2:
-            raise InvalidRequest(
-                f"TpmsInfill takes a surface, or a body and a surface, and keywords; not {len(body_and_surface)} values"
-            )
-        *given_body, surface = body_and_surface
         if context is not None and not isinstance(context, BuildPart):
             raise RuntimeError(f"{type(context).__name__} has no solids to fill: TpmsInfill applies to BuildPart")
-        body = given_body[0] if given_body else context and context._obj
+        if surface is None:  # a single value is the surface
+            body, surface = None, body
+        if surface is None or hasattr(surface, "wrapped"):
+            raise InvalidRequest('there is no surface to fill with: TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
+        if body is None:
+            body = context and context._obj
         if body is None:
             raise InvalidRequest("there is no part to fill: build one first, or give the shape before the surface")
         options["open_faces"] = tuple(options.get("open_faces", ()))

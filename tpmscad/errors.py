@@ -13,6 +13,10 @@ class InvalidRequest(TpmscadError, ValueError):
     """The request cannot be carried out as written; nothing was written."""
 
 
+class MisusedCall(InvalidRequest, TypeError):
+    """The arguments do not fit the function; the message shows the call as it is written."""
+
+
 class RecipeError(InvalidRequest):
     """A recipe is invalid; the message begins with the file, the line and the key."""
 

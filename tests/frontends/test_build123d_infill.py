@@ -24,7 +24,8 @@ def filled() -> TpmsInfill:
 
 
 def test_the_keywords_are_those_of_infill_with_mode() -> None:
-    ours = list(inspect.signature(TpmsInfill.__init__).parameters.values())[2:]
+    _, body, surface, *ours = inspect.signature(TpmsInfill.__init__).parameters.values()
+    assert (body.name, surface.name) == ("body", "surface")
     theirs = list(inspect.signature(tpmscad.infill).parameters.values())[2:]
     assert [*((p.name, p.default, p.kind) for p in theirs)] == [(p.name, p.default, p.kind) for p in ours[:-1]]
     assert (ours[-1].name, ours[-1].default) == ("mode", bd.Mode.REPLACE)

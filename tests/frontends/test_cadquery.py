@@ -57,11 +57,26 @@ def test_the_keywords_are_those_of_lattice_with_centered_combine_and_clean(cq: A
     assert all(ours[name].default == theirs[name].default and ours[name].kind == theirs[name].kind for name in theirs)
 
 
-def test_the_import_adds_two_methods_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_combines_by_default_as_every_primitive_does(cq: Any) -> None:
+    assert inspect.signature(cq.Workplane.tpms).parameters["combine"].default is True
+    assert inspect.signature(cq.Workplane.box).parameters["combine"].default is True
+
+
+def test_the_models_behind_a_chain_stay_with_it(cq: Any, gyroid: Any, schwarz: Any) -> None:
+    (model,) = gyroid.faces(">Z").workplane().tpmsModels()
+    assert model.certificate.met
+    assert model.certificate.volume == pytest.approx(gyroid.val().Volume(), rel=1e-9)
+    twice = schwarz.center(50, 0).tpms(**P, combine=False)
+    assert [m.name for m in twice.edges("|Z").tpmsModels()] == ["schwarz_p sheet"] * 2
+    assert twice.tpmsModels()[0] is schwarz.tpmsModels()[0]
+    assert cq.Workplane().box(1, 1, 1).tpmsModels() == ()
+
+
+def test_the_import_adds_three_methods_and_overrides_nothing(cq: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     import cq_plugins.tpms as plugin
 
     ours = [name for name, value in vars(cq.Workplane).items() if getattr(value, "__module__", "") == plugin.__name__]
-    assert ours == ["tpms", "tpmsInfill"]
+    assert ours == ["tpms", "tpmsInfill", "tpmsModels"]
     importlib.reload(plugin)
     monkeypatch.setattr(cq.Workplane, "tpms", lambda self: self)
     with pytest.raises(ImportError, match="already has a method tpms"):
@@ -83,9 +98,10 @@ def test_the_stack_holds_the_lattice(which: str, pieces: int, request: pytest.Fi
 
 def test_one_lattice_stands_at_every_point(cq: Any) -> None:
     points = [(0, 0), (30, 0), (0, 40)]
-    work = cq.Workplane().pushPoints(points).tpms(**P)
+    work = cq.Workplane().pushPoints(points).tpms(**P, combine=False)
     assert [box_of_caps(v)[0][:2] for v in work.vals()] == [pytest.approx(p, abs=1e-9) for p in points]
-    assert cq.Workplane().rarray(20, 20, 2, 2).tpms(**P).solids().size() == 4
+    combined = cq.Workplane().rarray(20, 20, 2, 2).tpms(**P)
+    assert (combined.size(), combined.solids().size()) == (1, 4)
 
 
 def test_it_follows_the_workplane(cq: Any) -> None:
@@ -93,7 +109,7 @@ def test_it_follows_the_workplane(cq: Any) -> None:
     low, high = box_of_caps(plane.tpms(**P | {"cells": (1, 2, 3)}).val())
     assert low == pytest.approx([1, 2 - 30, 3], abs=1e-9)
     assert high == pytest.approx([11, 2, 23], abs=1e-9)
-    pushed = plane.pushPoints([(0, 0), (30, 40)]).tpms(**P).vals()
+    pushed = plane.pushPoints([(0, 0), (30, 40)]).tpms(**P, combine=False).vals()
     assert [box_of_caps(v)[0] for v in pushed] == [pytest.approx([1 + x, 2 - 10, 3 + z]) for x, z in ((0, 0), (30, 40))]
 
 
@@ -129,7 +145,7 @@ def test_the_chain_goes_on_from_a_face(gyroid: Any) -> None:
 
 def test_it_combines_with_the_part_in_the_chain(cq: Any, schwarz: Any) -> None:
     plate = cq.Workplane().box(14, 14, 2)
-    joined = plate.faces(">Z").workplane().tpms(**P, centered=(True, True, False), combine=True)
+    joined = plate.faces(">Z").workplane().tpms(**P, centered=(True, True, False))
     assert joined.val().isValid()
     assert joined.solids().size() == 1
     assert joined.val().Volume() == pytest.approx(14 * 14 * 2 + schwarz.val().Volume(), rel=1e-6)

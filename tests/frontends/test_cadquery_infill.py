@@ -31,7 +31,8 @@ def filled(cq: Any) -> Any:
 def test_the_keywords_are_those_of_infill(cq: Any) -> None:
     ours = list(inspect.signature(cq.Workplane.tpmsInfill).parameters.values())[1:]
     theirs = list(inspect.signature(tpmscad.infill).parameters.values())[1:]
-    assert [(p.name, p.default, p.kind) for p in ours] == [(p.name, p.default, p.kind) for p in theirs]
+    assert [(p.name, p.default, p.kind) for p in ours[:-1]] == [(p.name, p.default, p.kind) for p in theirs]
+    assert (ours[-1].name, ours[-1].default) == ("combine", True)
 
 
 def test_the_stack_holds_the_filled_solid(cq: Any, filled: Any) -> None:
@@ -77,5 +78,14 @@ def test_faces_that_stay_open_may_be_selected(cq: Any) -> None:
 def test_what_cannot_be_filled_is_refused(cq: Any) -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="holds no solid"):
         cq.Workplane().rect(20, 20).tpmsInfill(**P)
-    with pytest.raises(tpmscad.InvalidRequest, match="2 solids"):
-        cq.Workplane().rarray(30, 1, 2, 1).box(12, 12, 12).tpmsInfill(**P)
+
+
+def test_every_solid_on_the_stack_is_filled(cq: Any) -> None:
+    boxes = cq.Workplane().rarray(30, 1, 2, 1).box(12, 12, 12)
+    combined = boxes.tpmsInfill(**P)
+    assert (combined.size(), combined.solids().size()) == (1, 2)
+    apart = boxes.solids().tpmsInfill(**P, skin=1.5, open_faces=">Z", combine=False)
+    assert apart.size() == 2
+    models = apart.tpmsModels()
+    assert [solid.Volume() for solid in apart.vals()] == pytest.approx([m.certificate.volume for m in models], rel=1e-9)
+    assert [solid.Center().x < 0 for solid in apart.vals()] == [True, False]

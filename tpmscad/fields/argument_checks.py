@@ -54,6 +54,19 @@ def as_periods(period: float | Sequence[float], name: str = "period") -> Triple:
     return as_positive(px, name), as_positive(py, name), as_positive(pz, name)
 
 
+DEFAULT_PERIOD = 10.0
+"""Model units."""
+
+
+def choose_periods(period: float | Sequence[float] | None, cell: float | Sequence[float] | None) -> Triple:
+    """The three periods, called `period` or, as lattices call them, `cell`; `DEFAULT_PERIOD` if neither is given."""
+    if period is not None and cell is not None:
+        raise InvalidRequest(f"period {period!r} and cell {cell!r} are two words for one length: give one of them")
+    if cell is not None:
+        return as_periods(cell, "cell")
+    return as_periods(DEFAULT_PERIOD if period is None else period)
+
+
 def as_unit_vector(value: Any, name: str) -> Triple:
     """The unit vector of "x", "-x", "y", ... or of a vector of any length."""
     if isinstance(value, str):

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import stencil
-from tpmscad.fields.argument_checks import as_periods
+from tpmscad.fields.argument_checks import choose_periods
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
 
@@ -50,15 +50,22 @@ class ImplicitBSpline(Field):
         ]
 
 
-def bspline_unit(coefficients: ArrayLike, period: float | Sequence[float] = 10.0) -> ImplicitBSpline:
+def bspline_unit(
+    coefficients: ArrayLike,
+    period: float | Sequence[float] | None = None,
+    *,
+    cell: float | Sequence[float] | None = None,
+) -> ImplicitBSpline:
     """Return the periodic cubic B-spline field of given coefficients.
 
     Parameters
     ----------
     coefficients : array_like, shape (mx, my, mz)
         Coefficient (i, j, k) belongs to the point (i / mx, j / my, k / mz) of the period.
-    period : float or (px, py, pz)
-        Periods along the axes, in model units.
+    period : float or (px, py, pz), optional
+        Periods along the axes, in model units; 10 by default.
+    cell : float or (px, py, pz), optional
+        The same as `period`, by the word of lattices; give one of the two.
 
     Returns
     -------
@@ -82,7 +89,7 @@ def bspline_unit(coefficients: ArrayLike, period: float | Sequence[float] = 10.0
     if not np.isfinite(array).all():
         raise InvalidRequest("the coefficients must all be finite")
     array.setflags(write=False)
-    return ImplicitBSpline(array, as_periods(period))
+    return ImplicitBSpline(array, choose_periods(period, cell))
 
 
 def _cubic_stencil(t: Array, count: int, period: float) -> stencil.Stencil:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 from tpmscad._typing import Array
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
-from tpmscad.fields.argument_checks import as_periods, as_triple
+from tpmscad.fields.argument_checks import as_triple, choose_periods
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
@@ -54,17 +54,25 @@ class NodalField(Field):
         )
 
 
-def tpms(name: str, period: float | Sequence[float] = 10.0, phase: Sequence[float] = (0.0, 0.0, 0.0)) -> NodalField:
+def tpms(
+    name: str,
+    period: float | Sequence[float] | None = None,
+    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    *,
+    cell: float | Sequence[float] | None = None,
+) -> NodalField:
     """Return the nodal field of a triply periodic surface.
 
     Parameters
     ----------
     name : str
         Name, title or alias of a surface of the catalogue (`fields.TPMS`).
-    period : float or (px, py, pz)
-        Edges of the unit cell, in model units.
+    period : float or (px, py, pz), optional
+        Edges of the unit cell, in model units; 10 by default.
     phase : (x, y, z)
         Translation of the structure, in cells.
+    cell : float or (px, py, pz), optional
+        The same as `period`, by the word of lattices; give one of the two.
 
     Returns
     -------
@@ -83,4 +91,4 @@ def tpms(name: str, period: float | Sequence[float] = 10.0, phase: Sequence[floa
     >>> phi.periods()
     (10.0, 10.0, 10.0)
     """
-    return NodalField(find_surface(name).name, as_periods(period), as_triple(phase, "phase"))
+    return NodalField(find_surface(name).name, choose_periods(period, cell), as_triple(phase, "phase"))

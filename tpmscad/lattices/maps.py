@@ -23,6 +23,11 @@ from tpmscad.lattices.spherical_charts import chart_along_equator, chart_from_po
 
 __all__ = ["Map", "as_map", "composition", "cylinder", "grading", "sphere", "stretching"]
 
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
 DIFFERENCE_STEP_CELLS = 2e-3
 """Difference step in cell edges: it balances truncation (1e-16 of the seventh derivative) and round-off (1e-13)."""
 

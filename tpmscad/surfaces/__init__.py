@@ -71,3 +71,7 @@ __all__ = [
     "thickness_for",
     "volume_fraction",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -32,3 +32,7 @@ __all__ = [
     "label_components",
     "persistence_diagram",
 ]
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
