@@ -48,7 +48,7 @@ def tpms(
     centered : bool or (3,) bools, optional
         Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.
     combine : bool or {"cut", "a", "s"}, optional
-        As in ``Workplane.box``: the lattices are joined to the solid in the chain, if there is one. False leaves them on the stack
+        As in ``Workplane.box``: lattices are joined to the solid in the chain, if there is one. False leaves them on the stack
         by themselves, as they were made.
     clean : bool, optional
         As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.
@@ -195,7 +195,7 @@ def _require_met(model: Model) -> Model:
 
 
 def _register_methods() -> None:
-    """Make `tpms`, `tpmsInfill` and `tpmsModels` methods of Workplane; ImportError if another plug-in has taken one of the names."""
+    """Make the three functions methods of Workplane; ImportError if another plug-in has taken one of the names."""
     for method in (tpms, tpmsInfill, tpmsModels):
         taken = getattr(cq.Workplane, method.__name__, method)
         if taken.__module__ != __name__:
