@@ -24,7 +24,6 @@ SYNONYMS = {
     "wall_thickness": "thickness",
     "density": "volume_fraction",
     "relative_density": "volume_fraction",
-    "pores": "pore_size",
     "tolerance": "tol",
     "accuracy": "tol",
     "shell": "skin",
