@@ -123,11 +123,11 @@ def tpmsInfill(
     >>> filled = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5, open_faces=">Z")
     """
     solids = _find_solids(self)
-    given = options.pop("open_faces", ())
+    given = options.get("open_faces", ())
     models = []
     for solid in solids:
-        open_faces = _faces_of_solid(self, solid, given, only=len(solids) == 1)
-        models.append(_require_met(infill(solid, surface, **options, open_faces=open_faces)))
+        options["open_faces"] = _faces_of_solid(self, solid, given, only=len(solids) == 1)
+        models.append(_require_met(infill(solid, surface, **options)))
     filled = [cq.Shape.cast(model.wrapped) for model in models]
     stack = [cq.Compound.makeCompound(filled)] if combine and len(filled) > 1 else filled
     return _with_models(self.newObject(stack), models)
