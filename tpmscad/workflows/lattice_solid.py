@@ -155,7 +155,11 @@ def lattice(
     with stages("check"):
         valid = kernel.is_valid(built.shape)
         properties = measure_solid(brep, built.nesting.moments)
-        notes = (*made.notes, *dropped.notes, *_note_phase(request, len(dropped.volumes) + len(built.solids)))
+        notes = (
+            *made.notes,
+            *dropped.notes,
+            *(_note_phase(request, len(dropped.volumes) + len(built.solids)) if map is None else ()),
+        )
         measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
         edge_gap = float(brep.edges.deviation.max(initial=0.0))
         certificate = certify(brep, properties, measures, valid=valid, edge_gap=edge_gap, dropped=dropped.volumes)
