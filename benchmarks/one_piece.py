@@ -22,7 +22,7 @@ FRACTIONS = (0.2, 0.4)
 """Volume fractions of both kinds."""
 
 FRACTIONS_OF_SURFACE = {
-    "neovius": {"skeletal": (0.4, 0.6)},
+    "neovius": {"sheet": (0.15, 0.3), "skeletal": (0.4, 0.6)},
     "frd": {"skeletal": (0.2, 0.4)},
     "fischer_koch_s": {"skeletal": (0.3, 0.5)},
     "octo": {"skeletal": (0.3, 0.5)},

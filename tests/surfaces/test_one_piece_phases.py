@@ -76,7 +76,7 @@ def count_endless_pieces(solid: BoolArray) -> int:
 
 
 def offset_limits(name: str) -> tuple[float, float]:
-    """The offsets that every reference of the surface allows, in cells; of the others most of what lies between the medial axes."""
+    """The offsets that every reference of the surface allows, in cells; of the others most of the reach."""
     references = surfaces.CATALOGUE[name].references
     if surfaces.CATALOGUE[name].primitives in ("exact", "mirrored"):
         measures = [surfaces.cell_measures(name, reference) for reference in references]
