@@ -25,7 +25,7 @@ FRACTIONS_OF_SURFACE = {
     "neovius": {"sheet": (0.15, 0.3), "skeletal": (0.4, 0.6)},
     "frd": {"skeletal": (0.2, 0.4)},
     "fischer_koch_s": {"skeletal": (0.3, 0.5)},
-    "octo": {"skeletal": (0.3, 0.5)},
+    "octo": {"skeletal": (0.45, 0.6)},
 }
 """Others where the usual ones are out of reach of the offsets."""
 
