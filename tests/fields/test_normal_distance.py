@@ -57,3 +57,12 @@ def test_the_isometries_are_those_of_the_space_group(name: str, count: int) -> N
     """General positions of Ia-3d, Ia-3, I-43d, Pm-3m and I4_132 in the International Tables."""
     assert len(find_isometries(fields.tpms(name, 7.0))) == count
     assert len(find_isometries(fields.tpms(name, (7.0, 7.0, 9.0)))) * 3 == count
+
+
+def test_axes_of_symmetry_have_the_distance_of_the_points_beside_them() -> None:
+    """On the axes of Schwarz P the descent along the gradient ends at a saddle between the parts of the surface."""
+    distance = fields.normal_distance(fields.tpms("schwarz_p", 10.0))
+    on_axis = np.array([[0.0, 5.25, 0.0], [0.0, 0.0, 4.5], [5.0, 5.0, 0.25]])
+    beside = distance(on_axis + 1e-4)
+    np.testing.assert_allclose(distance(on_axis), beside, rtol=0, atol=1e-3)
+    assert (np.abs(distance(on_axis)) > 1.5).all()

@@ -127,9 +127,9 @@ def test_every_surface_of_the_catalogue_makes_a_lattice(name: str) -> None:
 def test_a_body_is_filled_with_a_level_set_lattice_and_divided_by_it() -> None:
     import build123d as bd
 
-    body = bd.Box(9, 8, 7)
-    filled = tpmscad.infill(body, "octo", cell=10, thickness=0.3, tol=0.05)
-    domains = tpmscad.fluid_domains(body, "octo", cell=10, thickness=0.3, tol=0.05)
+    body = bd.Box(9, 8, 7.5)
+    filled = tpmscad.infill(body, "octo", cell=8, thickness=0.3, tol=0.05)
+    domains = tpmscad.fluid_domains(body, "octo", cell=8, thickness=0.3, tol=0.05)
     assert filled.certificate.met
     assert domains.certificate.met
     assert domains.wall.volume == pytest.approx(filled.volume, rel=1e-6)

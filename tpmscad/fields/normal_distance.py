@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
@@ -47,6 +47,14 @@ MIN_CURVATURE_FACTOR = 0.02
 
 MIN_GRADIENT = 1e-12
 """A gradient below this, relative to the unit of length, has no direction: the start is moved off the critical point."""
+
+LEVEL_SET_TOL = 1e-9
+"""Distance to first order, in units of length, within which a foot point lies on the level set."""
+
+MAX_RESTARTS = 3
+RESTART_SHIFT = (0.013, -0.017, 0.0071)
+"""Restarts of descents that ended at a critical point, as on axes of symmetry, and the displacement of the first one, in units of
+length. Points that find no foot point even then get the unit of length as their distance."""
 
 OFF_CRITICAL_POINT = (0.011, 0.007, 0.0053)
 """Displacement, in units of length, of a start at a critical point."""
@@ -151,8 +159,18 @@ def signed_distances(field: Field, x: Array, y: Array, z: Array) -> tuple[Array,
     unit, longest = _length_scale(field, x, y, z)
     solid = field.at(x, y, z) < 0
     solid = np.broadcast_to(solid, x.shape)
-    foot = _descend(field, (x, y, z), unit, longest)
-    foot = _improve_foot(field, (x, y, z), foot, unit, longest)
+    foot = _find_foot(field, (x, y, z), (x, y, z), unit, longest)
+    for attempt in range(1, MAX_RESTARTS + 1):
+        lost = np.flatnonzero(~_is_on_level_set(field, foot, unit))
+        if not len(lost):
+            break
+        points = x[lost], y[lost], z[lost]
+        shift = [RESTART_SHIFT[(axis + attempt) % 3] * attempt * unit[lost] for axis in range(3)]
+        start = tuple(c + step for c, step in zip(points, shift, strict=True))
+        again = _find_foot(field, points, start, unit[lost], longest[lost])  # type: ignore[arg-type]
+        for c, found in zip(foot, again, strict=True):
+            c[lost] = found
+    found = _is_on_level_set(field, foot, unit)
     _, gx, gy, gz = _jet(field, *foot)
     size = np.sqrt(gx * gx + gy * gy + gz * gz)
     size = np.where(size > 0, size, 1.0)
@@ -167,12 +185,27 @@ def signed_distances(field: Field, x: Array, y: Array, z: Array) -> tuple[Array,
     value = np.where(regular | near, along, sign * distance)
     ray = sign / np.where(distance > 0, distance, 1.0)
     use_normal = regular | near
-    return (
-        value,
-        np.where(use_normal, nx, ray * rx),
-        np.where(use_normal, ny, ray * ry),
-        np.where(use_normal, nz, ray * rz),
-    )
+    slope = [np.where(use_normal, n, ray * r) for n, r in ((nx, rx), (ny, ry), (nz, rz))]
+    value = np.where(found, value, sign * unit)
+    nx, ny, nz = (np.where(found, each, 0.0) for each in slope)
+    return value, nx, ny, nz
+
+
+def _find_foot(
+    field: Field,
+    points: tuple[Array, Array, Array],
+    start: tuple[Array, Array, Array],
+    unit: Array,
+    longest: Array,
+) -> tuple[Array, Array, Array]:
+    """Foot points of points by both stages, the first of which begins at `start`."""
+    return _improve_foot(field, points, _descend(field, start, unit, longest), unit, longest)
+
+
+def _is_on_level_set(field: Field, foot: tuple[Array, Array, Array], unit: Array) -> BoolArray:
+    """Whether foot points (n,) lie on the level set, and not where a descent ended between two of its parts."""
+    value, gx, gy, gz = _jet(field, *foot)
+    return np.asarray(np.abs(value) <= LEVEL_SET_TOL * unit * np.sqrt(gx * gx + gy * gy + gz * gz))
 
 
 def _length_scale(field: Field, x: Array, y: Array, z: Array) -> tuple[Array, Array]:

@@ -65,7 +65,7 @@ class PlacedPatches:
 def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = None) -> PeriodicLayout:
     """The layout of {field = 0} on the coarsest grid whose mesh has the level set's topology and well-shaped polygons.
 
-    `first_grid`: leaves to a period and origin of a grid that is tried before the others.
+    `first_grid`: leaves to a period and origin of a grid that is known to resolve the topology; it is tried before the others.
 
     LevelSetError if there is none. Cached: every thickness of a surface has the same layout.
     """
@@ -73,10 +73,10 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
     periods = field.periods()
     assert periods is not None
     period = np.array(periods)
-    expected = count_euler_characteristic(field, np.full(3, REFERENCE_LEAVES), REFERENCE_ORIGIN * period)
     best: tuple[float, TorusMesh, Motion] | None = None
+    expected: int | None = None
     first = () if first_grid is None else (first_grid,)
-    for count, origin in (*first, *product(LEAVES_PER_PERIOD, ORIGINS)):
+    for number, (count, origin) in enumerate((*first, *product(LEAVES_PER_PERIOD, ORIGINS))):
         kept = _select_isometries_of_grid(isometries, period, count, origin)
         if len(kept) < len(isometries) // 2:
             continue
@@ -84,8 +84,12 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
             mesh = build_torus_mesh(field, kept, np.full(3, count), origin / count * period)
         except LevelSetError:
             continue
-        if len(mesh.vertices) - len(mesh.corners) != expected:
-            continue
+        if number >= len(first):
+            if expected is None:
+                fine = np.full(3, REFERENCE_LEAVES)
+                expected = count_euler_characteristic(field, fine, REFERENCE_ORIGIN * period)
+            if len(mesh.vertices) - len(mesh.corners) != expected:
+                continue
         sine = min_corner_sine(mesh, field)
         if best is None or sine > best[0]:
             best = sine, mesh, kept

@@ -118,6 +118,10 @@ def lattice_distance(request: LatticeRequest, mapping: Map | None, rotation: Arr
         local = points if rotation is None else points @ rotation
         if mapping is None:  # every cell is like the first
             local = edges * np.mod(local / edges - phase, 1.0)
+        if request.levels is not None:
+            phi = fields.tpms(request.surface, request.cell)
+            each = [LevelSetReference(phi - level).signed_distance(local) for level in request.levels]
+            return np.asarray(np.abs(each).min(axis=0))
         return np.abs(_mid_surface(request, mapping).signed_distance(local)[:, None] - offsets).min(axis=1)
 
     return distance
