@@ -132,7 +132,7 @@ def _align_with_axes(file: Path, values: Array, affine: Array) -> Image:
     if sorted(order.tolist()) != [0, 1, 2] or off_axis > AXIS_ALIGNMENT_TOL:
         raise InvalidRequest(
             f"the axes of {file.name} are turned against x, y and z (cosine {off_axis:.3g}): resample the image along the axes "
-            "first, or read its array yourself and turn the field with fields.rotate"
+            "first, or give its array alone (.npy) and rotate the field"
         )
     for axis in range(3):
         if matrix[order[axis], axis] < 0:

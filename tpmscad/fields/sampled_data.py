@@ -135,7 +135,7 @@ def sampled(
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InvalidRequest(
             f"{int((~np.isfinite(array)).sum())} of {array.size} values are not finite, the first at index {first}: "
-            "replace them before, for example with numpy.nan_to_num"
+            "fill them in first"
         )
     if level is not None:
         array = as_finite(level, "level") - array

@@ -92,6 +92,6 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
         raise InvalidRequest(
             f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, a STEP file's path, or "
-            "fields.box, fields.sphere or fields.cylinder"
+            "a box, sphere or cylinder of tpmscad.fields"
         )
     return shape, str(getattr(source, "label", "") or "the body")
