@@ -176,6 +176,7 @@ def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder,
 )
 def test_a_map_wraps_the_lattice_or_closes_the_ring(workflows: Recorder, text: str, radius: float) -> None:
     assert run(f"lattice P --cell 10 --cells 12,1,1 --thickness 1 --map {text} -o out.step --quiet") == 0
+    assert workflows.called["boundary"] == "natural"  # the box of a lattice has no flat faces when it is wrapped
     make = maps.sphere if text.startswith("sphere") else maps.cylinder
     points = np.random.default_rng(0).uniform(0, 5, (20, 3))
     np.testing.assert_array_equal(workflows.called["map"].function(points), make(radius).function(points))

@@ -94,8 +94,12 @@ ReferenceOption = Annotated[
     ),
 ]
 BoundaryOption = Annotated[
-    Literal["box", "natural"],
-    typer.Option(help="Planar caps in the box, or whole patches bridged by gap faces.", rich_help_panel=CELL_PANEL),
+    Literal["box", "natural"] | None,
+    typer.Option(
+        help="Planar caps in the box, or whole patches bridged by gap faces.",
+        show_default="box; natural with --map",
+        rich_help_panel=CELL_PANEL,
+    ),
 ]
 PhaseOption = Annotated[
     Any,
