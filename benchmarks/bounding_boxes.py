@@ -47,7 +47,7 @@ result = {}
 for path in PATHS:
     shape = Part.Shape(); shape.read(path)
     corners = lambda b: [b.XMin, b.YMin, b.ZMin, b.XMax, b.YMax, b.ZMax]
-    result[path] = [corners(shape.BoundBox), corners(shape.optimalBoundingBox(False, False))]
+    result[path] = [corners(shape.BoundBox), corners(shape.optimalBoundingBox())]
 print("BOXES" + json.dumps(result))
 """
 
@@ -97,7 +97,9 @@ def boxes_of(shape: Any) -> tuple[np.ndarray, np.ndarray]:
 def read_elsewhere(command: list[str]) -> dict[str, list[list[float]]]:
     """The boxes that another program prints, by path; none if it cannot be run."""
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=900, check=False)
+        done = subprocess.run(
+            command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=900, check=False
+        )
     except (OSError, subprocess.TimeoutExpired):
         return {}
     lines = [line for line in done.stdout.splitlines() if line.startswith("BOXES")]
