@@ -32,8 +32,7 @@ class OnePiecePhases:
 
     - `sheet`, `minus`, `plus`: phases of the sheet and of the skeletal solids on the sides "-" and "+".
     - `skeletal_chips`: whether chips below 1 % of the solid remain at some offsets of the skeletal solids, because no phase is
-      free of them but those at which straight lines of the surface lie in the faces of the box, where it cannot be trimmed;
-      `tpmscad.lattice` leaves the chips out and says so.
+      free of them; `tpmscad.lattice` leaves them out and says so.
     """
 
     sheet: Phase = (0.0, 0.0, 0.0)
@@ -124,9 +123,7 @@ _RECORDS = (
         primitives="exact",
         source=f"{_SCHWARZ}; {_WEIERSTRASS} 0",
         formula_source=_NESPER,
-        one_piece=OnePiecePhases(
-            (0.0625, 0.128, 0.378), (0.0625, 0.128, 0.378), (0.9375, 0.872, 0.622), skeletal_chips=True
-        ),
+        one_piece=OnePiecePhases((0.0625, 0.128, 0.378), (0.0625, 0.128, 0.378), (0.9375, 0.872, 0.622)),
     ),
     SurfaceRecord(
         name="schwarz_p",
