@@ -24,7 +24,6 @@ from OCP.BRepBndLib import BRepBndLib
 
 import tpmscad
 from tpmscad import fields, kernel
-from tpmscad.brep import true_bounds
 
 CADQUERY_CODE = """
 import json, sys
@@ -75,12 +74,10 @@ CASES: dict[str, Callable[[], Any]] = {
 }
 
 
-def solid_of(made: Any) -> tuple[Any, np.ndarray | None]:
-    """The TopoDS shape of a result, and its true corners (6,) if its boundary representation bounds it."""
-    if hasattr(made, "wall"):
-        return made.wall.wrapped, None
-    bounding = getattr(made, "patches_bound_solid", True)
-    return made.wrapped, np.concatenate(true_bounds(made.patches)) if bounding else None
+def solid_of(made: Any) -> tuple[Any, np.ndarray]:
+    """The TopoDS shape of a result (of fluid domains the wall's), and its true corners (6,)."""
+    model = getattr(made, "wall", made)
+    return model.wrapped, np.concatenate(kernel.shape_bounds(model.wrapped))
 
 
 def boxes_of(shape: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -120,7 +117,7 @@ def main() -> None:
             shape, bounds = solid_of(CASES[name]())
             path = str(Path(folder) / f"{list(CASES).index(name)}.step")
             bd.export_step(bd.Compound(shape) if shape.ShapeType().name.endswith("COMPOUND") else bd.Solid(shape), path)
-            true[path] = np.concatenate(kernel.shape_bounds(shape)) if bounds is None else bounds
+            true[path] = bounds
             here[path] = boxes_of(shape)
             print(f"made {name}", flush=True)
         cadquery = read_elsewhere([options.cadquery, "-c", CADQUERY_CODE, *true]) if options.cadquery else {}
