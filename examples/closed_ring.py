@@ -33,7 +33,7 @@ def main(
     model = ring(cells, surface, tol)
     model.export_step(path)
     certificate = model.certificate
-    pieces, tunnels, cavities = certificate.betti or (0, 0, 0)
+    pieces, tunnels, cavities = certificate.betti
     # A lattice that is longer than the turn would lie on itself: it is refused.
     try:
         tpmscad.lattice(surface, cell=CELL, cells=(5, 1, 1), thickness=0.6, map=maps.cylinder(7.0), boundary="natural")

@@ -12,6 +12,7 @@ from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice, maps
+from tpmscad.lattices.mapped_surface import MappedSurface
 
 RNG = np.random.default_rng(11)
 POINTS = 10 * RNG.random((40, 3))
@@ -67,7 +68,7 @@ def test_bad_maps_are_refused_with_what_is_wrong(function: object, match: str) -
     [
         (lambda: maps.cylinder(np.nan), "radius nan must be a positive, finite number"),
         (lambda: maps.cylinder(-3), "radius -3 must be"),
-        (lambda: maps.cylinder("wide"), "radius 'wide' must be"),
+        (lambda: maps.cylinder("wide"), "radius 'wide' must be"),  # type: ignore[arg-type]
         (lambda: maps.sphere(np.inf), "radius inf must be"),
         (
             lambda: maps.sphere(5.0, chart="south"),
@@ -76,12 +77,12 @@ def test_bad_maps_are_refused_with_what_is_wrong(function: object, match: str) -
         (lambda: maps.sphere(5.0, centre=(1.0,)), "centre .* takes two finite"),
         (lambda: maps.stretching((1.0, -1.0, 1.0)), "must be three positive, finite numbers"),
         (lambda: maps.stretching((1.0, np.nan, 1.0)), "must be three positive, finite numbers"),
-        (lambda: maps.stretching(2.0), "must be three positive, finite numbers"),
+        (lambda: maps.stretching((2.0,)), "must be three positive, finite numbers"),
         (lambda: maps.grading(3, (1.0, 2.0), 10.0), "axis 3 of a grading"),
         (lambda: maps.grading(0, (1.0, np.nan), 10.0), "scale nan of a grading"),
         (lambda: maps.grading(0, (1.0, 2.0), 0.0), "length 0.0 must be"),
         (lambda: maps.grading(0, lambda x: 3 - x, 10.0), "scale -?[0-9.e-]+ of a grading must be positive"),
-        (lambda: maps.as_map(3), "map 3 is no function of points"),
+        (lambda: maps.as_map(3), "map 3 is no function of points"),  # type: ignore[arg-type]
     ],
 )
 def test_values_that_make_no_map_are_refused_at_once(make: Callable[[], maps.Map], match: str) -> None:
@@ -102,11 +103,9 @@ def test_a_dome_keeps_lengths_along_meridians_and_its_centre_on_the_pole() -> No
     np.testing.assert_allclose(maps.shift_to_middle(fixed, size)([4.0, 5.0, 1.0]), [0, 0, 11], atol=1e-13)
 
 
-def mid(map: maps.Map, name: str = "gyroid") -> mapped_lattice.MappedSurface:
+def mid(map: maps.Map, name: str = "gyroid") -> MappedSurface:
     placements = copies.place_whole_cells(name, (1, 1, 1), np.zeros(3))
-    return mapped_lattice.MappedSurface(
-        surfaces.primitive_patch(name), surfaces.patch_symmetry(name), placements, map, 10.0
-    )
+    return MappedSurface(surfaces.primitive_patch(name), surfaces.patch_symmetry(name), placements, map, 10.0)
 
 
 def test_a_map_that_folds_is_refused() -> None:

@@ -93,7 +93,8 @@ def lattice(
     reference : {"minimal", "nodal"}, optional
         The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
     boundary : {"box", "natural"}, optional
-        Planar caps in the faces of the box, or whole patches bridged by gap faces.
+        Caps in the faces of the box, or whole patches bridged by gap faces. Under a wrap the box is a tube, a sector of one, a
+        band or a dome with a round rim, as large as the map makes it.
     phase : (3,) floats, optional
         Shift of the lattice, in cells; (0, 0, 0) is the nodal formula's own place. By default the shift that makes one piece in
         a box (see ``tpmscad surfaces``), and none for a natural boundary or a map.
@@ -101,7 +102,8 @@ def lattice(
         Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     map : callable, optional
         Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their
-        thickness.
+        thickness. A map that repeats after the length of the lattice closes it to a ring; one that lays walls on each other is
+        refused.
     tol : float, optional
         Greatest orthogonal deviation from the surface, model units; by default a thousandth of the smallest cell edge.
     progress : callable or bool, optional
