@@ -12,10 +12,13 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.kernel import NamedSolid
+from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.workflows import FluidDomains
 from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes
-from tpmscad.workflows.checked_write import write_checked_shape
+from tpmscad.workflows.checked_write import write_checked_solids
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -228,11 +231,13 @@ class TestFluidDomains:
 
 def test_a_file_that_does_not_read_back_as_written_is_not_left(tmp_path: Path) -> None:
     box, path = bd.Box(2, 3, 4), tmp_path / "box.step"
-    write_checked_shape(box.wrapped, path, schema="ap242", name="box", volume=24.0)
+    open_box = make_solid([bd.Shell(box.faces()[1:]).wrapped])
+    how: dict[str, Any] = {"schema": "ap242", "name": "box"}
+    write_checked_solids(name_solids(box, "box"), path, **how, volume=24.0)
     path.unlink()
-    for shape, volume in ((box, 24.001), (bd.Shell(box.faces()[1:]), 24.0)):
+    for solids, volume in ((name_solids(box, "box"), 24.001), ([NamedSolid("box", open_box, ("",) * 5)], 24.0)):
         with pytest.raises(tpmscad.KernelError):
-            write_checked_shape(shape.wrapped, path, schema="ap242", name="box", volume=volume)
+            write_checked_solids(solids, path, **how, volume=volume)
         assert not list(tmp_path.iterdir())
 
 

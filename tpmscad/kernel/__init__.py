@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.brep_file import write_brep_file
     from tpmscad.kernel.export.gltf_file import write_glb
     from tpmscad.kernel.export.mesh_parts import group_faces
+    from tpmscad.kernel.export.shape_file import write_shape, write_solids
     from tpmscad.kernel.export.solid_mesh import mesh_solids
     from tpmscad.kernel.export.stl_file import write_stl
     from tpmscad.kernel.export.threemf_file import write_3mf
@@ -66,7 +67,6 @@ if TYPE_CHECKING:
         order_labels,
     )
     from tpmscad.kernel.step.product_entities import Colour
-    from tpmscad.kernel.step.shape_writer import write_shape
     from tpmscad.kernel.step.step_reader import StepContent, read_step
 
 __all__ = [
@@ -143,6 +143,7 @@ __all__ = [
     "write_glb",
     "write_picture",
     "write_shape",
+    "write_solids",
     "write_step",
     "write_stl",
 ]
@@ -220,7 +221,8 @@ _MODULE_OF_NAME = {
     "write_brep_file": "tpmscad.kernel.export.brep_file",
     "write_glb": "tpmscad.kernel.export.gltf_file",
     "write_picture": "tpmscad.kernel.render.picture",
-    "write_shape": "tpmscad.kernel.step.shape_writer",
+    "write_shape": "tpmscad.kernel.export.shape_file",
+    "write_solids": "tpmscad.kernel.export.shape_file",
     "write_step": "tpmscad.kernel.step.brep_writer",
     "write_stl": "tpmscad.kernel.export.stl_file",
 }

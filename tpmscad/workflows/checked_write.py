@@ -6,7 +6,7 @@ of the expected volume. A failure leaves no file behind.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
+from tpmscad.kernel import NamedSolid
 
 REREAD_VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""
@@ -65,9 +66,9 @@ def write_checked_brep(
     )
 
 
-def write_checked_shape(
-    shape: Any, path: str | Path, *, schema: str, name: str, volume: float, names: Iterable[str] = ()
+def write_checked_solids(
+    solids: Sequence[NamedSolid], path: str | Path, *, schema: str, name: str, volume: float, assembly: bool = False
 ) -> None:
-    """Write a kernel shape as STEP, read the file back and compare the volume; `names` are those of its solids, in order."""
+    """Write kernel solids as STEP, read the file back and compare the volume; if `assembly`, each is a product of its own."""
     verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES)
-    kernel.write_shape(shape, path, schema=schema, name=name, verify=verify, names=tuple(names))
+    kernel.write_solids(solids, path, schema=schema, name=name, assembly=assembly, verify=verify)

@@ -15,7 +15,7 @@ from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Colour, NamedSolid, make_compound
 from tpmscad.workflows.certificate import Certificate
-from tpmscad.workflows.checked_write import write_checked_shape
+from tpmscad.workflows.checked_write import write_checked_solids
 from tpmscad.workflows.file_formats import (
     MESH_SUFFIXES,
     STEP_SUFFIXES,
@@ -161,8 +161,8 @@ class FluidDomains:
         KernelError
             If the file does not read back as it was written.
         """
-        names = [of.name for of in self.named_solids()]
-        write_checked_shape(self.wrapped, path, schema=schema, name=self.name, volume=self.volume, names=names)
+        solids = self.named_solids()
+        write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
 
     def render(
         self,

@@ -19,7 +19,7 @@ from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL,
     REREAD_VOLUME_RTOL_OF_BODIES,
     write_checked_brep,
-    write_checked_shape,
+    write_checked_solids,
 )
 from tpmscad.workflows.file_formats import (
     MESH_SUFFIXES,
@@ -197,7 +197,7 @@ class Model:
                 self.patches, self.built.nesting, path, schema=schema, name=self.name, rtol=rtol, labels=labels
             )
         else:
-            write_checked_shape(self.built.shape, path, schema=schema, name=self.name, volume=self.volume)
+            write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
 
     def _export_instances(self, path: str | Path, schema: str) -> None:
         """Write the unit cell once and place it as often as the solid repeats it."""

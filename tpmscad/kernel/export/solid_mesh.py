@@ -37,6 +37,10 @@ MAX_REFINEMENTS = 3
 """Attempts at half the deviation when OCCT leaves a face without triangles or a mesh open."""
 
 
+MAX_SPLIT_PASSES = 20
+"""Passes over chords that are split; each splits one chord of a triangle."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidMesh:
     """A closed mesh: points (n, 3), triangles (m, 3) with outward normals, and the face of the solid of each triangle (m,).
@@ -130,4 +134,50 @@ def _weld_solid(solid: Any) -> SolidMesh | None:
     welded[label] = np.concatenate(points)
     triangles, owner = label.astype(np.int64)[np.concatenate(corners)], np.concatenate(owners)
     proper = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    return SolidMesh(welded, triangles[proper], owner[proper])
+    return _split_repeated_chords(SolidMesh(welded, triangles[proper], owner[proper]))
+
+
+def _split_repeated_chords(mesh: SolidMesh) -> SolidMesh:
+    """The mesh with every chord that more than two triangles share split at its middle, face by face but for one.
+
+    Where two faces are close to tangent along their common edge, both may have a chord between the same two of its nodes. The
+    surface of the mesh stays the same.
+    """
+    points, triangles, owner = mesh.points, mesh.triangles, mesh.face
+    for _ in range(MAX_SPLIT_PASSES):
+        ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+        _, chord, uses = np.unique(ends[:, 0] * len(points) + ends[:, 1], return_inverse=True, return_counts=True)
+        repeated = np.flatnonzero(uses[chord] > 2)
+        if len(repeated) == 0:
+            break
+        of_face: dict[tuple[int, int], list[int]] = {}
+        for side in repeated.tolist():
+            of_face.setdefault((int(chord[side]), int(owner[side // 3])), []).append(side)
+        touched = set[int]()
+        kept = {number for (number, _), sides in of_face.items() if len(sides) != 2}  # an edge between faces stays
+        made: list[tuple[int, int, int]] = []
+        makers: list[int] = []
+        middles: list[Array] = []
+        for (number, _), sides in of_face.items():
+            members = {side // 3 for side in sides}
+            if len(sides) != 2 or members & touched:
+                kept.add(number)
+                continue
+            if number not in kept:
+                kept.add(number)  # the first face keeps its chord
+                continue
+            touched |= members
+            middle = len(points) + len(middles)
+            middles.append(points[ends[sides[0]]].mean(axis=0))
+            for side in sides:
+                t, k = divmod(side, 3)
+                a, b, c = (int(triangles[t, (k + i) % 3]) for i in range(3))
+                made += [(a, middle, c), (middle, b, c)]
+                makers += [int(owner[t])] * 2
+        if not made:
+            break
+        rest = np.setdiff1d(np.arange(len(triangles)), list(touched))
+        points = np.concatenate([points, middles])
+        triangles = np.concatenate([triangles[rest], made])
+        owner = np.concatenate([owner[rest], makers])
+    return SolidMesh(points, triangles, owner)

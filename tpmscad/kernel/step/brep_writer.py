@@ -24,9 +24,9 @@ from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, 
 from tpmscad.kernel.step.product_entities import (
     Colour,
     MassProperties,
+    write_assembly,
     write_colours,
     write_file_context,
-    write_instances,
     write_product,
     write_validation_properties,
 )
@@ -94,7 +94,11 @@ def write_step(
     mass = compute_mass_properties(nesting)
     write_validation_properties(section, setting, part, mass)
     if instances is not None:
-        assembly = write_instances(section, setting, title, part, instances.rotation, instances.translation)
+        count = len(instances.translation)
+        labels_of_cells = [f"cell {i}" for i in range(1, count + 1)]
+        assembly = write_assembly(
+            section, setting, title, [part] * count, labels_of_cells, instances.rotation, instances.translation
+        )
         write_validation_properties(section, setting, assembly, _instanced_mass_properties(mass, instances))
     text = format_exchange_structure(section, schema=protocol, name=target.name, time_stamp=stamp, author="")
     with atomic_write(target) as aside:

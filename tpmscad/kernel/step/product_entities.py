@@ -135,15 +135,21 @@ def write_validation_properties(
         section.add(f"PROPERTY_DEFINITION_REPRESENTATION(#{property_},#{representation})")
 
 
-def write_instances(
-    section: DataSection, setting: FileContext, name: str, part: ProductEntities, rotation: Array, translation: Array
+def write_assembly(
+    section: DataSection,
+    setting: FileContext,
+    name: str,
+    parts: Sequence[ProductEntities],
+    labels: Sequence[str],
+    rotation: Array,
+    translation: Array,
 ) -> ProductEntities:
-    """Write an assembly of copies of a part, placed by proper rotations (N, 3, 3) and translations (N, 3)."""
+    """Write an assembly of N parts, which may be the same, placed by proper rotations (N, 3, 3) and translations (N, 3)."""
     frames = [write_placement(section, t, r[:, 2], r[:, 0]) for r, t in zip(rotation, translation, strict=True)]
     assembly = write_product(section, setting, name, "SHAPE_REPRESENTATION", frames)
-    for i, frame in enumerate(frames, 1):
+    for i, (part, label, frame) in enumerate(zip(parts, labels, frames, strict=True), 1):
         usage = section.add(
-            f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{i}','cell {i}','',#{assembly.definition},#{part.definition},$)"
+            f"NEXT_ASSEMBLY_USAGE_OCCURRENCE('{i}',{format_string(label)},'',#{assembly.definition},#{part.definition},$)"
         )
         shape = section.add(f"PRODUCT_DEFINITION_SHAPE('Placement','Placement of an item',#{usage})")
         motion = section.add(f"ITEM_DEFINED_TRANSFORMATION('','',#{part.origin},#{frame})")
@@ -162,10 +168,16 @@ def write_colours(
     section: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]
 ) -> None:
     """Style every face (entity number) whose tag has a colour, given as red, green and blue from 0 to 1."""
-    styles = {tag: _style(section, colours[tag]) for tag in dict.fromkeys(tags) if tag in colours}
-    styled = [(face, styles[tag]) for face, tag in zip(faces, tags, strict=True) if tag in styles]
-    if styled:
-        items = section.extend([f"STYLED_ITEM('color',(#{style}),#{face})" for face, style in styled])
+    write_face_colours(
+        section, context, [(face, colours[tag]) for face, tag in zip(faces, tags, strict=True) if tag in colours]
+    )
+
+
+def write_face_colours(section: DataSection, context: int, coloured: Sequence[tuple[int, Colour]]) -> None:
+    """Style faces or solids, given as pairs of entity number and colour."""
+    styles = {colour: _style(section, colour) for colour in dict.fromkeys(colour for _, colour in coloured)}
+    if coloured:
+        items = section.extend([f"STYLED_ITEM('color',(#{styles[colour]}),#{item})" for item, colour in coloured])
         section.add(
             f"MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION('',{format_references(items)},#{context})"
         )

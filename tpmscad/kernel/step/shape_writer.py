@@ -1,108 +1,111 @@
-"""STEP files of any OCCT shape, by OCCT's writer; `brep_writer` is preferred for boundary representations."""
+"""STEP files of any OCCT shape, as one product or as an assembly of named products.
+
+The schema is AP242 or AP214 and the unit millimetre; names, colours and validation properties are as in `brep_writer`, which
+writes boundary representations without the kernel.
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from OCP.APIHeaderSection import APIHeaderSection_MakeHeader
-from OCP.IFSelect import IFSelect_RetDone
-from OCP.Interface import Interface_Static
-from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
-from OCP.TCollection import TCollection_HAsciiString
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.TopAbs import TopAbs_EDGE
 
-from tpmscad.errors import KernelError
-from tpmscad.kernel.occt.exploration import unwrap
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
-from tpmscad.kernel.step.part21 import SOFTWARE, STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.kernel.step.occt_topology import write_occt_solids
+from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
+from tpmscad.kernel.step.product_entities import (
+    MassProperties,
+    write_assembly,
+    write_face_colours,
+    write_file_context,
+    write_product,
+    write_validation_properties,
+)
 
-SOLID_ENTITY_TYPES = ("StepShape_ManifoldSolidBrep", "StepShape_BrepWithVoids")
 
-
-def write_shape(
-    shape: Any,
+def write_named_solids(
+    solids: Sequence[NamedSolid],
+    moments: Array,
     path: str | os.PathLike[str],
     *,
     schema: str = "ap242",
     name: str | None = None,
+    assembly: bool = False,
     time_stamp: str | None = None,
-    names: Sequence[str] = (),
     verify: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write a TopoDS, build123d or CadQuery shape as one STEP product in mm; arguments and errors as `write_step`.
+    """Write solids with their names, labels and colours to a STEP file in mm.
 
-    names: of its solids in their order, which become products of an assembly.
-
-    Raises KernelError if OCCT cannot translate the shape.
+    moments: of each solid (n, 5), its area, volume and volume times centroid, for the validation properties. assembly: each solid
+    is a product of its own under one of the whole, so that readers show its name; otherwise all are items of one product. Other
+    arguments and errors as `write_step`; KernelError if a surface or curve has no form in STEP.
     """
     target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
-    topods = unwrap(shape)
+    if not solids:
+        raise InvalidRequest("the shape holds no solid: STEP files are written of solids")
+    stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
     title = name or target.stem
-    writer = STEPControl_Writer()  # the first writer registers the settings below
-    with silence_occt(), _temporary_settings({"write.step.schema": protocol.occt_name, "write.step.unit": "MM"}):
-        writer = STEPControl_Writer()
-        if writer.Transfer(topods, STEPControl_AsIs) != IFSelect_RetDone:
-            raise KernelError("write STEP", "OCCT cannot translate the shape", topods)
-        _set_product_names(writer, title, target.name, time_stamp, names)
-        _name_solids(writer, names)
-        with atomic_write(target) as aside:
-            if writer.Write(str(aside)) != IFSelect_RetDone:
-                raise KernelError("write STEP", f"OCCT cannot write {target}", topods)
-            if verify is not None:
-                verify(aside)
+    section = DataSection()
+    accuracy = max([CONFUSION_TOLERANCE, *(float(BRep_Tool.MaxTolerance_s(of.solid, TopAbs_EDGE)) for of in solids)])
+    setting = write_file_context(section, protocol, accuracy)
+    written = write_occt_solids(section, solids)
+    kind = "ADVANCED_BREP_SHAPE_REPRESENTATION"
+    groups = [[i] for i in range(len(solids))] if assembly else [list(range(len(solids)))]
+    parts = []
+    for group in groups:
+        label = solids[group[0]].name if assembly else title
+        part = write_product(section, setting, label, kind, [written[i].solid for i in group])
+        write_face_colours(
+            section,
+            part.context,
+            [
+                (number, solids[i].colour_of(label))
+                for i in group
+                for number, label in _faces_or_solid(written[i], solids[i])
+            ],
+        )
+        write_validation_properties(section, setting, part, _mass_properties(moments[group]))
+        parts.append(part)
+    if assembly:
+        still, nowhere = np.tile(np.eye(3), (len(parts), 1, 1)), np.zeros((len(parts), 3))
+        names = [of.name for of in solids]
+        whole = write_assembly(section, setting, title, parts, names, still, nowhere)
+        write_validation_properties(section, setting, whole, _mass_properties(moments))
+    text = format_exchange_structure(section, schema=protocol, name=target.name, time_stamp=stamp, author="")
+    with atomic_write(target) as aside:
+        aside.write_text(text, encoding="ascii", newline="\n")
+        if verify is not None:
+            verify(aside)
 
 
-@contextmanager
-def _temporary_settings(settings: Mapping[str, str]) -> Iterator[None]:
-    """Set OCCT's global settings, and restore them at the end."""
-    before = {key: Interface_Static.CVal_s(key) for key in settings}
-    try:
-        for key, value in settings.items():
-            Interface_Static.SetCVal_s(key, value)
-        yield
-    finally:
-        for key, value in before.items():
-            Interface_Static.SetCVal_s(key, value)
+def _faces_or_solid(written: Any, of: NamedSolid) -> list[tuple[int, str]]:
+    """What is coloured: the solid as a whole if it has a colour, else each face, with its label."""
+    if of.colour is not None:
+        return [(written.solid, of.name)]
+    return list(zip(written.faces, of.labels, strict=True))
 
 
-def _set_product_names(
-    writer: STEPControl_Writer, title: str, file: str, time_stamp: str | None, names: Sequence[str] = ()
-) -> None:
-    """Name the products and the header.
-
-    OCCT numbers products through the life of the process, so that equal requests would write different files.
-    """
-    model = writer.Model()
-    text = TCollection_HAsciiString
-    products = [
-        e for i in range(1, model.NbEntities() + 1) if (e := model.Value(i)).DynamicType().Name() == "StepBasic_Product"
-    ]
-    labels = [title, *(f"{title} {i}" for i in range(2, len(products) + 1))]
-    if len(products) == 1 + len(names):  # an assembly of solids
-        labels[1:] = names
-    for label, product in zip(labels, products, strict=True):
-        product.SetId(text(label))
-        product.SetName(text(label))
-    header = APIHeaderSection_MakeHeader(model)
-    header.SetName(text(file))
-    header.SetOriginatingSystem(text(SOFTWARE))
-    header.SetPreprocessorVersion(text(SOFTWARE))
-    if time_stamp is not None:
-        header.SetTimeStamp(text(time_stamp))
+def _mass_properties(moments: Array) -> MassProperties:
+    """Volume, area and centroid of solids together, given the moments of each (n, 5)."""
+    area, volume, *first = moments.sum(axis=0).tolist()
+    x, y, z = (value / volume for value in first)
+    return MassProperties(volume, area, (x, y, z))
 
 
-def _name_solids(writer: STEPControl_Writer, names: Sequence[str]) -> None:
-    """Name the solid entities in their order."""
-    if not names:
-        return
-    model = writer.Model()
-    entities = [model.Value(i) for i in range(1, model.NbEntities() + 1)]
-    solids = [e for e in entities if e.DynamicType().Name() in SOLID_ENTITY_TYPES]
-    if len(solids) != len(names):
-        raise KernelError("write STEP", f"OCCT translated {len(solids)} solids instead of {len(names)}")
-    for solid, name in zip(solids, names, strict=True):
-        solid.SetName(TCollection_HAsciiString(name))
+def name_solids(shape: Any, name: str, label: str = "") -> tuple[NamedSolid, ...]:
+    """The solids of a shape under one name, numbered from the second on; all their faces have one label and no colour."""
+    return tuple(
+        NamedSolid(name if i == 0 else f"{name} {i + 1}", solid, (label,) * len(faces_of(solid)))
+        for i, solid in enumerate(solids_of(shape))
+    )

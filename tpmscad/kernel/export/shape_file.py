@@ -1,0 +1,62 @@
+"""STEP files of OCCT solids with the validation properties that are measured on their faces."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
+from OCP.TopExp import TopExp_Explorer
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.occt.exploration import faces_of, unwrap
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.kernel.step.shape_writer import name_solids, write_named_solids
+
+
+def write_solids(
+    solids: Sequence[NamedSolid],
+    path: str | os.PathLike[str],
+    *,
+    schema: str = "ap242",
+    name: str | None = None,
+    assembly: bool = False,
+    time_stamp: str | None = None,
+    verify: Callable[[Path], None] | None = None,
+) -> None:
+    """Write named solids in mm to a STEP file, as one product or, if `assembly`, as a product each; see `write_named_solids`."""
+    moments = np.array([face_moments(faces_of(of.solid)).sum(axis=0) for of in solids])
+    write_named_solids(
+        solids,
+        moments,
+        path,
+        schema=schema,
+        name=name,
+        assembly=assembly,
+        time_stamp=time_stamp,
+        verify=verify,
+    )
+
+
+def write_shape(
+    shape: Any,
+    path: str | os.PathLike[str],
+    *,
+    schema: str = "ap242",
+    name: str | None = None,
+    time_stamp: str | None = None,
+    verify: Callable[[Path], None] | None = None,
+) -> None:
+    """Write the solids of a TopoDS, build123d or CadQuery shape as one STEP product in mm; arguments and errors as `write_step`.
+
+    Raises InvalidRequest if the shape has no solid, or faces outside of solids, and KernelError if a surface or curve has no form
+    in STEP.
+    """
+    if TopExp_Explorer(unwrap(shape), TopAbs_FACE, TopAbs_SOLID).More():
+        raise InvalidRequest("the shape has faces that bound no solid: leave them out, or make a solid of them first")
+    solids = name_solids(shape, name or Path(path).stem)
+    write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp, verify=verify)
