@@ -25,6 +25,7 @@ application_context_element: name label, frame_of_reference application_context
 application_protocol_definition: status label, application_interpreted_model_schema_name label, application_protocol_year year_number, application application_context
 applied_organization_assignment < organization_assignment: items {1:*}organization_item
 assembly_component_usage < product_definition_usage: reference_designator identifier?
+axis1_placement < placement: axis direction?
 axis2_placement_2d < placement: ref_direction direction?
 axis2_placement_3d < placement: axis direction?, ref_direction direction?
 b_spline_curve < bounded_curve: degree INTEGER, control_points_list [2:*]cartesian_point, curve_form b_spline_curve_form, closed_curve LOGICAL, self_intersect LOGICAL
@@ -126,10 +127,13 @@ spherical_surface < elementary_surface: radius positive_length_measure
 styled_item < representation_item: styles {1:*}presentation_style_assignment, item representation_item
 surface < geometric_representation_item
 surface_curve < curve: curve_3d curve, associated_geometry [1:2]pcurve_or_surface, master_representation preferred_surface_curve_representation
+surface_of_linear_extrusion < swept_surface: extrusion_axis vector
+surface_of_revolution < swept_surface: axis_position axis1_placement
 surface_replica < surface: parent_surface surface, transformation cartesian_transformation_operator_3d
 surface_side_style < founded_item: name label, styles {1:7}surface_style_element_select
 surface_style_fill_area < founded_item: fill_area fill_area_style
 surface_style_usage < founded_item: side surface_side, style surface_side_style_select
+swept_surface < surface: swept_curve curve
 topological_representation_item < representation_item
 toroidal_surface < elementary_surface: major_radius positive_length_measure, minor_radius positive_length_measure
 uncertainty_measure_with_unit < measure_with_unit: name label, description text?

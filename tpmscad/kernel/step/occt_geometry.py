@@ -2,8 +2,8 @@
 
 Planes, quadrics, swept surfaces, offset surfaces and B-splines, rational ones included, are written as what they are. Other
 surfaces and curves (Bezier, parabola, hyperbola, periodic splines) become B-splines without a period, which represent them
-exactly. Offset surfaces breach a WHERE rule of advanced_face (wr1), but readers take them and OCCT writes them too. Frames in STEP
-are right-handed: `FaceSurface.flipped` says that the normal of the STEP surface opposes that of OCCT's.
+exactly. Offset surfaces breach a WHERE rule of advanced_face (wr1), but readers take them and OCCT writes them too. Frames in
+STEP are right-handed: `FaceSurface.flipped` says that the normal of the STEP surface opposes that of OCCT's.
 """
 
 from __future__ import annotations
