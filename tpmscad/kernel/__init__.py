@@ -67,6 +67,7 @@ if TYPE_CHECKING:
         order_labels,
     )
     from tpmscad.kernel.step.product_entities import Colour
+    from tpmscad.kernel.step.shape_writer import name_solids
     from tpmscad.kernel.step.step_reader import StepContent, read_step
 
 __all__ = [
@@ -117,6 +118,7 @@ __all__ = [
     "make_compound",
     "measure_skin_thickness",
     "mesh_solids",
+    "name_solids",
     "offset_by_occt",
     "order_labels",
     "piece_colour",
@@ -198,6 +200,7 @@ _MODULE_OF_NAME = {
     "SkinThickness": "tpmscad.kernel.measure.skin_depth",
     "erode": "tpmscad.kernel.boolean.erosion",
     "find_skin_faces": "tpmscad.kernel.boolean.hollow_body",
+    "name_solids": "tpmscad.kernel.step.shape_writer",
     "order_labels": "tpmscad.kernel.step.face_labels",
     "piece_colour": "tpmscad.kernel.render.palette",
     "pieces_of": "tpmscad.kernel.render.scene",

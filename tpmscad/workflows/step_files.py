@@ -7,29 +7,33 @@ from pathlib import Path
 from typing import Any
 
 from tpmscad import kernel
+from tpmscad.workflows.domain_results import FluidDomains
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
 
 
 def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
-    """Write a model or a CAD shape as a STEP file.
+    """Write a model, a CAD shape, or several of them as a STEP file.
 
-    The file is written under a temporary name and renamed, so it is complete or absent. A `Model` is also read back and compared
-    with what was written (see `Model.export_step`); a shape is not.
+    The file is written under a temporary name and renamed, so it is complete or absent. A result of this package is also read
+    back and compared with what was written (see `Model.export_step`); shapes are not.
 
     Parameters
     ----------
-    model : Model or shape
-        A result of this package, or a build123d, CadQuery or TopoDS shape.
+    model : Model, FluidDomains, shape, or sequence of Model or shape
+        A result of this package, or a build123d, CadQuery or TopoDS shape of one or more solids. Those of a sequence become
+        solids of one product.
     path : str or Path
         The file to write.
     schema : {"ap242", "ap214"}, optional
         STEP application protocol.
     name : str, optional
-        Name of the product. A `Model` is written under its own name.
+        Name of the product. A result of this package is written under its own name.
 
     Raises
     ------
+    InvalidRequest
+        If a shape has no solid, or faces outside of its solids.
     KernelError
         If the file cannot be written, or does not read back as the model.
 
@@ -38,8 +42,18 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
     >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> tpmscad.export_step(model, "gyroid.step")  # doctest: +SKIP
     """
-    if isinstance(model, Model):
+    if isinstance(model, Model | FluidDomains):
         model.export_step(path, schema=schema)
+    elif isinstance(model, list | tuple):
+        title = name or Path(path).stem
+        solids = [
+            solid
+            for number, item in enumerate(model, 1)
+            for solid in (
+                item.named_solids() if isinstance(item, Model) else kernel.name_solids(item, f"{title} {number}")
+            )
+        ]
+        kernel.write_solids(solids, path, schema=schema, name=title)
     else:
         kernel.write_shape(model, path, schema=schema, name=name)
 

@@ -62,16 +62,19 @@ def format_glb(parts: Sequence[MeshPart], title: str) -> bytes:
     """The bytes of the file."""
     buffers, materials, meshes = _Buffers(), dict[tuple[str, Colour], int](), []
     for part in parts:
-        points = buffers.add(part.mesh.points, "VEC3", ARRAY_BUFFER)
         primitives = []
         for number, key in enumerate(part.groups):
-            own = part.mesh.triangles[part.group == number]
-            if len(own) == 0:
+            used, own = np.unique(part.mesh.triangles[part.group == number], return_inverse=True)
+            if len(used) == 0:
                 continue
+            points, corners = part.mesh.points[used], own.reshape(-1, 3)
             primitives.append(
                 {
-                    "attributes": {"POSITION": points, "NORMAL": _add_normals(buffers, part.mesh.points, own)},
-                    "indices": buffers.add(own.ravel(), "SCALAR", ELEMENT_ARRAY_BUFFER),
+                    "attributes": {
+                        "POSITION": buffers.add(points, "VEC3", ARRAY_BUFFER),
+                        "NORMAL": buffers.add(_point_normals(points, corners), "VEC3", ARRAY_BUFFER),
+                    },
+                    "indices": buffers.add(corners.ravel(), "SCALAR", ELEMENT_ARRAY_BUFFER),
                     "material": materials.setdefault(key, len(materials)),
                 }
             )
@@ -100,16 +103,15 @@ def format_glb(parts: Sequence[MeshPart], title: str) -> bytes:
     return struct.pack("<III", MAGIC, 2, 12 + len(body)) + body
 
 
-def _add_normals(buffers: _Buffers, points: Array, triangles: IntArray) -> int:
-    """Add unit normals at all points, averaged by area over the triangles; those of other groups' points are arbitrary."""
+def _point_normals(points: Array, triangles: IntArray) -> Array:
+    """Unit normals at the points, averaged by area over the triangles: (n, 3)."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     total = np.zeros_like(points)
     for k in range(3):
         np.add.at(total, triangles[:, k], across)
     length = np.linalg.norm(total, axis=1, keepdims=True)
-    unit = np.divide(total, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
-    return buffers.add(unit, "VEC3", ARRAY_BUFFER)
+    return np.divide(total, length, out=np.tile([0.0, 0.0, 1.0], (len(points), 1)), where=length > 0)
 
 
 def _describe_material(label: str, colour: Colour) -> dict[str, Any]:
@@ -120,7 +122,7 @@ def _describe_material(label: str, colour: Colour) -> dict[str, Any]:
 
 
 def read_glb(path: Path) -> list[tuple[Array, IntArray]]:
-    """Points and triangles of every mesh of a file that `write_glb` wrote, in mm with z up."""
+    """Points and triangles of every mesh of a file that `write_glb` wrote, in mm with z up; equal points are one."""
     content = path.read_bytes()
     length = struct.unpack_from("<I", content, 12)[0]
     document, start = json.loads(content[20 : 20 + length]), 28 + length
@@ -134,7 +136,10 @@ def read_glb(path: Path) -> list[tuple[Array, IntArray]]:
 
     found = []
     for mesh in document["meshes"]:
-        indices = [values(primitive["indices"]).reshape(-1, 3) for primitive in mesh["primitives"]]
-        points = values(mesh["primitives"][0]["attributes"]["POSITION"]).astype(float)
-        found.append((points, np.concatenate(indices).astype(np.int64)))
+        corners = []
+        for primitive in mesh["primitives"]:
+            points = values(primitive["attributes"]["POSITION"])
+            corners.append(points[values(primitive["indices"]).ravel()])
+        points, index = np.unique(np.concatenate(corners), axis=0, return_inverse=True)
+        found.append((points.astype(float), index.reshape(-1, 3).astype(np.int64)))
     return found

@@ -8,12 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
-from OCP.TopExp import TopExp_Explorer
 
-from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure.mass_properties import face_moments
-from tpmscad.kernel.occt.exploration import faces_of, unwrap
+from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.shape_writer import name_solids, write_named_solids
 
@@ -56,7 +53,5 @@ def write_shape(
     Raises InvalidRequest if the shape has no solid, or faces outside of solids, and KernelError if a surface or curve has no form
     in STEP.
     """
-    if TopExp_Explorer(unwrap(shape), TopAbs_FACE, TopAbs_SOLID).More():
-        raise InvalidRequest("the shape has faces that bound no solid: leave them out, or make a solid of them first")
     solids = name_solids(shape, name or Path(path).stem)
     write_solids(solids, path, schema=schema, name=name, time_stamp=time_stamp, verify=verify)

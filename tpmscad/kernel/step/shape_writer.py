@@ -14,12 +14,13 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
-from OCP.TopAbs import TopAbs_EDGE
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
+from OCP.TopExp import TopExp_Explorer
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.exploration import faces_of, solids_of
+from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.occt_topology import write_occt_solids
@@ -104,7 +105,14 @@ def _mass_properties(moments: Array) -> MassProperties:
 
 
 def name_solids(shape: Any, name: str, label: str = "") -> tuple[NamedSolid, ...]:
-    """The solids of a shape under one name, numbered from the second on; all their faces have one label and no colour."""
+    """The solids of a shape under one name, numbered from the second on; all their faces have one label.
+
+    Raises InvalidRequest if the shape has no solid, or faces outside of its solids.
+    """
+    if TopExp_Explorer(unwrap(shape), TopAbs_FACE, TopAbs_SOLID).More():
+        raise InvalidRequest("the shape has faces that bound no solid: leave them out, or make a solid of them first")
+    if not solids_of(shape):
+        raise InvalidRequest("the shape holds no solid: make a solid of its faces first")
     return tuple(
         NamedSolid(name if i == 0 else f"{name} {i + 1}", solid, (label,) * len(faces_of(solid)))
         for i, solid in enumerate(solids_of(shape))
