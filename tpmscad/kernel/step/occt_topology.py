@@ -72,7 +72,7 @@ class WrittenSolid:
 
 
 @dataclass(slots=True, eq=False)
-class _Tables:
+class _EntityTables:
     """Every distinct vertex, edge curve and surface, in order of appearance."""
 
     points: dict[ShapeKey, Array] = field(default_factory=dict)
@@ -154,7 +154,7 @@ def write_occt_solids(section: DataSection, solids: Sequence[NamedSolid]) -> tup
 
     Raises KernelError if a surface, curve or loop cannot be represented.
     """
-    tables = _Tables()
+    tables = _EntityTables()
     uses = [_read_solid(tables, of.solid) for of in solids]
     points, of_curve, of_surface = _write_geometry(section, tables)
     vertices = section.extend([f"VERTEX_POINT('',#{p})" for p in points])
@@ -174,7 +174,7 @@ def write_occt_solids(section: DataSection, solids: Sequence[NamedSolid]) -> tup
     return tuple(result)
 
 
-def _read_solid(tables: _Tables, solid: TopoDS_Solid) -> tuple[list[FaceUse], list[ShellUse]]:
+def _read_solid(tables: _EntityTables, solid: TopoDS_Solid) -> tuple[list[FaceUse], list[ShellUse]]:
     """Faces of a solid in the order of `faces_of`, and its shells, the outer one first."""
     outer = BRepClass3d.OuterShell_s(solid)
     faces: list[FaceUse] = []
@@ -187,7 +187,7 @@ def _read_solid(tables: _Tables, solid: TopoDS_Solid) -> tuple[list[FaceUse], li
     return faces, sorted(shells, key=lambda shell: shell.void)
 
 
-def _write_geometry(section: DataSection, tables: _Tables) -> tuple[list[int], list[int], list[int]]:
+def _write_geometry(section: DataSection, tables: _EntityTables) -> tuple[list[int], list[int], list[int]]:
     """Write points, curves and surfaces and return the numbers of the vertices' points, the curves and the surfaces."""
     of_curves = [
         curve_poles(c) if isinstance(c, Geom_BSplineCurve) else np.zeros((0, 3)) for c in tables.curves.values()
