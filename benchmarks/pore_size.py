@@ -1,6 +1,6 @@
 """Lattices of a porosity and a pore size, measured on the solid's own patches.
 
-    python -m benchmarks.pore_size
+    python -m benchmarks.pore_size [SURFACE ...]
 
 The porosity is that of the volume of 2 x 2 x 2 cells. The largest sphere is sought on a grid of the middle cell's size, in the
 void, as the greatest distance to samples of the boundary patches, by a kd-tree; the solution uses nothing of it.
@@ -8,6 +8,7 @@ void, as the greatest distance to samples of the boundary patches, by a kd-tree;
 
 from __future__ import annotations
 
+import sys
 import time
 
 import numpy as np
@@ -22,7 +23,8 @@ from tpmscad.workflows.lattice_request import resolve_lattice_request
 SURFACES = ("gyroid", "diamond", "schwarz_p", "lidinoid", "fischer_koch_s", "split_p", "octo")
 POROSITY, PORE_SIZE = 0.7, 0.6
 SAMPLES_PER_SIDE = 9
-GRID_PER_CELL = 64
+GRID_PER_CELL = 40
+REFINEMENTS, N_DEEPEST = 6, 30
 
 
 def sample_boundary(model: tpmscad.Model) -> Array:
@@ -36,10 +38,20 @@ def sample_boundary(model: tpmscad.Model) -> Array:
     return np.concatenate(parts)
 
 
-def main() -> None:
+def find_depth(tree: cKDTree, points: Array, step: float) -> float:
+    """The greatest distance from the samples near points (n, 3) of a grid of this step, on finer and finer grids."""
+    depth = tree.query(points)[0]
+    around = np.stack(np.meshgrid(*3 * [np.linspace(-1.0, 1.0, 5)], indexing="ij"), axis=-1).reshape(-1, 3)
+    for _ in range(REFINEMENTS):
+        points = (points[np.argsort(-depth)[:N_DEEPEST]][:, None] + step * around).reshape(-1, 3)
+        depth, step = tree.query(points)[0], step / 2
+    return float(depth.max())
+
+
+def main(names: list[str]) -> None:
     """Print the table."""
     print(f"{'surface':15}   cell   porosity   largest sphere (-, +)   of the request   seconds")
-    for name in SURFACES:
+    for name in names or SURFACES:
         start = time.perf_counter()
         model = tpmscad.lattice(
             name, porosity=POROSITY, pore_size=PORE_SIZE, cells=2, phase=(0.0, 0.0, 0.0), loose="keep"
@@ -56,8 +68,7 @@ def main() -> None:
             below, above = distance < request.offset[0], distance > request.offset[1]
         else:
             below, above = phi(grid) < request.levels[0], phi(grid) > request.levels[1]
-        depth = tree.query(grid)[0]
-        diameters = [2 * float(depth[side].max()) for side in (below, above)]
+        diameters = [2 * find_depth(tree, grid[side], cell / GRID_PER_CELL) for side in (below, above)]
         porosity = 1 - model.volume / (2 * cell) ** 3
         print(
             f"{name:15} {cell:7.4f} {porosity:9.6f} {diameters[0]:12.4f} {diameters[1]:10.4f} "
@@ -67,4 +78,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])
