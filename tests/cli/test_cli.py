@@ -299,6 +299,8 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
     assert workflows.called == {}
     assert run("render part.step --view 1,1,0.5 --section z=5 --size 1600x1200 --color-by piece -o part.png") == 0
     assert workflows.called == {"view": "1,1,0.5", "section": "z=5", "size": (1600, 1200), "color_by": "piece"}
+    assert run('render part.step --hide wall --hide "channel +" -o part.png') == 0
+    assert workflows.called == {"hide": ["wall", "channel +"]}
 
 
 @pytest.mark.parametrize("line", [*README_LINES, *HELP_LINES])

@@ -59,6 +59,10 @@ SizeOption = Annotated[
         parser=parse_size, metavar="WxH", help="Width and height of the picture, pixels.", show_default="1200x900"
     ),
 ]
+HideOption = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="Leave out the piece of this name, such as `wall`; may be given several times."),
+]
 ColorByOption = Annotated[
     Literal["piece", "tag", "curvature"] | None,
     typer.Option(
@@ -100,6 +104,7 @@ def render(
     section: SectionOption = None,
     size: SizeOption = None,
     color_by: ColorByOption = None,
+    hide: HideOption = None,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
@@ -108,6 +113,8 @@ def render(
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
             workflows.render_step(
-                file, output, **given_options(view=view, section=section, size=size, color_by=color_by)
+                file,
+                output,
+                **given_options(view=view, section=section, size=size, color_by=color_by, hide=hide or None),
             )
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})
