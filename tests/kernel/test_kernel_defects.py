@@ -11,11 +11,13 @@ import pytest
 pytestmark = pytest.mark.kernel
 
 from OCP.Bnd import Bnd_Box
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
-from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone
+from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimAPI_MakeCylinder
+from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
@@ -26,9 +28,11 @@ from tests.brep.test_extents import trimmed_face
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
 from tpmscad import kernel
 from tpmscad.brep import true_bounds
+from tpmscad.errors import KernelError
+from tpmscad.kernel import offset_by_occt
 from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import count_subshape_uses
+from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
 from tpmscad.kernel.step.step_reader import silence_occt
 from tpmscad.splines import BSplineSurface, bezier_knots
 
@@ -144,3 +148,32 @@ def test_the_optimal_box_of_a_trimmed_face_is_that_of_the_face() -> None:
     box = Bnd_Box()
     BRepBndLib.AddOptimal_s(build_faces(brep)[0], box, False, False)
     assert box.CornerMax().Z() == pytest.approx(true_bounds(brep)[1][2], abs=1e-3)  # 0.25, not 0.81
+
+
+def inward_offset_is_done(shape) -> bool:
+    maker = BRepOffset_MakeOffset()
+    maker.Initialize(shape, -1.0, 1e-6, BRepOffset_Skin, False, False, GeomAbs_Arc, False)
+    maker.MakeOffsetShape()
+    return maker.IsDone()
+
+
+@pytest.mark.xfail(strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: BRepOffset_NotConnectedShell")
+def test_a_solid_with_a_cavity_is_offset() -> None:
+    box = BRepPrimAPI_MakeBox(gp_Pnt(-15, -15, -15), gp_Pnt(15, 15, 15)).Shape()
+    cavity = BRepPrimAPI_MakeBox(gp_Pnt(-5, -5, -5), gp_Pnt(5, 5, 5)).Shape()
+    assert inward_offset_is_done(BRepAlgoAPI_Cut(box, cavity).Shape())
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(
+    strict=True,
+    raises=KernelError,
+    reason=f"OCCT {VERSION}: segmentation fault where two cylinders meet; offsets run apart",
+)
+def test_two_cylinders_that_meet_are_offset_with_mitres() -> None:
+    along_x = gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(1, 0, 0))
+    tee = BRepAlgoAPI_Fuse(
+        BRepPrimAPI_MakeCylinder(gp_Ax2(gp_Pnt(0, 0, -22), gp_Dir(0, 0, 1)), 9, 44).Shape(),
+        BRepPrimAPI_MakeCylinder(along_x, 7, 22).Shape(),
+    ).Shape()
+    assert offset_by_occt(solids_of(tee)[0], 1.0, (), "mitre")

@@ -118,12 +118,9 @@ def test_a_skin_outside_the_limits_fails_its_check(thickest: float, words: str) 
 
 @pytest.mark.slow
 def test_the_certificate_says_how_thick_the_skin_is() -> None:
-    body = bracket()
-    model = tpmscad.infill(
-        body, "gyroid", cell=6, thickness=0.6, tol=0.05, skin=1, open_faces=body.faces().sort_by(bd.Axis.Z)[-1:]
-    )
-    found = model.certificate
+    body = bd.Box(20, 12, 8) + bd.Pos(-6, 0, 8) * bd.Box(8, 12, 8)
+    found = tpmscad.infill(body, "P", cell=8, thickness=0.8, tol=0.1, skin=1).certificate
     assert found.met
-    assert found.betti[::2] == (1, 0)
+    assert found.betti[0] == 1
     assert found.volume < body.volume
     assert any(note.startswith("skin of 1 by exact erosion: 1 to 1 thick") for note in found.notes)

@@ -9,6 +9,7 @@ shell is offset by itself, because OCCT refuses a solid with cavities: the outer
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -28,16 +29,27 @@ from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, make_solid
 from tpmscad.kernel.occt.exploration import faces_of, list_subshapes, solids_of
 
+try:
+    import resource
+except ImportError:  # not on Windows
+    resource = None  # type: ignore[assignment]
+
 OPERATION = "offset by the skin"
 
 JOIN_TOLERANCE = 1e-6
 """Model units: largest gap between neighbouring offset faces."""
 
-TIME_LIMIT = 25.0
-"""Seconds for one offset; a lofted part of some ten faces takes less than one."""
+CPU_LIMIT = 20
+"""Seconds of CPU for one offset; a lofted part of some ten faces takes less than one."""
+
+TIME_LIMIT = 60.0
+"""Seconds on the clock for one offset, for a machine that is busy with other work or has no limit of CPU time."""
 
 JOINS = {"arc": GeomAbs_Arc, "mitre": GeomAbs_Intersection}
 """How offset faces are joined round a concave edge: by a tube, or extended to their intersection."""
+
+OUT_OF_TIME = (int(signal.SIGXCPU), int(signal.SIGKILL)) if hasattr(signal, "SIGXCPU") else ()
+"""Signals that end a process beyond its CPU time."""
 
 FAILED = 3
 """Exit status of the process if OCCT finds no offset."""
@@ -63,6 +75,8 @@ def offset_by_occt(
             )
         except subprocess.TimeoutExpired:
             raise KernelError(OPERATION, f"no answer from the kernel within {seconds:g} s ({join})", body) from None
+        if -ended.returncode in OUT_OF_TIME:
+            raise KernelError(OPERATION, f"no answer from the kernel within {CPU_LIMIT} s of CPU ({join})", body)
         if ended.returncode == FAILED:
             raise KernelError(OPERATION, f"the kernel found no offset at {skin:g} ({join})", body)
         if ended.returncode:
@@ -104,6 +118,8 @@ def _holds(shape: TopoDS_Shape, face: TopoDS_Face) -> bool:
 def main(arguments: Sequence[str]) -> int:
     """Offset the body of one file into another; the exit status."""
     given, made, skin, join, *numbers = arguments
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 1))
     shape = TopoDS_Shape()
     BinTools.Read_s(shape, given)
     body = solids_of(shape)[0].Oriented(TopAbs_FORWARD)

@@ -1,0 +1,194 @@
+"""Skins of 1 mm on bodies with concave edges, cavities, apexes and free-form faces, filled with a gyroid.
+
+    python -m benchmarks.skins [--bodies bracket,boss,...] [--cell 8] [--thickness 0.6] [--skin 1]
+
+Columns: the method of the offset; solids, shells and Betti numbers of the part with its openings; whether it is valid and its
+certificate met; the least and greatest thickness of the skin, and the share of the points at which it exceeds the request by more
+than 2 %; wall seconds of the offset alone and of the whole infill.
+
+The thickness is measured independently of the program: the vertices of a triangulation of the skin's inner faces against a fine
+triangulation of the body's closed faces, point to triangle. Openings are planar faces without a skin, or bores cut afterwards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import build123d as bd
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface
+
+import tpmscad
+from tpmscad.kernel import read_body
+from tpmscad.workflows.skin import erode_body
+
+
+@dataclass(frozen=True)
+class Case:
+    """A body, the directions in which its outermost planar faces are open, and bores cut afterwards."""
+
+    make: Callable[[], Any]
+    open_along: tuple[bd.Vector, ...] = ()
+    bores: tuple[Any, ...] = ()
+
+
+UP, DOWN, RIGHT = bd.Vector(0, 0, 1), bd.Vector(0, 0, -1), bd.Vector(1, 0, 0)
+THROUGH = bd.Cylinder(1.5, 100)
+
+
+def flange() -> bd.Part:
+    """A hub with a central bore, six bolt holes, and three pockets from below."""
+    part = bd.Cylinder(26, 10) + bd.Pos(0, 0, 12) * bd.Cylinder(14, 14) - bd.Cylinder(7, 60)
+    for k in range(6):
+        part -= bd.Rot(0, 0, 60 * k) * bd.Pos(20.5, 0, 0) * bd.Cylinder(2, 40)
+    for k in range(3):
+        part -= bd.Rot(0, 0, 120 * k + 30) * bd.Pos(20, 0, -4) * bd.Box(7, 5, 4)
+    return part
+
+
+def handle() -> bd.Solid:
+    """A free-form handle, lofted through three ellipses."""
+    middle, top = bd.Pos(0, 0, 16) * bd.Rot(0, 12, 0), bd.Pos(4, 0, 34) * bd.Rot(0, 20, 0)
+    return bd.loft([bd.Ellipse(9, 7).face(), (middle * bd.Ellipse(6, 5)).face(), (top * bd.Ellipse(8, 6)).face()])
+
+
+CASES = {
+    "bracket": Case(lambda: bd.Box(40, 24, 6) + bd.Pos(-17, 0, 12) * bd.Box(6, 24, 20), (UP, RIGHT)),
+    "boss": Case(lambda: bd.Box(40, 30, 8) + bd.Pos(4, 0, 9) * bd.Cylinder(8, 10), (UP, DOWN)),
+    "hollow": Case(lambda: bd.Box(30, 26, 22) - bd.Box(14, 10, 8), (UP, DOWN)),
+    "cone": Case(lambda: bd.Cone(14, 0, 30), (DOWN,)),
+    "frustum": Case(lambda: bd.Cone(14, 8, 24), (UP, DOWN)),
+    "torus": Case(lambda: bd.Torus(20, 7), (), (bd.Pos(20, 0, 0) * THROUGH, bd.Pos(-20, 0, 0) * THROUGH)),
+    "cylinder": Case(lambda: bd.Cylinder(12, 26), (UP, DOWN)),
+    "sphere": Case(lambda: bd.Sphere(14), (), (bd.Pos(3, 2, 0) * THROUGH,)),
+    "flange": Case(flange, (UP, DOWN)),
+    "filleted": Case(lambda: bd.fillet(bd.Box(30, 24, 20).edges(), 4), (), (bd.Pos(3, 2, 0) * THROUGH,)),
+    "handle": Case(handle, (UP, DOWN)),
+    "junction": Case(
+        lambda: bd.Cylinder(9, 44) + bd.Rot(0, 90, 0) * bd.Pos(0, 0, 11) * bd.Cylinder(7, 22), (UP, DOWN, RIGHT)
+    ),
+    "pierced": Case(lambda: bd.Box(30, 24, 18) - bd.Rot(90, 0, 0) * bd.Cylinder(5, 40), (UP, DOWN)),
+}
+
+
+def outermost(body: Any, direction: bd.Vector) -> bd.Face:
+    """The planar face farthest along a direction, by its center."""
+    planar = [f for f in body.faces() if f.geom_type == bd.GeomType.PLANE]
+    return max(planar, key=lambda f: f.center().dot(direction))
+
+
+def triangles(faces: Sequence[bd.Face], deviation: float) -> np.ndarray:
+    """Corners (n, 3, 3) of triangulations of the faces."""
+    found = []
+    for face in faces:
+        points, corners = face.tessellate(deviation, 0.1)
+        found.append(np.array([tuple(p) for p in points])[np.array(corners, int)])
+    return np.concatenate(found)
+
+
+def distances(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Distances (n,) of points (n, 3) from the nearest of the triangles (m, 3, 3)."""
+    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(ab, ac)
+    proper = np.linalg.norm(normal, axis=1) > 1e-12
+    a, ab, ac, normal = a[proper], ab[proper], ac[proper], normal[proper]
+    unit = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    gram = np.linalg.inv(
+        np.stack(
+            [np.stack([(ab * ab).sum(1), (ab * ac).sum(1)], 1), np.stack([(ab * ac).sum(1), (ac * ac).sum(1)], 1)], 1
+        )
+    )
+    result = np.empty(len(points))
+    for i, p in enumerate(points):
+        arm = p - a
+        s = np.einsum("nij,nj->ni", gram, np.stack([(arm * ab).sum(1), (arm * ac).sum(1)], 1))
+        inside = (s >= 0).all(1) & (s.sum(1) <= 1)
+        best = np.abs((arm * unit).sum(1))[inside].min(initial=np.inf)
+        for origin, along in ((a, ab), (a, ac), (a + ab, ac - ab)):
+            t = np.clip(((p - origin) * along).sum(1) / (along * along).sum(1), 0, 1)
+            best = min(best, np.linalg.norm(p - origin - t[:, None] * along, axis=1).min())
+        result[i] = best
+    return result
+
+
+def measure(part: Any, closed: Sequence[bd.Face], opened: Sequence[bd.Face], skin: float) -> np.ndarray:
+    """Thicknesses at vertices of a triangulation of the skin's inner faces.
+
+    Faces of planes and quadrics inside the body are the skin's. In free-form bodies so are spline faces of even depth; those of
+    the lattice cross the body.
+    """
+    body = triangles(closed, 2e-3)
+    free_form = any(_is_spline(face) for face in closed)
+    found = []
+    for face in part.faces():
+        points = np.array([tuple(p) for p in face.tessellate(0.05, 0.3)[0]])
+        if len(points) > 60:
+            points = points[np.random.default_rng(0).choice(len(points), 60, replace=False)]
+        if any(
+            np.abs((points - np.array(tuple(o.center()))) @ np.array(tuple(o.normal_at()))).max() < 1e-4 for o in opened
+        ):
+            continue
+        depth = distances(points[:3], body)
+        if depth.max() < 0.01 * skin or depth.min() > 1.6 * skin:
+            continue
+        spline = _is_spline(face)
+        depth = distances(points, body)
+        if spline and (not free_form or np.ptp(depth) > 0.05 * skin):
+            continue
+        found.append(depth)
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _is_spline(face: bd.Face) -> bool:
+    return isinstance(BRep_Tool.Surface_s(face.wrapped), Geom_BSplineSurface | Geom_OffsetSurface)
+
+
+def run(name: str, cell: float, thickness: float, skin: float) -> None:
+    """One row of the table."""
+    case = CASES[name]
+    body = case.make()
+    opened = [outermost(body, direction) for direction in case.open_along]
+    closed = [face for face in body.faces() if not any(face.is_same(o) for o in opened)]
+    begun = time.perf_counter()
+    found = erode_body(read_body(body), skin, tuple(o.wrapped for o in opened))
+    offset = time.perf_counter() - begun
+    begun = time.perf_counter()
+    model = tpmscad.infill(body, "gyroid", cell=cell, thickness=thickness, tol=cell / 100, skin=skin, open_faces=opened)
+    whole = time.perf_counter() - begun
+    depth = measure(model.solid, closed, opened, skin)
+    part = model.solid
+    for bore in case.bores:
+        part = part - bore
+    shells = sum(len(solid.shells()) for solid in part.solids())
+    print(
+        f"{name:>9} {found.method.removeprefix('the '):>26} {len(part.solids()):>6} {shells:>6} "
+        f"{model.certificate.betti!s:>12} {part.is_valid!s:>5} {model.certificate.met!s:>5} "
+        f"{depth.min():8.4f} {depth.max():8.4f} {(depth > 1.02 * skin).mean():7.1%} {len(depth):>6} {offset:8.1f} {whole:8.1f}",
+        flush=True,
+    )
+    for text in (*model.certificate.shortfalls, *(n for n in model.certificate.notes if "skin" in n or "trim" in n)):
+        print(" " * 10 + text)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--bodies", default=",".join(CASES))
+    parser.add_argument("--cell", type=float, default=8.0)
+    parser.add_argument("--thickness", type=float, default=0.6)
+    parser.add_argument("--skin", type=float, default=1.0)
+    options = parser.parse_args(arguments)
+    print(
+        f"{'body':>9} {'offset by':>26} {'solids':>6} {'shells':>6} {'Betti':>12} {'valid':>5} {'met':>5} "
+        f"{'least':>8} {'most':>8} {'mitred':>7} {'points':>6} {'offset s':>8} {'infill s':>8}"
+    )
+    for name in options.bodies.split(","):
+        run(name, options.cell, options.thickness, options.skin)
+
+
+if __name__ == "__main__":
+    main()
