@@ -12,7 +12,7 @@ import tpmscad
 from tpmscad.kernel import SkinThickness, find_skin_faces, measure_skin_thickness, offset_by_occt, read_body
 from tpmscad.workflows.skin import ErodedBody, check_skin_thickness, erode_body
 
-pytestmark = pytest.mark.kernel
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
 PI = np.pi
 
@@ -116,7 +116,6 @@ def test_a_skin_outside_the_limits_fails_its_check(thickest: float, words: str) 
     assert words in failed[0].shortfall
 
 
-@pytest.mark.slow
 def test_the_certificate_says_how_thick_the_skin_is() -> None:
     body = bd.Box(20, 12, 8) + bd.Pos(-6, 0, 8) * bd.Box(8, 12, 8)
     found = tpmscad.infill(body, "P", cell=8, thickness=0.8, tol=0.1, skin=1).certificate
