@@ -119,8 +119,10 @@ class FluidDomains:
 
         Notes
         -----
-        A BREP file keeps the faces that domains share. 3MF and GLB hold a mesh for each solid, with the same triangles where
-        solids touch.
+        A BREP file keeps the faces that domains share, in gmsh, FreeCAD and build123d. STEP has no faces with a solid on either
+        side that readers take as solids: the file stores shared vertices, edges and surfaces once, but each solid reads back with
+        faces of its own, in the same place; ``fragment`` of gmsh restores the shared ones. STEP is an assembly of named and
+        coloured products. 3MF and GLB hold a mesh for each solid, with the same triangles where solids touch.
 
         Examples
         --------
