@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
@@ -66,7 +66,7 @@ class PlacedFaces:
     sense: IntArray
     tag: IntArray
 
-    def __getitem__(self, key: Array | IntArray) -> PlacedFaces:
+    def __getitem__(self, key: BoolArray | IntArray) -> PlacedFaces:
         return PlacedFaces(self.carrier[key], self.motion[key], self.sense[key], self.tag[key])
 
     @classmethod

@@ -49,8 +49,9 @@ def make_mixture(*, of: Sequence[Field], weight: Field) -> Field:
     """
     first, second = of
     if isinstance(first, MinMaxField) and isinstance(second, MinMaxField) and first.sign == second.sign:
-        parts = ((first.first, second.first), (first.second, second.second))
-        return MinMaxField(*(make_mixture(of=pair, weight=weight) for pair in parts), first.sign)
+        a = make_mixture(of=(first.first, second.first), weight=weight)
+        b = make_mixture(of=(first.second, second.second), weight=weight)
+        return MinMaxField(a, b, first.sign)
     return first + weight * (second - first)
 
 
