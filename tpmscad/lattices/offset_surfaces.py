@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
