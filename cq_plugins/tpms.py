@@ -23,8 +23,16 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
+from tpmscad.workflows.misused_calls import answer_misuse
+
+__all__ = ["tpms", "tpmsInfill", "tpmsModels"]
 
 
+def __dir__() -> list[str]:
+    return sorted(__all__)
+
+
+@answer_misuse('tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
 @with_keywords_of(lattice)
 def tpms(
     self: cq.Workplane,
@@ -43,8 +51,10 @@ def tpms(
     ----------
     surface : str
         Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell, cells, thickness, offset, volume_fraction, kind, side, reference, boundary, phase, map, tol, progress
-        The keywords of `tpmscad.lattice`.
+    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side
+        The size of the lattice and what is solid in it, as in `tpmscad.lattice`.
+    reference, boundary, phase, loose, map, tol, progress
+        The other keywords of `tpmscad.lattice`.
     centered : bool or (3,) bools, optional
         Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.
     combine : bool or {"cut", "a", "s"}, optional
@@ -85,6 +95,7 @@ def tpms(
     return _with_models(self.eachpoint(shape, True, combine, clean), [model])
 
 
+@answer_misuse('tpmsInfill("gyroid", cell=8, thickness=0.8)')
 @with_keywords_of(infill)
 def tpmsInfill(
     self: cq.Workplane, surface: Any, *, combine: bool = True, **options: Unpack[InfillOptions]
@@ -95,9 +106,11 @@ def tpmsInfill(
     ----------
     surface : str, Field or callable
         Name of a surface, or a field; see `tpmscad.infill`.
-    cell, thickness, offset, volume_fraction, kind, side, reference, phase, rotation, skin, open_faces, tol, progress
-        The keywords of `tpmscad.infill`, in global coordinates. `open_faces` may also be a selector of each solid's faces, such
-        as ``">Z"``.
+    cell, thickness, offset, volume_fraction, porosity, pore_size, kind, side
+        The size of the lattice and what is solid in it, as in `tpmscad.infill`.
+    reference, phase, rotation, skin, open_faces, loose, tol, progress
+        The other keywords of `tpmscad.infill`, in global coordinates. `open_faces` may also be a selector of each solid's
+        faces, such as ``">Z"``.
     combine : bool, optional
         Whether the filled solids become one object on the stack, as after ``Workplane.fillet``. False leaves each by itself.
 

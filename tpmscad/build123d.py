@@ -25,6 +25,7 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
+from tpmscad.workflows.misused_calls import answer_misuse
 
 __all__ = ["Tpms", "TpmsInfill"]
 
@@ -40,8 +41,10 @@ class Tpms(BasePartObject):
     ----------
     surface : str
         Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell, cells, thickness, offset, volume_fraction, kind, side, reference, boundary, phase, map, tol, progress
-        The keywords of `tpmscad.lattice`.
+    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side
+        The size of the lattice and what is solid in it, as in `tpmscad.lattice`.
+    reference, boundary, phase, loose, map, tol, progress
+        The other keywords of `tpmscad.lattice`.
     rotation : RotationLike, optional
         Rotation of the aligned lattice, degrees.
     align : Align or tuple of Align or None, optional
@@ -72,6 +75,7 @@ class Tpms(BasePartObject):
     ...     Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
     """
 
+    @answer_misuse('Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
     @with_keywords_of(lattice)
     def __init__(
         self,
@@ -125,8 +129,10 @@ class TpmsInfill(Part):
         One closed solid, or the path of its STEP file; by default the part being built.
     surface : str, Field or callable
         Name of a surface of the catalogue, or a field; alone it may stand first.
-    cell, thickness, offset, volume_fraction, kind, side, reference, phase, rotation, skin, open_faces, tol, progress
-        The keywords of `tpmscad.infill`; `rotation` turns the lattice, not the body.
+    cell, thickness, offset, volume_fraction, porosity, pore_size, kind, side
+        The size of the lattice and what is solid in it, as in `tpmscad.infill`.
+    reference, phase, rotation, skin, open_faces, loose, tol, progress
+        The other keywords of `tpmscad.infill`; `rotation` turns the lattice, not the body.
     mode : Mode, optional
         Combination mode in a builder.
 
@@ -153,6 +159,7 @@ class TpmsInfill(Part):
     >>> filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
     """
 
+    @answer_misuse('TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
     @with_keywords_of(infill)
     def __init__(
         self,

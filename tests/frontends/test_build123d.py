@@ -11,7 +11,7 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad.build123d import Tpms
+from tpmscad.build123d import Tpms, TpmsInfill
 
 pytestmark = pytest.mark.kernel
 
@@ -105,6 +105,16 @@ def test_a_mapped_lattice_is_aligned_by_the_image_of_its_box() -> None:
     assert high == pytest.approx([5, 5, 6], abs=1e-6)
 
 
+def test_the_model_stays_where_it_was_made_and_can_be_written(schwarz: Tpms, tmp_path: Path) -> None:
+    model = schwarz.model
+    model.solid.move(bd.Location((30, 0, 0)))
+    bd.Shape(model.wrapped).move(bd.Location((30, 0, 0)))
+    assert model.wrapped.Location().IsIdentity()
+    model.export(tmp_path / "p.stl")
+    (mesh,) = bd.Mesher().read(str(tmp_path / "p.stl"))
+    assert abs(mesh.bounding_box().min.X) < 0.2
+
+
 def test_rotation_turns_the_aligned_lattice() -> None:
     part = Tpms(**P | {"cells": (1, 1, 2)}, align=bd.Align.MIN, rotation=(90, 0, 0))
     low, high = box_of_caps(part)
@@ -180,6 +190,15 @@ def test_build123d_writes_and_reads_it(gyroid: Tpms, tmp_path: Path) -> None:
     assert len(back.solids()) == 3
     bd.export_stl(gyroid, tmp_path / "gyroid.stl", tolerance=0.1)
     assert (tmp_path / "gyroid.stl").stat().st_size > 1000
+
+
+def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written() -> None:
+    with pytest.raises(TypeError, match=r"Tpms takes surface by position .* Tpms\(\"gyroid\", cell=10"):
+        Tpms("gyroid", 10, 1)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="Tpms has no keyword 'aling'; it is called align="):
+        Tpms("gyroid", cell=10, thickness=1, aling=None)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="TpmsInfill takes body and surface by position"):
+        TpmsInfill(bd.Box(1, 1, 1), "gyroid", 8)  # type: ignore[call-arg]
 
 
 def test_what_cannot_be_made_is_refused_by_name() -> None:

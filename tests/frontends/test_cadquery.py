@@ -29,9 +29,11 @@ PIECES: dict[str, Any] = {
 @pytest.fixture(scope="module")
 def cq() -> Any:
     """CadQuery with the plug-in; imported here, as tests are collected without it too."""
-    import cq_plugins.tpms
+    import cadquery
 
-    return cq_plugins.tpms.cq
+    import cq_plugins.tpms  # noqa: F401
+
+    return cadquery
 
 
 @pytest.fixture(scope="module")
@@ -164,6 +166,19 @@ def test_cadquery_writes_and_reads_it(cq: Any, gyroid: Any, tmp_path: Path) -> N
         assert sum(s.Volume() for s in back.solids().vals()) == pytest.approx(gyroid.val().Volume(), rel=1e-9)
     cq.exporters.export(gyroid, str(tmp_path / "part.stl"), tolerance=0.1)
     assert (tmp_path / "part.stl").stat().st_size > 1000
+
+
+def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written(cq: Any) -> None:
+    with pytest.raises(TypeError, match=r"tpms takes surface by position .* tpms\(\"gyroid\", cell=10"):
+        cq.Workplane().tpms("gyroid", 10, 1)
+    with pytest.raises(TypeError, match="tpms has no keyword 'centred'; it is called centered="):
+        cq.Workplane().tpms("gyroid", cell=10, thickness=1, centred=True)
+
+
+def test_the_model_of_a_centered_lattice_stays_where_it_was_made(cq: Any, tmp_path: Path) -> None:
+    (model,) = cq.Workplane().tpms("P", cell=10, thickness=1, tol=0.1, centered=True).tpmsModels()
+    assert model.wrapped.Location().IsIdentity()
+    model.export(tmp_path / "p.stl")
 
 
 def test_what_cannot_be_made_is_refused_by_name(cq: Any) -> None:

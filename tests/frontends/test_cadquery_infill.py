@@ -18,9 +18,11 @@ P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
 @pytest.fixture(scope="module")
 def cq() -> Any:
     """CadQuery with the plug-in; imported here, as tests are collected without it too."""
-    import cq_plugins.tpms
+    import cadquery
 
-    return cq_plugins.tpms.cq
+    import cq_plugins.tpms  # noqa: F401
+
+    return cadquery
 
 
 @pytest.fixture(scope="module")

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.measure.signed_distance import body_field
     from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
-    from tpmscad.kernel.occt.construction import make_compound
+    from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import transform_shape
     from tpmscad.kernel.occt.exploration import faces_of
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
@@ -97,6 +97,7 @@ __all__ = [
     "build_solids",
     "check_shape",
     "check_step",
+    "copy_placement",
     "diverging_scale",
     "draw_scene",
     "enclosing_box",
@@ -182,6 +183,7 @@ _MODULE_OF_NAME = {
     "face_moments": "tpmscad.kernel.measure.mass_properties",
     "faces_of": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
+    "copy_placement": "tpmscad.kernel.occt.construction",
     "find_label_colour": "tpmscad.kernel.step.face_labels",
     "group_faces": "tpmscad.kernel.export.mesh_parts",
     "have_touching_solids": "tpmscad.kernel.measure.shape_sampling",

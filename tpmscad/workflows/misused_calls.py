@@ -61,9 +61,10 @@ def _explain(
 ) -> str:
     """What does not fit, and how the call is written."""
     parameters = signature(function).parameters.values()
-    positional = [p.name for p in parameters if p.kind is Parameter.POSITIONAL_OR_KEYWORD]
+    positional = [p.name for p in parameters if p.kind is Parameter.POSITIONAL_OR_KEYWORD and p.name != "self"]
     keywords = [p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY]
-    name = getattr(function, "__name__", "the function")
+    name = getattr(function, "__qualname__", "the function").removesuffix(".__init__")
+    args = args[1:] if "self" in signature(function).parameters else args
     unknown = [key for key in kwargs if key not in positional and key not in keywords]
     if unknown:
         meant = [SYNONYMS.get(unknown[0].lower(), "")]

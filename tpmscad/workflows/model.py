@@ -81,13 +81,13 @@ class Model:
 
     @property
     def solid(self) -> Any:
-        """The build123d Solid, or a Compound if there are several solids."""
+        """The build123d Solid, or a Compound if there are several solids; moving it leaves the model in place."""
         return self.built.solid
 
     @property
     def wrapped(self) -> Any:
-        """The TopoDS shape, under the name that build123d, CadQuery and viewers use."""
-        return self.built.shape
+        """The TopoDS shape, under the name that build123d, CadQuery and viewers use; moving it leaves the model in place."""
+        return kernel.copy_placement(self.built.shape)
 
     @property
     def volume(self) -> float:

@@ -36,7 +36,7 @@ class KernelSolids:
 
     @property
     def solid(self) -> Any:
-        """The build123d Solid, or a Compound if there are several; its `wrapped` is `shape`."""
+        """The build123d Solid, or a Compound if there are several, with a placement of its own."""
         return to_build123d(self.shape, len(self.solids))
 
 

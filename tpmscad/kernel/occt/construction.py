@@ -6,7 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from OCP.BRep import BRep_Builder
+from OCP.TopAbs import TopAbs_SOLID
 from OCP.TopoDS import TopoDS_Compound, TopoDS_Face, TopoDS_Shape, TopoDS_Shell, TopoDS_Solid
+
+from tpmscad.kernel.occt import convert
 
 
 def make_compound(shapes: Iterable[TopoDS_Shape]) -> TopoDS_Compound:
@@ -37,8 +40,14 @@ def make_solid(shells: Iterable[TopoDS_Shell]) -> TopoDS_Solid:
     return solid
 
 
+def copy_placement(shape: TopoDS_Shape) -> Any:
+    """The same solid or compound with a placement of its own: moving the result leaves `shape` where it is."""
+    placed = shape.Located(shape.Location())
+    return convert.as_solid(placed) if shape.ShapeType() == TopAbs_SOLID else convert.as_compound(placed)
+
+
 def to_build123d(shape: TopoDS_Shape, solids: int) -> Any:
-    """The shape as a build123d Solid, or as a Compound if it holds more than one solid."""
+    """The shape as a build123d Solid, or as a Compound if it holds more than one solid; moving it leaves `shape` in place."""
     from build123d import Compound, Solid  # imported here: it takes seconds, and writing a file does not need it
 
-    return Solid(shape) if solids == 1 else Compound(shape)
+    return Solid(copy_placement(shape)) if solids == 1 else Compound(copy_placement(shape))

@@ -59,7 +59,7 @@ try:
     from OCP.collections import Sequence_TDF_Label as LabelSequence
 
     as_edge, as_face, as_vertex = TopoDS.Edge, TopoDS.Face, TopoDS.Vertex
-    as_shell, as_solid, as_wire = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire
+    as_shell, as_solid, as_wire, as_compound = TopoDS.Shell, TopoDS.Solid, TopoDS.Wire, TopoDS.Compound
 except ImportError:
     from OCP.Resource import Resource_DataMapOfAsciiStringAsciiString as StringMap
     from OCP.TColgp import TColgp_Array1OfPnt as PointArray
@@ -73,7 +73,7 @@ except ImportError:
     from OCP.TopTools import TopTools_ListOfShape as ShapeList
 
     as_edge, as_face, as_vertex = TopoDS.Edge_s, TopoDS.Face_s, TopoDS.Vertex_s
-    as_shell, as_solid, as_wire = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s
+    as_shell, as_solid, as_wire, as_compound = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s, TopoDS.Compound_s
 
 
 CONFUSION_TOLERANCE = 1e-7
