@@ -17,6 +17,7 @@ from build123d.geometry import to_align_offset
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.workflows import infill, lattice
+from tpmscad.workflows.face_selection import list_given_faces
 from tpmscad.workflows.lattice_request import (
     INFILL_DEFAULTS,
     LATTICE_DEFAULTS,
@@ -180,7 +181,7 @@ class TpmsInfill(Part):
             body = context and context._obj
         if body is None:
             raise InvalidRequest("there is no part to fill: build one first, or give the shape before the surface")
-        options["open_faces"] = tuple(options.get("open_faces", ()))
+        options["open_faces"] = list_given_faces(options.get("open_faces", ()))
         self.surface = surface
         given = {**INFILL_DEFAULTS, **options}
         self.__dict__.update({name: value for name, value in given.items() if name != "progress"})

@@ -70,6 +70,17 @@ def test_faces_of_the_part_being_built_may_stay_open() -> None:
     assert len(built.part.solids()) == len(built.part.shells()) == 1
 
 
+def test_a_single_open_face_or_selector_needs_no_list() -> None:
+    box = bd.Box(8, 8, 8)
+    top = box.faces().sort_by(bd.Axis.Z)[-1]
+    by_face, by_selector = (
+        TpmsInfill(box, "P", cell=8, thickness=0.8, tol=0.1, skin=1, open_faces=f) for f in (top, ">Z")
+    )
+    assert by_face.open_faces == (top,)
+    assert by_selector.open_faces == (">Z",)
+    assert by_face.volume == pytest.approx(by_selector.volume, rel=1e-9)
+
+
 def test_selectors_find_the_body_s_own_faces(filled: TpmsInfill) -> None:
     assert {f.geom_type for f in filled.faces()} >= {bd.GeomType.PLANE, bd.GeomType.CYLINDER}
     assert all(f.radius == pytest.approx(7) for f in filled.faces().filter_by(bd.GeomType.CYLINDER))

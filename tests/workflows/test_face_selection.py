@@ -33,7 +33,8 @@ def test_numbers_and_faces_pass_and_a_single_selector_needs_no_list() -> None:
     top = resolve_face_selectors(body, ">Z")
     assert resolve_face_selectors(body, (4, ">Z")) == (4, *top)
     face = object()
-    assert resolve_face_selectors(body, (face,)) == (face,)
+    assert resolve_face_selectors(body, (face,)) == resolve_face_selectors(body, face) == (face,)
+    assert resolve_face_selectors(body, 4) == (4,)
 
 
 @pytest.mark.parametrize(

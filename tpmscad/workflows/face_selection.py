@@ -27,9 +27,14 @@ SQUARE_COSINE = 1.0 - 1e-9
 """Least cosine between the normal of a face and the axis to which it is square."""
 
 
-def resolve_face_selectors(body: CadBody, faces: Iterable[Any]) -> tuple[Any, ...]:
+def list_given_faces(faces: Any) -> tuple[Any, ...]:
+    """The faces, selectors and numbers given; a single one may stand alone."""
+    return (faces,) if isinstance(faces, str) or not isinstance(faces, Iterable) else tuple(faces)
+
+
+def resolve_face_selectors(body: CadBody, faces: Any) -> tuple[Any, ...]:
     """The faces with every selector replaced by the numbers of its faces; InvalidRequest if one is unknown or finds none."""
-    given = (faces,) if isinstance(faces, str) else tuple(faces)
+    given = list_given_faces(faces)
     if not any(isinstance(face, str) for face in given):
         return given
     found: list[Any] = []

@@ -101,7 +101,8 @@ def infill(
         Thickness of a solid wall kept along the body's boundary and joined to the lattice, model units.
     open_faces : iterable, optional
         Plane faces of the body that get no skin, so that powder or fluid can pass: build123d, CadQuery or TopoDS faces of that
-        very shape, their numbers in its order, or ">Z" and the like for the faces at one end of an axis.
+        very shape, their numbers in its order, or ">Z" and the like for the faces at one end of an axis; a single one may stand
+        alone.
     loose : {"drop", "keep"}, optional
         Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     tol : float, optional

@@ -24,6 +24,13 @@ def measure_diagonal(box: BoxCorners) -> float:
     return float(np.linalg.norm(np.subtract(box[1], box[0])))
 
 
+def round_corners(box: BoxCorners) -> BoxCorners:
+    """The corners without their round-off, to nine digits of the diagonal; 0 is never negative."""
+    decimals = 9 - int(np.ceil(np.log10(measure_diagonal(box))))
+    (x0, y0, z0), (x1, y1, z1) = (np.round(box, decimals) + 0.0).tolist()
+    return (x0, y0, z0), (x1, y1, z1)
+
+
 def format_size(box: BoxCorners) -> str:
     """Edges of a box: 20 x 20 x 10."""
     return " x ".join(f"{edge:.5g}" for edge in np.subtract(box[1], box[0]).tolist())
@@ -31,7 +38,7 @@ def format_size(box: BoxCorners) -> str:
 
 def format_summary(name: str, box: BoxCorners, certificate: Certificate) -> str:
     """Name, size, pieces, volume, and whether the request is met with the reasons if not: at most nine lines."""
-    (x0, y0, z0), (x1, y1, z1) = box
+    (x0, y0, z0), (x1, y1, z1) = round_corners(box)
     pieces = len(certificate.pieces)
     lines = [
         f"{name}: {format_size(box)} mm, {'1 piece' if pieces == 1 else f'{pieces} pieces'}, {certificate.n_faces} faces",
