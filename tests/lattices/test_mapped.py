@@ -114,6 +114,22 @@ def test_a_map_that_folds_is_refused() -> None:
         mid(fold).orientation()
 
 
+@pytest.mark.slow
+def test_a_map_with_a_branch_point_in_the_lattice_is_refused_with_place_amount_and_remedy() -> None:
+    """Near the branch point of a square the normal turns too fast for neighbours, each fitted on its own, to meet."""
+
+    def square(p: np.ndarray) -> np.ndarray:
+        w = (p[..., 0] - 5.3 + 1j * (p[..., 1] - 5.2)) ** 2 / 5
+        return np.stack([w.real, w.imag, p[..., 2]], axis=-1)
+
+    surface = mid(maps.as_map(square))
+    surface.orientation()  # regular at every sample
+    fit = mapped_lattice.fit_mapped_layers(surface, (-0.025, 0.025), 0.05)
+    match = r"under square neighbouring patches near \(.*\) differ by .*, more than .*: .*keep the lattice away"
+    with pytest.raises(InvalidRequest, match=match):
+        mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
+
+
 @pytest.mark.parametrize("name", ["graded", "cylinder"])
 def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> None:
     surface = mid(MAPS[name])

@@ -24,6 +24,18 @@ WELD_RADIUS_FRACTION = 1e-5
 """Points closer than this fraction of the diagonal of the smallest patch are one point."""
 
 
+class SideMismatch(ValueError):
+    """Sides with common ends and middle differ elsewhere: by `gap` near the point `place` (3,), more than `limit`."""
+
+    def __init__(self, gap: float, limit: float, place: Array) -> None:
+        super().__init__(
+            f"sides that share their ends and middle differ by {gap:.3g} elsewhere, more than the welding radius {limit:.3g}"
+        )
+        self.gap = gap
+        self.limit = limit
+        self.place = place
+
+
 def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
     """Single-linkage clusters of points (n, 3): the label of each point (n,), and the first point of each cluster."""
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
@@ -46,8 +58,8 @@ def weld_patches(
 ) -> Brep:
     """The boundary representation of whole patches: face i is primitives[carrier[i]] moved by motion[i].
 
-    Adjacent sides must have the same parametrisation, equal or reversed. Raises ValueError if sides with common ends and middle
-    differ elsewhere by more than the welding radius, or if their parameter ranges differ.
+    Adjacent sides must have the same parametrisation, equal or reversed. Raises SideMismatch if sides with common ends and middle
+    differ elsewhere by more than the welding radius, ValueError if their parameter ranges differ.
     """
     samples = np.stack([_sample_sides(primitive) for primitive in primitives])  # (P, 4, 5, 3), counter-clockwise
     points = motion[:, None, None].apply(samples[carrier])
@@ -68,7 +80,7 @@ def weld_patches(
     deviation = np.zeros(len(first_use))
     np.maximum.at(deviation, edge, mismatch)
     if deviation.max(initial=0.0) > radius:
-        raise ValueError(f"sides that share their ends and middle differ by {deviation.max():.3g} elsewhere")
+        raise SideMismatch(float(deviation.max()), radius, side_points[np.argmax(mismatch), 2])
 
     domains = np.array([primitive.side(s).domain for primitive in primitives for s in range(4)])
     side = np.tile(np.arange(4), len(carrier))

@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.brep.welding import weld_patches
+from tpmscad.brep.welding import SideMismatch, weld_patches
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
 from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
@@ -249,7 +249,10 @@ def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Seque
 def assemble_mapped_lattice(
     mapped: MappedSurface, lower: MappedLayer | None, upper: MappedLayer | None, *, natural: bool
 ) -> Brep:
-    """The layers as one Brep: closed by ruled gap faces along the border if `natural`, open otherwise."""
+    """The layers as one Brep: closed by ruled gap faces along the border if `natural`, open otherwise.
+
+    InvalidRequest if neighbouring patches do not meet, because the map bends too sharply for their degree.
+    """
     orientation = mapped.symmetry.handedness * mapped.orientation()
     carriers: list[BSplineSurface] = []
     parts = []
@@ -266,11 +269,19 @@ def assemble_mapped_lattice(
         parts.append((len(carriers) + np.arange(n), Motion.identity(n), np.full(n, orientation), ["gap"] * n))
         carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
     carrier, motion, sense, tags = zip(*parts, strict=True)
-    return weld_patches(
-        carriers,
-        np.concatenate(carrier),
-        Motion.concatenate(motion),
-        np.concatenate(sense),
-        np.array([LATTICE_TAGS.index(name) for part in tags for name in part]),
-        LATTICE_TAGS,
-    )
+    try:
+        return weld_patches(
+            carriers,
+            np.concatenate(carrier),
+            Motion.concatenate(motion),
+            np.concatenate(sense),
+            np.array([LATTICE_TAGS.index(name) for part in tags for name in part]),
+            LATTICE_TAGS,
+        )
+    except SideMismatch as mismatch:
+        raise InvalidRequest(
+            f"under {mapped.map.name} neighbouring patches near ({', '.join(f'{x:.4g}' for x in mismatch.place)}) differ by "
+            f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map bends too sharply there for "
+            "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
+            "varies less over a cell"
+        ) from mismatch
