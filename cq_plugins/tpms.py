@@ -85,6 +85,8 @@ def tpms(
     >>> lattices = cq.Workplane().rarray(30, 30, 2, 2).tpms("gyroid", cell=10, thickness=1, centered=True)
     """
     given: dict[str, Any] = {**LATTICE_DEFAULTS, **options}
+    if combine not in (True, False, "cut", "a", "s"):
+        raise InvalidRequest(f'combine {combine!r} is none of True, False, "cut", "a" and "s"')
     middle = (centered,) * 3 if isinstance(centered, bool) else centered
     if given["map"] is not None and any(middle):
         raise InvalidRequest("a mapped lattice lies where the map puts it: leave centered out")
@@ -135,6 +137,10 @@ def tpmsInfill(
     >>> import cadquery as cq
     >>> filled = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5, open_faces=">Z")
     """
+    if not isinstance(combine, bool):
+        raise InvalidRequest(
+            f"combine {combine!r} is neither True nor False; to cut or join, go on with .cut() or .union()"
+        )
     solids = _find_solids(self)
     given = options.get("open_faces", ())
     models = []

@@ -173,6 +173,10 @@ def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written(cq: A
         cq.Workplane().tpms("gyroid", 10, 1)
     with pytest.raises(TypeError, match="tpms has no keyword 'centred'; it is called centered="):
         cq.Workplane().tpms("gyroid", cell=10, thickness=1, centred=True)
+    with pytest.raises(tpmscad.InvalidRequest, match="combine 'fuse' is none of"):
+        cq.Workplane().tpms("gyroid", cell=10, thickness=1, combine="fuse")
+    with pytest.raises(tpmscad.InvalidRequest, match="combine 'cut' is neither"):
+        cq.Workplane().box(9, 9, 9).tpmsInfill("gyroid", cell=10, thickness=1, combine="cut")
 
 
 def test_the_model_of_a_centered_lattice_stays_where_it_was_made(cq: Any, tmp_path: Path) -> None:
