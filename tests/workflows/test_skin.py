@@ -9,8 +9,23 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad.kernel import SkinThickness, find_skin_faces, measure_skin_thickness, offset_by_occt, read_body
-from tpmscad.workflows.skin import ErodedBody, check_skin_thickness, erode_body
+from tpmscad.kernel import (
+    SkinThickness,
+    find_skin_faces,
+    measure_skin_thickness,
+    offset_by_occt,
+    read_body,
+    sample_depths,
+)
+from tpmscad.workflows.skin import (
+    DEEP_RATIO,
+    DEPTH_SAMPLES,
+    INSET_SAMPLES,
+    ErodedBody,
+    check_eroded,
+    check_skin_thickness,
+    erode_body,
+)
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -87,6 +102,27 @@ def test_a_mitre_stays_within_the_limits_and_is_told() -> None:
     assert measured.least == pytest.approx(1.0, rel=1e-6)
     assert 1.3 < measured.greatest < 1.45
     assert (measured.thickness < 1.001).mean() > 0.5
+
+
+def dumbbell() -> bd.Part:
+    """A block and a plate of which a sheet of 0.3 is deeper than 1, joined by a rod that is nowhere deeper."""
+    block, rod, plate = bd.Box(12, 10, 10), bd.Rot(0, 90, 0) * bd.Cylinder(0.9, 8), bd.Box(2.3, 10, 10)
+    return block + bd.Pos(8, 0, 0) * rod + bd.Pos(12, 0, 0) * plate
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_an_offset_that_lacks_a_part_is_refused(lost: int) -> None:
+    found = eroded(dumbbell())
+    assert len(found.parts) == 2
+    points, depths = sample_depths(found.depth, 1.0, DEPTH_SAMPLES, INSET_SAMPLES)
+    deep = points[depths > DEEP_RATIO]
+    check_eroded(found.parts, (), 1.0, found.depth, deep)
+    with pytest.raises(tpmscad.KernelError, match="misses a part of the body near"):
+        check_eroded((found.parts[1 - lost],), (), 1.0, found.depth, deep)
+
+
+def test_a_sheet_barely_deeper_than_the_skin_is_found() -> None:
+    assert volume(eroded(bd.Box(40, 30, 2.05))) == pytest.approx(38 * 28 * 0.05, rel=1e-6)
 
 
 def test_open_faces_get_no_skin() -> None:

@@ -31,6 +31,9 @@ MAX_EDGE_POINTS = 200
 POINTS_ACROSS = 24
 """Points along the diagonal of the faces, from which their spacing follows."""
 
+INSET = 0.02
+"""In skins: by how much the points below the faces are deeper than the skin."""
+
 PIECES_PER_EDGE = 4
 """Intervals per edge at whose ends the thickness is measured."""
 
@@ -114,9 +117,19 @@ def measure_skin_thickness(inner: Sequence[TopoDS_Face], depth: SkinDepth) -> Sk
     return SkinThickness(points, depth.distances(points))
 
 
-def sample_depths(depth: SkinDepth, count: int) -> tuple[Array, Array]:
-    """Quasi-random points (n, 3) inside the solid, and their depths (n,); `count` points fill its box."""
+def sample_depths(depth: SkinDepth, skin: float, in_box: int, below_faces: int) -> tuple[Array, Array]:
+    """Points (n, 3) inside the solid that tell whether an offset by `skin` misses a part, and their depths (n,).
+
+    `in_box` quasi-random points fill the solid's box and find what is large; up to `below_faces` points lie just deeper than the
+    skin below its faces and find what is thin, since every part deeper than the skin comes that near to a face.
+    """
     low, high = enclosing_box(depth.solid)
-    points = low + (high - low) * qmc.Sobol(3, seed=np.random.default_rng(0)).random(count)
+    rng = np.random.default_rng(0)
+    anywhere = low + (high - low) * qmc.Sobol(3, seed=rng).random(in_box)
+    on_faces = sample_faces(depth.faces, float(np.linalg.norm(high - low)) / POINTS_ACROSS)
+    below = on_faces.points - (1 + INSET) * skin * on_faces.normals
+    if len(below) > below_faces:
+        below = rng.choice(below, below_faces, replace=False)
+    points = np.concatenate([anywhere, below])
     points = points[depth.contains(points, boundary=False)]
     return points, depth.distances(points)
