@@ -11,6 +11,7 @@ import pytest
 import tpmscad
 from tpmscad.kernel import (
     SkinThickness,
+    count_closed_cavities,
     find_skin_faces,
     measure_skin_thickness,
     offset_by_occt,
@@ -24,6 +25,7 @@ from tpmscad.workflows.skin import (
     ErodedBody,
     check_eroded,
     check_skin_thickness,
+    describe_closed_voids,
     erode_body,
 )
 
@@ -159,3 +161,33 @@ def test_the_certificate_says_how_thick_the_skin_is() -> None:
     assert found.betti[0] == 1
     assert found.volume < body.volume
     assert any(note.startswith("skin of 1 by exact erosion: 1 to 1 thick") for note in found.notes)
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ((0, 0, True), []),
+        (
+            (1, 0, False),
+            ["closes off a channel: it is bounded by a shell of its own inside the solid; name open_faces"],
+        ),
+        ((1, 0, True), ["closes off a channel that no open face reaches: it is bounded"]),
+        (
+            (3, 1, True),
+            ["closes off 2 channels that do not meet and that no open face", "the body's own cavity stays closed"],
+        ),
+        ((1, 1, True), ["the body's own cavity stays closed: bore into it"]),
+    ],
+)
+def test_closed_voids_are_told_by_their_cause(counts: tuple[int, int, bool], words: list[str]) -> None:
+    notes = describe_closed_voids(*counts)
+    assert len(notes) == len(words)
+    assert all(part in note for part, note in zip(words, notes, strict=True))
+
+
+def test_cavities_of_the_body_are_counted_unless_they_are_open() -> None:
+    body = bd.Box(30, 26, 22) - bd.Pos(6, 0, 0) * bd.Box(8, 10, 8) - bd.Pos(-6, 0, 0) * bd.Cylinder(3, 8)
+    inside = min(body.faces(), key=lambda f: abs(f.center().X - 2)).wrapped
+    shape = read_body(body)
+    assert count_closed_cavities(shape, ()) == 2
+    assert count_closed_cavities(shape, (inside,)) == 1

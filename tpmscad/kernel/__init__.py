@@ -22,7 +22,12 @@ if TYPE_CHECKING:
         subtract_solid,
     )
     from tpmscad.kernel.boolean.erosion import erode
-    from tpmscad.kernel.boolean.hollow_body import find_skin_faces, resolve_open_faces, subtract_voids
+    from tpmscad.kernel.boolean.hollow_body import (
+        count_closed_cavities,
+        find_skin_faces,
+        resolve_open_faces,
+        subtract_voids,
+    )
     from tpmscad.kernel.boolean.inward_offset import offset_by_occt
     from tpmscad.kernel.boolean.local_intersection import intersect_locally
     from tpmscad.kernel.build.revolved_body import revolve_profile
@@ -98,6 +103,7 @@ __all__ = [
     "check_shape",
     "check_step",
     "copy_placement",
+    "count_closed_cavities",
     "diverging_scale",
     "draw_scene",
     "enclosing_box",
@@ -176,6 +182,7 @@ _MODULE_OF_NAME = {
     "build_solids": "tpmscad.kernel.build.solids",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
+    "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
     "draw_scene": "tpmscad.kernel.render.picture",
     "enclosing_box": "tpmscad.kernel.occt.bounding_boxes",

@@ -22,6 +22,7 @@ from tpmscad.kernel import (
     SkinDepth,
     SkinThickness,
     betti_numbers,
+    count_closed_cavities,
     erode,
     faces_of,
     find_skin_faces,
@@ -82,12 +83,14 @@ def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces
     solids = subtract_voids(body, voids, open_faces)
     skin_faces = find_skin_faces(voids, eroded.parts, open_faces)
     measured = measure_skin_thickness(skin_faces, eroded.depth)
+    own = count_closed_cavities(body, open_faces)
+    closed = describe_closed_voids(betti_numbers(solids)[2], own, bool(open_faces))
     notes = dict.fromkeys(note for result in results for note in result.notes)
     return BooleanResult(
         KernelSolids(solids),
         None,
         results[0].method,
-        (*notes, _describe_thickness(measured, skin, eroded.method), *_note_closed_channels(solids)),
+        (*notes, _describe_thickness(measured, skin, eroded.method), *closed),
         check_skin_thickness(measured, skin),
     )
 
@@ -189,13 +192,23 @@ def _describe_thickness(measured: SkinThickness, skin: float, method: str) -> st
     )
 
 
-def _note_closed_channels(solids: Sequence[Any]) -> tuple[str, ...]:
-    """A note on the channels that no opening reaches."""
-    closed = betti_numbers(solids)[2]
-    if not closed:
-        return ()
-    count = "a channel" if closed == 1 else f"{closed} channels that do not meet"
-    return (
-        f"the skin closes off {count}: each is bounded by a shell of its own inside the solid; "
-        "name open_faces, or bore through the skin, to let powder or fluid out",
-    )
+def describe_closed_voids(voids: int, own: int, opened: bool) -> tuple[str, ...]:
+    """Notes on closed voids of the result: `own` of them are cavities of the body itself, the others channels.
+
+    opened: whether the skin has open faces, which the channels then do not reach.
+    """
+    notes = []
+    if voids > own:
+        one = voids == own + 1
+        count = "a channel" if one else f"{voids - own} channels that do not meet"
+        cut_off = (" that no open face reaches" if one else " and that no open face reaches") if opened else ""
+        bounded = "it is bounded by a shell" if one else "each is bounded by a shell"
+        name = "open another face" if opened else "name open_faces"
+        notes.append(
+            f"the skin closes off {count}{cut_off}: {bounded} of its own inside the solid; "
+            f"{name}, or bore through the skin, to let powder or fluid out"
+        )
+    if own:
+        count = "the body's own cavity stays" if own == 1 else f"the body's own {own} cavities stay"
+        notes.append(f"{count} closed: bore into {'it' if own == 1 else 'them'} to let powder or fluid out")
+    return tuple(notes)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepClass import BRepClass_FaceClassifier
+from OCP.BRepClass3d import BRepClass3d
 from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_ElementarySurface, Geom_Plane
 from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_WIRE
@@ -120,6 +121,13 @@ def find_skin_faces(
             if len(points) and near.distances(points)[0] < OPENING_TOL:
                 found.append(face)
     return found
+
+
+def count_closed_cavities(body: CadBody, open_faces: Sequence[TopoDS_Face]) -> int:
+    """Cavities that the body has of its own and that no open face bounds."""
+    outer = BRepClass3d.OuterShell_s(body.shape)
+    cavities = [shell for shell in _shells(body.shape) if not shell.IsSame(outer)]
+    return sum(not any(f.IsSame(o) for f in faces_of(shell) for o in open_faces) for shell in cavities)
 
 
 def _is_spline(face: TopoDS_Face) -> bool:
