@@ -56,7 +56,7 @@ def test_a_dry_run_blends_and_writes_the_report_only(capsys: pytest.CaptureFixtu
 
 def test_a_dry_run_of_a_field_tells_how_solid_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("solidify graded.toml --dry-run --report out.json") == 0
-    assert "% solid" in capsys.readouterr().out
+    assert "% of it solid" in capsys.readouterr().out
     assert 0.3 < json.loads(Path("out.json").read_text())["volume_fraction"] < 0.5
 
 
@@ -120,3 +120,29 @@ def test_the_domain_may_be_the_body_of_a_step_file(folder: Path, capsys: pytest.
     assert run("solidify drum.toml -o out.step") == 0, capsys.readouterr().err
     assert run("check out.step --report found.json") == 0
     assert 0.2 * 707 < json.loads(Path("found.json").read_text())["volume"] < 0.6 * 707
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("part.step", "tpmscad infill"), ("points.csv", "recipe-keys scattered")])
+def test_a_file_that_is_no_array_is_refused_with_the_way_to_use_it(
+    folder: Path, capsys: pytest.CaptureFixture[str], name: str, remedy: str
+) -> None:
+    (folder / name).write_text("1,2,3,4\n")
+    assert run(f"solidify {name} --level 0.5 -o out.step") == 2
+    error = capsys.readouterr().err
+    assert "no recipe and no array" in error
+    assert remedy in error
+
+
+def test_the_help_of_domains_names_no_option_that_domains_lacks(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("domains --help") == 0
+    assert "--kind" not in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("command", "recipe", "other"), [("blend", "graded", "solidify"), ("solidify", "scaffold", "blend")]
+)
+def test_a_recipe_of_the_other_command_is_refused_with_its_name(
+    capsys: pytest.CaptureFixture[str], command: str, recipe: str, other: str
+) -> None:
+    assert run(f"{command} {recipe}.toml --dry-run") == 2
+    assert f"hand it to `tpmscad {other}`" in capsys.readouterr().err

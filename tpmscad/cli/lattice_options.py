@@ -57,6 +57,15 @@ OffsetOption = Annotated[
         rich_help_panel=WALL_PANEL,
     ),
 ]
+SheetOffsetOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_numbers,
+        metavar="LO,HI",
+        help="Signed normal distances of the two sides of the wall, mm.",
+        rich_help_panel=WALL_PANEL,
+    ),
+]
 VolumeFractionOption = Annotated[
     float | None,
     typer.Option(

@@ -39,6 +39,14 @@ if TYPE_CHECKING:
     from tpmscad._typing import Progress  # loads NumPy
     from tpmscad.recipe.recipe_runs import RecipeRun
 
+_BODY = 'fill it with `tpmscad infill`, or name it in a recipe: domain = "part.step"'
+INPUTS_OF_OTHER_COMMANDS = {
+    ".step": _BODY,
+    ".stp": _BODY,
+    ".csv": 'name it in a recipe, kind = "scattered"; see `tpmscad recipe-keys scattered`',
+}
+"""What to do with files of these suffixes, which are no arrays."""
+
 ReadRun = Callable[["Progress"], "RecipeRun"]
 
 
@@ -87,6 +95,10 @@ def solidify(
             if extra:
                 raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
             return recipes.SolidRun.read(file, keep_loose=keep_loose)
+        if file.suffix.lower() in INPUTS_OF_OTHER_COMMANDS:
+            raise InvalidRequest(
+                f"{file.name} is no recipe and no array: {INPUTS_OF_OTHER_COMMANDS[file.suffix.lower()]}"
+            )
         if level is None:
             raise InvalidRequest(
                 f"an array needs `level`: solid is where {file.name} exceeds it, such as 0.5 of a density"

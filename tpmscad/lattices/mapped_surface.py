@@ -109,7 +109,8 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
     if sign.min() != sign.max():
         raise InvalidRequest(
             f"{map.name} folds: its Jacobian determinant changes sign over the lattice, {place}; "
-            "a map must be one-to-one over the lattice and a cell beyond"
+            "a map must be one-to-one over the lattice and a cell beyond: enlarge its radius (for a closed ring: more cells "
+            "round), or take a smaller cell"
         )
     if sizes[worst, 2] * MAX_CONDITION < sizes[worst, 0] or sizes[worst, 0] == 0:
         raise InvalidRequest(

@@ -92,6 +92,8 @@ class BlendRecipe:
 def read_blend_recipe(path: Path) -> BlendRecipe:
     """The recipe of a TOML file; RecipeError with the line of what is invalid."""
     recipe = read_document(path)
+    if "field" in recipe.value and "structures" not in recipe.value:
+        raise recipe.error("this recipe has one field and no structures to join: hand it to `tpmscad solidify`")
     values = BLEND_KEYS.read(recipe, make_field_reader(recipe))
     structures, regions, blending = (tuple(values[name]) for name in FIELD_LIST_KEYS)
     options = {key.name: values[key.name] for key in OPTION_KEYS if key.name in recipe.value}

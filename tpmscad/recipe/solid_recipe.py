@@ -85,5 +85,7 @@ SOLID_KEYS = KeyTable(
 def read_solid_recipe(path: Path) -> SolidRecipe:
     """The recipe of a TOML file; RecipeError with the line of what is invalid."""
     recipe = read_document(path)
+    if "structures" in recipe.value and "field" not in recipe.value:
+        raise recipe.error("this recipe joins structures: hand it to `tpmscad blend`")
     values: dict[str, Any] = SOLID_KEYS.read(recipe, make_field_reader(recipe))
     return SolidRecipe(recipe, values["field"], values["domain"], values["tol"])
