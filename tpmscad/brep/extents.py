@@ -55,7 +55,7 @@ def true_bounds(brep: Brep) -> tuple[Array, Array]:
     return -reach[:3], reach[3:]
 
 
-def _signed(points: Array) -> Array:
+def _reach_along_axes(points: Array) -> Array:
     """Coordinates along -x, -y, -z, x, y, z of points (..., 3): (..., 6)."""
     return np.concatenate([-points, points], axis=-1)
 
@@ -70,10 +70,15 @@ def _conic_reach(brep: Brep) -> Array:
         assert isinstance(curve, Circle | Ellipse)
         a, b = (curve.major, curve.minor) if isinstance(curve, Ellipse) else (curve.radius, curve.radius)
         motion, (low, high) = edges.motion[e], edges.span[e]
-        x, y = a * _signed(motion.apply_to_vectors(curve.x_axis)), b * _signed(motion.apply_to_vectors(curve.y_axis))
+        x, y = (
+            a * _reach_along_axes(motion.apply_to_vectors(curve.x_axis)),
+            b * _reach_along_axes(motion.apply_to_vectors(curve.y_axis)),
+        )
         t = np.arctan2(y, x)
         t += TWO_PI * np.ceil((low - t) / TWO_PI)
-        reach = np.where(t <= high, np.maximum(reach, _signed(motion.apply(curve.origin)) + np.hypot(x, y)), reach)
+        reach = np.where(
+            t <= high, np.maximum(reach, _reach_along_axes(motion.apply(curve.origin)) + np.hypot(x, y)), reach
+        )
     return reach
 
 
@@ -85,9 +90,9 @@ def _round_face_reach(brep: Brep) -> Array:
         if not isinstance(carrier, SphericalSurface | ToroidalSurface):
             continue
         start, end = _face_polygon(brep, f)
-        outward = motion.apply_inverse_to_vectors(_signed(np.eye(3)).T.copy())
+        outward = motion.apply_inverse_to_vectors(_reach_along_axes(np.eye(3)).T.copy())
         uv = _stationary_parameters(carrier, outward)
-        height = (motion.apply(carrier(uv[..., 0], uv[..., 1])) * _signed(np.eye(3)).T[:, None]).sum(axis=-1)
+        height = (motion.apply(carrier(uv[..., 0], uv[..., 1])) * _reach_along_axes(np.eye(3)).T[:, None]).sum(axis=-1)
         inside = np.zeros(height.shape, bool)
         for i in PERIOD_SHIFTS:
             for j in PERIOD_SHIFTS if carrier.period[1] else (0,):
@@ -137,7 +142,7 @@ def _extend_by_spline_edges(brep: Brep, reach: Array, tol: float) -> Array:
         for low, high in np.unique(edges.span[own], axis=0).tolist():
             at = own[(edges.span[own] == [low, high]).all(axis=1)]
             pieces = _bezier_pieces_of_curve(curve, low, high)
-            height = np.moveaxis(_signed(edges.motion[at][:, None, None].apply(pieces)), 3, 0)
+            height = np.moveaxis(_reach_along_axes(edges.motion[at][:, None, None].apply(pieces)), 3, 0)
             axis = np.broadcast_to(np.arange(6)[:, None, None], height.shape[:3])
             nets.setdefault(curve.degree, []).append((height.reshape(-1, curve.degree + 1), axis.ravel()))
     for of_degree in nets.values():
@@ -262,7 +267,7 @@ def extend_by_surface(surface: BSplineSurface, contains: Callable[[Array], bool]
 def _pieces_of_surface(surface: BSplineSurface, motion: Motion, axis: IntArray, face: IntArray) -> _Pieces:
     """The coordinates of a surface along directions (n,), placed by motions (n,), on its Bezier pieces."""
     pieces, box = _bezier_pieces_of_surface(surface)
-    height = _signed(motion[:, None, None, None].apply(pieces))
+    height = _reach_along_axes(motion[:, None, None, None].apply(pieces))
     net = np.take_along_axis(height, axis[:, None, None, None, None], axis=4)[..., 0]
     n = len(pieces)
     return _Pieces(
