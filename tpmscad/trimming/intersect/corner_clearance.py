@@ -37,6 +37,8 @@ def find_clear_shift(operands: Operands, clearance: float, max_shift: float) -> 
     Zeros (3,) if the lattice is clear as it stands, or if no shift gains `MIN_GAIN`. Corners that lie in a face of the body
     within the vertex tolerance are no slivers as long as they stay there.
     """
+    if not operands.candidates.any():  # no patch meets the body
+        return np.zeros(3), np.inf, np.inf
     points, surface = _corners_near_surfaces(operands)
     surfaces = operands.body.surfaces.take(surface)
     passes, normals = _edges_near_body_edges(operands, clearance + max_shift)
