@@ -45,9 +45,6 @@ MULTIPLE_TOL = 1e-9
 CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
 """Names of numbers."""
 
-COORDINATES = ("x", "y", "z", "X", "Y", "Z")
-"""Names of coordinates: the small ones are scaled to the period if there is one, the capital ones are always model units."""
-
 
 @dataclass(frozen=True, slots=True)
 class ElementaryFunction:

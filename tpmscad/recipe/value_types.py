@@ -86,14 +86,6 @@ def read_unbounded_corner(entry: Entry) -> tuple[float, ...]:
     )
 
 
-def read_fraction(entry: Entry) -> float:
-    """A number between 0 and 1."""
-    fraction = entry.number()
-    if not 0 < fraction < 1:
-        raise entry.error(f"{fraction:g} must be between 0 and 1")
-    return fraction
-
-
 def read_counts(entry: Entry) -> tuple[int, int, int]:
     """Three positive integers, one for each axis."""
     x, y, z = (item.integer() for item in entry.array_of_length(3, "whole numbers"))
@@ -153,14 +145,8 @@ def fields_type(count: int, what: str) -> ValueType:
     return ValueType(f"{count} fields", lambda entry, read: [read(item) for item in entry.array_of_length(count, what)])
 
 
-def array_type(text: str, read: Callable[[Entry], Any]) -> ValueType:
-    """An array of any length, each entry read by `read`."""
-    return plain_type(text, lambda entry: [read(item) for item in entry.items()])
-
-
 NUMBER = plain_type("number", Entry.number)
 POSITIVE = plain_type("number above 0", Entry.positive)
-FRACTION = plain_type("number, 0 to 1", read_fraction)
 COUNT = plain_type("whole number", Entry.integer)
 COUNTS = plain_type("3 whole numbers", read_counts)
 SEED = plain_type("whole number", lambda entry: entry.integer(0))

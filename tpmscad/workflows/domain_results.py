@@ -10,23 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad import kernel
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Colour, NamedSolid, make_compound
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import write_checked_solids
 from tpmscad.workflows.file_formats import (
-    MESH_SUFFIXES,
     STEP_SUFFIXES,
     check_options,
     find_suffix,
     number_names,
-    write_mesh_file,
+    write_mesh_or_brep_file,
 )
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
-from tpmscad.workflows.result_summary import format_html, format_size, measure_diagonal
+from tpmscad.workflows.result_summary import count_pieces, format_html, format_size
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -134,19 +132,8 @@ class FluidDomains:
             self.export_step(path, schema=schema)
         elif suffix == ".stl":
             raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
-        elif suffix in MESH_SUFFIXES:
-            write_mesh_file(
-                self.named_solids(),
-                path,
-                self.name,
-                volume=self.volume,
-                size=measure_diagonal(self.bounding_box),
-                tol=self.certificate.tol,
-                deviation=deviation,
-                angle=angle,
-            )
         else:
-            kernel.write_brep_file(self.wrapped, kernel.validate_output_path(path, (".brep",)), self.volume)
+            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
     def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
         """Write the named solids to a STEP file, which is read back and checked.
@@ -253,8 +240,7 @@ class FluidDomains:
         """
         lines = []
         for name, found in self.to_dict()["domains"].items():
-            pieces = "1 piece" if found["pieces"] == 1 else f"{found['pieces']} pieces"
-            line = f"{name:10}  {pieces}, volume {found['volume']:.7g} mm3"
+            line = f"{name:10}  {count_pieces(found['pieces'])}, volume {found['volume']:.7g} mm3"
             if found["hydraulic_diameter"] is not None:
                 line += f", hydraulic diameter {found['hydraulic_diameter']:.4g} mm"
             faces = ", ".join(f"{face} ({area:.4g} mm2)" for face, area in found["faces"].items())
@@ -264,10 +250,8 @@ class FluidDomains:
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
-            pieces = len(model.built.solids)
-            lines.append(
-                f"  {name:10}{'1 piece' if pieces == 1 else f'{pieces} pieces'}, volume {model.volume:.7g}, area {model.area:.7g}"
-            )
+            pieces = count_pieces(len(model.built.solids))
+            lines.append(f"  {name:10}{pieces}, volume {model.volume:.7g}, area {model.area:.7g}")
         shortfalls = self.certificate.shortfalls
         lines.append(
             "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")

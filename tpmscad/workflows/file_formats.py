@@ -7,16 +7,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from tpmscad import kernel
+from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import NamedSolid, make_compound
+from tpmscad.workflows.certificate import Certificate
+from tpmscad.workflows.result_summary import measure_diagonal
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
-SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, ".brep")
+BREP_SUFFIX = ".brep"
+SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, BREP_SUFFIX)
 
 DEVIATION_FRACTION = 2e-4
 """Default deviation of a mesh, in diagonals of the solid: far below what a printer resolves on a part of its size."""
@@ -49,25 +54,50 @@ def check_options(
             raise InvalidRequest(f"{name} = {value!r} must be greater than 0{limit}")
 
 
-def write_mesh_file(
-    solids: Sequence[NamedSolid],
-    path: str | Path,
-    title: str,
-    *,
-    volume: float,
-    size: float,
-    tol: float,
-    deviation: float | None,
-    angle: float | None,
-) -> None:
-    """Write solids of the total `volume` as an STL, 3MF or GLB file.
+class SolidResult(Protocol):
+    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
 
-    `deviation` is the greatest distance between mesh and solid, by default the greater of `tol` and DEVIATION_FRACTION of
-    `size`; `angle` the turn between facets in degrees.
+    @property
+    def name(self) -> str:
+        """Name of the whole."""
+
+    @property
+    def volume(self) -> float:
+        """Volume of all solids."""
+
+    @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate, whose tolerance meshes keep to by default."""
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape of all solids."""
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces."""
+
+
+def write_mesh_or_brep_file(
+    result: SolidResult, path: str | Path, *, deviation: float | None, angle: float | None
+) -> None:
+    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path.
+
+    `deviation` is the greatest distance between mesh and solid, by default the greater of the certificate's tolerance and
+    DEVIATION_FRACTION of the diagonal; `angle` the turn between facets in degrees.
     """
+    suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
+    if suffix == BREP_SUFFIX:
+        kernel.write_brep_file(result.wrapped, kernel.validate_output_path(path, (BREP_SUFFIX,)), result.volume)
+        return
     target = kernel.validate_output_path(path, MESH_SUFFIXES)
-    deviation = max(tol, DEVIATION_FRACTION * size) if deviation is None else deviation
+    if deviation is None:
+        deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
     angle = DEFAULT_ANGLE_DEG if angle is None else angle
+    solids, volume = result.named_solids(), result.volume
     meshes = kernel.mesh_solids(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)))
     parts = [
         kernel.group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, meshes, strict=True)
@@ -80,9 +110,7 @@ def write_mesh_file(
             f"the mesh has volume {found:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
             f"area {area:.6g} explains",
         )
-    {".stl": kernel.write_stl, ".3mf": kernel.write_3mf, ".glb": kernel.write_glb}[find_suffix(path)](
-        parts, target, title
-    )
+    {".stl": kernel.write_stl, ".3mf": kernel.write_3mf, ".glb": kernel.write_glb}[suffix](parts, target, result.name)
 
 
 def number_names(name: str, count: int) -> list[str]:

@@ -44,14 +44,14 @@ def answer_misuse(example: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
         expected = signature(function)
 
         @functools.wraps(function)
-        def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        def call_or_explain(*args: P.args, **kwargs: P.kwargs) -> R:
             try:
                 expected.bind(*args, **kwargs)
             except TypeError as error:
                 raise MisusedCall(_explain(function, args, kwargs, str(error), example)) from None
             return function(*args, **kwargs)
 
-        return checked
+        return call_or_explain
 
     return decorate
 

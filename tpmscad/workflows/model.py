@@ -22,15 +22,14 @@ from tpmscad.workflows.checked_write import (
     write_checked_solids,
 )
 from tpmscad.workflows.file_formats import (
-    MESH_SUFFIXES,
     STEP_SUFFIXES,
     check_options,
     find_suffix,
     number_names,
-    write_mesh_file,
+    write_mesh_or_brep_file,
 )
 from tpmscad.workflows.pictures import render
-from tpmscad.workflows.result_summary import format_html, format_summary, measure_diagonal
+from tpmscad.workflows.result_summary import format_html, format_summary
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,19 +149,8 @@ class Model:
         check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced)
         if suffix in STEP_SUFFIXES:
             self.export_step(path, instanced=instanced, schema=schema)
-        elif suffix in MESH_SUFFIXES:
-            write_mesh_file(
-                self.named_solids(),
-                path,
-                self.name,
-                volume=self.volume,
-                size=measure_diagonal(self.bounding_box),
-                tol=self.certificate.tol,
-                deviation=deviation,
-                angle=angle,
-            )
         else:
-            kernel.write_brep_file(self.wrapped, kernel.validate_output_path(path, (".brep",)), self.volume)
+            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
     def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
         """Write the model as a STEP file, read it back without healing and compare the volume.

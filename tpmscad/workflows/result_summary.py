@@ -31,6 +31,11 @@ def round_corners(box: BoxCorners) -> BoxCorners:
     return (x0, y0, z0), (x1, y1, z1)
 
 
+def count_pieces(pieces: int) -> str:
+    """A number of pieces in words: 1 piece, 2 pieces."""
+    return "1 piece" if pieces == 1 else f"{pieces} pieces"
+
+
 def format_size(box: BoxCorners) -> str:
     """Edges of a box: 20 x 20 x 10."""
     return " x ".join(f"{edge:.5g}" for edge in np.subtract(box[1], box[0]).tolist())
@@ -39,9 +44,8 @@ def format_size(box: BoxCorners) -> str:
 def format_summary(name: str, box: BoxCorners, certificate: Certificate) -> str:
     """Name, size, pieces, volume, and whether the request is met with the reasons if not: at most nine lines."""
     (x0, y0, z0), (x1, y1, z1) = round_corners(box)
-    pieces = len(certificate.pieces)
     lines = [
-        f"{name}: {format_size(box)} mm, {'1 piece' if pieces == 1 else f'{pieces} pieces'}, {certificate.n_faces} faces",
+        f"{name}: {format_size(box)} mm, {count_pieces(len(certificate.pieces))}, {certificate.n_faces} faces",
         f"  box     ({x0:.6g}, {y0:.6g}, {z0:.6g}) to ({x1:.6g}, {y1:.6g}, {z1:.6g})",
         f"  volume  {certificate.volume:.7g}, area {certificate.area:.7g}",
     ]
