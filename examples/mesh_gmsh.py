@@ -52,8 +52,7 @@ class Mesh:
 def mesh(step: Path, size: float, *, periodic: bool = False) -> Mesh:
     """Mesh a STEP file into step's name with .msh: tetrahedra of second order with edges of about `size`.
 
-    periodic: opposite sides of the box around the part get the same mesh; ValueError if they have not the same faces. Curved
-    elements are then left as they come: where the quality is not positive, ask for a smaller size.
+    periodic: opposite sides of the box around the part get the same mesh; ValueError if they have not the same faces.
     """
     gmsh.initialize(interruptible=False)
     try:
@@ -70,7 +69,9 @@ def mesh(step: Path, size: float, *, periodic: bool = False) -> Mesh:
             "Mesh.Algorithm3D": 10,  # HXT: its worst element is ten times better than that of the default here
             "Mesh.OptimizeThreshold": 0.5,  # flat elements with four corners on a face would be turned over by its curvature
             "Mesh.ElementOrder": 2,
-            "Mesh.HighOrderOptimize": int(not periodic),  # it may move one of two periodic nodes
+            # the optimisation of 1 may move one of two periodic nodes; the elastic analogy of 3 can hold the boundary fixed
+            "Mesh.HighOrderOptimize": 3 if periodic else 1,
+            "Mesh.HighOrderFixBoundaryNodes": int(periodic),
         }.items():
             gmsh.option.setNumber(name, value)
         for dimension, kind in ((3, "solid"), (2, "faces")):  # groups, by which a solver finds material and boundary

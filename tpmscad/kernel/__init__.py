@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.stl_file import write_stl
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
+    from tpmscad.kernel.measure.edge_gaps import measure_accuracy
     from tpmscad.kernel.measure.mass_properties import face_moments
     from tpmscad.kernel.measure.shape_extents import shape_bounds
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
-    from tpmscad.kernel.occt.convert import transform_shape
+    from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
     from tpmscad.kernel.occt.exploration import faces_of
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
@@ -76,6 +77,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.step.step_reader import StepContent, read_step
 
 __all__ = [
+    "CONFUSION_TOLERANCE",
     "SURFACE_COLOUR",
     "BuiltSolids",
     "CadBody",
@@ -123,6 +125,7 @@ __all__ = [
     "label_shape_faces",
     "lie_on_surface",
     "make_compound",
+    "measure_accuracy",
     "measure_skin_thickness",
     "mesh_solids",
     "name_solids",
@@ -159,6 +162,7 @@ __all__ = [
 
 _MODULE_OF_NAME = {
     "SURFACE_COLOUR": "tpmscad.kernel.render.palette",
+    "CONFUSION_TOLERANCE": "tpmscad.kernel.occt.convert",
     "BuiltSolids": "tpmscad.kernel.build.solids",
     "CadBody": "tpmscad.kernel.measure.cad_body",
     "Colour": "tpmscad.kernel.step.product_entities",
@@ -203,6 +207,7 @@ _MODULE_OF_NAME = {
     "make_compound": "tpmscad.kernel.occt.construction",
     "mesh_solids": "tpmscad.kernel.export.solid_mesh",
     "offset_by_occt": "tpmscad.kernel.boolean.inward_offset",
+    "measure_accuracy": "tpmscad.kernel.measure.edge_gaps",
     "measure_skin_thickness": "tpmscad.kernel.measure.skin_depth",
     "sample_depths": "tpmscad.kernel.measure.skin_depth",
     "SkinDepth": "tpmscad.kernel.measure.skin_depth",

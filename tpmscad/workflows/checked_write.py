@@ -23,11 +23,14 @@ REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
 """The same for solids that contain faces of a CAD body."""
 
 
-def make_volume_check(volume: float, rtol: float) -> Callable[[Path], None]:
-    """Function that raises KernelError unless a file holds valid closed solids of total `volume`, to within `rtol`."""
+def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Callable[[Path], None]:
+    """Function that raises KernelError unless a file holds valid closed solids of total `volume`, to within `rtol`.
+
+    healed: the file is read with the kernel's healing, as CAD programs read it.
+    """
 
     def verify(path: Path) -> None:
-        report = kernel.check_step(path, healed=False)
+        report = kernel.check_step(path, healed=healed)
         if not report.ok or abs(report.shape.volume - volume) > rtol * volume:
             raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {report}")
 
@@ -69,6 +72,12 @@ def write_checked_brep(
 def write_checked_solids(
     solids: Sequence[NamedSolid], path: str | Path, *, schema: str, name: str, volume: float, assembly: bool = False
 ) -> None:
-    """Write kernel solids as STEP, read the file back and compare the volume; if `assembly`, each is a product of its own."""
-    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES)
-    kernel.write_solids(solids, path, schema=schema, name=name, assembly=assembly, verify=verify)
+    """Write kernel solids as STEP, read the file back and compare the volume; if `assembly`, each is a product of its own.
+
+    A CAD body may bring edges that lie off its faces by more than the kernel's confusion. STEP states no tolerance of an edge, so
+    such a file is valid only as CAD programs read it, with healing.
+    """
+    accuracy = kernel.measure_accuracy(of.solid for of in solids)
+    healed = accuracy > kernel.CONFUSION_TOLERANCE
+    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES, healed=healed)
+    kernel.write_solids(solids, path, schema=schema, name=name, assembly=assembly, accuracy=accuracy, verify=verify)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.face_labels import NamedSolid
@@ -22,15 +23,22 @@ def write_solids(
     schema: str = "ap242",
     name: str | None = None,
     assembly: bool = False,
+    accuracy: float | None = None,
     time_stamp: str | None = None,
     verify: Callable[[Path], None] | None = None,
 ) -> None:
-    """Write named solids in mm to a STEP file, as one product or, if `assembly`, as a product each; see `write_named_solids`."""
+    """Write named solids in mm to a STEP file, as one product or, if `assembly`, as a product each; see `write_named_solids`.
+
+    The accuracy is measured unless it is given.
+    """
+    if accuracy is None:
+        accuracy = measure_accuracy([of.solid for of in solids])
     moments = np.array([face_moments(faces_of(of.solid)).sum(axis=0) for of in solids])
     write_named_solids(
         solids,
         moments,
         path,
+        accuracy=accuracy,
         schema=schema,
         name=name,
         assembly=assembly,

@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from OCP.BRep import BRep_Tool
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SOLID
+from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
 from OCP.TopExp import TopExp_Explorer
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
 from tpmscad.kernel.step.face_labels import NamedSolid
@@ -40,6 +38,7 @@ def write_named_solids(
     moments: Array,
     path: str | os.PathLike[str],
     *,
+    accuracy: float,
     schema: str = "ap242",
     name: str | None = None,
     assembly: bool = False,
@@ -48,9 +47,10 @@ def write_named_solids(
 ) -> None:
     """Write solids with their names, labels and colours to a STEP file in mm.
 
-    moments: of each solid (n, 5), its area, volume and volume times centroid, for the validation properties. assembly: each solid
-    is a product of its own under one of the whole, so that readers show its name; otherwise all are items of one product. Other
-    arguments and errors as `write_step`; KernelError if a surface or curve has no form in STEP.
+    moments: of each solid (n, 5), its area, volume and volume times centroid, for the validation properties. accuracy: how far in
+    mm edges lie off faces at most. assembly: each solid is a product of its own under one of the whole, so that readers show its
+    name; otherwise all are items of one product. Other arguments and errors as `write_step`; KernelError if a surface or curve has
+    no form in STEP.
     """
     target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
     if not solids:
@@ -58,7 +58,6 @@ def write_named_solids(
     stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
     title = name or target.stem
     section = DataSection()
-    accuracy = max([CONFUSION_TOLERANCE, *(float(BRep_Tool.MaxTolerance_s(of.solid, TopAbs_EDGE)) for of in solids)])
     setting = write_file_context(section, protocol, accuracy)
     written = write_occt_solids(section, solids)
     kind = "ADVANCED_BREP_SHAPE_REPRESENTATION"
