@@ -49,8 +49,8 @@ def write_named_solids(
 
     moments: of each solid (n, 5), its area, volume and volume times centroid, for the validation properties. accuracy: how far in
     mm edges lie off faces at most. assembly: each solid is a product of its own under one of the whole, so that readers show its
-    name; otherwise all are items of one product. Other arguments and errors as `write_step`; KernelError if a surface or curve has
-    no form in STEP.
+    name; otherwise all are items of one product. Other arguments and errors as `write_step`; KernelError if a surface or curve
+    has no form in STEP.
     """
     target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
     if not solids:
