@@ -11,14 +11,18 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager
-from typing import Any
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from multiprocessing import get_context
+from typing import Any, TypeVar
 
 from tpmscad._typing import IntArray
+from tpmscad.errors import TpmscadError
 
 MIN_TASKS_FOR_POOL = 8
 """Least number of tasks for which a process pool is started: its start takes about as long as one task."""
+
+T = TypeVar("T")
 
 TaskRunner = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]]
 """run_tasks(function, arguments): the results of the function for each tuple of arguments, in order."""
@@ -27,6 +31,41 @@ TaskRunner = Callable[[Callable[..., Any], Sequence[tuple[Any, ...]]], list[Any]
 def run_serial(function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]]) -> list[Any]:
     """Results of the tasks, run one after the other in this process."""
     return [function(*each) for each in arguments]
+
+
+def run_as_completed(
+    executor: Executor | None, function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
+) -> Iterator[tuple[int, T]]:
+    """The results of the tasks with their numbers, each as soon as it is there: from the executor, or one by one without it.
+
+    If the caller stops early or a task fails, the tasks that have not begun are cancelled. TpmscadError if a process of the
+    executor ends before its task does.
+    """
+    if executor is None:
+        yield from ((number, function(*each)) for number, each in enumerate(arguments))
+        return
+    number_of: dict[Future[T], int] = {executor.submit(function, *each): n for n, each in enumerate(arguments)}
+    try:
+        for future in as_completed(number_of):
+            yield number_of[future], future.result()
+    except BrokenExecutor as error:
+        raise TpmscadError(
+            f"a process of the executor ended before its task ({error}), for want of memory perhaps: take fewer processes, or "
+            "smaller parts"
+        ) from error
+    finally:
+        for future in number_of:
+            future.cancel()
+
+
+def start_processes(jobs: int) -> AbstractContextManager[Executor | None]:
+    """A pool of so many processes as a context; nothing for one, whose work this process does.
+
+    The processes start afresh, so that they hold no memory of this one.
+    """
+    if jobs < 2:
+        return nullcontext()
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
 
 
 def split_batches(numbers: IntArray, size: int) -> list[IntArray]:

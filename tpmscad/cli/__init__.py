@@ -57,6 +57,7 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "lattice P --cell 8 --volume-fraction 0.3 --kind skeletal -o p.stl",
             "lattice gyroid --porosity 0.7 --pore-size 0.6 --cells 4,4,4 -o scaffold.3mf",
             "lattice gyroid --cell 10 --cells 12,1,1 --thickness 1 --map cylinder -o ring.step",
+            "lattice gyroid --cell 10 --cells 20,20,20 --thickness 1 --slab 1 --jobs 2 -o gyroid_{:03d}.step",
         ),
     ),
     (

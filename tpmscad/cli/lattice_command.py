@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 from tpmscad import workflows
@@ -25,15 +26,24 @@ from tpmscad.cli.lattice_options import (
 from tpmscad.cli.options import (
     DeviationOption,
     InstancedOption,
+    JobsOption,
     KeepLooseOption,
     OutputOption,
     QuietOption,
     ReportOption,
     SchemaOption,
+    SlabOption,
     TolOption,
     VerboseOption,
 )
-from tpmscad.cli.output import Writing, given_options, make_and_write
+from tpmscad.cli.output import (
+    Writing,
+    given_options,
+    make_and_write,
+    progress_bar,
+    report_unmet_request,
+    write_report,
+)
 from tpmscad.errors import InvalidRequest
 
 MAP_NAMES = ("cylinder", "sphere")
@@ -61,6 +71,8 @@ def lattice(
     deviation: DeviationOption = None,
     instanced: InstancedOption = False,
     schema: SchemaOption = "ap242",
+    slab: SlabOption = None,
+    jobs: JobsOption = 1,
     report: ReportOption = None,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
@@ -83,11 +95,42 @@ def lattice(
         map=None if map is None else read_map(map, cell, cells),
         loose="keep" if keep_loose else None,
     )
+    writing = Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced)
+    if slab is not None:
+        make_slabs(surface, request, writing, slab, jobs)
+        return
+    if jobs > 1:
+        raise InvalidRequest("`jobs` is the number of processes that make slabs: give `slab`, too, or leave it out")
     make_and_write(
         f"{surface} lattice",
         lambda progress: workflows.lattice(surface, progress=progress, **request),
-        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced),
+        writing,
     )
+
+
+def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab: Any, jobs: int) -> None:
+    """Write a lattice in slabs and the table of the files as JSON, and print it."""
+    from tpmscad.parallel import start_processes  # loads NumPy
+
+    if writing.instanced:
+        raise InvalidRequest("`instanced` stores the whole lattice in one file: leave it out of slabs")
+    with (
+        report_unmet_request(writing.report),
+        progress_bar(f"{surface} slabs", writing.quiet) as progress,
+        start_processes(jobs) as executor,
+    ):
+        files = workflows.export_slabs(
+            surface,
+            writing.output,
+            slab=slab,
+            executor=executor,
+            schema=writing.schema,
+            progress=progress,
+            **request,
+        )
+    write_report(writing.report, files.to_dict())
+    if not writing.quiet:
+        print(files)
 
 
 def read_map(text: str, cell: Any, cells: Any) -> Any:

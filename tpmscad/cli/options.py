@@ -71,6 +71,20 @@ InstancedOption = Annotated[
         rich_help_panel=OUTPUT_PANEL,
     ),
 ]
+SlabOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_numbers,
+        metavar="N|X,Y,Z",
+        help="Write the lattice in slabs of N cells along z, or of X,Y,Z cells, each a solid in a .step file of its own: "
+        "lattice_{:03d}.step, or with the number appended. Files of an interrupted run are kept.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+JobsOption = Annotated[
+    int,
+    typer.Option(min=1, metavar="N", help="Processes that make the slabs.", rich_help_panel=OUTPUT_PANEL),
+]
 KeepLooseOption = Annotated[
     bool,
     typer.Option(

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.fluid_volumes import fluid_domains
     from tpmscad.workflows.implicit_solid import solidify
     from tpmscad.workflows.lattice_infill import infill
+    from tpmscad.workflows.lattice_slabs import SlabFiles, export_slabs
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
     from tpmscad.workflows.model import Model
@@ -34,9 +35,11 @@ __all__ = [
     "LocatedWidth",
     "Metrics",
     "Model",
+    "SlabFiles",
     "SolidPreview",
     "body_field",
     "check_step",
+    "export_slabs",
     "export_step",
     "fluid_domains",
     "infill",
@@ -57,9 +60,11 @@ _MODULE_OF_NAME = {
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",
+    "SlabFiles": "tpmscad.workflows.lattice_slabs",
     "SolidPreview": "tpmscad.workflows.solid_preview",
     "body_field": "tpmscad.kernel.measure.signed_distance",
     "check_step": "tpmscad.workflows.step_files",
+    "export_slabs": "tpmscad.workflows.lattice_slabs",
     "export_step": "tpmscad.workflows.step_files",
     "fluid_domains": "tpmscad.workflows.fluid_volumes",
     "infill": "tpmscad.workflows.lattice_infill",

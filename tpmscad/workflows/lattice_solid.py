@@ -148,8 +148,16 @@ def lattice(
         map=map,
         tol=tol,
     )
-    check_loose(loose)
-    stages = StageTimer(progress)
+    return make_lattice(request, check_loose(loose), StageTimer(progress), map)
+
+
+def make_lattice(
+    request: LatticeRequest,
+    loose: str,
+    stages: StageTimer,
+    map: Map | Callable[[Array], Array] | None = None,
+) -> Model:
+    """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
     mapping = _compose_map(request, map)
     made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
     with stages("build"):
