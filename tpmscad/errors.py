@@ -6,7 +6,21 @@ from typing import Any
 
 
 class TpmscadError(Exception):
-    """Base class of every error that tpmscad raises on purpose."""
+    """Base class of every error that leaves tpmscad. Errors can be pickled, so that they travel between processes."""
+
+    def __reduce__(self) -> Any:
+        return _restore_error, (type(self), self.args, self._portable_state())
+
+    def _portable_state(self) -> dict[str, Any]:
+        """The attributes that a pickle holds."""
+        return dict(self.__dict__)
+
+
+def _restore_error(kind: type[TpmscadError], args: tuple[Any, ...], state: dict[str, Any]) -> TpmscadError:
+    """The error of a pickle, without a call of its constructor, whose parameters may differ from `args`."""
+    error = kind.__new__(kind, *args)
+    error.__dict__.update(state)
+    return error
 
 
 class InvalidRequest(TpmscadError, ValueError):
@@ -15,6 +29,26 @@ class InvalidRequest(TpmscadError, ValueError):
 
 class MisusedCall(InvalidRequest, TypeError):
     """The arguments do not fit the function; the message shows the call as it is written."""
+
+
+class NestedTooDeeply(InvalidRequest, RecursionError):
+    """A field, a formula or a list is nested more deeply than Python can follow."""
+
+
+class OutOfMemory(InvalidRequest, MemoryError):
+    """The request needs more memory than the machine has; the message says how much, and what to change."""
+
+
+class FileError(TpmscadError, OSError):
+    """A file cannot be read or written; the message names it and the reason."""
+
+
+class UnexpectedError(TpmscadError, RuntimeError):
+    """A failure that the package did not foresee; its cause is the exception met."""
+
+
+class UserFunctionError(InvalidRequest):
+    """A function that was given, such as a field's or a map's, raised an exception, which is the cause of this one."""
 
 
 class RecipeError(InvalidRequest):
@@ -72,7 +106,7 @@ class KernelError(TpmscadError):
     status : str
         The kernel's answer.
     shape : TopoDS_Shape or None
-        The input of the operation, if there is one.
+        The input of the operation, if there is one; a pickle leaves it out.
     """
 
     def __init__(self, operation: str, status: str, shape: Any = None) -> None:
@@ -80,3 +114,6 @@ class KernelError(TpmscadError):
         self.operation = operation
         self.status = status
         self.shape = shape
+
+    def _portable_state(self) -> dict[str, Any]:
+        return {**self.__dict__, "shape": None}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,8 +33,9 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel import offset_by_occt
 from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
-from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.kernel.step.step_reader import read_step, silence_occt
 from tpmscad.splines import BSplineSurface, bezier_knots
 
 VERSION = ".".join(map(str, convert.OCCT_VERSION))
@@ -177,3 +179,13 @@ def test_two_cylinders_that_meet_are_offset_with_mitres() -> None:
         BRepPrimAPI_MakeCylinder(along_x, 7, 22).Shape(),
     ).Shape()
     assert offset_by_occt(solids_of(tee)[0], 1.0, (), "mitre")
+
+
+@pytest.mark.xfail(
+    strict=True, raises=ChildFailure, reason=f"OCCT {VERSION}: the reader crashes on a list in place of a name"
+)
+def test_a_damaged_step_file_is_refused_by_the_reader(tmp_path: Path) -> None:
+    kernel.write_shape(BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape(), tmp_path / "box.step")
+    text = (tmp_path / "box.step").read_text()
+    (tmp_path / "box.step").write_text(text.replace("DIRECTION('',", "DIRECTION(('',", 1))
+    call_in_child(read_step, tmp_path / "box.step", seconds=20)

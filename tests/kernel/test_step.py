@@ -364,14 +364,14 @@ class TestBadFiles:
     def test_a_file_cut_short_is_refused(self, tmp_path: Path) -> None:
         text = written(plane_box(), tmp_path / "a.step")
         (tmp_path / "a.step").write_text(text[: len(text) // 2])
-        with pytest.raises(KernelError, match=r"a\.step"):
+        with pytest.raises(InvalidRequest, match=r"a\.step is a damaged STEP file"):
             kernel.read_step(tmp_path / "a.step")
 
     def test_a_file_without_solids_is_refused(self, tmp_path: Path) -> None:
         text = written(plane_box(), tmp_path / "a.step")
         shell = re.sub(r"MANIFOLD_SOLID_BREP\('[^']*',(#\d+)\)", r"SHELL_BASED_SURFACE_MODEL('',(\1))", text)
         (tmp_path / "a.step").write_text(shell.replace("ADVANCED_BREP_SHAPE", "MANIFOLD_SURFACE_SHAPE"))
-        with pytest.raises(KernelError, match="no solid"):
+        with pytest.raises(InvalidRequest, match="no solid"):
             kernel.read_step(tmp_path / "a.step")
 
 

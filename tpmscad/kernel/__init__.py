@@ -41,6 +41,12 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
+    from tpmscad.kernel.measure.foreign_files import (
+        ForeignShape,
+        check_foreign_step,
+        read_foreign_coloured_solids,
+        read_foreign_step,
+    )
     from tpmscad.kernel.measure.mass_properties import face_moments
     from tpmscad.kernel.measure.shape_extents import shape_bounds
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
@@ -64,7 +70,6 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.scene import Scene, pieces_of
     from tpmscad.kernel.step.atomic_file import validate_output_path
     from tpmscad.kernel.step.brep_writer import Instances, write_step
-    from tpmscad.kernel.step.coloured_reader import read_coloured_solids
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
         find_label_colour,
@@ -84,6 +89,7 @@ __all__ = [
     "Colour",
     "Creases",
     "FaceSamples",
+    "ForeignShape",
     "Instances",
     "KernelSolids",
     "NamedSolid",
@@ -102,6 +108,7 @@ __all__ = [
     "brep_from_shape",
     "build_regions",
     "build_solids",
+    "check_foreign_step",
     "check_shape",
     "check_step",
     "copy_placement",
@@ -134,7 +141,8 @@ __all__ = [
     "piece_colour",
     "pieces_of",
     "read_body",
-    "read_coloured_solids",
+    "read_foreign_coloured_solids",
+    "read_foreign_step",
     "read_step",
     "render_png",
     "resolve_open_faces",
@@ -219,7 +227,10 @@ _MODULE_OF_NAME = {
     "piece_colour": "tpmscad.kernel.render.palette",
     "pieces_of": "tpmscad.kernel.render.scene",
     "read_body": "tpmscad.kernel.measure.cad_body",
-    "read_coloured_solids": "tpmscad.kernel.step.coloured_reader",
+    "read_foreign_coloured_solids": "tpmscad.kernel.measure.foreign_files",
+    "read_foreign_step": "tpmscad.kernel.measure.foreign_files",
+    "check_foreign_step": "tpmscad.kernel.measure.foreign_files",
+    "ForeignShape": "tpmscad.kernel.measure.foreign_files",
     "read_step": "tpmscad.kernel.step.step_reader",
     "render_png": "tpmscad.kernel.render.picture",
     "resolve_open_faces": "tpmscad.kernel.boolean.hollow_body",

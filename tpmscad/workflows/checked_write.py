@@ -13,7 +13,7 @@ from typing import Any
 from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError
+from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import NamedSolid
 
 REREAD_VOLUME_RTOL = 1e-9
@@ -30,7 +30,10 @@ def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Ca
     """
 
     def verify(path: Path) -> None:
-        report = kernel.check_step(path, healed=healed)
+        try:
+            report = kernel.check_step(path, healed=healed)
+        except InvalidRequest as error:
+            raise KernelError("export_step", str(error)) from error
         if not report.ok or abs(report.shape.volume - volume) > rtol * volume:
             raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {report}")
 

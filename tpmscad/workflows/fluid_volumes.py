@@ -266,7 +266,7 @@ def _certify_domains(
     """
     found: dict[str, Certificate] = {}
     checks: list[Check] = []
-    lines = list(domains[WALL].notes)
+    lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
         solids = domains[name].built.solids
         found[name] = own = certify_kernel_solids(solids, block.patches, block.measures, notes=domains[name].notes)

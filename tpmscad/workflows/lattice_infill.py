@@ -175,7 +175,7 @@ def infill(
             block.patches,
             block.measures,
             checks=result.checks,
-            notes=(*result.notes, *dropped.notes),
+            notes=(*read.notes, *result.notes, *dropped.notes),
             dropped=dropped.volumes,
         )
     return Model(

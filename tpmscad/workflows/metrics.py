@@ -155,7 +155,9 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None, is
         is_fluid = isinstance(source, Model) and source.is_fluid
     if isinstance(source, Model):
         source = source.built.shape
-    shape = kernel.read_step(source).shape if isinstance(source, str | Path) else getattr(source, "wrapped", source)
+    shape = (
+        kernel.read_foreign_step(source).shape if isinstance(source, str | Path) else getattr(source, "wrapped", source)
+    )
     report = kernel.check_shape(shape)
     if not report.ok:
         raise InvalidRequest(f"only valid closed solids can be measured, this is {str(report).splitlines()[0]}")

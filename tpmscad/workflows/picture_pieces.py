@@ -35,7 +35,7 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
     if isinstance(source, str | os.PathLike):
         return [
             PicturePiece(read.name or f"solid {number}", read.solid, face_colours=read.face_colours)
-            for number, read in enumerate(kernel.read_coloured_solids(source), 1)
+            for number, read in enumerate(kernel.read_foreign_coloured_solids(source), 1)
         ]
     if hasattr(source, "named_solids") and (with_groups or not hasattr(source, "built")):
         return [

@@ -75,16 +75,15 @@ def check_step(path: str | Path) -> kernel.StepReport:
     Raises
     ------
     InvalidRequest
-        If there is no such file, or it is not a STEP file.
-    KernelError
-        If the kernel cannot read the file, or finds no solid in it.
+        If there is no such file, it is not a STEP file, the kernel cannot read it, or it holds no solid. The file is read in a
+        child process, so that a crash of the kernel is such an error, too.
 
     Examples
     --------
     >>> tpmscad.check_step("gyroid.step").ok  # doctest: +SKIP
     True
     """
-    return kernel.check_step(path)
+    return kernel.check_foreign_step(path)
 
 
 def render_step(
@@ -112,9 +111,8 @@ def render_step(
     Raises
     ------
     InvalidRequest
-        If there is no such file, it is not a STEP file, or an argument is not understood.
-    KernelError
-        If the kernel cannot read the file, or finds no solid in it.
+        If there is no such file, it is not a STEP file, the kernel cannot read it or finds no solid in it, or an argument is not
+        understood.
 
     Examples
     --------

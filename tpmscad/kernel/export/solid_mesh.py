@@ -22,6 +22,7 @@ from scipy.sparse.csgraph import connected_components
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     edges_of,
@@ -73,7 +74,7 @@ def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, 
     topods = unwrap(shape)
     for halvings in range(MAX_REFINEMENTS + 1):
         copy = BRepBuilderAPI_Copy(topods, False, False).Shape()
-        BRepMesh_IncrementalMesh(copy, deviation / 2**halvings, False, angle, True)
+        BRepMesh_IncrementalMesh(copy, deviation / 2**halvings, False, angle, may_use_threads())
         meshes = [_weld_solid(solid) for solid in solids_of(copy)]
         closed = tuple(mesh for mesh in meshes if mesh is not None and count_open_sides(mesh.triangles) == 0)
         if len(closed) == len(meshes) > 0:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.region_solids import PrimitiveRegion, make_region_solid
+from tpmscad.kernel.measure.foreign_files import read_foreign_step
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import solids_of, unwrap
-from tpmscad.kernel.step.step_reader import read_step
 
 MAX_COORDINATE = 1e9
 """Model units. OCCT represents infinity by 2e100, and its tolerance of 1e-7 is meaningless beyond this limit."""
@@ -22,11 +22,12 @@ MAX_COORDINATE = 1e9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CadBody:
-    """One valid, closed solid with the report of its check and a name for messages."""
+    """One valid, closed solid with the report of its check, a name for messages, and notes on the file that it came from."""
 
     shape: TopoDS_Solid
     report: ShapeReport
     name: str
+    notes: tuple[str, ...] = ()
 
     @property
     def volume(self) -> float:
@@ -42,7 +43,8 @@ def read_body(source: Any) -> CadBody:
     Raises InvalidRequest, with a description of what was found, if there is no solid or more than one, if the solid is open,
     invalid or inside out, or if the file is no STEP file.
     """
-    shape, name = _resolve_shape(source)
+    foreign = read_foreign_step(source) if isinstance(source, str | os.PathLike) else None
+    shape, name = (foreign.shape, str(source)) if foreign else _resolve_shape(source)
     solids = solids_of(shape)
     if len(solids) != 1:
         found = (
@@ -64,16 +66,11 @@ def read_body(source: Any) -> CadBody:
     ):
         if failed:
             raise InvalidRequest(f"{name} {what}; repair it where it was modelled")
-    return CadBody(solids[0], report, name)
+    return CadBody(solids[0], report, name, foreign.notes if foreign else ())
 
 
 def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
-    """TopoDS shape and display name of anything that `read_body` accepts."""
-    if isinstance(source, str | os.PathLike):
-        try:
-            return read_step(source).shape, str(source)
-        except KernelError as error:
-            raise InvalidRequest(f"{error.status}: give a STEP file with one solid") from error
+    """TopoDS shape and display name of anything but a file that `read_body` accepts."""
     if isinstance(source, CadBody):
         return source.shape, source.name
     if isinstance(source, PrimitiveRegion):

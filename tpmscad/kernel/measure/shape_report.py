@@ -18,6 +18,7 @@ from tpmscad._typing import Array
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import (
     ShapeKey,
     count_subshape_uses,
@@ -129,15 +130,26 @@ class StepReport:
         """True if the shape is valid, closed and oriented outwards (`ShapeReport.ok`)."""
         return self.shape.ok
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know of the file: that it states no unit."""
+        return note_missing_unit(self.file, self.units)
+
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
         Returns
         -------
         dict
-            `file`, `units`, `products` and the entries of `ShapeReport.to_dict`.
+            `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
         """
-        return {"file": self.file, "units": list(self.units), "products": list(self.products)} | self.shape.to_dict()
+        of_file = {
+            "file": self.file,
+            "units": list(self.units),
+            "products": list(self.products),
+            "notes": list(self.notes),
+        }
+        return of_file | self.shape.to_dict()
 
     def summary(self, *, verbose: bool = False) -> str:
         """The report in plain words, with units.
@@ -167,12 +179,13 @@ class StepReport:
         corners = " to ".join(f"({', '.join(f'{c:.6g}' for c in corner)})" for corner in (low, high))
         solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
         lines = [
-            f"{self.file}: {', '.join(self.products[:3])}, written in {', '.join(self.units)}",
+            f"{self.file}: {', '.join(self.products[:3])}, {self._describe_units()}",
             "ok          valid, closed, the right way out" if not wrong else f"NOT ok      {'; '.join(wrong)}",
             f"size        {size} mm, from {corners}",
             f"holds       {solids}, {shape.faces} faces",
             f"volume      {shape.volume:.9g} mm3, surface {shape.area:.9g} mm2",
         ]
+        lines += [f"warning     {note}" for note in self.notes]
         if (cavities := shape.shells - shape.solids) > 0:
             found = "1 closed cavity" if cavities == 1 else f"{cavities} closed cavities"
             lines.append(f"warning     {found} inside: powder or fluid cannot get out")
@@ -186,7 +199,16 @@ class StepReport:
 
     def __str__(self) -> str:
         names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")
-        return f"{self.file}: {names}, in {', '.join(self.units)}\n{self.shape}"
+        return f"{self.file}: {names}, {self._describe_units()}\n{self.shape}"
+
+    def _describe_units(self) -> str:
+        """The length units in words."""
+        return f"written in {', '.join(self.units)}" if self.units else "no unit"
+
+
+def note_missing_unit(file: str, units: tuple[str, ...]) -> tuple[str, ...]:
+    """A note on a STEP file without a length unit; empty if it has one."""
+    return () if units else (f"{file} states no length unit: its numbers were read as millimetres",)
 
 
 def check_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepReport:
@@ -214,7 +236,7 @@ class _SolidFigures:
 
 def is_valid(shape: Any) -> bool:
     """True if BRepCheck finds no error in a TopoDS, build123d or CadQuery shape; runs in parallel."""
-    return bool(BRepCheck_Analyzer(unwrap(shape), True, True).IsValid())
+    return bool(BRepCheck_Analyzer(unwrap(shape), True, may_use_threads()).IsValid())
 
 
 def check_shape(shape: Any) -> ShapeReport:

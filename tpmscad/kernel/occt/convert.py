@@ -7,12 +7,15 @@ either direction.
 
 from __future__ import annotations
 
+import io
+import os
 from collections.abc import Iterable, Mapping
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import OCP
+from OCP.BinTools import BinTools
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Transform
 from OCP.Geom import (
     Geom_BSplineCurve,
@@ -43,6 +46,7 @@ from tpmscad.brep.carriers import (
     Quadric,
     SphericalSurface,
 )
+from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
@@ -248,3 +252,29 @@ def matrix_from_occt(motion: gp_Trsf) -> Array:
 def transform_shape(shape: TopoDS_Shape, motion: Motion) -> TopoDS_Shape:
     """Copy of the shape moved by x -> R x + t, with the motion applied to its geometry."""
     return BRepBuilderAPI_Transform(shape, transformation(motion), True).Shape()
+
+
+def shape_to_bytes(shape: TopoDS_Shape) -> bytes:
+    """The shape in OCCT's binary BREP format with shared faces, edges and vertices, to the last bit."""
+    stream = io.BytesIO()
+    BinTools.Write_s(shape, stream)
+    return stream.getvalue()
+
+
+def shape_from_bytes(content: bytes) -> TopoDS_Shape:
+    """The shape of `shape_to_bytes`."""
+    shape = TopoDS_Shape()
+    BinTools.Read_s(shape, io.BytesIO(content))
+    return shape
+
+
+def encode_file_name(path: str | os.PathLike[str]) -> bytes:
+    """The name of a file as OCCT takes it, whatever the locale; InvalidRequest if it is no UTF-8 text."""
+    name = os.fsencode(path)
+    try:
+        name.decode()
+    except UnicodeDecodeError:
+        raise InvalidRequest(
+            f"the kernel cannot open {os.fspath(path)!r}, whose name is no UTF-8 text: rename it"
+        ) from None
+    return name

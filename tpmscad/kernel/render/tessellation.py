@@ -19,6 +19,7 @@ from OCP.TopLoc import TopLoc_Location
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.child_process import may_use_threads
 from tpmscad.kernel.occt.exploration import faces_of, orientation_sign, unwrap
 
 MAX_FACET_ANGLE = 0.35
@@ -51,7 +52,7 @@ def tessellate(shape: Any, deflection: float, angle: float = MAX_FACET_ANGLE) ->
     topods = unwrap(shape)
     faces = faces_of(topods)
     had_triangles = any(_triangulation(face) is not None for face in faces)
-    BRepMesh_IncrementalMesh(topods, deflection, False, angle, True)
+    BRepMesh_IncrementalMesh(topods, deflection, False, angle, may_use_threads())
     points, normals, parameters, owner, corners, count = [], [], [], [], [], 0
     for number, face in enumerate(faces):
         mesh = _triangulation(face)

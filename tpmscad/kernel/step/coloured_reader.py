@@ -21,11 +21,11 @@ from OCP.TopoDS import TopoDS_Solid
 from OCP.XCAFApp import XCAFApp_Application
 from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool, XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
-from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of
 from tpmscad.kernel.step.product_entities import Colour
-from tpmscad.kernel.step.step_reader import require_step_file, silence_occt
+from tpmscad.kernel.step.step_reader import missing_solid, require_step_file, silence_occt, unreadable_file
 
 SRGB_LINEAR_LIMIT, SRGB_EXPONENT = 0.0031308, 2.4
 """IEC 61966-2-1: where the transfer curve of sRGB turns from a line to a power."""
@@ -43,7 +43,7 @@ class ColouredSolid:
 def read_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
     """The solids of a STEP file in mm, placed copies included, in the order of its products.
 
-    Raises InvalidRequest if the file does not exist or is no STEP file, and KernelError if OCCT cannot read it or finds no solid.
+    Errors as `read_step`.
     """
     path = require_step_file(Path(path))
     document = TDocStd_Document(TCollection_ExtendedString("BinXCAF"))
@@ -52,16 +52,15 @@ def read_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, .
     reader.SetColorMode(True)
     reader.SetNameMode(True)
     with silence_occt():
-        status = reader.ReadFile(str(path))
-        if status != IFSelect_RetDone:
-            raise KernelError("read STEP", f"{path} cannot be parsed ({status})")
+        if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
+            raise unreadable_file(path)
         if not reader.Transfer(document):
-            raise KernelError("read STEP", f"{path} holds no shape")
+            raise missing_solid(path)
     roots = convert.label_sequence()
     XCAFDoc_DocumentTool.ShapeTool_s(document.Main()).GetFreeShapes(roots)
     solids = tuple(solid for root in _items(roots) for solid in _solids_below(root, TopLoc_Location(), "", None))
     if not solids:
-        raise KernelError("read STEP", f"{path} holds no solid")
+        raise missing_solid(path)
     return solids
 
 

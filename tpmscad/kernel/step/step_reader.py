@@ -13,8 +13,9 @@ from OCP.Message import Message
 from OCP.STEPControl import STEPControl_Reader
 from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import solids_of
 
 PART21_MAGIC = b"ISO-10303-21;"
@@ -56,22 +57,22 @@ class StepContent:
 def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepContent:
     """Read a STEP file in mm, whatever its unit, with the shape healing of OCCT's reader or without it.
 
-    Raises InvalidRequest if the file does not exist or is no STEP file, and KernelError if OCCT cannot read it or finds no solid.
+    Raises InvalidRequest if the file does not exist, is no STEP file, cannot be parsed or holds no solid. The file must be one
+    that this process wrote; others may crash OCCT (see `foreign_files`).
     """
     path = require_step_file(Path(path))
     reader = STEPControl_Reader()
     with silence_occt():
-        status = reader.ReadFile(str(path))
-        if status != IFSelect_RetDone:
-            raise KernelError("read STEP", f"{path} cannot be parsed ({status})")
+        if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
+            raise unreadable_file(path)
         if not healed:  # after reading the file, which resets them
             reader.SetShapeFixParameters(convert.string_map({f"FixShape.{mode}": "0" for mode in SHAPE_FIX_MODES}))
         if reader.TransferRoots() == 0:
-            raise KernelError("read STEP", f"{path} holds no shape")
+            raise missing_solid(path)
         shape = reader.OneShape()
     solids = tuple(solids_of(shape))
     if not solids:
-        raise KernelError("read STEP", f"{path} holds no solid", shape)
+        raise missing_solid(path)
     return StepContent(shape, solids, _length_units(reader), _product_names(reader))
 
 
@@ -83,6 +84,18 @@ def require_step_file(path: Path) -> Path:
         if PART21_MAGIC not in file.read(1024):
             raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {PART21_MAGIC.decode()}")
     return path
+
+
+def unreadable_file(path: Path) -> InvalidRequest:
+    """The error of a STEP file whose text OCCT cannot parse."""
+    return InvalidRequest(
+        f"{path} is a damaged STEP file: its text breaks off or cannot be parsed; export it again from the program that made it"
+    )
+
+
+def missing_solid(path: Path) -> InvalidRequest:
+    """The error of a STEP file without solids."""
+    return InvalidRequest(f"{path} holds no solid: export the part as a solid, not as surfaces, curves or a mesh")
 
 
 @contextmanager
@@ -100,10 +113,11 @@ def silence_occt() -> Iterator[None]:
 
 
 def _length_units(reader: STEPControl_Reader) -> tuple[str, ...]:
-    """Names of the length units of the file."""
+    """Names of the length units of the file, which OCCT reads as mm if it states none."""
     length, angle, solid_angle = (convert.string_sequence() for _ in range(3))
     reader.FileUnits(length, angle, solid_angle)
-    return tuple(length.Value(i).ToCString() for i in range(1, length.Length() + 1))
+    names = (length.Value(i).ToCString() for i in range(1, length.Length() + 1))
+    return tuple(name for name in names if name)
 
 
 def _product_names(reader: STEPControl_Reader) -> tuple[str, ...]:

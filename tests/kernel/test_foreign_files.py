@@ -1,0 +1,145 @@
+"""Files from elsewhere are read in a child process: damage, a crash or an endless loop is an error that names the file."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import build123d as bd
+import pytest
+
+import tpmscad
+from tpmscad import kernel
+from tpmscad.kernel.occt import child_process
+from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
+from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
+
+pytestmark = pytest.mark.kernel
+
+CRASHING = ("DIRECTION('',", "DIRECTION(('',")
+"""A text whose change makes OCCT 7.8 and 7.9 read memory that is not theirs."""
+
+
+@pytest.fixture
+def box_file(tmp_path: Path) -> Path:
+    kernel.write_shape(bd.Box(3, 4, 5), tmp_path / "box.step")
+    return tmp_path / "box.step"
+
+
+def damage(path: Path, old: str, new: str) -> Path:
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    return path
+
+
+def kill_self(number: int) -> None:
+    os.kill(os.getpid(), number)
+
+
+def double(value: float) -> float:
+    if value < 0:
+        raise tpmscad.InvalidRequest(f"{value} is negative")
+    return 2 * value
+
+
+@pytest.fixture(params=["fork", "new interpreter"])
+def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    if request.param == "fork" and not child_process.CAN_FORK:
+        pytest.skip("this system has no safe fork")
+    monkeypatch.setattr(child_process, "CAN_FORK", request.param == "fork")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("way")
+def test_a_child_returns_values_and_errors_and_its_death_is_an_error() -> None:
+    assert call_in_child(double, 21.0, seconds=60) == 42.0
+    with pytest.raises(tpmscad.InvalidRequest, match=r"-1.0 is negative"):
+        call_in_child(double, -1.0, seconds=60)
+    with pytest.raises(ChildFailure, match=r"crashed .Segmentation fault"):
+        call_in_child(kill_self, int(signal.SIGSEGV), seconds=60)
+    begun = time.monotonic()
+    with pytest.raises(ChildFailure, match="did not end within 1 s"):
+        call_in_child(time.sleep, 40, seconds=1.0)
+    assert time.monotonic() - begun < 30
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        tpmscad.check_step,
+        tpmscad.measure,
+        lambda path: tpmscad.infill(path, "gyroid", cell=3, thickness=0.3),
+        lambda path: tpmscad.render(path, path.with_suffix(".png")),
+    ],
+    ids=["check", "measure", "infill", "render"],
+)
+def test_a_file_that_crashes_the_kernel_is_refused_by_name(box_file: Path, read: Callable[[Path], object]) -> None:
+    with pytest.raises(tpmscad.InvalidRequest, match=r"box\.step is damaged: the kernel crashed.*export it again"):
+        read(damage(box_file, *CRASHING))
+    assert os.listdir(box_file.parent) == [box_file.name]
+
+
+def test_a_file_that_breaks_off_is_refused_in_plain_words(box_file: Path) -> None:
+    box_file.write_text(box_file.read_text()[:2000])
+    for read in (tpmscad.check_step, tpmscad.measure):
+        with pytest.raises(tpmscad.InvalidRequest, match=r"box\.step is a damaged STEP file: its text breaks off"):
+            read(box_file)
+
+
+def test_a_foreign_file_reads_as_in_this_process(box_file: Path) -> None:
+    expected = kernel.check_step(box_file)
+    assert kernel.check_foreign_step(box_file) == expected
+    foreign = kernel.read_foreign_step(box_file)
+    assert kernel.check_shape(foreign.shape) == expected.shape
+    assert foreign.notes == ()
+
+
+def test_a_shape_survives_bytes_with_its_placed_copies() -> None:
+    solid = bd.Box(1, 2, 3).solid()
+    copies = kernel.make_compound([solid.wrapped, (bd.Pos(5, 0, 0) * solid).wrapped])
+    again = shape_from_bytes(shape_to_bytes(copies))
+    first, second = (
+        bd.Solid(of).faces()[0].wrapped for of in (again_solid.wrapped for again_solid in bd.Compound(again).solids())
+    )
+    assert first.IsPartner(second)
+    assert kernel.check_shape(again) == kernel.check_shape(copies)
+
+
+def test_a_file_without_a_unit_is_told(box_file: Path) -> None:
+    text = box_file.read_text()
+    line = next(line for line in text.splitlines() if "LENGTH_UNIT" in line and "MILLI" in line)
+    number = line.partition("=")[0]
+    context = text.index("GLOBAL_UNIT_ASSIGNED_CONTEXT")
+    box_file.write_text(text[:context] + text[context:].replace(f"{number},", "", 1))
+    report = tpmscad.check_step(box_file)
+    assert report.units == ()
+    assert report.shape.volume == pytest.approx(60.0)
+    told = "box.step states no length unit: its numbers were read as millimetres"
+    assert report.notes == (told,)
+    assert told in report.summary()
+    assert kernel.read_body(box_file).notes == (told,)
+
+
+def test_a_name_that_is_no_text_is_refused_and_any_other_is_read(box_file: Path, tmp_path: Path) -> None:
+    named = box_file.rename(tmp_path / "Gärtner «ß».step")
+    assert tpmscad.check_step(named).ok
+    try:
+        odd = named.rename(os.fsdecode(os.fsencode(tmp_path) + b"/g\xe4r.step"))
+    except OSError:
+        pytest.skip("this file system has text names only")
+    with pytest.raises(tpmscad.InvalidRequest, match="no UTF-8 text: rename it"):
+        tpmscad.check_step(odd)
+
+
+def check_own_box() -> bool:
+    return kernel.is_valid(bd.Box(1, 1, 1).wrapped)
+
+
+@pytest.mark.skipif(not child_process.CAN_FORK, reason="the test forks")
+def test_a_forked_process_does_not_wait_for_the_kernels_threads() -> None:
+    assert check_own_box()  # starts OCCT's threads
+    assert call_in_child(check_own_box, seconds=20)

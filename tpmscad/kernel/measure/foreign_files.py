@@ -1,0 +1,86 @@
+"""Files of CAD shapes that this process has not written, read and checked in a child process.
+
+Some damaged files make OCCT's reader or its checks access invalid memory or run without end. The child hands over the shape as
+binary BREP with the report of its check; if it crashes or exceeds its time limit, an error names the file.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from OCP.TopoDS import TopoDS_Shape
+
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.measure.shape_report import StepReport, check_shape, check_step, note_missing_unit
+from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
+from tpmscad.kernel.occt.exploration import solids_of
+from tpmscad.kernel.step.coloured_reader import ColouredSolid, read_coloured_solids
+from tpmscad.kernel.step.product_entities import Colour
+from tpmscad.kernel.step.step_reader import read_step, require_step_file
+
+T = TypeVar("T")
+
+BASE_SECONDS, SECONDS_PER_MEGABYTE = 60.0, 15.0
+"""Time limit of a child. OCCT reads, heals and checks 1 MB of a lattice in about 1 s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ForeignShape:
+    """The shape of a file in mm, and what a user should know of the file."""
+
+    shape: TopoDS_Shape
+    notes: tuple[str, ...]
+
+
+def check_foreign_step(path: str | os.PathLike[str]) -> StepReport:
+    """Report on a STEP file; errors as `read_foreign_step`."""
+    return _call_for_file(check_step, path)
+
+
+def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
+    """The shape of a STEP file.
+
+    Raises InvalidRequest if the file does not exist or is no STEP file, if OCCT cannot read it or finds no solid, or if OCCT
+    crashes or does not end.
+    """
+    content, notes = _call_for_file(_read_and_check, path)
+    return ForeignShape(shape_from_bytes(content), notes)
+
+
+def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
+    """The solids of a STEP file with their names and colours; errors as `read_foreign_step`."""
+    content, titles = _call_for_file(_read_coloured, path)
+    solids = solids_of(shape_from_bytes(content))
+    return tuple(ColouredSolid(name, solid, colours) for solid, (name, colours) in zip(solids, titles, strict=True))
+
+
+def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -> T:
+    """`function` of the path of a STEP file, called in a child process."""
+    size = require_step_file(Path(path)).stat().st_size
+    seconds = BASE_SECONDS + SECONDS_PER_MEGABYTE * size / 1e6
+    try:
+        return call_in_child(function, os.fspath(path), seconds=seconds)
+    except ChildFailure as failure:
+        raise InvalidRequest(
+            f"{path} is damaged: the kernel {failure.reason} while it read and checked the file; export it again from the "
+            "program that made it"
+        ) from None
+
+
+def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...]]:
+    """The shape as bytes, after a check that may crash as the reader may, and notes on the file."""
+    content = read_step(path)
+    check_shape(content.shape)
+    return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units)
+
+
+def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...]]]]:
+    """The compound of all solids as bytes, and the name and the colours of the faces of each."""
+    solids = read_coloured_solids(path)
+    return shape_to_bytes(make_compound(read.solid for read in solids)), [(s.name, s.face_colours) for s in solids]
