@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -13,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class Writing:
     suffixes: tuple[str, ...] = MODEL_SUFFIXES
 
     def __post_init__(self) -> None:
-        check_writable(self.output, self.suffixes)
+        validate_output_path(self.output, self.suffixes)
         check_report(self.report)
         suffix = self.output.suffix.lower()
         if self.deviation is not None and suffix not in MESH_SUFFIXES:
@@ -66,35 +66,18 @@ def given_options(**options: Any) -> dict[str, Any]:
     return {name: value for name, value in options.items() if value is not None}
 
 
-def check_writable(path: Path, suffixes: Iterable[str]) -> Path:
-    """The path; InvalidRequest unless it has one of the suffixes, its folder exists and a file can be written there."""
-    if path.suffix.lower() not in suffixes:
-        raise InvalidRequest(f"{path} ends in {path.suffix!r}: give it a name ending in {' or '.join(suffixes)}")
-    if path.is_dir():
-        raise InvalidRequest(f"{path} is a folder: give the name of a file")
-    if not path.parent.is_dir():
-        raise InvalidRequest(f"the folder {path.parent} of {path.name} does not exist: make it first")
-    if not os.access(path.parent, os.W_OK):
-        raise InvalidRequest(f"no file can be written in the folder {path.parent}: choose another one")
-    return path
-
-
 def check_report(path: Path | None) -> None:
     """InvalidRequest unless a report can be written, if one is asked for."""
     if path is not None:
-        check_writable(path, (".json",))
+        validate_output_path(path, (".json",))
 
 
 def write_report(path: Path | None, content: dict[str, Any]) -> None:
     """Write a report as JSON under a temporary name and rename it, so that it is complete or absent."""
     if path is None:
         return
-    aside = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
+    with atomic_write(path) as aside:
         aside.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n")
-        aside.replace(path)
-    finally:
-        aside.unlink(missing_ok=True)
 
 
 @contextmanager

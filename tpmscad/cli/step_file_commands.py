@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from tpmscad import workflows
+from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.options import (
     OUTPUT_PANEL,
     MetricsOption,
@@ -18,7 +19,6 @@ from tpmscad.cli.options import (
 )
 from tpmscad.cli.output import (
     check_report,
-    check_writable,
     given_options,
     progress_bar,
     report_unmet_request,
@@ -109,7 +109,7 @@ def render(
     quiet: QuietOption = False,
 ) -> None:
     """Draw a STEP file as a PNG picture, without a display."""
-    check_writable(output, (".png",))
+    validate_output_path(output, (".png",))
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
             workflows.render_step(

@@ -68,7 +68,6 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
     from tpmscad.kernel.render.scene import Scene, pieces_of
-    from tpmscad.kernel.step.atomic_file import validate_output_path
     from tpmscad.kernel.step.brep_writer import Instances, write_step
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
@@ -157,7 +156,6 @@ __all__ = [
     "subtract_solid",
     "subtract_voids",
     "transform_shape",
-    "validate_output_path",
     "write_3mf",
     "write_brep_file",
     "write_glb",
@@ -244,7 +242,6 @@ _MODULE_OF_NAME = {
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",
     "transform_shape": "tpmscad.kernel.occt.convert",
-    "validate_output_path": "tpmscad.kernel.step.atomic_file",
     "write_3mf": "tpmscad.kernel.export.threemf_file",
     "write_brep_file": "tpmscad.kernel.export.brep_file",
     "write_glb": "tpmscad.kernel.export.gltf_file",

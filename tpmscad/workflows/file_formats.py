@@ -13,6 +13,7 @@ import numpy as np
 
 from tpmscad import kernel
 from tpmscad._typing import BoxCorners
+from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import NamedSolid, make_compound
 from tpmscad.workflows.certificate import Certificate
@@ -91,9 +92,9 @@ def write_mesh_or_brep_file(
     """
     suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
     if suffix == BREP_SUFFIX:
-        kernel.write_brep_file(result.wrapped, kernel.validate_output_path(path, (BREP_SUFFIX,)), result.volume)
+        kernel.write_brep_file(result.wrapped, validate_output_path(path, (BREP_SUFFIX,)), result.volume)
         return
-    target = kernel.validate_output_path(path, MESH_SUFFIXES)
+    target = validate_output_path(path, MESH_SUFFIXES)
     if deviation is None:
         deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
     angle = DEFAULT_ANGLE_DEG if angle is None else angle

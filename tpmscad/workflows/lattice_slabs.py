@@ -21,8 +21,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.kernel.step.atomic_file import validate_output_path
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.translated_copies import decimal_of
 from tpmscad.parallel import run_as_completed

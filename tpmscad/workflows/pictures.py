@@ -11,6 +11,7 @@ import numpy as np
 
 from tpmscad import kernel
 from tpmscad._typing import Array
+from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.workflows.picture_pieces import PicturePiece, base_names, choose_colours, find_pieces, hide_pieces
 
@@ -81,7 +82,7 @@ def render(
     >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> render(parts, "exchanger.png", section="z=2", hide="channel +")  # doctest: +SKIP
     """
-    target = kernel.validate_output_path(path, (".png",))
+    target = validate_output_path(path, (".png",))
     picture = render_bytes(source, view=view, section=section, size=size, color_by=color_by, hide=hide)
     kernel.write_picture(picture, target)
 

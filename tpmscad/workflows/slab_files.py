@@ -13,7 +13,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from tpmscad.kernel.step.atomic_file import atomic_write
+from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.step.translated_copies import (
     StepOriginal,
     compare_with_original,

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from tpmscad.kernel.step.atomic_file import atomic_write
+from tpmscad.atomic_file import atomic_write
 from tpmscad.workflows.slab_files import Cells, SlabOriginal, hash_file
 
 

@@ -11,10 +11,10 @@ from OCP.BRepTools import BRepTools
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 from OCP.TopoDS import TopoDS_Shape
 
+from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import KernelError
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.exploration import count_subshape_uses, unwrap
-from tpmscad.kernel.step.atomic_file import atomic_write
 
 VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volumes of the shape and of what the file holds: numbers are written with 15 digits."""

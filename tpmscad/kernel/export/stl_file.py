@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
-from tpmscad.kernel.step.atomic_file import atomic_write
 
 RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 """One triangle of a binary STL file."""

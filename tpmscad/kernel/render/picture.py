@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.render.labels import LabelledPicture, has_labels, scale_panel_width
 from tpmscad.kernel.render.palette import UNVALUED_COLOUR, Colour, ColourScale
@@ -23,7 +24,6 @@ from tpmscad.kernel.render.section_caps import MIN_FACING, cut_segments, fill_se
 from tpmscad.kernel.render.shading import depth_shading, shade_cut, shade_surface
 from tpmscad.kernel.render.viewpoints import SectionPlane, View, section_planes, view_frame
 from tpmscad.kernel.render.z_buffer import barycentric_weights, rasterise
-from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
 
 SAMPLES_PER_PIXEL_AXIS = 2
 """Samples per pixel along x and along y."""

@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     Colour,

@@ -17,9 +17,9 @@ from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
 from OCP.TopExp import TopExp_Explorer
 
 from tpmscad._typing import Array
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
-from tpmscad.kernel.step.atomic_file import atomic_write, validate_output_path
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.occt_topology import write_occt_solids
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
