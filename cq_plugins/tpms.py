@@ -15,6 +15,7 @@ from typing import Any, Literal, Unpack
 import cadquery as cq
 
 from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.public_calls import public
 from tpmscad.workflows import Model, infill, lattice
 from tpmscad.workflows.lattice_request import (
     LATTICE_DEFAULTS,
@@ -23,7 +24,6 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
-from tpmscad.workflows.misused_calls import answer_misuse
 
 __all__ = ["tpms", "tpmsInfill", "tpmsModels"]
 
@@ -32,7 +32,7 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-@answer_misuse('tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+@public('tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
 @with_keywords_of(lattice)
 def tpms(
     self: cq.Workplane,
@@ -97,7 +97,7 @@ def tpms(
     return _with_models(self.eachpoint(shape, True, combine, clean), [model])
 
 
-@answer_misuse('tpmsInfill("gyroid", cell=8, thickness=0.8)')
+@public('tpmsInfill("gyroid", cell=8, thickness=0.8)')
 @with_keywords_of(infill)
 def tpmsInfill(
     self: cq.Workplane, surface: Any, *, combine: bool = True, **options: Unpack[InfillOptions]

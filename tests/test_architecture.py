@@ -22,11 +22,14 @@ MIN_LINES = 40
 GROUND = {
     "_lazy_import",
     "_typing",
+    "argument_kinds",
+    "argument_table",
     "atomic_file",
     "catalogue",
     "errors",
     "parallel",
     "progress_display",
+    "public_calls",
     "rigid_motion",
     "stage_timer",
 }

@@ -1,5 +1,6 @@
 """Lattices and filled bodies as build123d parts, in builder and algebra mode.
 
+from tpmscad.public_calls import public
 from tpmscad.build123d import Tpms, TpmsInfill
 
 part = Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
@@ -16,6 +17,7 @@ from build123d.build_common import Builder
 from build123d.geometry import to_align_offset
 
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.workflows import infill, lattice
 from tpmscad.workflows.face_selection import list_given_faces
 from tpmscad.workflows.lattice_request import (
@@ -26,7 +28,6 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
-from tpmscad.workflows.misused_calls import answer_misuse
 
 __all__ = ["Tpms", "TpmsInfill"]
 
@@ -76,7 +77,7 @@ class Tpms(BasePartObject):
     ...     Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
     """
 
-    @answer_misuse('Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+    @public('Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
     @with_keywords_of(lattice)
     def __init__(
         self,
@@ -160,7 +161,7 @@ class TpmsInfill(Part):
     >>> filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
     """
 
-    @answer_misuse('TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
+    @public('TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
     @with_keywords_of(infill)
     def __init__(
         self,

@@ -43,7 +43,7 @@ def test_regions_without_bounds_need_a_domain():
     refused("region 0 has no bounds: give domain", regions=walls)
     result = blend((ROD, OTHER), walls, [MIDDLE], resolution=SIZE, domain=((0, 0, 0), (1, 0.5, 0.5)))
     assert result.converged
-    refused("must be .* finite", domain=((0, 0, 0), (1, math.inf, 1)))
+    refused("inf.* must be finite", domain=((0, 0, 0), (1, math.inf, 1)))
 
 
 def test_values_that_are_not_finite_and_functions_of_single_points_are_refused():
@@ -71,7 +71,7 @@ def test_names_and_numbers_out_of_range_are_refused():
     refused("method 'best': must be one of topological", method="best")
     refused("weight 'round': must be one of auto", weight="round")
     refused("max_change 0: must be above 0", max_change=0)
-    refused("minimum_neck -1: must be a width above zero", minimum_neck=-1)
+    refused("minimum_neck -1 must be positive", minimum_neck=-1)
     refused("at least 2 samples", resolution=(1, 4, 4))
     refused("it is no layer", weight=LineWeightSpec(CylinderRadius()))
     refused("needs a blending region that is a layer", method="sigmoid", weight="volume")

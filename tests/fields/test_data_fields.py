@@ -61,12 +61,12 @@ class TestSampledField:
         [
             (np.zeros((5, 5)), {}, r"shape \(5, 5\)"),
             (np.zeros((5, 3, 5)), {}, "at least 4 samples"),
-            (np.full((4, 4, 4), np.nan), {}, r"64 of 64 values .* index \(0, 0, 0\)"),
+            (np.full((4, 4, 4), np.nan), {}, r"64 of 64 entries, the first at index \(0, 0, 0\)"),
             (np.zeros((4, 4, 4)), {"spacing": 0}, "spacing 0 must"),
             (np.zeros((4, 4, 4)), {"spacing": (1, 2)}, "spacing"),
             (np.zeros((4, 4, 4)), {"origin": (1, np.inf, 0)}, "origin"),
             (np.zeros((4, 4, 4)), {"level": "high"}, "level 'high'"),
-            ([["a"]], {}, "numbers"),
+            ([["a"]], {}, "no array of numbers"),
             ("density.txt", {}, "choose one of .npy"),
             ("absent.npy", {}, "no file"),
         ],
@@ -181,7 +181,7 @@ class TestScatteredField:
             (np.eye(3), np.zeros(3), "fewer than 4"),
             (np.repeat(POINTS[:4], 2, axis=0), np.zeros(8), "occurs twice"),
             (POINTS[:9] * (1, 1, 0), np.zeros(9), "one plane"),
-            (POINTS[:5], np.array([0, 1, np.nan, 3, 4]), "row 2"),
+            (POINTS[:5], np.array([0, 1, np.nan, 3, 4]), r"1 of 5 entries, the first at index \(2,\)"),
         ],
     )
     def test_refuses_points_that_determine_no_field(self, points: np.ndarray, values: np.ndarray, message: str) -> None:

@@ -46,8 +46,8 @@ def test_the_gradient_is_that_of_the_values() -> None:
 
 @pytest.mark.parametrize(
     ("span", "kind", "message"),
-    [((0.5, 0.2), "rod", "least first"), ((0.2, 1.0), "rod", "between 0 and 1"), (0.3, "rod", "two volume fractions"),
-     ((0.2, 0.5), "wall", "choose rod, pore or sheet")],
+    [((0.5, 0.2), "rod", "least first"), ((0.2, 1.0), "rod", "between 0 and 1"), (0.3, "rod", "span 0.3 must be two numbers"),
+     ((0.2, 0.5), "wall", "choose one of 'rod', 'pore', 'sheet'")],
 )  # fmt: skip
 def test_bad_requests_are_refused(span: object, kind: str, message: str) -> None:
     with pytest.raises(InvalidRequest, match=message):

@@ -157,7 +157,7 @@ def test_fractions_must_be_fractions(fraction: float) -> None:
 
 
 def test_other_mistakes_with_fractions_are_named() -> None:
-    with pytest.raises(InvalidRequest, match="rod, pore or sheet"):
+    with pytest.raises(InvalidRequest, match="one of 'rod', 'pore', 'sheet'"):
         fields.threshold_for(GYROID, 0.3, "wall")
     with pytest.raises(InvalidRequest, match="too few"):
         fields.threshold_for(GYROID, 0.3, samples=3)

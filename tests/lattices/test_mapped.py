@@ -66,23 +66,23 @@ def test_bad_maps_are_refused_with_what_is_wrong(function: object, match: str) -
 @pytest.mark.parametrize(
     ("make", "match"),
     [
-        (lambda: maps.cylinder(np.nan), "radius nan must be a positive, finite number"),
+        (lambda: maps.cylinder(np.nan), "radius nan must be finite"),
         (lambda: maps.cylinder(-3), "radius -3 must be"),
-        (lambda: maps.cylinder("wide"), "radius 'wide' must be"),  # type: ignore[arg-type]
+        (lambda: maps.cylinder("wide"), "radius 'wide' is not a number"),  # type: ignore[arg-type]
         (lambda: maps.sphere(np.inf), "radius inf must be"),
         (
             lambda: maps.sphere(5.0, chart="south"),
-            "chart 'south' of a sphere is unknown; choose one of 'pole', 'equator'",
+            "chart 'south' is unknown; choose one of 'pole', 'equator'",
         ),
-        (lambda: maps.sphere(5.0, centre=(1.0,)), "centre .* takes two finite"),
-        (lambda: maps.stretching((1.0, -1.0, 1.0)), "must be three positive, finite numbers"),
-        (lambda: maps.stretching((1.0, np.nan, 1.0)), "must be three positive, finite numbers"),
+        (lambda: maps.sphere(5.0, centre=(1.0,)), "centre .* must be two numbers"),
+        (lambda: maps.stretching((1.0, -1.0, 1.0)), "three positive, finite numbers"),
+        (lambda: maps.stretching((1.0, np.nan, 1.0)), "three positive, finite numbers"),
         (lambda: maps.stretching((2.0,)), "must be three positive, finite numbers"),
-        (lambda: maps.grading(3, (1.0, 2.0), 10.0), "axis 3 of a grading"),
-        (lambda: maps.grading(0, (1.0, np.nan), 10.0), "scale nan of a grading"),
+        (lambda: maps.grading(3, (1.0, 2.0), 10.0), "axis 3 is none of 0, 1 and 2"),
+        (lambda: maps.grading(0, (1.0, np.nan), 10.0), r"scale \(1.0, nan\) must be finite"),
         (lambda: maps.grading(0, (1.0, 2.0), 0.0), "length 0.0 must be"),
         (lambda: maps.grading(0, lambda x: 3 - x, 10.0), "scale -?[0-9.e-]+ of a grading must be positive"),
-        (lambda: maps.as_map(3), "map 3 is no function of points"),  # type: ignore[arg-type]
+        (lambda: maps.as_map(3), "function 3 can't be called"),  # type: ignore[arg-type]
     ],
 )
 def test_values_that_make_no_map_are_refused_at_once(make: Callable[[], maps.Map], match: str) -> None:

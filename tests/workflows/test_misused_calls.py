@@ -9,8 +9,8 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.errors import InvalidRequest, MisusedCall
-from tpmscad.workflows.misused_calls import SYNONYMS, answer_misuse
+from tpmscad.errors import InvalidRequest, MisusedCall, UnexpectedError
+from tpmscad.public_calls import SYNONYMS, public
 
 pytestmark = pytest.mark.kernel
 
@@ -34,15 +34,15 @@ def test_the_answer_names_the_keyword_and_shows_the_call(call: Any, words: list[
 
 
 def test_an_error_inside_the_function_is_its_own() -> None:
-    @answer_misuse("half(3)")
-    def half(number: Any) -> Any:
-        return number / 2
+    @public("half(3)")
+    def half(source: Any) -> Any:
+        return source / 2
 
     assert half(3) == 1.5
-    assert list(inspect.signature(half).parameters) == ["number"]
-    with pytest.raises(TypeError, match="unsupported operand") as raised:
+    assert list(inspect.signature(half).parameters) == ["source"]
+    with pytest.raises(UnexpectedError, match=r"half failed .* unsupported operand") as raised:
         half("three")
-    assert not isinstance(raised.value, MisusedCall)
+    assert isinstance(raised.value.__cause__, TypeError)
 
 
 def test_every_synonym_stands_for_a_keyword_and_is_none() -> None:

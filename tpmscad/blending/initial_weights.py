@@ -23,6 +23,7 @@ from tpmscad.blending.weights.volume_weight_fit import MIN_SPANS_PER_AXIS, SAMPL
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
 from tpmscad.fields.sample_grid import FieldFunction
+from tpmscad.public_calls import public_constructor
 
 MIN_SPANS_ACROSS_REGION = 12
 """Knot spans across the thickest part of a blending region at least; most of them go to the fixed coefficients beside it."""
@@ -33,6 +34,7 @@ OUTERMOST_SAMPLES = 8
 """Number of samples from which the end of a layer is searched."""
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class LineWeightSpec:
     """Specification of a univariate weight.
@@ -59,6 +61,7 @@ class LineWeightSpec:
     degree: int = 3
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class VolumeWeightSpec:
     """Specification of a trivariate weight.

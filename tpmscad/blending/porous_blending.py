@@ -48,6 +48,7 @@ from tpmscad.blending.volume_fraction_control import fit_level_shift, report_fra
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
 from tpmscad.fields import as_field
 from tpmscad.fields.sample_grid import BoxBounds, FieldFunction, SampleGrid
+from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 
 Pass = Callable[[BlendProblem, OptimisationOutcome], OptimisationOutcome]
@@ -62,6 +63,7 @@ OPTIMISERS: dict[str, Pass] = {
 METHODS = (*OPTIMISERS, *BASELINE_METHODS)
 
 
+@public()
 def blend(
     structures: Sequence[FieldFunction],
     regions: Sequence[FieldFunction],

@@ -8,15 +8,14 @@ even if f and g are.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.public_calls import public
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +58,7 @@ class CubicMinMaxField(RoundedMinMaxField):
         return overlap * overlap * overlap / 6.0, -0.5 * (overlap * overlap)
 
 
+@public()
 def union(*fields: FieldLike) -> Field:
     """Return the union of solids, the minimum of their fields.
 
@@ -87,6 +87,7 @@ def union(*fields: FieldLike) -> Field:
     return _fold_min_max(fields, -1)
 
 
+@public()
 def intersection(*fields: FieldLike) -> Field:
     """Return the intersection of solids, the maximum of their fields.
 
@@ -115,6 +116,7 @@ def intersection(*fields: FieldLike) -> Field:
     return _fold_min_max(fields, +1)
 
 
+@public()
 def difference(field: FieldLike, *taken: FieldLike) -> Field:
     """Return a solid without other solids.
 
@@ -140,6 +142,7 @@ def difference(field: FieldLike, *taken: FieldLike) -> Field:
     return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
 
 
+@public()
 def complement(field: FieldLike) -> Field:
     """Return the field with solid and void exchanged.
 
@@ -162,6 +165,7 @@ def complement(field: FieldLike) -> Field:
     return -as_field(field)
 
 
+@public()
 def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     """Return the union of two solids with a filled crease.
 
@@ -189,9 +193,10 @@ def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     >>> round(float(pair((0.0, 0.0, 0.0))), 6)
     -0.1
     """
-    return CubicMinMaxField(as_field(first), as_field(second), -1, as_positive(width, "width"))
+    return CubicMinMaxField(as_field(first), as_field(second), -1, width)
 
 
+@public()
 def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Field:
     """Return the intersection of two solids with a rounded edge.
 
@@ -219,9 +224,10 @@ def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Fi
     >>> round(float(wedge((0.0, 0.0, 0.0))), 6)
     0.1
     """
-    return CubicMinMaxField(as_field(first), as_field(second), +1, as_positive(width, "width"))
+    return CubicMinMaxField(as_field(first), as_field(second), +1, width)
 
 
+@public()
 def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field:
     """Return a solid without another one, with a rounded edge.
 
@@ -257,4 +263,8 @@ def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field
 def _fold_min_max(fields: tuple[FieldLike, ...], sign: int) -> Field:
     if not fields:
         raise InvalidRequest("a union or intersection needs at least one field")
-    return reduce(lambda f, g: MinMaxField(f, g, sign), map(as_field, fields))
+    parts = [as_field(field) for field in fields]
+    while len(parts) > 1:  # neighbours in pairs: the depth is the logarithm of the number, not the number
+        pairs = [MinMaxField(f, g, sign) for f, g in zip(parts[::2], parts[1::2], strict=False)]
+        parts = [*pairs, *parts[len(parts) - len(parts) % 2 :]]
+    return parts[0]

@@ -15,7 +15,8 @@ from scipy.interpolate import PchipInterpolator, PPoly
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.evaluation import FieldJet, Triple
-from tpmscad.fields.field import Field
+from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.public_calls import public
 
 CellSizeTable = tuple[Sequence[float], Sequence[float]]
 """Ascending positions along an axis, and the edge of the cell at each of them, in model units."""
@@ -71,8 +72,9 @@ class GradedCellField(Field):
         ]
 
 
+@public()
 def cell_sizes(
-    field: Field, *, x: CellSizeTable | None = None, y: CellSizeTable | None = None, z: CellSizeTable | None = None
+    field: FieldLike, *, x: CellSizeTable | None = None, y: CellSizeTable | None = None, z: CellSizeTable | None = None
 ) -> GradedCellField:
     """Return a periodic field with unit cells of varying size along some axes.
 
@@ -103,6 +105,7 @@ def cell_sizes(
     >>> from tpmscad import fields
     >>> graded = fields.cell_sizes(fields.tpms("gyroid", 10.0), x=([0.0, 40.0], [10.0, 5.0]))
     """
+    field = as_field(field)
     periods = field.periods()
     given = (x, y, z)
     if periods is None or any(sizes is not None and not p > 0 for p, sizes in zip(periods, given, strict=True)):
@@ -120,15 +123,15 @@ def cell_sizes(
 
 def _fit_cell_count(sizes: CellSizeTable, axis: str) -> CellCountSpline:
     """Cell count along an axis from a checked table."""
-    positions, edges = (np.atleast_1d(np.asarray(part, float)) for part in sizes)
-    if positions.shape != edges.shape or positions.ndim != 1 or len(positions) < 2:
+    positions, edges = (np.asarray(part, float) for part in sizes)
+    if positions.shape != edges.shape or len(positions) < 2:
         raise InvalidRequest(
             f"cell sizes along {axis}: {positions.size} positions and {edges.size} sizes given; as many of one as of the other "
             "are needed, at least two"
         )
-    if not np.isfinite(positions).all() or not (np.diff(positions) > 0).all():
+    if not (np.diff(positions) > 0).all():
         raise InvalidRequest(f"cell sizes along {axis}: the positions {positions.tolist()} must be ascending")
-    if not np.isfinite(edges).all() or not (edges > 0).all():
+    if not (edges > 0).all():
         raise InvalidRequest(f"cell sizes along {axis}: the sizes {edges.tolist()} must be positive")
     pchip = PchipInterpolator(positions, 1.0 / edges)
     density = PPoly(pchip.c, pchip.x)

@@ -10,10 +10,11 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import Direction, as_positive, as_triple, as_unit_vector
 from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.function_calls import DIFFERENCE_STEP, central_differences
+from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.public_calls import call_for_array, public
 
 IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -73,7 +74,7 @@ class MappedField(Field):
         if self.jacobian is None:
             jacobian = central_differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
         else:
-            jacobian = np.asarray(self.jacobian(points), float)
+            jacobian = call_for_array("the Jacobian", self.jacobian, points)
             if jacobian.shape != (len(points), 3, 3):
                 raise InvalidRequest(
                     f"the Jacobian gave shape {jacobian.shape} for {len(points)} points: it must return (n, 3, 3), "
@@ -86,7 +87,7 @@ class MappedField(Field):
         return np.broadcast_to(f, len(points)).reshape(shape), gx, gy, gz
 
     def _image(self, points: Array) -> tuple[Array, Array, Array]:
-        image = np.asarray(self.mapping(points), float)
+        image = call_for_array("the map", self.mapping, points)
         if image.shape != points.shape:
             raise InvalidRequest(
                 f"the map gave shape {image.shape} for points of shape {points.shape}: it must keep the shape"
@@ -97,6 +98,7 @@ class MappedField(Field):
         return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
 
 
+@public()
 def warp(
     field: FieldLike,
     map: Callable[[Array], Any],
@@ -135,9 +137,10 @@ def warp(
     ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
     >>> ring = fields.warp(fields.tpms("gyroid", 2 * np.pi), unroll)
     """
-    return MappedField(as_field(field), map, jacobian, as_positive(step, "step"))
+    return MappedField(as_field(field), map, jacobian, step)
 
 
+@public()
 def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
     """Return the field translated by a vector.
 
@@ -165,10 +168,11 @@ def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedFie
     >>> float(ball((5.0, 0.0, 0.0)))
     -1.0
     """
-    x, y, z = as_triple(vector, "vector")
+    x, y, z = vector
     return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
 
 
+@public()
 def rotate(
     field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)
 ) -> AffineTransformedField:
@@ -202,13 +206,14 @@ def rotate(
     >>> round(float(bar((0.0, 2.5, 0.0))), 6)
     -0.5
     """
-    n, c = np.array(as_unit_vector(axis, "axis")), np.array(as_triple(center, "center"))
+    n, c = np.array(as_unit_vector(axis)), np.array(center)
     turn = np.deg2rad(angle)
     cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
     back = np.eye(3) - np.sin(turn) * cross + (1 - np.cos(turn)) * (cross @ cross)
     return AffineTransformedField(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
 
 
+@public()
 def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
     """Return the field scaled about a center.
 
@@ -238,8 +243,8 @@ def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 
     >>> float(ball((1.0, 0.0, 0.0)))
     -3.0
     """
-    s, c = as_positive(factor, "factor"), np.array(as_triple(center, "center"))
-    return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / s), _as_vector(c - c / s), s)
+    c = np.array(center)
+    return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / factor), _as_vector(c - c / factor), factor)
 
 
 def _linear_combination(factors: Sequence[float], parts: Sequence[Array]) -> Array:

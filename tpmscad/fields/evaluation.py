@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.argument_table import GRID_AXIS, POINTS
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import own_errors, read_value
 
 FieldJet = tuple[Array, Array, Array, Array]
 """Value, df/dx, df/dy and df/dz, which broadcast against each other."""
@@ -21,10 +23,7 @@ MAX_POINTS_PER_SLAB = 1 << 16
 
 def flatten_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     """Points (..., 3) as an array (n, 3), and the shape (...); InvalidRequest for other shapes."""
-    try:
-        array = np.asarray(points, float)
-    except (TypeError, ValueError) as error:
-        raise InvalidRequest(f"points must be an array of numbers of shape (..., 3): {error}") from error
+    array = read_value("points", POINTS, points)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InvalidRequest(f"points of shape {array.shape}: the last axis must hold x, y and z, so (..., 3)")
     return array.reshape(-1, 3), array.shape[:-1]
@@ -42,7 +41,8 @@ def point_batches(count: int) -> Iterator[slice]:
 
 def as_grid_axes(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
     """Axes of a grid as contiguous arrays; InvalidRequest if they are not one-dimensional."""
-    axes = np.ascontiguousarray(x, float), np.ascontiguousarray(y, float), np.ascontiguousarray(z, float)
+    a, b, c = (np.ascontiguousarray(read_value(n, GRID_AXIS, axis)) for n, axis in zip("xyz", (x, y, z), strict=True))
+    axes = a, b, c
     for name, axis in zip("xyz", axes, strict=True):
         if axis.ndim != 1:
             raise InvalidRequest(f"{name} of shape {axis.shape}: a grid is given by three one-dimensional arrays")
@@ -92,6 +92,7 @@ class SlabEvaluation:
         """
         return None
 
+    @own_errors
     def __call__(self, points: ArrayLike) -> Array:
         """Return values at points.
 
@@ -111,6 +112,7 @@ class SlabEvaluation:
             values[part] = self.at(*copy_columns(flat[part]))
         return values.reshape(shape)
 
+    @own_errors
     def gradient(self, points: ArrayLike) -> Array:
         """Return the exact gradient.
 
@@ -126,6 +128,7 @@ class SlabEvaluation:
         """
         return self.value_and_gradient(points)[1]
 
+    @own_errors
     def value_and_gradient(self, points: ArrayLike) -> tuple[Array, Array]:
         """Return values and gradient in one pass.
 
@@ -149,6 +152,7 @@ class SlabEvaluation:
             )
         return values.reshape(shape), gradients.reshape(*shape, 3)
 
+    @own_errors
     def on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> Array:
         """Return values on the grid of all x with all y with all z.
 
@@ -168,6 +172,7 @@ class SlabEvaluation:
             values[part] = self.at(*coordinates)
         return values
 
+    @own_errors
     def value_and_gradient_on_grid(self, x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array]:
         """Return values and gradient on the grid of all x with all y with all z.
 

@@ -19,7 +19,6 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import (
     BinaryField,
@@ -32,6 +31,7 @@ from tpmscad.fields.field import (
     as_field,
     multiply_fields,
 )
+from tpmscad.public_calls import public
 
 MAX_CHARACTERS = 10_000
 """Length of a formula; longer ones are made by programs, which can compose fields directly."""
@@ -218,6 +218,7 @@ class ExpressionField(Field):
         )
 
 
+@public()
 def expression(formula: str, period: float | None = None, **named: FieldLike) -> ExpressionField:
     """Return the field of a formula of x, y and z.
 
@@ -249,13 +250,11 @@ def expression(formula: str, period: float | None = None, **named: FieldLike) ->
     >>> bool(abs(gyroid((1.0, 2.0, 3.0)) - fields.tpms("gyroid", 10.0)((1.0, 2.0, 3.0))) < 1e-14)
     True
     """
-    if not isinstance(formula, str):
-        raise InvalidRequest(f"formula {formula!r} must be text, such as 'sin(x)*cos(y) + 0.2*z'")
     if len(formula) > MAX_CHARACTERS:
         raise InvalidRequest(
             f"the formula has {len(formula)} characters, more than {MAX_CHARACTERS}: compose fields instead"
         )
-    rate = 1.0 if period is None else 2 * math.pi / as_positive(period, "period")
+    rate = 1.0 if period is None else 2 * math.pi / period
     names: dict[str, Field] = {name: ConstantField(value) for name, value in CONSTANTS.items()}
     names |= {name: CoordinateField(axis, rate) for axis, name in enumerate("xyz")}
     names |= {name: CoordinateField(axis, 1.0) for axis, name in enumerate("XYZ")}

@@ -17,7 +17,6 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import as_positive, as_triple
 from tpmscad.fields.evaluation import FieldJet, SlabEvaluation, Triple, is_grid, stack_points
 from tpmscad.fields.function_calls import (
     DIFFERENCE_STEP,
@@ -27,8 +26,10 @@ from tpmscad.fields.function_calls import (
     central_differences,
     check_finite,
     check_vectorised,
+    describe_function,
     detect_coordinate_arguments,
 )
+from tpmscad.public_calls import call_for_array, public
 
 EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
 """Periods of a constant field, which every translation leaves unchanged."""
@@ -199,7 +200,7 @@ class FunctionField(Field):
         points, shape = stack_points(x, y, z)
         on_grid = getattr(self.function, "on_grid", None)
         if on_grid is not None and is_grid(x, y, z):
-            values = np.asarray(on_grid(x.ravel(), y.ravel(), z.ravel()), float)
+            values = call_for_array(describe_function(self.function), on_grid, x.ravel(), y.ravel(), z.ravel())
         else:
             values = self._values(points)
         check_finite(self.function, values, points)
@@ -227,6 +228,7 @@ FieldLike = Field | float | Callable[[Array], Array]
 """What a field argument may be: a field, a number (constant field), or any function of points (..., 3)."""
 
 
+@public()
 def as_field(source: Any) -> Field:
     """Return a field, a number or a function of points as a field.
 
@@ -256,7 +258,8 @@ def as_field(source: Any) -> Field:
     return from_function(source) if callable(source) else constant(source)
 
 
-def constant(value: Any) -> ConstantField:
+@public()
+def constant(value: float) -> ConstantField:
     """Return the field with one value everywhere.
 
     Parameters
@@ -280,17 +283,10 @@ def constant(value: Any) -> ConstantField:
     >>> float(fields.constant(0.3)((1.0, 2.0, 3.0)))
     0.3
     """
-    try:
-        number = float(value)
-    except (TypeError, ValueError):
-        raise InvalidRequest(
-            f"{value!r} is no field: give a field, a number or a function of points (..., 3)"
-        ) from None
-    if not np.isfinite(number):
-        raise InvalidRequest(f"a constant field needs a finite value, not {number}")
-    return ConstantField(number)
+    return ConstantField(value)
 
 
+@public()
 def from_function(
     f: Callable[..., Any],
     gradient: Callable[..., Any] | None = None,
@@ -333,14 +329,12 @@ def from_function(
     """
     if isinstance(f, Field) and gradient is None:
         return f
-    if not callable(f):
-        raise InvalidRequest(f"{f!r} can't be called: a function of points (n, 3) or of x, y, z is needed")
-    low, high = (np.array(as_triple(corner, "domain")) for corner in domain)
+    low, high = np.array(domain)
     probes = low + PROBE_POINTS * (high - low)
     takes_coordinates = detect_coordinate_arguments(f, probes)
     check_vectorised(f, takes_coordinates, probes)
     given = gradient if gradient is not None else getattr(f, "gradient", None)
-    return FunctionField(f, given, takes_coordinates, as_positive(step, "step"))
+    return FunctionField(f, given, takes_coordinates, step)
 
 
 def multiply_fields(field: Field, other: FieldLike) -> Field:

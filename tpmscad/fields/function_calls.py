@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, UserFunctionError
+from tpmscad.public_calls import call_for_array
 
 DIFFERENCE_STEP = 1e-3
 """Default step of the difference quotients, in model units. For a wave of amplitude 1 and length L a derivative is off by about
@@ -34,17 +35,22 @@ _REMEDY = (
 )
 
 
-def call_function(f: Callable[..., Any], points: Array, takes_coordinates: bool) -> Any:
+def call_function(f: Callable[..., Any], points: Array, takes_coordinates: bool) -> Array:
     """f(points (n, 3)), or f(x, y, z) of the coordinates (n,); three results become the columns of an array."""
-    result = f(*(points[:, axis].copy() for axis in range(3))) if takes_coordinates else f(points)
-    if isinstance(result, tuple | list) and len(result) == 3:
-        return np.stack([np.broadcast_to(part, len(points)) for part in result], axis=-1)
-    return result
+
+    def collect(*args: Array) -> Any:
+        result = f(*args)
+        if isinstance(result, tuple | list) and len(result) == 3:
+            return np.stack([np.broadcast_to(part, len(points)) for part in result], axis=-1)
+        return result
+
+    args = [points[:, axis].copy() for axis in range(3)] if takes_coordinates else [points]
+    return call_for_array(describe_function(f), collect, *args)
 
 
 def call_for_values(f: Callable[..., Any], points: Array, takes_coordinates: bool) -> Array:
     """Values (n,) of f at points (n, 3); InvalidRequest if the result has another shape."""
-    values = np.asarray(call_function(f, points, takes_coordinates), float)
+    values = call_function(f, points, takes_coordinates)
     if values.shape != points.shape[:1]:
         raise InvalidRequest(f"{describe_function(f)} gave shape {values.shape} for {len(points)} points: {_REMEDY}")
     return values
@@ -54,7 +60,7 @@ def call_for_gradient(
     f: Callable[..., Any], gradient: Callable[..., Any], points: Array, takes_coordinates: bool
 ) -> Array:
     """Gradients (n, 3) of f by its gradient function, whose result may be transposed; InvalidRequest for other shapes."""
-    gradients = np.asarray(call_function(gradient, points, takes_coordinates), float)
+    gradients = call_function(gradient, points, takes_coordinates)
     if gradients.shape == (3, len(points)) and len(points) != 3:
         gradients = gradients.T
     if gradients.shape != points.shape:
@@ -103,8 +109,8 @@ def detect_coordinate_arguments(f: Callable[..., Any], probes: Array) -> bool:
         )
     for takes_coordinates in (False, True):
         try:
-            values = np.asarray(call_function(f, probes, takes_coordinates), float)
-        except Exception:  # a trial: errors are reported by check_vectorised
+            values = call_function(f, probes, takes_coordinates)
+        except InvalidRequest:  # a trial: errors are reported by check_vectorised
             continue
         if values.shape == (len(probes),):
             return takes_coordinates
@@ -115,17 +121,13 @@ def check_vectorised(f: Callable[..., Any], takes_coordinates: bool, probes: Arr
     """Raise InvalidRequest unless f takes arrays and gives each point a value that is independent of the other points."""
     try:
         with np.errstate(all="ignore"):
-            together = np.asarray(call_function(f, probes, takes_coordinates), float)
-            alone = [
-                np.asarray(call_function(f, probes[i : i + 1], takes_coordinates), float) for i in range(len(probes))
-            ]
-    except InvalidRequest:
-        raise
-    except Exception as error:
-        raise InvalidRequest(
-            f"{describe_function(f)} can't be called with arrays ({type(error).__name__}: {error}): {_REMEDY}; "
-            "if it is defined in a part of space only, give a box there as domain="
-        ) from error
+            together = call_function(f, probes, takes_coordinates)
+            alone = [call_function(f, probes[i : i + 1], takes_coordinates) for i in range(len(probes))]
+    except UserFunctionError as error:
+        raise UserFunctionError(
+            f"{error}; it can't be called with arrays: {_REMEDY}; if it is defined in a part of space only, give a box there as "
+            "domain="
+        ) from error.__cause__
     if together.shape != (len(probes),):
         raise InvalidRequest(f"{describe_function(f)} gave shape {together.shape} for {len(probes)} points: {_REMEDY}")
     single = np.array([values.ravel()[0] if values.size == 1 else np.nan for values in alone])

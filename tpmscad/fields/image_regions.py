@@ -15,6 +15,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields import stencil
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
+from tpmscad.public_calls import public
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +44,7 @@ class ImageRegion(Field):
         ]
 
 
+@public()
 def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, axis: str = "z") -> ImageRegion:
     """Return the region of the True pixels of a mask.
 

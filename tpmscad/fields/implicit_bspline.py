@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.errors import InvalidRequest
 from tpmscad.fields import stencil
-from tpmscad.fields.argument_checks import choose_periods
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import choose_periods
+from tpmscad.public_calls import public
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +50,7 @@ class ImplicitBSpline(Field):
         ]
 
 
+@public()
 def bspline_unit(
     coefficients: ArrayLike,
     period: float | Sequence[float] | None = None,
@@ -84,10 +85,6 @@ def bspline_unit(
     >>> unit = fields.bspline_unit(np.random.default_rng(0).normal(size=(4, 4, 4)), period=10.0)
     """
     array = np.array(coefficients, dtype=float)
-    if array.ndim != 3 or array.size == 0:
-        raise InvalidRequest(f"coefficients of shape {array.shape}: give a non-empty three-dimensional array")
-    if not np.isfinite(array).all():
-        raise InvalidRequest("the coefficients must all be finite")
     array.setflags(write=False)
     return ImplicitBSpline(array, choose_periods(period, cell))
 

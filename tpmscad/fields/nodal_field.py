@@ -9,10 +9,11 @@ from types import MappingProxyType
 
 from tpmscad._typing import Array
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
-from tpmscad.fields.argument_checks import as_triple, choose_periods
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import choose_periods
 from tpmscad.fields.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
+from tpmscad.public_calls import public
 
 POLYNOMIALS: Mapping[str, TrigonometricPolynomial] = MappingProxyType(
     {name: parse_formula(record.formula) for name, record in CATALOGUE.items()}
@@ -54,10 +55,11 @@ class NodalField(Field):
         )
 
 
+@public()
 def tpms(
     name: str,
     period: float | Sequence[float] | None = None,
-    phase: Sequence[float] = (0.0, 0.0, 0.0),
+    phase: Triple = (0.0, 0.0, 0.0),
     *,
     cell: float | Sequence[float] | None = None,
 ) -> NodalField:
@@ -91,4 +93,4 @@ def tpms(
     >>> phi.periods()
     (10.0, 10.0, 10.0)
     """
-    return NodalField(find_surface(name).name, choose_periods(period, cell), as_triple(phase, "phase"))
+    return NodalField(find_surface(name).name, choose_periods(period, cell), phase)

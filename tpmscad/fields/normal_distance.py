@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.thresholds import sheet
+from tpmscad.public_calls import public
 
 MAX_DESCENT_STEPS = 60
 MAX_HALVINGS = 12
@@ -83,6 +83,7 @@ class NormalDistance(Field):
         return self.field.periods()
 
 
+@public()
 def normal_distance(phi: FieldLike) -> Field:
     """Return the signed distance to the level set of a field.
 
@@ -115,6 +116,7 @@ def normal_distance(phi: FieldLike) -> Field:
     return NormalDistance(as_field(phi))
 
 
+@public()
 def wall(phi: FieldLike, thickness: FieldLike) -> Field:
     """Return the wall of a thickness round the level set of a field.
 
@@ -148,8 +150,6 @@ def wall(phi: FieldLike, thickness: FieldLike) -> Field:
     >>> bool(wall((0.0, 0.0, 0.0)) > 0)
     True
     """
-    if not isinstance(thickness, Field) and not callable(thickness):
-        thickness = as_positive(thickness, "thickness")
     half = 0.5 * as_field(thickness)
     return sheet(NormalDistance(as_field(phi)), -half, half)
 

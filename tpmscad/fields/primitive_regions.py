@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import Direction, as_positive, as_triple, as_unit_vector
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.public_calls import public
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +129,8 @@ class CylinderRegion(Field):
         return along, (wx, wy, wz), np.sqrt(wx**2 + wy**2 + wz**2)
 
 
-def box(lo: Sequence[float], hi: Sequence[float]) -> BoxRegion:
+@public()
+def box(lo: Triple, hi: Triple) -> BoxRegion:
     """Return the axis-parallel box between two corners.
 
     Parameters
@@ -154,15 +155,15 @@ def box(lo: Sequence[float], hi: Sequence[float]) -> BoxRegion:
     >>> float(fields.box((0, 0, 0), (2, 2, 2))((1.0, 1.0, 1.5)))
     -0.5
     """
-    low, high = np.asarray(lo, float), np.asarray(hi, float)
-    if low.shape != (3,) or high.shape != (3,) or not (low < high).all():
-        raise InvalidRequest(f"box from {lo!r} to {hi!r}: two corners (x, y, z) are needed, each lo below its hi")
-    if np.isinf(low).all() and np.isinf(high).all():
+    if not all(a < b for a, b in zip(lo, hi, strict=True)):
+        raise InvalidRequest(f"box from {lo} to {hi}: two corners (x, y, z) are needed, each lo below its hi")
+    if np.isinf(lo).all() and np.isinf(hi).all():
         raise InvalidRequest("the box is all of space: at least one of its faces must be finite")
-    return BoxRegion(tuple(map(float, low)), tuple(map(float, high)))  # type: ignore[arg-type]
+    return BoxRegion(lo, hi)
 
 
-def halfspace(point: Sequence[float], normal: Direction) -> HalfSpaceRegion:
+@public()
+def halfspace(point: Triple, normal: Direction) -> HalfSpaceRegion:
     """Return the half-space behind a plane.
 
     Parameters
@@ -188,10 +189,11 @@ def halfspace(point: Sequence[float], normal: Direction) -> HalfSpaceRegion:
     >>> float(fields.halfspace((0, 0, 1), "z")((0.0, 0.0, 3.0)))
     2.0
     """
-    return HalfSpaceRegion(as_triple(point, "point"), as_unit_vector(normal, "normal"))
+    return HalfSpaceRegion(point, as_unit_vector(normal))
 
 
-def sphere(center: Sequence[float], radius: float) -> SphereRegion:
+@public()
+def sphere(center: Triple, radius: float) -> SphereRegion:
     """Return the ball with a center and a radius.
 
     Parameters
@@ -217,12 +219,11 @@ def sphere(center: Sequence[float], radius: float) -> SphereRegion:
     >>> float(fields.sphere((0, 0, 0), 2.0)((0.0, 3.0, 4.0)))
     3.0
     """
-    return SphereRegion(as_triple(center, "center"), as_positive(radius, "radius"))
+    return SphereRegion(center, radius)
 
 
-def cylinder(
-    center: Sequence[float], radius: float, axis: Direction = "z", height: float | None = None
-) -> CylinderRegion:
+@public()
+def cylinder(center: Triple, radius: float, axis: Direction = "z", height: float | None = None) -> CylinderRegion:
     """Return a circular cylinder.
 
     Parameters
@@ -252,10 +253,7 @@ def cylinder(
     >>> float(fields.cylinder((0, 0, 0), 2.0, "z")((3.0, 4.0, 9.0)))
     3.0
     """
-    length = None if height is None else as_positive(height, "height")
-    return CylinderRegion(
-        as_triple(center, "center"), as_unit_vector(axis, "axis"), as_positive(radius, "radius"), length
-    )
+    return CylinderRegion(center, as_unit_vector(axis), radius, height)
 
 
 def _corner_distance(*excess: Array) -> Array:

@@ -9,10 +9,11 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import Direction, as_finite, as_triple, as_unit_vector
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.primitive_regions import HalfSpaceRegion
+from tpmscad.public_calls import public
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,8 @@ class RampField(Field):
         return (1.0 - s) * self.low + s * self.high, t
 
 
-def linear(slope: Sequence[float], offset: float = 0.0) -> AffineFunction:
+@public()
+def linear(slope: Triple, offset: float = 0.0) -> AffineFunction:
     """Return the affine function offset + slope . p.
 
     Parameters
@@ -95,10 +97,11 @@ def linear(slope: Sequence[float], offset: float = 0.0) -> AffineFunction:
     >>> float(fields.linear((1, 0, 2), offset=-1.0)((3.0, 0.0, 1.0)))
     4.0
     """
-    return AffineFunction(as_triple(slope, "slope"), as_finite(offset, "offset"))
+    return AffineFunction(slope, offset)
 
 
-def coordinate(axis: Direction, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> HalfSpaceRegion:
+@public()
+def coordinate(axis: Direction, origin: Triple = (0.0, 0.0, 0.0)) -> HalfSpaceRegion:
     """Return the signed distance from an origin along an axis.
 
     Parameters
@@ -124,9 +127,10 @@ def coordinate(axis: Direction, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Ha
     >>> float(fields.coordinate("z", origin=(0, 0, 5))((1.0, 2.0, 7.0)))
     2.0
     """
-    return HalfSpaceRegion(as_triple(origin, "origin"), as_unit_vector(axis, "axis"))
+    return HalfSpaceRegion(origin, as_unit_vector(axis))
 
 
+@public()
 def ramp(by: FieldLike | str, span: Sequence[float], values: Sequence[float], *, smooth: bool = True) -> RampField:
     """Return a field that changes from one value to another while a parameter crosses an interval.
 
@@ -159,10 +163,7 @@ def ramp(by: FieldLike | str, span: Sequence[float], values: Sequence[float], *,
     -0.2
     """
     field = coordinate(by) if isinstance(by, str) else as_field(by)
-    if len(span) != 2 or len(values) != 2:
-        raise InvalidRequest(f"a ramp has a span of two numbers and two values, not {span!r} and {values!r}")
-    start, end = (as_finite(t, "span") for t in span)
-    low, high = (as_finite(c, "values") for c in values)
+    (start, end), (low, high) = span, values
     if start == end:
         raise InvalidRequest(f"the span of a ramp is empty: it starts and ends at {start:g}")
     return RampField(field, start, end, low, high, smooth)

@@ -18,12 +18,14 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array, BoxCorners
+from tpmscad.argument_table import VALUES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import stencil
-from tpmscad.fields.argument_checks import as_finite, as_periods, as_triple
 from tpmscad.fields.evaluation import FieldJet, Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.image_files import read_image
+from tpmscad.fields.periods_and_directions import as_periods
+from tpmscad.public_calls import public, read_value
 
 MIN_SAMPLES = 4
 """Samples along an axis: a cubic spline with not-a-knot ends needs four."""
@@ -71,10 +73,11 @@ class SampledField(Field):
         ]
 
 
+@public()
 def sampled(
     values: ArrayLike | str | os.PathLike[str],
     spacing: float | Sequence[float] | None = None,
-    origin: Sequence[float] | None = None,
+    origin: Triple | None = None,
     *,
     level: float | None = None,
 ) -> SampledField:
@@ -120,31 +123,22 @@ def sampled(
     """
     if isinstance(values, str | os.PathLike):
         image = read_image(values)
-        values = image.values
+        values = read_value("values", VALUES, image.values)
         spacing = image.spacing if spacing is None else spacing
         origin = image.origin if origin is None else origin
-    try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InvalidRequest(f"values must be an array of numbers: {error}") from None
-    if array.ndim != 3 or min(array.shape) < MIN_SAMPLES:
+    array = np.array(values, dtype=float)
+    if min(array.shape) < MIN_SAMPLES:
         raise InvalidRequest(
             f"values of shape {array.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
         )
-    if not np.isfinite(array).all():
-        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidRequest(
-            f"{int((~np.isfinite(array)).sum())} of {array.size} values are not finite, the first at index {first}: "
-            "fill them in first"
-        )
     if level is not None:
-        array = as_finite(level, "level") - array
-    steps = as_periods(1.0 if spacing is None else spacing, "spacing")
+        array = level - array
+    steps = as_periods(1.0 if spacing is None else spacing)
     for axis in range(3):
         array = _spline_coefficients(array, axis)
     array = np.ascontiguousarray(array)
     array.setflags(write=False)
-    return SampledField(array, steps, as_triple((0.0, 0.0, 0.0) if origin is None else origin, "origin"))
+    return SampledField(array, steps, (0.0, 0.0, 0.0) if origin is None else origin)
 
 
 def _spline_coefficients(samples: Array, axis: int) -> Array:

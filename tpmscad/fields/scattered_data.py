@@ -16,8 +16,8 @@ from scipy.spatial import KDTree
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import as_box_corners, as_finite
 from tpmscad.fields.sampled_data import MIN_SAMPLES, SampledField, sampled
+from tpmscad.public_calls import public
 
 MIN_POINTS = 4
 """Points that determine a linear function of space."""
@@ -39,6 +39,7 @@ SAMPLES_PER_BATCH = 4096
 """Samples interpolated at a time: 3000 points need 100 MB."""
 
 
+@public()
 def scattered(
     points: ArrayLike,
     values: ArrayLike,
@@ -92,21 +93,18 @@ def scattered(
     """
     positions, data = _check_points(points, values)
     if level is not None:
-        data = as_finite(level, "level") - data
+        data = level - data
     if domain is None:
         low, high = positions.min(axis=0), positions.max(axis=0)
     else:
-        low, high = as_box_corners(domain)
+        low, high = np.array(domain)
     counts = _table_shape(positions, high - low, resolution)
-    smooth = as_finite(smoothing, "smoothing")
-    if smooth < 0:
-        raise InvalidRequest(f"smoothing {smooth:g} must not be negative")
     try:
         interpolant = RBFInterpolator(
             positions,
             data,
             kernel="cubic",
-            smoothing=smooth,
+            smoothing=smoothing,
             neighbors=None if len(positions) <= MAX_GLOBAL_POINTS else NEIGHBOURS,
         )
         axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
@@ -121,19 +119,13 @@ def scattered(
 
 def _check_points(points: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     """Points (n, 3) and values (n,), finite, distinct and not in one plane."""
-    try:
-        positions, data = np.asarray(points, float), np.asarray(values, float)
-    except (TypeError, ValueError) as error:
-        raise InvalidRequest(f"points and values must be arrays of numbers: {error}") from None
+    positions, data = np.asarray(points, float), np.asarray(values, float)
     if positions.ndim != 2 or positions.shape[1:] != (3,) or data.shape != positions.shape[:1]:
         raise InvalidRequest(
             f"points of shape {positions.shape} and values of shape {data.shape}: give (n, 3) and (n,)"
         )
     if len(positions) < MIN_POINTS:
         raise InvalidRequest(f"{len(positions)} points are fewer than {MIN_POINTS}, the least that span space")
-    if not (np.isfinite(positions).all() and np.isfinite(data).all()):
-        row = int(np.flatnonzero(~(np.isfinite(positions).all(axis=1) & np.isfinite(data)))[0])
-        raise InvalidRequest(f"row {row} of the points or values is not finite: leave it out")
     distance, _ = KDTree(positions).query(positions, k=2)
     if distance[:, 1].min() == 0:
         row = int(distance[:, 1].argmin())

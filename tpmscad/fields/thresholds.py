@@ -11,8 +11,10 @@ import numpy as np
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, as_field
 from tpmscad.fields.nodal_field import NodalField
+from tpmscad.public_calls import public
 
 
+@public()
 def rod(phi: FieldLike, c: FieldLike) -> Field:
     """Return the rod structure {phi <= c} as the field phi - c.
 
@@ -43,6 +45,7 @@ def rod(phi: FieldLike, c: FieldLike) -> Field:
     return phi - c
 
 
+@public()
 def pore(phi: FieldLike, c: FieldLike) -> Field:
     """Return the pore structure {phi >= c} as the field c - phi.
 
@@ -75,6 +78,7 @@ def pore(phi: FieldLike, c: FieldLike) -> Field:
     return c - phi
 
 
+@public()
 def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
     """Return the sheet structure {lo <= phi <= hi} as the field max(lo - phi, phi - hi).
 

@@ -21,9 +21,9 @@ from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.argument_checks import as_box_corners
 from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.public_calls import public
 
 SAMPLES_PER_AXIS = 96
 """Cells per axis of the finer grid; the coarser one has half as many."""
@@ -54,6 +54,7 @@ class _CellSamples:
     upper_bounds: Array
 
 
+@public()
 def volume_fraction(field: FieldLike, domain: BoxCorners | None = None, *, samples: int = SAMPLES_PER_AXIS) -> float:
     """Return the volume fraction of the solid of a field in a box.
 
@@ -90,6 +91,7 @@ def volume_fraction(field: FieldLike, domain: BoxCorners | None = None, *, sampl
     return _richardson(_fraction_below(fine, 0.0), _fraction_below(coarse, 0.0))
 
 
+@public()
 def threshold_for(
     phi: FieldLike,
     volume_fraction: float,
@@ -132,8 +134,6 @@ def threshold_for(
     >>> phi = fields.tpms("gyroid", 10.0)
     >>> structure = fields.rod(phi, fields.threshold_for(phi, 0.3))
     """
-    if not 0 < volume_fraction < 1:
-        raise InvalidRequest(f"volume fraction {volume_fraction!r} must be between 0 and 1")
     grids = _sample_two_grids(as_field(phi), domain, samples)
     part = _fraction_function(kind, level)
 
@@ -169,9 +169,7 @@ def _fraction_function(kind: str, level: float) -> Callable[[_CellSamples, float
         return lambda cells, t: _fraction_below(cells, level + t) - _fraction_below(cells, level - t)
     if kind == "rod":
         return _fraction_below
-    if kind == "pore":
-        return lambda cells, t: 1 - _fraction_below(cells, t)
-    raise InvalidRequest(f"kind {kind!r}: choose rod, pore or sheet")
+    return lambda cells, t: 1 - _fraction_below(cells, t)
 
 
 def _solve_threshold(
@@ -208,7 +206,8 @@ def _resolve_box(field: Field, domain: BoxCorners | None) -> tuple[Array, Array]
                 "the field is not periodic: give the box of the volume as domain=((x0, y0, z0), (x1, y1, z1))"
             )
         return np.zeros(3), np.array(periods)
-    return as_box_corners(domain)
+    low, high = np.array(domain)
+    return low, high
 
 
 def _sample_cells(field: Field, low: Array, high: Array, samples: int) -> _CellSamples:
@@ -287,6 +286,7 @@ class GradedThreshold(Field):
             )
 
 
+@public()
 def graded_threshold(
     phi: FieldLike,
     fraction: FieldLike,
@@ -332,10 +332,7 @@ def graded_threshold(
     >>> part = fields.rod(phi, fields.graded_threshold(phi, fraction, (0.2, 0.5)))
     """
     local_fraction = as_field(fraction)
-    try:
-        low, high = (float(f) for f in span)
-    except (TypeError, ValueError):
-        raise InvalidRequest(f"span {span!r} must be two volume fractions, the least and the greatest") from None
+    low, high = span
     if not 0 < low < high < 1:
         raise InvalidRequest(f"span {span!r} must be two volume fractions between 0 and 1, the least first")
     ends = [threshold_for(phi, f, kind, level=level, domain=domain) for f in (low, high)]

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +21,7 @@ from scipy.integrate import quad_vec
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.spherical_charts import chart_along_equator, chart_from_pole
+from tpmscad.public_calls import call_for_array, public, public_constructor
 
 __all__ = ["Map", "as_map", "composition", "cylinder", "grading", "sphere", "stretching"]
 
@@ -31,12 +33,11 @@ def __dir__() -> list[str]:
 DIFFERENCE_STEP_CELLS = 2e-3
 """Difference step in cell edges: it balances truncation (1e-16 of the seventh derivative) and round-off (1e-13)."""
 
-SPHERE_CHARTS = ("pole", "equator")
-
 SCALE_SAMPLES = 65
 """Points along the lattice at which a grading's scale is checked."""
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class Map:
     """A smooth coordinate map of a lattice, in model units.
@@ -86,7 +87,7 @@ class Map:
             If the function returns another shape, or a value that is not finite.
         """
         points = np.asarray(points, float)
-        values = np.asarray(self.function(points), float)
+        values = call_for_array(self.name, self.function, points)
         if values.shape != points.shape:
             raise InvalidRequest(
                 f"{self.name} returned shape {values.shape} for points of shape {points.shape}; "
@@ -116,7 +117,13 @@ class Map:
         """
         points = np.asarray(points, float)
         if self.jacobian_function is not None:
-            return np.asarray(self.jacobian_function(points), float)
+            jacobian = call_for_array(f"the Jacobian of {self.name}", self.jacobian_function, points)
+            if jacobian.shape != (*points.shape, 3) or not np.isfinite(jacobian).all():
+                raise InvalidRequest(
+                    f"the Jacobian of {self.name} must return finite matrices (..., 3, 3), here {(*points.shape, 3)}; "
+                    f"it returned shape {jacobian.shape}"
+                )
+            return jacobian
         h = DIFFERENCE_STEP_CELLS * scale
         columns = []
         for axis in np.eye(3):
@@ -125,6 +132,7 @@ class Map:
         return np.stack(columns, axis=-1)
 
 
+@public()
 def as_map(function: Map | Callable[[Array], Array]) -> Map:
     """Return a callable as a `Map`.
 
@@ -149,13 +157,10 @@ def as_map(function: Map | Callable[[Array], Array]) -> Map:
     >>> maps.as_map(lambda p: 2.0 * p)([1.0, 2.0, 3.0])
     array([2., 4., 6.])
     """
-    if not callable(function):
-        raise InvalidRequest(
-            f"map {function!r} is no function of points: give one of tpmscad.maps, such as `maps.cylinder`, or your own"
-        )
     return function if isinstance(function, Map) else Map(function, name=getattr(function, "__name__", "user map"))
 
 
+@public()
 def stretching(factors: Sequence[float]) -> Map:
     """Return the map that stretches each axis by its own factor, as unequal cell edges do.
 
@@ -180,14 +185,11 @@ def stretching(factors: Sequence[float]) -> Map:
     >>> maps.stretching((1.0, 1.0, 2.0))([1.0, 1.0, 1.0])
     array([1., 1., 2.])
     """
-    f = np.asarray(factors, float)
-    if f.shape != (3,) or not (np.isfinite(f).all() and f.min() > 0):
-        raise InvalidRequest(
-            f"factors {factors!r} of a stretch must be three positive, finite numbers, one for each axis"
-        )
+    f = np.array(factors)
     return Map(lambda p: p * f, lambda p: np.broadcast_to(np.diag(f), (*p.shape, 3)), f"stretch {f.tolist()}")
 
 
+@public()
 def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], length: float) -> Map:
     """Return the map that grades the cell size along one axis; the other axes stay as they are.
 
@@ -222,11 +224,8 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     >>> maps.grading(2, (1.0, 2.0), 10.0)([0.0, 0.0, 10.0])
     array([ 0.,  0., 15.])
     """
-    if axis not in (0, 1, 2):
-        raise InvalidRequest(f"axis {axis!r} of a grading is none of 0, 1 and 2")
-    length = _check_positive("length", length, "the extent of the lattice along the axis, cells x cell")
     if callable(scale):
-        rate = scale
+        rate = partial(call_for_array, "the scale of a grading", scale)
         _check_scales(rate(np.linspace(0.0, length, SCALE_SAMPLES)))
 
         def moved(x: Array) -> Array:
@@ -234,7 +233,6 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
             return flat.reshape(x.shape)
     else:
         low, high = scale
-        _check_scales([low, high])
         slope = (high - low) / length
 
         def rate(x: Array) -> Array:
@@ -256,6 +254,7 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     return Map(function, jacobian, f"grading along {'xyz'[axis]}")
 
 
+@public()
 def cylinder(radius: float) -> Map:
     """Return the map that wraps a lattice around the z axis.
 
@@ -287,7 +286,6 @@ def cylinder(radius: float) -> Map:
     >>> maps.cylinder(10.0)([0.0, 1.0, 2.0])
     array([ 0., 11.,  2.])
     """
-    radius = _check_positive("radius", radius, "N cells close to a ring at radius N x cell / (2 pi)")
 
     def function(p: Array) -> Array:
         angle, r = p[..., 0] / radius, radius + p[..., 1]
@@ -302,6 +300,7 @@ def cylinder(radius: float) -> Map:
     return Map(function, jacobian, f"wrap around a cylinder of radius {radius:g}")
 
 
+@public()
 def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None = None) -> Map:
     """Return the map that wraps a lattice around the origin, as a dome or as a band.
 
@@ -346,14 +345,7 @@ def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None
     >>> np.round(maps.sphere(10.0)([5.0 * np.pi, 0.0, 0.0]), 9)
     array([10.,  0.,  0.])
     """
-    radius = _check_positive("radius", radius, "a square lattice of length pi x radius covers half the sphere")
-    if chart not in SPHERE_CHARTS:
-        raise InvalidRequest(
-            f"chart {chart!r} of a sphere is unknown; choose one of {', '.join(map(repr, SPHERE_CHARTS))}"
-        )
-    if centre is not None and (np.shape(centre) != (2,) or not np.isfinite(np.asarray(centre, float)).all()):
-        raise InvalidRequest(f"centre {centre!r} of a sphere takes two finite lattice coordinates, x and y")
-    x0, y0 = (0.0, 0.0) if centre is None else (float(c) for c in centre)
+    x0, y0 = (0.0, 0.0) if centre is None else centre
     function, jacobian = chart_from_pole(radius) if chart == "pole" else chart_along_equator(radius)
     origin = np.array([x0, y0, 0.0])
     return Map(
@@ -364,6 +356,7 @@ def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None
     )
 
 
+@public()
 def composition(outer: Map, inner: Map, scale: float) -> Map:
     """Return the composition of two maps: `outer` after `inner`.
 
@@ -402,19 +395,8 @@ def shift_to_middle(map: Map, size: Array) -> Map:
     return Map(lambda p: map(p - shift), None if exact is None else lambda p: exact(p - shift), map.name)
 
 
-def _check_positive(label: str, value: float, remedy: str) -> float:
-    """The value as a float; InvalidRequest if it is not a positive, finite number."""
-    try:
-        number = float("nan") if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError):
-        number = float("nan")
-    if not (np.isfinite(number) and number > 0):
-        raise InvalidRequest(f"{label} {value!r} must be a positive, finite number: {remedy}")
-    return number
-
-
 def _check_scales(scales: ArrayLike) -> None:
-    values = np.asarray(scales, float)
+    values = np.atleast_1d(np.asarray(scales, float))
     if not (np.isfinite(values).all() and values.min() > 0):
         wrong = values[~(np.isfinite(values) & (values > 0))][0]
         raise InvalidRequest(f"scale {wrong:g} of a grading must be positive and finite all along the lattice")

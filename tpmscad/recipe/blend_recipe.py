@@ -41,7 +41,7 @@ from tpmscad.blending.initial_weights import WEIGHT_NAMES, WeightSpec
 from tpmscad.blending.porous_blending import METHODS, blend
 from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
-from tpmscad.fields.argument_checks import as_unit_vector
+from tpmscad.fields.periods_and_directions import as_unit_vector
 from tpmscad.recipe.field_kind import Key, KeyTable
 from tpmscad.recipe.field_reader import FIELDS_KEY, make_field_reader
 from tpmscad.recipe.toml_entry import Entry, read_document
@@ -127,16 +127,12 @@ WEIGHT_KINDS: dict[str, WeightKind] = {
     "along": WeightKind(
         "A spline of the coordinate along a direction.",
         KeyTable((Key("direction", DIRECTION, "from one structure to the other"), *_COUNT_KEYS)),
-        lambda direction, **spline: _make_line_weight(
-            LinearCoordinate(as_unit_vector(direction, "direction")), **spline
-        ),
+        lambda direction, **spline: _make_line_weight(LinearCoordinate(as_unit_vector(direction)), **spline),
     ),
     "cylinder": WeightKind(
         "A spline of the distance to an axis.",
         KeyTable((Key("center", POINT, "a point of the axis", "mm"), _AXIS_KEY, *_COUNT_KEYS)),
-        lambda center, axis, **spline: _make_line_weight(
-            CylinderRadius(center, as_unit_vector(axis, "axis")), **spline
-        ),
+        lambda center, axis, **spline: _make_line_weight(CylinderRadius(center, as_unit_vector(axis)), **spline),
     ),
     "sphere": WeightKind(
         "A spline of the distance to a point.",

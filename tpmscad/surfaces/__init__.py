@@ -4,6 +4,7 @@ All lengths are in units of the cubic cell's edge unless a function takes a `cel
 """
 
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
+from tpmscad.public_calls import public
 from tpmscad.surfaces.curvature_integrals import area, cell_measures
 from tpmscad.surfaces.differential_geometry import SurfaceJet
 from tpmscad.surfaces.motion_group import PatchSymmetry, patch_symmetry
@@ -19,6 +20,7 @@ from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirro
 from tpmscad.surfaces.surface_patch import PARAMETER_MARGIN, SurfacePatch, check_reference, primitive_patch
 
 
+@public()
 def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
     """Return the symmetry group that generates the whole surface from its primitive.
 

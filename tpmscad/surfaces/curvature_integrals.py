@@ -29,6 +29,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.catalogue import find_surface
+from tpmscad.public_calls import public
 from tpmscad.splines.quadrature import gauss_legendre_unit, tensor_gauss_legendre
 from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square
@@ -79,6 +80,7 @@ LEVEL_SET_MEASURES: Mapping[str, CellMeasures] = MappingProxyType(
 the Gauss curvature is 2 pi times the Euler characteristic."""
 
 
+@public()
 @cache
 def cell_measures(name: str, reference: str) -> CellMeasures:
     """Return area, curvature integrals and offset limits of a surface per cubic cell.
@@ -112,6 +114,7 @@ def cell_measures(name: str, reference: str) -> CellMeasures:
     return CellMeasures(area(name, reference), 0.0, -record.patches_per_cell * 2 * np.pi / 3, 0.5, -limit, limit)
 
 
+@public()
 @cache
 def area(name: str, reference: str = "minimal") -> float:
     """Return the area of the mid surface in one cubic cell, in cells squared.

@@ -14,6 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.catalogue import find_surface
+from tpmscad.public_calls import public
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.surface_patch import primitive_patch
 
@@ -53,6 +54,7 @@ class PatchSymmetry:
     handedness: int
 
 
+@public()
 @cache
 def patch_symmetry(name: str) -> PatchSymmetry:
     """Return the motions that generate a surface from its primitive patch.

@@ -11,12 +11,14 @@ from scipy.optimize import brentq
 
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.surfaces.curvature_integrals import cell_measures
 
 OFFSET_ROOT_XTOL_CELLS = 1e-17
 """Absolute tolerance of an offset found by root search: below round-off, so that the bracket closes completely."""
 
 
+@public()
 def volume_fraction(name: str, reference: str, lower: float, upper: float) -> float:
     """Return the volume fraction of the sheet between two offsets.
 
@@ -57,6 +59,7 @@ def volume_fraction(name: str, reference: str, lower: float, upper: float) -> fl
     return measures.swept_volume(upper) - measures.swept_volume(lower)
 
 
+@public()
 def skeletal_volume_fraction(name: str, reference: str, offset: float = 0.0, side: str = "-") -> float:
     """Return the volume fraction on one side of an offset surface.
 
@@ -93,6 +96,7 @@ def skeletal_volume_fraction(name: str, reference: str, offset: float = 0.0, sid
     return below if _side_sign(side) > 0 else 1 - below
 
 
+@public()
 def thickness_for(name: str, reference: str, volume_fraction: float) -> float:
     """Return the wall thickness, symmetric about the mid surface, that gives a volume fraction.
 
@@ -136,6 +140,7 @@ def thickness_for(name: str, reference: str, volume_fraction: float) -> float:
     )
 
 
+@public()
 def skeletal_offset_for(name: str, reference: str, volume_fraction: float, side: str = "-") -> float:
     """Return the offset of the surface that has a volume fraction on one side.
 
@@ -185,6 +190,7 @@ def skeletal_offset_for(name: str, reference: str, volume_fraction: float, side:
     )
 
 
+@public()
 def offsets_for(
     name: str, reference: str, volume_fraction: float, kind: str, cell: float, side: str = "-"
 ) -> tuple[float, float]:
@@ -231,6 +237,7 @@ def offsets_for(
     raise InvalidRequest(f"kind {kind!r} is unknown; choose 'sheet' or 'skeletal'")
 
 
+@public()
 def check_offset(name: str, reference: str, offset: float, cell: float = 1.0) -> None:
     """Raise InvalidRequest if an offset reaches the surface's curvature radius.
 

@@ -17,6 +17,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.plane_waves import NODAL_WAVES, PlaneWaves
 
@@ -95,6 +96,7 @@ class MirrorSymmetry:
         return start + fraction[..., None] * (end - start), fraction
 
 
+@public()
 def has_mirrors(name: str) -> bool:
     """Return True if lattices of a surface consist of mirrored pieces.
 
@@ -122,6 +124,7 @@ def has_mirrors(name: str) -> bool:
     return find_surface(name).primitives == "mirrored"
 
 
+@public()
 @cache
 def mirror_symmetry(name: str) -> MirrorSymmetry:
     """Return the mirror planes of a surface and its quadrilateral piece.

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.catalogue import SurfaceRecord, find_surface
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.surfaces import minimal_patch, nodal_patch
 from tpmscad.surfaces.differential_geometry import SurfaceJet, min_curvature_radius
 
@@ -77,6 +78,7 @@ class SurfacePatch:
         return SurfaceJet(position, du, dv, duu, duv, dvv, normal[0])
 
 
+@public()
 @cache
 def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
     """Return the primitive patch of a surface that has one in closed form.
@@ -120,6 +122,7 @@ def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
     return SurfacePatch(record.name, reference, min_curvature_radius(evaluate), evaluate)
 
 
+@public()
 def check_reference(record: SurfaceRecord, reference: str) -> None:
     """Raise InvalidRequest unless lattices of a surface can be fitted to a reference.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.public_calls import public
 from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, find_root, njit_cached
 
 
@@ -186,6 +187,7 @@ class LabelledComponents:
         return np.stack(np.unravel_index(self.deepest, self.labels.shape), axis=-1).astype(np.int64)
 
 
+@public()
 def label_components(values: ArrayLike, level: float = 0.0, convention: Convention = "strict") -> LabelledComponents:
     """Label the connected components of the solid {f <= level}.
 
@@ -221,6 +223,7 @@ def label_components(values: ArrayLike, level: float = 0.0, convention: Conventi
     return _label_phase(values, level, connectivity(convention)[0], solid=True)
 
 
+@public()
 def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention = "strict") -> LabelledComponents:
     """Label the cavities of the solid {f <= level}: void components not connected to the border of the array.
 
@@ -255,6 +258,7 @@ def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention
     return _label_phase(values, level, connectivity(convention)[1], solid=False)
 
 
+@public()
 def count_components_and_cavities(
     values: ArrayLike, level: float = 0.0, convention: Convention = "strict"
 ) -> tuple[int, int]:

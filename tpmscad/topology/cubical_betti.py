@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.public_calls import public
 from tpmscad.topology.components import count_components_and_cavities
 from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 
@@ -30,6 +31,7 @@ class Betti:
         return self.b0 - self.b1 + self.b2
 
 
+@public()
 def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> Betti:
     """Compute the Betti numbers of the solid {f <= level}.
 
@@ -66,6 +68,7 @@ def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "verti
     return Betti(b0, b0 + b2 - euler, b2)
 
 
+@public()
 def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> int:
     """Compute the Euler characteristic of the solid {f <= level}.
 
@@ -109,6 +112,7 @@ def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Conv
     return _alternating_cell_sum(np.pad(field > level, 1, constant_values=True)) - 1
 
 
+@public()
 def bound_component_counts(values: ArrayLike, level: float = 0.0) -> tuple[tuple[int, int], tuple[int, int]]:
     """Bound the numbers of components and cavities of the trilinear interpolant of the samples.
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.topology.voxels import Convention
 
 DEFAULT_SAMPLES = 64
@@ -182,6 +183,7 @@ class PersistenceDiagram:
         return (low, high) if low < high else (low - 1.0, high + 1.0)
 
 
+@public()
 def persistence_diagram(
     field_or_values: Any,
     domain: Sequence[Sequence[float]] | None = None,

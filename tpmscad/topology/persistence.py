@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
 from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, njit_cached
@@ -75,6 +76,7 @@ class PersistencePairs:
         return self.select((self.birth <= level) & (level < self.death))
 
 
+@public()
 def compute_persistence(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> PersistencePairs:
     """Compute the persistence pairs of samples in dimension 0 or 2 by a union-find sweep.
 
@@ -147,6 +149,7 @@ def _unpad_indices(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
     return np.ravel_multi_index(tuple(part - 1 for part in parts), shape).astype(np.int64)
 
 
+@public()
 def compute_pairs_at_level(
     values: ArrayLike, dimension: int, convention: Convention = "vertices", level: float = 0.0
 ) -> PersistencePairs:

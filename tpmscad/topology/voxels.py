@@ -23,7 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.argument_table import VALUES
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import read_value
 
 Labels = NDArray[np.int32]
 Convention = Literal["vertices", "top_cells", "strict"]
@@ -40,13 +42,7 @@ njit_cached = numba.njit(cache=True)
 def as_sample_array(values: ArrayLike) -> Array:
     """Samples (nx, ny, nz) as a contiguous writeable float array; InvalidRequest if they are not finite or not 3-D."""
     # writeable: for a read-only array numba would compile every loop once more, which takes seconds
-    array = np.require(values, float, ("C", "W"))
-    if array.ndim != 3 or array.size == 0:
-        raise InvalidRequest(f"samples of shape {np.shape(values)}: give a non-empty three-dimensional array")
-    if not np.isfinite(array).all():
-        first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InvalidRequest(f"the samples contain {array[first]} at voxel {first}: a field must be finite everywhere")
-    return array
+    return np.require(read_value("values", VALUES, values), float, ("C", "W"))
 
 
 def connectivity(convention: str) -> tuple[int, int]:

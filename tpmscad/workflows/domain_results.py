@@ -13,6 +13,7 @@ import numpy as np
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Colour, NamedSolid, make_compound
+from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import write_checked_solids
 from tpmscad.workflows.file_formats import (
@@ -86,6 +87,7 @@ class FluidDomains:
         (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
+    @public()
     def export(
         self,
         path: str | Path,
@@ -135,6 +137,7 @@ class FluidDomains:
         else:
             write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
+    @public()
     def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
         """Write the named solids to a STEP file, which is read back and checked.
 
@@ -153,6 +156,7 @@ class FluidDomains:
         solids = self.named_solids()
         write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
 
+    @public()
     def render(
         self,
         path: str | Path,

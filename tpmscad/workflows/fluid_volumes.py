@@ -29,6 +29,7 @@ from tpmscad.kernel import (
     read_body,
     split_body,
 )
+from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success
@@ -43,14 +44,13 @@ from tpmscad.workflows.certificate import (
 from tpmscad.workflows.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.workflows.lattice_request import resolve_lattice_request, rotation_matrix
-from tpmscad.workflows.misused_calls import answer_misuse
 from tpmscad.workflows.model import Model
 
 TOTAL_VOLUME_RTOL = 1e-6
 """Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
 
 
-@answer_misuse('fluid_domains(body, "gyroid", cell=10, thickness=1)')
+@public('fluid_domains(body, "gyroid", cell=10, thickness=1)')
 def fluid_domains(
     body: Any,
     surface: str,

@@ -23,12 +23,12 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel import enclosing_box, read_body
+from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, Check, certify
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
 from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, check_loose, drop_loose_pieces
-from tpmscad.workflows.misused_calls import answer_misuse
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
 from tpmscad.workflows.reference_distance import field_distance
@@ -37,7 +37,7 @@ KERNEL_VOLUME_RTOL = 1e-6
 """Relative difference allowed between the kernel's quadrature of its faces and that of the patches."""
 
 
-@answer_misuse("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
+@public("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
 def solidify(
     field: Field | Callable[..., Any],
     domain: BoxCorners | Any,

@@ -17,6 +17,7 @@ from tpmscad._typing import ProgressOption
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel import KernelSolids, read_body, resolve_open_faces
+from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice
 from tpmscad.workflows.certificate import certify_kernel_solids
@@ -30,7 +31,6 @@ from tpmscad.workflows.lattice_request import (
     rotation_matrix,
 )
 from tpmscad.workflows.loose_pieces import DroppedPieces, check_loose, drop_loose_pieces, drop_loose_solids
-from tpmscad.workflows.misused_calls import answer_misuse
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.reference_distance import field_distance, lattice_distance
 from tpmscad.workflows.skin import fill_within_skin
@@ -39,7 +39,7 @@ MIN_WALL_THICKNESS = 1e-5
 """Model units: a hundred times the kernel's tolerance, at which the trimmed edges of the two walls are still distinct."""
 
 
-@answer_misuse('infill(body, "gyroid", cell=8, thickness=0.8, skin=1.5)')
+@public('infill(body, "gyroid", cell=8, thickness=0.8, skin=1.5)')
 def infill(
     body: Any,
     surface: str | Field | Callable[..., Any],

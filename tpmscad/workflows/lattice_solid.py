@@ -24,6 +24,7 @@ from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.public_calls import public
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
@@ -34,7 +35,6 @@ from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, res
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
 from tpmscad.workflows.loose_pieces import check_loose, drop_loose_pieces
 from tpmscad.workflows.mapped_cover import cover_mapped_lattice
-from tpmscad.workflows.misused_calls import answer_misuse
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
 from tpmscad.workflows.reference_distance import lattice_distance
@@ -43,7 +43,7 @@ FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
 
 
-@answer_misuse('lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+@public('lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
 def lattice(
     surface: str,
     *,

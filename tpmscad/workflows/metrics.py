@@ -19,6 +19,7 @@ from tpmscad._typing import BoolArray
 from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Creases, FaceSamples, face_moments, faces_of, read_body
+from tpmscad.public_calls import public
 from tpmscad.workflows.model import Model
 
 SAMPLE_SPACING_FRACTION = 0.4
@@ -116,6 +117,7 @@ class Metrics:
         )
 
 
+@public()
 def measure(source: Any, *, within: Any = None, spacing: float | None = None, is_fluid: bool | None = None) -> Metrics:
     """Measure the figures that parts are designed by: volume fraction, wetted surface, hydraulic diameter, walls and pores.
 

@@ -14,6 +14,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import BuiltSolids, KernelSolids, NamedSolid
+from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL,
@@ -106,6 +107,7 @@ class Model:
         (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
         return (x0, y0, z0), (x1, y1, z1)
 
+    @public()
     def export(
         self,
         path: str | Path,
@@ -152,6 +154,7 @@ class Model:
         else:
             write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
+    @public()
     def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
         """Write the model as a STEP file, read it back without healing and compare the volume.
 
@@ -204,6 +207,7 @@ class Model:
             n_placements=len(self.unit_cell.translations),
         )
 
+    @public()
     def render(
         self,
         path: str | Path,

@@ -13,6 +13,7 @@ from tpmscad import kernel
 from tpmscad._typing import Array
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 from tpmscad.workflows.picture_pieces import PicturePiece, base_names, choose_colours, find_pieces, hide_pieces
 
 COLOURINGS = ("piece", "tag", "deviation", "curvature")
@@ -37,6 +38,7 @@ CURVATURE_SHARE = 0.99
 Colour = tuple[float, float, float]
 
 
+@public()
 def render(
     source: Any,
     path: str | Path,
@@ -87,6 +89,7 @@ def render(
     kernel.write_picture(picture, target)
 
 
+@public()
 def render_bytes(
     source: Any,
     *,

@@ -17,6 +17,7 @@ from tpmscad.fields import volume_fraction
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel import enclosing_box, read_body
+from tpmscad.public_calls import public
 from tpmscad.workflows.field_patches import check_field_in_box
 from tpmscad.workflows.implicit_solid import is_numeric_box, parse_corners
 from tpmscad.workflows.lattice_block import expand_body_box
@@ -33,6 +34,7 @@ class SolidPreview:
     volume_fraction: float
 
 
+@public()
 def preview_solid(field: Field | Callable[..., Any], domain: BoxCorners | Any, *, tol: float) -> SolidPreview:
     """The preview of ``solidify(field, domain, tol=tol)``; it raises what `solidify` would raise before its fits."""
     field = as_field(field)

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from tpmscad import kernel
+from tpmscad.public_calls import public
 from tpmscad.workflows.domain_results import FluidDomains
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
 
 
+@public()
 def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
     """Write a model, a CAD shape, or several of them as a STEP file.
 
@@ -58,6 +60,7 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
         kernel.write_shape(model, path, schema=schema, name=name)
 
 
+@public()
 def check_step(path: str | Path) -> kernel.StepReport:
     """Read a STEP file with the kernel and report its content.
 
@@ -86,6 +89,7 @@ def check_step(path: str | Path) -> kernel.StepReport:
     return kernel.check_foreign_step(path)
 
 
+@public()
 def render_step(
     path: str | Path,
     picture: str | Path,

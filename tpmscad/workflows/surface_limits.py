@@ -7,8 +7,10 @@ from __future__ import annotations
 
 from tpmscad import surfaces
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public
 
 
+@public()
 def thickest_wall(surface: str, reference: str | None = None) -> float:
     """Return the thickness, in cell edges, that the wall of a symmetric sheet has to stay below.
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.public_calls import public_constructor
 
 Vector = tuple[float, float, float]
 
@@ -28,6 +29,7 @@ class Coordinate(Protocol):
         ...
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class LinearCoordinate:
     """The coordinate along a direction, measured from the origin (eq. 7).
@@ -70,6 +72,7 @@ class LinearCoordinate:
         return int(np.argmax(unit)) if np.max(unit) == 1.0 else None
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class CylinderRadius:
     """The distance from an axis (eq. 10).
@@ -115,6 +118,7 @@ class CylinderRadius:
         return offset - (offset @ unit)[..., None] * unit
 
 
+@public_constructor
 @dataclass(frozen=True, slots=True)
 class SphereRadius:
     """The distance from a point (eq. 12).

@@ -18,7 +18,6 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.fields.argument_checks import as_positive
 from tpmscad.fields.evaluation import FieldJet, stack_points
 from tpmscad.fields.field import Field
 from tpmscad.fields.sampled_data import SampledField, sampled
@@ -27,6 +26,7 @@ from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.public_calls import public
 
 TABLE_MARGIN_SPACINGS = 2.0
 """Spacings by which a table of distances reaches beyond the body's box, so that the body's surface is interpolated well."""
@@ -90,6 +90,7 @@ class BodyDistance(Field):
         return value, feet
 
 
+@public()
 def body_field(shape: Any, *, spacing: float | None = None) -> Field:
     """Signed distance to a CAD body as a field, negative inside.
 
@@ -128,7 +129,7 @@ def body_field(shape: Any, *, spacing: float | None = None) -> Field:
     """
     body = read_body(shape)
     exact = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(faces_of(body.shape)))
-    return exact if spacing is None else _tabulate(exact, as_positive(spacing, "spacing"))
+    return exact if spacing is None else _tabulate(exact, spacing)
 
 
 def _tabulate(exact: BodyDistance, spacing: float) -> SampledField:

@@ -1,0 +1,281 @@
+"""Kinds of arguments: what a public function takes in words, an example of it, and the function that reads it.
+
+A reader returns the value in its final form (a float, a tuple, an array) or raises `Refusal` with the reason. Nothing is
+converted that a person would not call by the same name: a bool is no number, nor are bytes, text and arrays of one number.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Integral, Real
+from typing import Any, Self
+
+import numpy as np
+
+from tpmscad._typing import Array
+
+GREATEST, LEAST = 1e100, 1e-100
+"""Magnitudes of numbers, and of positive numbers: the cubes of others leave the range of float64."""
+
+MAX_SHOWN = 60
+"""Characters of a value in a message."""
+
+
+class Refusal(Exception):
+    """Why a value is not of a kind; the door adds the argument and the value."""
+
+
+class WrongType(Refusal):
+    """The value is not even of the type: another kind may take it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ArgumentKind:
+    """What an argument takes, in words; an example as it is written; and its reader, which raises Refusal."""
+
+    text: str
+    example: str
+    read: Callable[[Any], Any]
+
+    def but(self, text: str = "", example: str = "") -> Self:
+        """The same kind described by other words, or by another example."""
+        return type(self)(text or self.text, example or self.example, self.read)
+
+    def or_else(self, other: ArgumentKind) -> ArgumentKind:
+        """A kind that takes what either takes."""
+
+        def read(value: Any) -> Any:
+            try:
+                return self.read(value)
+            except WrongType:
+                return other.read(value)
+            except Refusal as refusal:
+                try:
+                    return other.read(value)
+                except Refusal:
+                    raise refusal from None
+
+        return ArgumentKind(f"{self.text}, or {other.text}", self.example, read)
+
+
+def show_value(value: Any) -> str:
+    """A value in one line for a message, cut off if it is long."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # the `repr` of a foreign object, or a number of too many digits
+        text = f"of type {type(value).__name__}"
+    return text if len(text) <= MAX_SHOWN else f"{text[: MAX_SHOWN - 3]}..."
+
+
+def read_number(value: Any) -> float:
+    """A finite number."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if isinstance(value, bool | np.bool_) or not isinstance(value, Real | Decimal):
+        raise WrongType("is not a number")
+    try:
+        number = float(value)
+    except (OverflowError, ValueError):
+        raise Refusal(f"is beyond {GREATEST:g}, the greatest number taken") from None
+    if not math.isfinite(number):
+        raise Refusal("must be finite")
+    if abs(number) > GREATEST:
+        raise Refusal(f"is beyond {GREATEST:g}, the greatest number taken")
+    return number
+
+
+def read_positive(value: Any) -> float:
+    """A number above zero."""
+    number = read_number(value)
+    if number <= 0:
+        raise Refusal("must be positive")
+    if number < LEAST:
+        raise Refusal(f"is below {LEAST:g}, the least positive number taken")
+    return number
+
+
+def read_not_negative(value: Any) -> float:
+    """A number of at least zero."""
+    number = read_number(value)
+    if number < 0:
+        raise Refusal("must not be negative")
+    return number
+
+
+def read_whole(value: Any) -> int:
+    """A whole number; a float without fraction stands for one."""
+    number = read_number(value)
+    if number != int(number):
+        raise Refusal("must be a whole number")
+    return int(value) if isinstance(value, Integral) else int(number)
+
+
+def read_count(value: Any) -> int:
+    """A whole number of at least 1."""
+    number = read_whole(value)
+    if number < 1:
+        raise Refusal("must be positive: at least 1")
+    return number
+
+
+def read_items(value: Any) -> list[Any]:
+    """The entries of a sequence or of an array."""
+    if isinstance(value, str | bytes | bytearray | dict | set | frozenset):
+        raise WrongType("is no sequence of values")
+    if isinstance(value, np.ndarray):
+        if value.ndim == 0:
+            raise WrongType("is no sequence of values")
+    elif not isinstance(value, Sequence) and not (hasattr(value, "__len__") and hasattr(value, "__iter__")):
+        raise WrongType("is no sequence of values")
+    return list(value)
+
+
+def tuple_of(reader: Callable[[Any], Any], count: int, words: str, example: str) -> ArgumentKind:
+    """A tuple of `count` values that are read by one reader; `words` says what they are."""
+
+    def read(value: Any) -> Any:
+        if isinstance(value, Real):
+            raise WrongType(f"must be {words}")
+        items = read_items(value)
+        if len(items) != count:
+            raise Refusal(f"must be {words}, not {len(items)}")
+        return tuple(map(reader, items))
+
+    return ArgumentKind(words, example, read)
+
+
+def one_or_three(reader: Callable[[Any], Any], one: str, example: str) -> ArgumentKind:
+    """One value for all axes, or three."""
+    three = tuple_of(reader, 3, f"{one}, or three, one for each axis", example)
+
+    def read(value: Any) -> Any:
+        return three.read(value) if hasattr(value, "__len__") and not isinstance(value, str | bytes) else reader(value)
+
+    return ArgumentKind(three.text, example, read)
+
+
+def read_corners(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Two corners of a box, each coordinate of the first below that of the second."""
+    low, high = tuple_of(POINT.read, 2, "two corners, ((x0, y0, z0), (x1, y1, z1))", "").read(value)
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise Refusal("is empty: each coordinate of the first corner must be below the second's")
+    return low, high
+
+
+def read_unbounded_number(value: Any) -> float:
+    """A number or an infinity."""
+    if isinstance(value, float) and math.isinf(value):
+        return float(value)
+    return read_number(value)
+
+
+AXES = {sign + axis: (sign, axis) for sign in ("", "-") for axis in "xyz"}
+
+
+def read_direction(value: Any) -> str | tuple[float, float, float]:
+    """A signed axis, or a vector that is not zero."""
+    if isinstance(value, str):
+        if value not in AXES:
+            raise Refusal("names no axis: give x, y, z, -x, -y, -z or a vector")
+        return value
+    vector: tuple[float, float, float] = POINT.read(value)
+    if not math.hypot(*vector) > LEAST:
+        raise Refusal("has no direction: its length is zero")
+    return vector
+
+
+def read_array(value: Any) -> Array:
+    """Numbers in an array of float64; text, bools and ragged lists are refused, infinities and nan are not."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise Refusal("is no array of numbers of one shape") from None
+    if array.dtype.kind not in "iuf" and array.size:
+        raise Refusal(f"is no array of numbers, but of {array.dtype}")
+    return np.asarray(array, float)
+
+
+def array_kind(words: str, example: str, *ndim: int) -> ArgumentKind:
+    """Finite numbers in an array with one of these numbers of dimensions, not empty."""
+
+    def read(value: Any) -> Array:
+        array = read_array(value)
+        if array.ndim not in ndim or array.size == 0:
+            raise Refusal(f"of shape {array.shape} must be {words}")
+        if not np.isfinite(array).all():
+            wrong = np.argwhere(~np.isfinite(array))
+            first = tuple(map(int, wrong[0]))
+            raise Refusal(f"is not finite at {len(wrong)} of {array.size} entries, the first at index {first}")
+        return array
+
+    return ArgumentKind(words, example, read)
+
+
+def choice_of(*words: str) -> ArgumentKind:
+    """One of some words."""
+    listed = ", ".join(map(repr, words))
+
+    def read(value: Any) -> str:
+        if not isinstance(value, str) or value not in words:
+            raise Refusal(f"is unknown; choose one of {listed}")
+        return value
+
+    return ArgumentKind(f"one of {listed}", repr(words[0]), read)
+
+
+def instance_of(words: str, example: str, *types: type) -> ArgumentKind:
+    """A value of one of these types, as it is."""
+
+    def read(value: Any) -> Any:
+        if not isinstance(value, types):
+            raise WrongType(f"must be {words}")
+        return value
+
+    return ArgumentKind(words, example, read)
+
+
+def read_callable(value: Any) -> Any:
+    """Anything that can be called, but no class."""
+    if not callable(value) or isinstance(value, type):
+        raise WrongType("can't be called")
+    return value
+
+
+def read_field(value: Any) -> Any:
+    """A field, a function of points, or a number, which stands for a constant field."""
+    return value if callable(value) and not isinstance(value, type) else read_number(value)
+
+
+def sequence_of(reader: Callable[[Any], Any], words: str, example: str) -> ArgumentKind:
+    """A list of values that are read by one reader."""
+    return ArgumentKind(words, example, lambda value: [reader(item) for item in read_items(value)])
+
+
+def read_path(value: Any) -> str | os.PathLike[str]:
+    """The path of a file: text that is not empty, or a Path."""
+    if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
+        raise WrongType("is no path of a file")
+    if not os.fspath(value) or "\0" in os.fspath(value):
+        raise Refusal("is no path of a file: it is empty or holds a null character")
+    return value
+
+
+def read_shape(value: Any) -> Any:
+    """A body, a path, or anything that the room that takes it recognises; numbers, bytes and containers are none."""
+    if value is None or isinstance(value, Real | bytes | bytearray | dict | set | type):
+        raise Refusal("is no body")
+    return value if not isinstance(value, str) else read_path(value)
+
+
+def read_iterable(value: Any) -> Any:
+    """What can be gone through, or a single thing."""
+    if value is None or isinstance(value, bool | float | bytes):
+        raise Refusal("names no faces")
+    return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else value
+
+
+POINT = tuple_of(read_number, 3, "three numbers (x, y, z)", "(0.0, 0.0, 0.0)")

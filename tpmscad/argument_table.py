@@ -1,0 +1,274 @@
+"""The arguments of all public functions, declared once: their names, and what each takes.
+
+One word has one meaning, so that an argument is declared by its name alone. Where a function gives a word a meaning of its own,
+the entry begins with the function: "linear.offset". What no table can know (whether a surface is of the catalogue, whether
+keywords fit each other) is checked by the function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor
+from types import MappingProxyType
+
+import numpy as np
+
+from tpmscad.argument_kinds import (
+    POINT,
+    ArgumentKind,
+    Refusal,
+    array_kind,
+    choice_of,
+    instance_of,
+    one_or_three,
+    read_array,
+    read_callable,
+    read_corners,
+    read_count,
+    read_direction,
+    read_field,
+    read_iterable,
+    read_not_negative,
+    read_number,
+    read_path,
+    read_positive,
+    read_shape,
+    read_unbounded_number,
+    read_whole,
+    sequence_of,
+    tuple_of,
+)
+
+NUMBER = ArgumentKind("a number", "0.5", read_number)
+POSITIVE = ArgumentKind("a positive number", "1.0", read_positive)
+NOT_NEGATIVE = ArgumentKind("a number of at least 0", "0.1", read_not_negative)
+COUNT = ArgumentKind("a whole number of at least 1", "2", read_count)
+COUNTS = tuple_of(read_count, 3, "three whole numbers", "(40, 40, 40)")
+LENGTHS = one_or_three(read_positive, "a positive number", "10.0")
+PAIR = tuple_of(read_number, 2, "two numbers", "(0.0, 1.0)")
+DIRECTION = ArgumentKind('an axis such as "x" or "-y", or a vector of three numbers', '"z"', read_direction)
+BOX = ArgumentKind("two corners ((x0, y0, z0), (x1, y1, z1))", "((0, 0, 0), (10, 10, 10))", read_corners)
+FIELD = ArgumentKind("a field, a function of points (..., 3), or a number", "fields.tpms('gyroid', 10)", read_field)
+FIELDS = sequence_of(read_field, "a sequence of fields", "[field_a, field_b]")
+FUNCTION = ArgumentKind("a function of points (..., 3)", "lambda p: p[..., 0]", read_callable)
+FLAG = instance_of("True or False", "True", bool)
+TEXT = instance_of("text", '"gyroid"', str)
+PATH = ArgumentKind("the path of a file", '"part.step"', read_path)
+SHAPE = ArgumentKind("a build123d or CadQuery shape, or the path of a STEP file", '"part.step"', read_shape)
+ANYTHING = ArgumentKind("anything", "", lambda value: value)
+POINTS = ArgumentKind("an array of points (..., 3)", "(0.0, 0.0, 0.0)", read_array)
+GRID_AXIS = ArgumentKind("a one-dimensional array of coordinates", "np.linspace(0, 10, 50)", read_array)
+VALUES = array_kind("an array of three dimensions", "np.zeros((9, 9, 9))", 3)
+SIZES = tuple_of(array_kind("numbers", "(0, 40)", 1).read, 2, "positions and cell sizes there", "((0, 40), (4, 8))")
+
+
+def _read_fraction(value: object) -> float:
+    """A number between 0 and 1."""
+    number = read_positive(value)
+    if number >= 1:
+        raise Refusal("must lie below 1")
+    return number
+
+
+def _read_axis_number(value: object) -> int:
+    """0, 1 or 2."""
+    number = read_whole(value)
+    if number not in (0, 1, 2):
+        raise Refusal("is none of 0, 1 and 2")
+    return number
+
+
+def _read_domain(value: object) -> object:
+    """The corners of a box, or a body."""
+    return read_corners(value) if isinstance(value, list | tuple | np.ndarray) else read_shape(value)
+
+
+DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
+FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
+OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).but(example="(-0.5, 0.5)")
+NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
+ARRAY_OR_PATH = PATH.or_else(VALUES)
+
+ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
+    {
+        # lattices, infills, domains
+        "surface": TEXT,
+        "infill.surface": NAME_OR_FIELD,
+        "TpmsInfill.surface": ANYTHING,
+        "tpmsInfill.surface": NAME_OR_FIELD,
+        "body": SHAPE,
+        "TpmsInfill.body": ANYTHING,
+        "cell": LENGTHS,
+        "cells": one_or_three(read_count, "a whole number of at least 1", "(2, 2, 2)"),
+        "thickness": POSITIVE,
+        "offset": OFFSET,
+        "volume_fraction": FRACTION,
+        "porosity": FRACTION,
+        "pore_size": POSITIVE,
+        "kind": choice_of("sheet", "skeletal"),
+        "side": choice_of("-", "+"),
+        "reference": TEXT,
+        "boundary": choice_of("box", "natural"),
+        "phase": POINT,
+        "rotation": POINT.but("three angles in degrees", "(0, 0, 45)"),
+        "skin": POSITIVE,
+        "open_faces": ArgumentKind("faces, their numbers, or text such as '>Z'", '">Z"', read_iterable),
+        "loose": choice_of("drop", "keep"),
+        "map": ArgumentKind("one of tpmscad.maps or a function of points", "maps.cylinder(20)", read_callable),
+        "tol": POSITIVE.but(example="0.01"),
+        "coordinate": ANYTHING,
+        "direction": POINT,
+        "count": COUNT,
+        "degree": COUNT,
+        "VolumeWeightSpec.count": COUNTS,
+        "VolumeWeightSpec.degree": COUNTS.but(example="(3, 3, 3)"),
+        "SphereRadius.centre": POINT,
+        "progress": FLAG.or_else(ArgumentKind("a function of a stage and a fraction", "", read_callable)),
+        "executor": instance_of("an executor of concurrent.futures", "ProcessPoolExecutor(4)", Executor),
+        "Tpms.rotation": ANYTHING,
+        "align": ANYTHING,
+        "mode": ANYTHING,
+        "self": ANYTHING,
+        "centered": ANYTHING,
+        "combine": ANYTHING,
+        "clean": FLAG,
+        # solids of fields, blends
+        "field": FIELD,
+        "domain": BOX,
+        "solidify.domain": DOMAIN,
+        "preview_solid.domain": DOMAIN,
+        "structures": FIELDS,
+        "regions": FIELDS,
+        "blending_regions": FIELDS,
+        "method": TEXT.but(example='"topological"'),
+        "weight": ANYTHING,
+        "resolution": COUNTS,
+        "max_iterations": ArgumentKind("a whole number", "60", read_whole),
+        "minimum_neck": POSITIVE,
+        "max_change": NUMBER.but(example="1.0"),
+        "keep_fraction": FLAG,
+        "level_margin": NOT_NEGATIVE,
+        "drop_intrinsic": FLAG,
+        "specks": FLAG,
+        # bodies, files, pictures
+        "shape": SHAPE,
+        "spacing": POSITIVE,
+        "model": ANYTHING,
+        "source": ANYTHING,
+        "within": ANYTHING,
+        "is_fluid": FLAG,
+        "path": PATH,
+        "picture": PATH.but(example='"part.png"'),
+        "schema": TEXT.but(example='"ap242"'),
+        "deviation": NUMBER.but(example="0.02"),
+        "angle": NUMBER.but(example="20"),
+        "instanced": FLAG,
+        "view": TEXT.or_else(POINT).but(example='"iso"'),
+        "section": ANYTHING,
+        "size": tuple_of(read_count, 2, "two whole numbers, width and height", "(1200, 900)"),
+        "color_by": TEXT.but(example='"piece"'),
+        "hide": TEXT.or_else(sequence_of(TEXT.read, "several", "")).but(example='"skin"'),
+        # fields
+        "lo": POINT,
+        "hi": POINT,
+        "box.lo": tuple_of(read_unbounded_number, 3, "three numbers, which may be infinite", "(0, 0, 0)"),
+        "box.hi": tuple_of(read_unbounded_number, 3, "three numbers, which may be infinite", "(10, 10, 10)"),
+        "sheet.lo": FIELD.but(example="-0.3"),
+        "sheet.hi": FIELD.but(example="0.3"),
+        "image_region.lo": array_kind("two or three numbers", "(0, 0)", 1),
+        "image_region.hi": array_kind("two or three numbers", "(20, 20)", 1),
+        "image_region.axis": choice_of("x", "y", "z"),
+        "mask": ANYTHING,
+        "center": POINT,
+        "radius": POSITIVE.but("a positive, finite number", "5.0"),
+        "height": POSITIVE,
+        "point": POINT,
+        "normal": DIRECTION,
+        "axis": DIRECTION,
+        "origin": POINT,
+        "slope": POINT,
+        "linear.offset": NUMBER,
+        "by": TEXT.or_else(FIELD).but('"x", "y", "z" or a field', '"x"'),
+        "span": PAIR,
+        "ramp.values": PAIR,
+        "smooth": FLAG,
+        "phi": FIELD,
+        "c": FIELD.but(example="-0.4"),
+        "wall.thickness": POSITIVE.or_else(FUNCTION),
+        "fields": FIELD,
+        "taken": FIELD,
+        "first": FIELD,
+        "second": FIELD,
+        "width": POSITIVE,
+        "vector": POINT,
+        "factor": POSITIVE,
+        "jacobian": FUNCTION.but("a function of points (n, 3) that returns (n, 3, 3)"),
+        "step": POSITIVE.but(example="0.001"),
+        "f": ArgumentKind("a function of points (n, 3) or of x, y, z", "lambda x, y, z: x", read_callable),
+        "gradient": FUNCTION,
+        "as_field.source": FIELD,
+        "value": NUMBER,
+        "name": TEXT,
+        "period": LENGTHS,
+        "expression.period": POSITIVE,
+        "formula": TEXT.but(example='"sin(x) + 0.2*z"'),
+        "named": FIELD,
+        "coefficients": VALUES,
+        "x": SIZES,
+        "y": SIZES,
+        "z": SIZES,
+        "fraction": FIELD.but(example="0.3"),
+        "threshold_for.kind": choice_of("rod", "pore", "sheet"),
+        "graded_threshold.kind": choice_of("rod", "pore", "sheet"),
+        "level": NUMBER.but(example="0.0"),
+        "samples": COUNT.but(example="96"),
+        "sampled.values": ARRAY_OR_PATH,
+        "sampled.spacing": LENGTHS,
+        "points": array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2),
+        "scattered.values": array_kind("an array (n,), a value for each point", "np.zeros(50)", 1),
+        "scattered.resolution": one_or_three(read_count, "a whole number of at least 1", "40"),
+        "smoothing": NOT_NEGATIVE,
+        # maps
+        "jacobian_function": FUNCTION,
+        "from_middle": ANYTHING,
+        "function": FUNCTION,
+        "outer": FUNCTION.but("one of tpmscad.maps"),
+        "inner": FUNCTION.but("one of tpmscad.maps"),
+        "scale": POSITIVE,
+        "grading.scale": FUNCTION.or_else(tuple_of(read_positive, 2, "two positive numbers", "")).but(
+            example="(1.0, 2.0)"
+        ),
+        "grading.axis": ArgumentKind("0, 1 or 2", "2", _read_axis_number),
+        "length": POSITIVE.but(example="40.0"),
+        "factors": tuple_of(read_positive, 3, "three positive, finite numbers, one for each axis", "(1.0, 1.0, 2.0)"),
+        "chart": choice_of("pole", "equator"),
+        "centre": tuple_of(read_number, 2, "two numbers", "(0.0, 0.0)"),
+        # surfaces
+        "check_offset.offset": NUMBER,
+        "check_offset.cell": POSITIVE,
+        "offsets_for.cell": POSITIVE,
+        "skeletal_volume_fraction.offset": NUMBER,
+        "lower": NUMBER,
+        "upper": NUMBER,
+        "record": ANYTHING,
+        # topology, whose functions check their samples once
+        "values": ANYTHING,
+        "dimension": ArgumentKind("0 or 2", "0", read_whole),
+        "convention": choice_of("vertices", "top_cells", "strict"),
+        "field_or_values": ANYTHING,
+        "persistence_diagram.domain": BOX,
+        "persistence_diagram.resolution": one_or_three(read_count, "a whole number of at least 1", "40"),
+        "dimensions": sequence_of(read_whole, "some of 0, 1 and 2", "(0, 1, 2)"),
+        "sublevel": FLAG,
+        "min_persistence": NOT_NEGATIVE,
+    }
+)
+"""What each argument takes, by its name, or by the names of the function and the argument."""
+
+
+def find_kind(function: str, argument: str) -> ArgumentKind:
+    """The kind of an argument of a function; LookupError if the table lacks it."""
+    found = ARGUMENTS.get(f"{function}.{argument}") or ARGUMENTS.get(argument)
+    if found is None:
+        raise LookupError(f"declare what {argument} of {function} takes in tpmscad.argument_table")
+    return found
