@@ -126,7 +126,7 @@ def translate_error(name: str, error: Exception) -> TpmscadError:
         )
     if isinstance(error, MemoryError):
         return OutOfMemory(
-            f"{name} ran out of memory ({error or 'no more is available'}): use larger cells, a smaller box, or a larger tol"
+            f"{name} ran out of memory ({str(error) or 'no more is available'}): use larger cells, a smaller box, or a larger tol"
         )
     if isinstance(error, OSError):
         where = f" {error.filename!r}" if error.filename else ""
@@ -175,7 +175,7 @@ def _explain(
 
 def public_constructor(kind: type[T]) -> type[T]:
     """Decorator of classes that users construct: their arguments pass the same door."""
-    kind.__init__ = public()(kind.__init__)  # type: ignore[misc]
+    kind.__init__ = public()(kind.__init__)  # type: ignore[method-assign]
     return kind
 
 

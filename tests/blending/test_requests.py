@@ -75,7 +75,8 @@ def test_names_and_numbers_out_of_range_are_refused():
     refused("at least 2 samples", resolution=(1, 4, 4))
     refused("it is no layer", weight=LineWeightSpec(CylinderRadius()))
     refused("needs a blending region that is a layer", method="sigmoid", weight="volume")
-    refused("needs at least 1", weight=LineWeightSpec(LinearCoordinate(), degree=0))
+    with pytest.raises(InvalidRequest, match="degree 0 must be positive"):
+        LineWeightSpec(LinearCoordinate(), degree=0)
 
 
 def test_without_a_resolution_one_is_chosen_that_keeps_the_structures_whole():

@@ -57,7 +57,7 @@ def test_fields_take_the_cell_of_lattices_for_their_period() -> None:
     assert fields.tpms("gyroid").periods() == (10.0, 10.0, 10.0)
     unit = fields.bspline_unit([[[1.0, 2.0], [3.0, 4.0]]], cell=(1, 2, 3))
     assert unit.periods() == (1.0, 2.0, 3.0)
-    with pytest.raises(InvalidRequest, match="period 8 and cell 9"):
+    with pytest.raises(InvalidRequest, match=r"period 8\.0 and cell 9\.0"):
         fields.tpms("gyroid", period=8, cell=9)
     with pytest.raises(InvalidRequest, match="cell"):
         fields.tpms("gyroid", cell=-1)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -225,7 +224,11 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     array([ 0.,  0., 15.])
     """
     if callable(scale):
-        rate = partial(call_for_array, "the scale of a grading", scale)
+        given = scale
+
+        def rate(x: Array) -> Array:
+            return call_for_array("the scale of a grading", given, x)
+
         _check_scales(rate(np.linspace(0.0, length, SCALE_SAMPLES)))
 
         def moved(x: Array) -> Array:

@@ -101,6 +101,12 @@ def cell_measures(name: str, reference: str) -> CellMeasures:
     ------
     InvalidRequest
         If the surface is unknown or lacks the reference.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> round(surfaces.cell_measures("schwarz_p", "minimal").area, 6)
+    2.345103
     """
     record = find_surface(name)
     if record.primitives == "mirrored":

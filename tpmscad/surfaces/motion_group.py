@@ -73,6 +73,12 @@ def patch_symmetry(name: str) -> PatchSymmetry:
     ------
     InvalidRequest
         If the surface is unknown or has no exact patch.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> len(surfaces.patch_symmetry("schwarz_p").cell_motions)
+    12
     """
     info = find_surface(name)
     surface = primitive_patch(info.name)

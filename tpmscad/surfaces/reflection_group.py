@@ -143,6 +143,12 @@ def mirror_symmetry(name: str) -> MirrorSymmetry:
     ------
     InvalidRequest
         If the surface is unknown or no tetrahedron of mirror planes is known for it.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> len(surfaces.mirror_symmetry("neovius").motions)
+    48
     """
     info = find_surface(name)
     if info.name not in MIRROR_TETRAHEDRA:
