@@ -45,3 +45,20 @@ def test_plain_grids_do_not_see_them() -> None:
 def test_fields_without_necks_are_counted_as_they_are() -> None:
     assert compute_betti_numbers(fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 0)
     assert compute_betti_numbers(-fields.sphere((0.1, 0.0, 0.1), 1.0), LO, HI) == (1, 0, 1)
+
+
+BALL, FAR = fields.sphere((0.1, 0.0, 0.1), 1.0), fields.sphere((-1.4, -1.0, -0.9), 0.3)
+
+
+@pytest.mark.parametrize(
+    ("field", "expected"),
+    [
+        (fields.sheet(BALL, -0.01, 0.01), (1, 0, 1)),
+        (BALL & -fields.sphere((0.1, 0.0, 0.1), 0.7), (1, 0, 1)),
+        (-BALL & -FAR, (1, 0, 2)),
+        (BALL | FAR, (2, 0, 0)),
+    ],
+    ids=["sheet", "hollow ball", "two hollows", "two balls"],
+)
+def test_minima_and_maxima_are_counted_by_their_operands(field: fields.Field, expected: tuple[int, int, int]) -> None:
+    assert compute_betti_numbers(field, LO, HI) == expected

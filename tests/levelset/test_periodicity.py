@@ -158,8 +158,10 @@ def test_any_executor_makes_the_same_solid_face_by_face(executor: Any, monkeypat
     assert np.array_equal(pooled.vertices, serial.vertices)
     assert np.array_equal(pooled.faces.carrier, serial.faces.carrier)
     assert np.array_equal(pooled.faces.motion.translation, serial.faces.motion.translation)
-    for one, other in zip(pooled.carriers, serial.carriers, strict=True):
-        assert not isinstance(one, BSplineSurface) or np.array_equal(one.poles, other.poles)
+    assert [type(c) for c in pooled.carriers] == [type(c) for c in serial.carriers]
+    pairs = [(a, b) for a, b in zip(pooled.carriers, serial.carriers, strict=True) if isinstance(a, BSplineSurface)]
+    assert len(pairs) > 100
+    assert all(np.array_equal(a.poles, b.poles) for a, b in pairs)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -7,12 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.trimming import box, trim
 
 pytestmark = pytest.mark.kernel
-kernel = pytest.importorskip("tpmscad.kernel")
 
 
 @pytest.mark.parametrize("name", ["gyroid", "diamond", "schwarz_p"])

@@ -35,7 +35,8 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
 
     monkeypatch.setattr(patch_surface, "march_patches", both)
     trim(lattice, BODIES[body]())
-    assert sum(len(alone.arcs) for _, alone in seen) > 30
+    n_arcs, n_compared = sum(len(alone.arcs) for _, alone in seen), 0
+    assert n_arcs > 30
     for trace, alone in seen:
         assert trace.sign == alone.sign
         assert [(a.start, a.end) for a in trace.arcs] == [(a.start, a.end) for a in alone.arcs]
@@ -43,6 +44,8 @@ def test_patches_marched_together_get_the_arcs_that_each_gets_alone(
             np.testing.assert_allclose(a.path[[0, -1]], b.path[[0, -1]], rtol=0, atol=1e-14)
             if len(a.path) == len(b.path):  # else one of the grids has an additional line
                 np.testing.assert_allclose(a.path, b.path, rtol=0, atol=1e-12)
+                n_compared += 1
+    assert n_compared > 0.5 * n_arcs
 
 
 def test_most_patches_are_simple(cover: Callable[..., Brep], monkeypatch: pytest.MonkeyPatch) -> None:

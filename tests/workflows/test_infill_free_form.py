@@ -11,7 +11,7 @@ import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.errors import KernelError
+from tpmscad.errors import KernelError, TrimmingError
 from tpmscad.kernel.boolean.candidate_patches import classify_patches
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
 from tpmscad.kernel.measure.cad_body import read_body
@@ -61,6 +61,28 @@ def test_it_is_the_plain_boolean(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-9)
     assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-9)
     assert quick.certificate.betti == slow.certificate.betti
+
+
+def test_fluid_domains_split_by_the_kernel_are_those_that_are_trimmed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = P | {"phase": (0.1, 0.2, 0.3)}
+    body = bd.Box(13, 12, 11)
+    trimmed = tpmscad.fluid_domains(body, **asked)
+    assert "trimmed" in trimmed.certificate.notes[0]
+
+    def refuse(*_: Any, **options: Any) -> None:
+        raise TrimmingError("not today")
+
+    monkeypatch.setattr("tpmscad.workflows.fluid_volumes.trim_domains", refuse)
+    split = tpmscad.fluid_domains(body, **asked)
+    assert "split by the kernel" in split.certificate.notes[0]
+    assert split.certificate.met, split.certificate.shortfalls
+    for name in ("wall", "plus", "minus"):
+        one, other = getattr(trimmed, name), getattr(split, name)
+        assert other.volume == pytest.approx(one.volume, rel=5e-3)  # trimming may move the lattice within tol
+        assert other.certificate.betti == one.certificate.betti
+    for one, other in zip(trimmed.touches, split.touches, strict=True):
+        assert other.face == one.face
+        assert dict(other.areas) == pytest.approx(dict(one.areas), rel=0.02, abs=0.2)
 
 
 def test_patches_away_from_the_faces_are_told_in_or_out() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import build123d as bd
 import numpy as np
@@ -176,3 +177,16 @@ def test_samples_lie_on_trimmed_faces_and_nowhere_else() -> None:
     assert top.sum() * 0.01 == pytest.approx(100 - 9 * np.pi, rel=0.01)
     bore = np.isclose(np.hypot(x, y), 3.0)
     assert (np.einsum("ij,ij->i", found.points[bore], found.normals[bore]) < 0).all()
+
+
+def test_a_face_too_narrow_for_any_sample_counts_as_wetted(monkeypatch: pytest.MonkeyPatch) -> None:
+    box, sample_faces = bd.Box(3, 4, 5), shape_sampling.sample_faces
+
+    def leave_one_out(faces: list[Any], spacing: float) -> shape_sampling.FaceSamples:
+        found = sample_faces(faces, spacing)
+        kept = found.face != 2
+        return shape_sampling.FaceSamples(found.points[kept], found.normals[kept], found.face[kept])
+
+    assert measure(box).wetted_area == 0.0
+    monkeypatch.setattr(tpmscad.kernel, "sample_faces", leave_one_out)
+    assert measure(box).wetted_area == pytest.approx(bd.Face(faces_of(box)[2]).area, rel=1e-9)

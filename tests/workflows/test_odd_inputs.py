@@ -147,7 +147,10 @@ def held(request: dict[str, Any], odd: frozenset[str]) -> str:
     assert stored.valid
     assert math.isclose(stored.volume, certificate.volume, rel_tol=1e-6)
     assert certificate.volume > 0
-    assert certificate.met or certificate.shortfalls
+    assert certificate.met == (not certificate.shortfalls)
+    assert certificate.met == (
+        certificate.valid and certificate.closed and certificate.max_deviation <= certificate.tol
+    )
     return word if certificate.met else "made, not met"
 
 

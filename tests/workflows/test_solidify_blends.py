@@ -16,6 +16,7 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import LevelSetError
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.workflows import solidify
+from tpmscad.workflows.field_patches import check_field_in_box
 
 pytestmark = pytest.mark.kernel
 
@@ -66,6 +67,16 @@ def test_a_wall_that_thins_out_to_an_edge_is_a_solid_whose_edge_is_rounded_withi
 
     model.export_step(tmp_path / "wall.step")
     assert kernel.check_step(tmp_path / "wall.step").ok
+
+
+def test_an_edge_whose_rounding_is_too_small_for_patches_is_refused() -> None:
+    wall = fields.sheet(fields.tpms("schwarz_p", 1.0), -0.3, 0.3)
+    regions = fields.box((0, 0, -1), (1, 1, 1)), fields.box((1, 0, -1), (2, 1, 1))
+    field = BlendedField((wall, fields.constant(VOID)), regions, (fields.box((0.5, 0, -1), (1.5, 1, 1)),), (Step(),))
+    with pytest.raises(
+        LevelSetError, match=r"edge of \d+ degrees at \(.* too little for smooth patches; blend over a longer"
+    ):
+        check_field_in_box(field, LO, HI, 1e-5)
 
 
 def test_what_a_field_is_beyond_a_body_does_not_matter() -> None:

@@ -142,8 +142,8 @@ def _table_shape(positions: Array, extent: Array, resolution: int | Sequence[int
         wanted = SAMPLES_PER_SPACING * float(extent.max()) / spacing
         resolution = int(np.clip(np.ceil(wanted), MIN_TABLE, MAX_TABLE))
     numbers = np.asarray(resolution, float)
-    if numbers.ndim == 0:
-        numbers = np.maximum(np.rint((numbers - 1) * extent / extent.max()) + 1, MIN_SAMPLES)
-    if numbers.shape != (3,) or (numbers < MIN_SAMPLES).any() or (numbers != np.rint(numbers)).any():
+    if numbers.shape not in ((), (3,)) or not (numbers >= MIN_SAMPLES).all() or (numbers != np.rint(numbers)).any():
         raise InvalidRequest(f"resolution {resolution!r}: give a whole number of at least {MIN_SAMPLES}, or three")
+    if numbers.ndim == 0:  # along the longest edge
+        numbers = np.maximum(np.rint((numbers - 1) * extent / extent.max()) + 1, MIN_SAMPLES)
     return int(numbers[0]), int(numbers[1]), int(numbers[2])

@@ -87,7 +87,7 @@ def solve_threshold(phi: Field, fraction: Any, what: str) -> Any:
         try:
             return fields.threshold_for(phi, fraction, what)
         except InvalidRequest as error:
-            if phi.periods() is None:
+            if not all(phi.periods() or (0.0,)):
                 raise InvalidRequest(
                     "volume_fraction is solved over one period, and the field has none: give a level instead"
                 ) from error

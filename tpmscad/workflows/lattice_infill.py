@@ -147,6 +147,9 @@ def infill(
     }
     with stages("read"):
         read = read_body(body)
+        openings = resolve_open_faces(read, resolve_face_selectors(read, open_faces))
+        if openings and skin is None:
+            raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
     if isinstance(surface, str):
         given["phase"] = (0.0, 0.0, 0.0) if phase is None else phase
         request = resolve_lattice_request(surface, tol=tol, **given)
@@ -159,11 +162,8 @@ def infill(
         block, name = build_field_block(surface, read, tol, stages), "field infill"
         distance = field_distance(surface)
     with stages("trim"):
-        openings = resolve_open_faces(read, resolve_face_selectors(read, open_faces))
         if skin is not None:
             result = fill_within_skin(block, read, check_finite("skin", skin), openings)
-        elif openings:
-            raise InvalidRequest("open_faces are left out of a skin: give skin=, its thickness")
         else:
             result = intersect_body_with_lattice(block, read)
             if not result.solids:

@@ -56,6 +56,8 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
 
 def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[PicturePiece]:
     """The pieces that are not hidden; a name hides its numbered companions, too. InvalidRequest for an unknown name."""
+    if not pieces:
+        raise InvalidRequest("the shape has no face that can be drawn")
     names = base_names(pieces)
     kept = [p for p, name in zip(pieces, names, strict=True) if p.name not in hidden and name not in hidden]
     unknown = [name for name in hidden if name not in names and name not in [p.name for p in pieces]]

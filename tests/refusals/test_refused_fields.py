@@ -1,0 +1,237 @@
+"""Refusals of fields, regions, data and samples: each request that cannot be carried out, with words of its message."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.refusals.refused import Row, check_refusal
+from tpmscad import fields, surfaces, topology
+from tpmscad.errors import InvalidRequest, NoFoot
+from tpmscad.fields.image_files import read_image
+from tpmscad.fields.isometries import find_isometries
+from tpmscad.fields.sample_grid import SampleGrid, sample_field
+from tpmscad.fields.volume_fraction_thresholds import volume_fractions
+from tpmscad.surfaces.plane_waves import NODAL_WAVES
+from tpmscad.surfaces.reflection_group import mirror_symmetry
+from tpmscad.topology.persistence import compute_persistence
+
+NAN, INF = float("nan"), float("inf")
+GYROID, BALL = fields.tpms("gyroid", 2.0), fields.sphere((0, 0, 0), 1.0)
+POINT = np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.2]])
+GRID = SampleGrid((0, 0, 0), (1, 1, 1), (4, 4, 4))
+CLOUD = np.random.default_rng(0).random((30, 3))
+
+
+def per_point(p: np.ndarray) -> float:
+    return float(p[0])
+
+
+def mean_of_all(p: np.ndarray) -> np.ndarray:
+    return p[:, 0] - p.mean()
+
+
+ARGUMENTS: dict[str, Row] = {
+    "point of two": (lambda: fields.sphere((0, 0), 1.0), "center.*three finite numbers"),
+    "radius zero": (lambda: fields.sphere((0, 0, 0), 0.0), "radius 0.*above zero"),
+    "radius of text": (lambda: fields.sphere((0, 0, 0), "one"), "radius 'one'"),
+    "no direction": (lambda: fields.halfspace((0, 0, 0), (0, 0, 0)), "no direction"),
+    "word for a direction": (lambda: fields.halfspace((0, 0, 0), "w"), "give x, y, z, -x"),
+    "offset of text": (lambda: fields.linear((1, 0, 0), "a"), "offset 'a'.*finite"),
+    "period and cell": (lambda: fields.tpms("gyroid", 1.0, cell=2.0), "two words for one length"),
+    "points of two": (lambda: GYROID(np.zeros((4, 2))), r"shape \(4, 2\).*x, y and z"),
+    "points of text": (lambda: GYROID([["a", "b", "c"]]), "must be an array of numbers"),
+    "grid of points": (lambda: GYROID.on_grid(np.zeros((2, 2)), np.zeros(2), np.zeros(2)), "one-dimensional"),
+    "box inside out": (lambda: fields.box((1, 0, 0), (0, 1, 1)), "each lo below its hi"),
+    "box of all space": (lambda: fields.box((-INF,) * 3, (INF,) * 3), "all of space"),
+    "constant NaN": (lambda: fields.constant(NAN), "finite value"),
+    "no field": (lambda: fields.as_field("x"), "is no field"),
+    "division by zero": (lambda: GYROID / 0, "other than zero"),
+    "no function": (lambda: fields.from_function(3.0), "can't be called"),
+    "union of none": (lambda: fields.union(), "at least one field"),
+}
+
+GRADING: dict[str, Row] = {
+    "ramp of one value": (lambda: fields.ramp("x", (0, 1), (1,)), "two numbers and two values"),
+    "empty span": (lambda: fields.ramp("x", (2, 2), (0, 1)), "starts and ends at 2"),
+    "sizes of no period": (lambda: fields.cell_sizes(BALL, x=([0, 1], [1, 2])), "need a periodic field"),
+    "sizes along none": (lambda: fields.cell_sizes(GYROID), "at least one of the axes"),
+    "sizes for other positions": (lambda: fields.cell_sizes(GYROID, x=([0, 1, 2], [1, 2])), "3 positions and 2 sizes"),
+    "positions descending": (lambda: fields.cell_sizes(GYROID, y=([1, 0], [1, 2])), "along y.*must be ascending"),
+    "size of zero": (lambda: fields.cell_sizes(GYROID, z=([0, 1], [1, 0])), "along z.*must be positive"),
+    "map that drops an axis": (lambda: fields.warp(GYROID, lambda p: p[:, :2])(POINT), "must keep the shape"),
+    "map that is not finite": (lambda: fields.warp(GYROID, lambda p: p * NAN)(POINT), "not finite at"),
+    "Jacobian of another shape": (
+        lambda: fields.warp(GYROID, lambda p: p, lambda p: np.eye(3)).gradient(POINT),
+        r"must return \(n, 3, 3\)",
+    ),
+    "sheet inside out": (lambda: fields.sheet(GYROID, 0.5, -0.5), "lower threshold must be below"),
+    "threshold above all values": (lambda: fields.rod(GYROID, 5.0), "takes values from"),
+    "kind of fraction": (lambda: volume_fractions(GYROID, np.zeros(1), "foam"), "choose rod, pore or sheet"),
+    "fraction of two": (lambda: fields.threshold_for(GYROID, 2.0), "between 0 and 1"),
+    "three samples": (lambda: fields.volume_fraction(GYROID, samples=3), "at least 4"),
+    "fraction without period": (lambda: fields.volume_fraction(BALL), "not periodic"),
+    "span of one": (lambda: fields.graded_threshold(GYROID, 0.3, (0.2,)), "the least and the greatest"),
+    "span inside out": (lambda: fields.graded_threshold(GYROID, 0.3, (0.5, 0.2)), "the least first"),
+    "isometries without periods": (lambda: find_isometries(BALL), "no lattice of copies"),
+}
+
+FUNCTIONS: dict[str, Row] = {
+    "values of another shape": (lambda: fields.from_function(lambda p: np.zeros((len(p), 2)))(POINT), "gave shape"),
+    "gradient of another shape": (
+        lambda: fields.from_function(lambda p: p[:, 0], lambda p: p[:, 0]).gradient(POINT),
+        "gradient of .* gave shape",
+    ),
+    "NaN": (lambda: fields.from_function(lambda p: np.where(p[:, 0] > 0.3, NAN, 1.0))(POINT), "not finite at 1 of 2"),
+    "two arguments": (lambda: fields.from_function(lambda x, y: x), "takes 2 arguments"),
+    "one point at a time": (lambda: fields.from_function(per_point), "vectorised|array|points"),
+    "values that depend on each other": (lambda: fields.from_function(mean_of_all), "other points of the call"),
+}
+
+FORMULAS: dict[str, Row] = {
+    "no text": (lambda: fields.expression(3), "must be text"),
+    "too long": (lambda: fields.expression("x+" * 60_000 + "x"), "characters, more than"),
+    "name with a meaning": (lambda: fields.expression("x + sin", sin=GYROID), "has a meaning in every formula"),
+    "too deep": (lambda: fields.expression("(" * 90 + "x" + ")" * 90 + "+" + "-" * 150 + "x"), "deep|cannot be read"),
+    "attribute": (lambda: fields.expression("x.real"), "may not stand in the formula"),
+    "unknown name": (lambda: fields.expression("x + q"), "'q' is unknown"),
+    "operator": (lambda: fields.expression("x % 2"), r"other than \+ - \* /"),
+    "unknown function": (lambda: fields.expression("sine(x)"), "function 'sine' is unknown"),
+    "syntax": (lambda: fields.expression("x +"), "cannot be read"),
+    "huge number": (lambda: fields.expression("x + " + "9" * 400), "too large"),
+    "two arguments": (lambda: fields.expression("atan2(x)"), "takes two arguments, here 1"),
+    "one argument": (lambda: fields.expression("sin(x, y)"), "takes one argument, here 2"),
+    "more arguments": (lambda: fields.expression("min(x)"), "two or more arguments"),
+    "not finite": (lambda: fields.expression("log(x - 9)")(POINT), "is not finite at"),
+}
+
+DATA: dict[str, Row] = {
+    "flat array": (lambda: fields.sampled(np.zeros((4, 4))), "three dimensions"),
+    "NaN sample": (lambda: fields.sampled(np.where(np.arange(64).reshape(4, 4, 4) == 7, NAN, 1.0)), "1 of 64 values"),
+    "text for samples": (lambda: fields.sampled([[["a"]]]), "must be an array of numbers"),
+    "negative smoothing": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], smoothing=-1.0), "smoothing -1"),
+    "values for other points": (lambda: fields.scattered(CLOUD, CLOUD[:5, 0]), r"give \(n, 3\) and \(n,\)"),
+    "too few points": (lambda: fields.scattered(CLOUD[:3], CLOUD[:3, 0]), "fewer than"),
+    "point that is not finite": (lambda: fields.scattered(CLOUD * [1, 1, NAN], CLOUD[:, 0]), "row 0.*not finite"),
+    "point twice": (lambda: fields.scattered(CLOUD[[*range(30), 4]], np.arange(31.0)), "occurs twice"),
+    "points in a plane": (lambda: fields.scattered(CLOUD * [1, 1, 0], CLOUD[:, 0]), "one plane"),
+    "resolution of scattered data": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], resolution=1.5), "resolution 1.5"),
+    "resolution of one sample": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], resolution=1), "resolution 1:"),
+    "resolution NaN": (lambda: fields.scattered(CLOUD, CLOUD[:, 0], resolution=NAN), "resolution nan"),
+    "text for points": (lambda: fields.scattered([["a"] * 3], [1]), "must be arrays of numbers"),
+    "domain inside out": (
+        lambda: fields.scattered(CLOUD, CLOUD[:, 0], domain=((1, 1, 1), (0, 0, 0))),
+        "each coordinate of the first below",
+    ),
+    "no booleans": (lambda: fields.image_region(np.zeros((4, 4)), (0, 0), (1, 1)), "not bool"),
+    "mask of four dimensions": (
+        lambda: fields.image_region(np.ones((2,) * 4, bool), (0,) * 4, (1,) * 4),
+        "two or three",
+    ),
+    "mask of one value": (lambda: fields.image_region(np.ones((4, 4), bool), (0, 0), (1, 1)), "one value only"),
+    "empty image": (lambda: fields.image_region(np.eye(4, dtype=bool), (0, 0), (0, 1)), "is empty"),
+    "corner of an image": (lambda: fields.image_region(np.eye(4, dtype=bool), (0, 0, 0), (1, 1)), "2 finite numbers"),
+    "axis of an image": (lambda: fields.image_region(np.eye(4, dtype=bool), (0, 0), (1, 1), axis="w"), "axis 'w'"),
+    "coefficients of two dimensions": (
+        lambda: fields.bspline_unit(np.ones((2, 2)), 1.0),
+        "non-empty three-dimensional",
+    ),
+    "coefficient NaN": (lambda: fields.bspline_unit(np.full((2, 2, 2), NAN), 1.0), "all be finite"),
+    "empty grid": (lambda: SampleGrid((0, 0, 0), (0, 1, 1), (4, 4, 4)), "each low must be below"),
+    "one sample": (lambda: SampleGrid((0, 0, 0), (1, 1, 1), (1, 4, 4)), "at least 2 samples"),
+    "samples of another shape": (lambda: sample_field(lambda p: np.zeros(3), GRID, "structure 1"), "structure 1 gave"),
+    "samples that are not finite": (
+        lambda: sample_field(lambda p: p[..., 0] * NAN, GRID, "structure 1"),
+        "not finite at",
+    ),
+    "function of one point": (
+        lambda: sample_field(lambda p: [][0], GRID, "structure 1"),
+        "structure 1 can't be called",
+    ),
+}
+
+TOPOLOGY: dict[str, Row] = {
+    "dimension three": (lambda: topology.persistence_diagram(np.zeros((3, 3, 3)), dimensions=(3,)), "choose from 0"),
+    "negative persistence": (
+        lambda: topology.persistence_diagram(np.zeros((3, 3, 3)), min_persistence=-1),
+        "at least 0",
+    ),
+    "diagram outside a box": (lambda: topology.persistence_diagram(BALL), "not periodic along every axis"),
+    "diagram in an empty box": (
+        lambda: topology.persistence_diagram(BALL, ((1, 1, 1), (0, 0, 0)), 4),
+        "each coordinate of the first below",
+    ),
+    "one sample along an axis": (lambda: topology.persistence_diagram(GYROID, resolution=1), "at least 2 samples"),
+    "an array in a box": (lambda: topology.persistence_diagram(np.zeros((3,) * 3), resolution=4), "has its own grid"),
+    "diagram of text": (lambda: topology.persistence_diagram("x"), "neither a field, a blend nor an array"),
+    "dimension not computed": (
+        lambda: topology.persistence_diagram(np.random.default_rng(0).random((4,) * 3), dimensions=(0,)).pairs(2),
+        "computed for 0",
+    ),
+    "sweep of tunnels": (lambda: compute_persistence(np.zeros((3, 3, 3)), 1), "dimension 1"),
+    "flat samples": (lambda: topology.betti(np.zeros((3, 3))), "three-dimensional array"),
+    "samples with NaN": (lambda: topology.betti(np.full((3, 3, 3), NAN)), "finite everywhere"),
+    "convention": (lambda: compute_persistence(np.zeros((3, 3, 3)), 0, "cubes"), "choose one of"),  # type: ignore[arg-type]
+}
+
+SURFACES: dict[str, Row] = {
+    "unknown surface": (lambda: surfaces.find_surface("gyrod"), "did you mean|choose one of"),
+    "reference": (lambda: surfaces.primitive_patch("gyroid", "exact"), "reference 'exact'"),
+    "no patch": (lambda: surfaces.primitive_patch("octo", "nodal"), "no patch in closed form"),
+    "no mirrors": (lambda: mirror_symmetry("gyroid"), "no mirror tetrahedron"),
+    "wall inside out": (lambda: surfaces.volume_fraction("gyroid", "minimal", 0.1, -0.1), "swap them"),
+    "fraction of a wall": (lambda: surfaces.thickness_for("gyroid", "minimal", 0.999), "out of reach"),
+    "fraction of a skeletal solid": (lambda: surfaces.skeletal_offset_for("gyroid", "minimal", 0.999), "out of reach"),
+    "side": (lambda: surfaces.skeletal_offset_for("gyroid", "minimal", 0.4, "x"), "side 'x'"),
+    "offset of a patch": (
+        lambda: surfaces.primitive_patch("gyroid").jet(np.zeros(1), np.zeros(1), 3.0),
+        "passes its curvature radius",
+    ),
+    "parameter": (
+        lambda: surfaces.primitive_patch("gyroid").jet(np.full(1, 9.0), np.zeros(1)),
+        "outside the unit square",
+    ),
+}
+
+TABLES = {
+    "arguments": ARGUMENTS,
+    "grading": GRADING,
+    "functions": FUNCTIONS,
+    "formulas": FORMULAS,
+    "data": DATA,
+    "topology": TOPOLOGY,
+    "surfaces": SURFACES,
+}
+
+
+@pytest.mark.parametrize(("table", "name"), [(table, name) for table, rows in TABLES.items() for name in rows])
+def test_what_cannot_be_a_field_is_refused(table: str, name: str) -> None:
+    check_refusal(TABLES[table][name], InvalidRequest)
+
+
+FILES: dict[str, tuple[str, Any, str]] = {
+    "suffix": ("a.tif", b"", "choose one of"),
+    "missing": ("missing.npy", None, "there is no file"),
+    "broken": ("a.npy", b"no array", "cannot be read as"),
+    "flat": ("a.npy", np.zeros((3, 3)), "three dimensions of one number"),
+    "broken NRRD": ("a.nrrd", b"NRRD0004\n", "cannot be read as"),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_no_image_is_refused(name: str, tmp_path: Path) -> None:
+    file, content, words = FILES[name]
+    if isinstance(content, bytes):
+        (tmp_path / file).write_bytes(content)
+    elif content is not None:
+        np.save(tmp_path / file, content)
+    check_refusal((lambda: read_image(tmp_path / file), words), InvalidRequest)
+
+
+def test_points_without_a_foot_on_the_level_set_are_counted() -> None:
+    waves = NODAL_WAVES["schwarz_p"]
+    check_refusal((lambda: waves.project_to_level_set(np.zeros((2, 3))), "2 points are critical points"), NoFoot)
+    check_refusal((lambda: waves.project_to_level_set(np.full((1, 3), 1e-9)), "too far from the level set"), NoFoot)

@@ -1,0 +1,211 @@
+"""Refusals of solids: lattices, maps, bodies, skins, files and pictures that cannot be made, with words of each message."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tests.refusals.refused import Row, check_refusal
+from tpmscad import fields, kernel, maps
+from tpmscad.build123d import Tpms, TpmsInfill
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.build.region_solids import make_region_solid
+from tpmscad.kernel.render.viewpoints import section_planes, view_frame
+from tpmscad.kernel.step.part21 import find_schema
+from tpmscad.trimming import box
+from tpmscad.trimming.operands.polyhedra import polyhedron
+
+pytestmark = pytest.mark.kernel
+
+NAN, INF = float("nan"), float("inf")
+P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
+GYROID = fields.tpms("gyroid", 10.0)
+BOX = bd.Box(14, 13, 12)
+
+
+def lattice(**changes: Any) -> Any:
+    return tpmscad.lattice(**(P | changes))
+
+
+def infill(body: Any = BOX, **changes: Any) -> Any:
+    return tpmscad.infill(body, **(P | changes))
+
+
+@cache
+def model() -> Any:
+    return lattice(boundary="natural")
+
+
+def section(text: Any) -> Any:
+    return section_planes(text, np.ones(3), np.zeros(3), np.ones(3))
+
+
+LATTICES: dict[str, Row] = {
+    "cell of text": (lambda: lattice(cell="ten"), "cell 'ten' is not a number"),
+    "cell NaN": (lambda: lattice(cell=NAN), "cell nan must be finite"),
+    "cell of two": (lambda: lattice(cell=(10, 10)), "three numbers"),
+    "half a cell": (lambda: lattice(cells=1.5), "whole number"),
+    "no cell": (lambda: lattice(cell=None), "needs cell="),
+    "tol below round-off": (lambda: lattice(tol=1e-12), "is below"),
+    "kind": (lambda: lattice(kind="foam"), "kind 'foam' is unknown"),
+    "loose": (lambda: lattice(loose="perhaps"), "loose 'perhaps' is unknown"),
+    "natural boundary of one surface": (
+        lambda: lattice(thickness=None, offset=1.0, kind="skeletal", boundary="natural"),
+        "no natural boundary",
+    ),
+    "thickness of one surface": (lambda: lattice(kind="skeletal"), "skeletal solid has no thickness"),
+    "two offsets of one surface": (lambda: lattice(thickness=None, kind="skeletal", offset=(0, 1)), "one offset, not 2"),
+    "infinite offset": (lambda: lattice(thickness=None, offset=(0, INF)), "must be finite"),
+    "wall inside out": (lambda: lattice(thickness=None, offset=(1, -1)), "the lower first"),
+    "fraction above one": (lambda: lattice(thickness=None, volume_fraction=1.5), "must lie below 1"),
+    "fraction of a long cell": (lambda: lattice(thickness=None, volume_fraction=0.2, cell=(10, 10, 12)), "cubic cells"),
+    "wall twice": (lambda: lattice(volume_fraction=0.2), "exactly one of"),
+    "pore and cell": (lambda: lattice(pore_size=1.0), "not both"),
+    "pore under a map": (lambda: lattice(cell=None, pore_size=1.0, map=lambda p: p), "without a map"),
+    "pore beside a thick wall": (lambda: lattice(cell=None, thickness=40.0, pore_size=0.1), "no cell|passes|pore"),
+    "reference": (lambda: lattice(surface="iwp", reference="minimal"), "minimal"),
+    "natural level set": (lambda: lattice(surface="octo", boundary="natural", thickness=0.3), "natural"),
+    "bent level set": (lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0), "passes|stay"),
+    "instances of a box": (lambda: _instanced(), "instanced"),
+}  # fmt: skip
+
+
+def _instanced() -> None:
+    kernel_model = infill(bd.Box(11, 11, 11))
+    kernel_model.export_step("never.step", instanced=True)
+
+
+MAPS: dict[str, Row] = {
+    "no map": (lambda: lattice(map=3.0), "no function of points"),
+    "flat map": (lambda: lattice(map=lambda p: p[..., :2]), "as many"),
+    "map that is not finite": (lambda: lattice(map=lambda p: p + NAN), "is not finite at"),
+    "map that folds": (
+        lambda: lattice(map=lambda p: p * (p[..., :1] - 5.1), boundary="natural"),
+        "folds|flat",
+    ),
+    "map that squeezes": (lambda: lattice(map=lambda p: p * np.array([1, 1, 1e-9])), "flat"),
+    "map that bends the box": (
+        lambda: lattice(map=lambda p: p + 0.1 * np.sin(p[..., ::-1]), boundary="box"),
+        "side flat and square",
+    ),
+    "two turns": (lambda: lattice(cells=(4, 1, 1), map=maps.cylinder(10 / np.pi)), "overlaps itself|winds"),
+    "wall thicker than the bend": (
+        lambda: lattice(thickness=2.4, map=maps.stretching((1, 1, 0.4))),
+        "curvature radius",
+    ),
+    "factors": (lambda: maps.stretching((1, 2, 0)), "three positive, finite"),
+    "axis": (lambda: maps.grading(3, (1, 2), 10.0), "none of 0, 1 and 2"),
+    "scale": (lambda: maps.grading(0, (1, -2), 10.0), "positive and finite all along"),
+    "radius": (lambda: maps.cylinder(-1.0), "positive, finite number"),
+    "chart": (lambda: maps.sphere(10.0, chart="mercator"), "chart 'mercator'"),
+    "centre": (lambda: maps.sphere(10.0, centre=(0.0, NAN)), "two finite lattice coordinates"),
+}
+
+BODIES: dict[str, Row] = {
+    "nothing": (lambda: infill(None), "is no body"),
+    "no file": (lambda: infill("no.step"), "no file"),
+    "two solids": (lambda: infill(BOX + bd.Pos(40, 0, 0) * BOX), "2 solids"),
+    "inside out": (lambda: infill(bd.Solid(BOX.solid().wrapped.Reversed())), "inside out"),
+    "beyond all limits": (lambda: infill(bd.Pos(1e9, 0, 0) * BOX), "must be finite"),
+    "a million cells": (lambda: infill(bd.Box(1e4, 1e4, 1e4)), "enlarge the cell"),
+    "less than a cell": (lambda: infill(bd.Box(4, 4, 4)), "less than a cell"),
+    "a wall of nothing": (lambda: infill(thickness=1e-9), "thinner than"),
+    "two angles": (lambda: infill(rotation=(1, 2)), "three finite angles"),
+    "skin of text": (lambda: infill(skin="thin"), "skin 'thin'"),
+    "skin of all": (lambda: infill(skin=9.0), "thicker than"),
+    "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
+    "selector": (lambda: infill(skin=1.0, open_faces=["up"]), "is no selector"),
+    "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
+    "face of another body": (lambda: infill(skin=1.0, open_faces=[99]), "is no face of"),
+    "round face": (lambda: infill(bd.Cylinder(7, 14), skin=1.0, open_faces=[0]), "not planar"),
+    "face twice": (lambda: infill(skin=1.0, open_faces=[0, 0]), "the same"),
+    "all faces": (lambda: infill(skin=1.0, open_faces=list(range(6))), "two of the faces|all faces"),
+    "field with a cell": (lambda: tpmscad.infill(BOX, GYROID, cell=10, tol=0.1), "taken as it is"),
+    "field without tol": (lambda: tpmscad.infill(BOX, GYROID), "needs tol="),
+    "domain of one corner": (lambda: tpmscad.solidify(GYROID, 3, tol=0.1), "two points"),
+    "domain inside out": (lambda: tpmscad.solidify(GYROID, ((1, 1, 1), (0, 0, 0)), tol=0.1), "first below the second"),
+    "tol beyond the box": (lambda: tpmscad.solidify(GYROID, ((0,) * 3, (1,) * 3), tol=2), "below the box's shortest"),
+    "no surface": (
+        lambda: tpmscad.solidify(fields.sphere((9, 9, 9), 1.0), ((0,) * 3, (1,) * 3), tol=0.1),
+        "no surface",
+    ),
+    "table too fine": (lambda: tpmscad.body_field(BOX, spacing=1e-4), "needs .* samples, more than"),
+    "infinite region": (lambda: make_region_solid(fields.box((0, 0, 0), (1, 1, INF))), "is infinite"),
+    "cylinder without ends": (lambda: make_region_solid(fields.cylinder((0, 0, 0), 1.0)), "no ends"),
+    "corners out of plane": (
+        lambda: polyhedron([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 1)], [(0, 1, 2, 3)]),
+        "do not lie in one plane",
+    ),
+    "open polyhedron": (lambda: polyhedron([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [(0, 1, 2)]), "join two faces"),
+    "infinite box": (lambda: box(np.zeros(3), np.array([1, 1, INF])), "finite corners"),
+    "no surface for a part": (lambda: TpmsInfill(BOX), "no surface to fill with"),
+    "no part": (lambda: TpmsInfill(surface="P", cell=10, thickness=1), "no part to fill"),
+    "aligning a free lattice": (
+        lambda: Tpms(**P, boundary="natural", map=maps.stretching((1, 1, 1.1)), align=bd.Align.CENTER),
+        "align=None",
+    ),
+}
+
+FILES: dict[str, Row] = {
+    "suffix": (lambda: model().export("a.obj"), "ends in '.obj'"),
+    "deviation of an exact file": (lambda: model().export("a.step", deviation=0.1), "is exact"),
+    "schema of a mesh": (lambda: model().export("a.stl", schema="ap214"), "for STEP files"),
+    "negative deviation": (lambda: model().export("a.stl", deviation=-1.0), "greater than 0"),
+    "schema": (lambda: model().export_step("a.step", schema="ap203"), "schema 'ap203'"),
+    "no folder": (lambda: model().export_step("no/such/folder/a.step"), "does not exist"),
+    "STEP suffix": (lambda: tpmscad.export_step(model(), "a.stl"), "ends in '.stl'"),
+    "a face": (lambda: tpmscad.export_step(bd.Face.make_rect(1, 1), "a.step"), "no solid"),
+    "a missing file": (lambda: tpmscad.check_step("no.step"), "there is no file"),
+    "schema by name": (lambda: find_schema("x"), "is not known"),
+    "size of text": (lambda: model().render("a.png", size="big"), "two whole numbers"),
+    "size of a pixel": (lambda: model().render("a.png", size=(1, 1)), "pixels for each"),
+    "view": (lambda: view_frame("behind"), "view 'behind'"),
+    "section": (lambda: section(3.0), "section 3.0"),
+    "section across no axis": (lambda: section("w=1"), "an axis and a position"),
+    "section without normal": (lambda: section(((0, 0, 0), (0, 0, 0))), "must not be zero"),
+    "colouring": (lambda: model().render("a.png", color_by="mood"), "color_by 'mood'"),
+    "deviation of a plain shape": (lambda: tpmscad.render(BOX, "a.png", color_by="deviation"), "only the result of"),
+    "tags of a plain shape": (lambda: tpmscad.render(BOX, "a.png", color_by="tag"), "groups of faces"),
+    "hidden piece": (lambda: tpmscad.render(model(), "a.png", hide="lid"), "the pieces are"),
+    "envelope": (lambda: tpmscad.measure(BOX, within=((1, 1, 1), (0, 0, 0))), "two opposite corners"),
+    "envelope too small": (lambda: tpmscad.measure(BOX, within=((0, 0, 0), (1, 1, 1))), "has to contain"),
+    "metrics of a face": (lambda: tpmscad.measure(bd.Face.make_rect(1, 1)), "only valid closed solids"),
+}
+
+SLOW = {"instances of a box", "bent level set", "skin of all", "no surface", "pore beside a thick wall"}
+TABLES = {"lattices": LATTICES, "maps": MAPS, "bodies": BODIES, "files": FILES}
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+ROWS = [
+    pytest.param(table, name, id=f"{table}: {name}", marks=[pytest.mark.slow] * (name in SLOW))
+    for table, rows in TABLES.items()
+    for name in rows
+]
+
+
+@pytest.mark.parametrize(("table", "name"), ROWS)
+def test_what_cannot_be_a_solid_is_refused_and_leaves_no_file(table: str, name: str, tmp_path: Path) -> None:
+    check_refusal(TABLES[table][name], tpmscad.LevelSetError if name == "no surface" else InvalidRequest)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_shape_without_a_face_cannot_be_drawn(tmp_path: Path) -> None:
+    edge = bd.Edge.make_line((0, 0, 0), (1, 0, 0))
+    check_refusal((lambda: tpmscad.render(edge, tmp_path / "a.png"), "no face"), InvalidRequest)
+    check_refusal((lambda: kernel.read_step(_text(tmp_path)), "is not a STEP file"), InvalidRequest)
+
+
+def _text(folder: Path) -> Path:
+    (folder / "a.step").write_text("no")
+    return folder / "a.step"

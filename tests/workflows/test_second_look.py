@@ -1,0 +1,66 @@
+"""Where the Betti numbers of patches and field differ, the field is fitted with a closer look; a lasting difference is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.stage_timer import StageTimer
+from tpmscad.workflows import field_patches
+from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
+from tpmscad.workflows.patch_measures import measure_field_patches
+
+pytestmark = pytest.mark.kernel  # the room imports it
+
+BALL = fields.sphere((1.0, 1.1, 0.9), 0.7)
+
+
+def fit(monkeypatch: pytest.MonkeyPatch, betti: tuple[int, int, int] | None) -> tuple[FieldPatches, list[bool]]:
+    """The ball's patches, with Betti numbers said of the field, and whether each fit looked for hidden crossings."""
+    looks: list[bool] = []
+    fit_field_solid = field_patches.fit_field_solid
+
+    def record(*args: Any, **options: Any) -> Any:
+        looks.append(options["detect_hidden_crossings"])
+        return fit_field_solid(*args, **options)
+
+    monkeypatch.setattr(field_patches, "fit_field_solid", record)
+    monkeypatch.setattr(field_patches, "compute_betti_numbers", lambda *_: betti)
+    return fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
+
+
+def failed(found: FieldPatches) -> list[str]:
+    return [check.shortfall for check in measure_field_patches(found).checks if not check.passed]
+
+
+@pytest.mark.parametrize("betti", [(1, 0, 0), None])
+def test_numbers_that_agree_or_are_unknown_need_one_look(
+    betti: tuple[int, int, int] | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found, looks = fit(monkeypatch, betti)
+    assert looks == [False]
+    assert failed(found) == []
+    assert ("did not settle" in " ".join(measure_field_patches(found).notes)) == (betti is None)
+
+
+def test_numbers_that_differ_lead_to_a_second_look_and_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, looks = fit(monkeypatch, (2, 0, 0))
+    assert looks == [False, True]
+    assert found.properties.betti == (1, 0, 0)
+    assert failed(found) == [
+        "Betti numbers (1, 0, 0) differ from the field's, (2, 0, 0): use a finer `tol`; "
+        "of a blend, specks=True removes isolated parts that lie between its samples"
+    ]
+
+
+def test_every_figure_beyond_its_limit_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, _ = fit(monkeypatch, (1, 0, 0))
+    rough = replace(found.fitted, jump_deg=2.1, jump_p95_deg=0.6)
+    words = failed(replace(found, fitted=rough, field_volume=1.01 * found.field_volume))
+    assert [text.split(" exceeds ")[-1] for text in words[:2]] == ["2", "0.5"]
+    assert "differs from the field's" in words[2]
+    assert len(words) == 3
