@@ -132,7 +132,7 @@ def test_a_change_of_a_copy_is_noticed(slabs: SlabFiles, tmp_path: Path, text: b
 def original_of(points: Any, in_edges: Any) -> StepOriginal:
     """Points of a file without text."""
     n = len(points)
-    return StepOriginal(np.array(points, np.int64), 3, (b"",) * n, b"", np.array(in_edges, bool), "")
+    return StepOriginal(np.array(points, np.int64), 3, (b"",) * n, np.arange(n), b"", np.array(in_edges, bool), "")
 
 
 def test_points_in_opposite_cut_faces_become_equal_and_lie_in_the_planes() -> None:

@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from tpmscad import kernel
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.step.translated_copies import (
     StepOriginal,
@@ -75,7 +76,10 @@ def make_originals(
         if not model.certificate.met:
             return (SlabOriginal(folder, count, name, (0, 0, 0), 0, "", model.certificate, solids[-1]),)
         exported = folder / f"exported-{number}.step"
-        model.export_step(exported, schema=schema)
+        labels = kernel.label_faces(model.patches, model.outer_faces)
+        colours = {label: kernel.find_label_colour(label) for label in set(labels)}
+        nesting = cast(kernel.BuiltSolids, model.built).nesting  # a box cuts the patches themselves
+        kernel.write_step(model.patches, nesting, exported, schema=schema, name=name, labels=labels, colours=colours)
         del model
         originals.append(read_original(exported, name))
         exported.unlink()

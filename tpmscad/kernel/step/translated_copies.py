@@ -10,10 +10,12 @@ same coordinates, so that adjacent copies agree there in every digit.
 
 from __future__ import annotations
 
+import mmap
 import re
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from decimal import Decimal
+from decimal import Decimal, InvalidOperation
 from itertools import zip_longest
 from pathlib import Path
 
@@ -32,6 +34,9 @@ CURVE_OR_VERTEX = re.compile(
 ORIGIN = re.compile(rb"=ADVANCED_BREP_SHAPE_REPRESENTATION\('[^']*',\(#(\d+),")
 FILE_NAME = re.compile(rb"FILE_NAME\('[^']*',\s*'[^']*',")
 
+NEXT_POINT = b"));\n#%d=CARTESIAN_POINT('',("
+"""The text between the coordinates of a point and those of the next."""
+
 CUT_TOL_UNITS = 1000
 """Units of the grid: a point this near to a plane of cut lies in it. Points of cut curves lie within 5 units of it."""
 
@@ -43,13 +48,15 @@ GREATEST_UNITS = 2**62
 class StepOriginal:
     """The text of a STEP file, cut open at the coordinates of its points.
 
-    points (n, 3): coordinates in units of 10**-decimals. heads (n,): the text before each; tail: the text after the last.
-    in_edges (n,): whether a vertex or the curve of an edge has the point. name: of the product and, numbered, of its solids.
+    points (n, 3): coordinates in units of 10**-decimals. numbers (n,): of their entities. heads (n,): the text before each, None
+    where `NEXT_POINT` stands between two points. tail: the text after the last. in_edges (n,): whether a vertex or the curve of
+    an edge has the point. name: of the product and, numbered, of its solids.
     """
 
     points: IntArray
     decimals: int
-    heads: tuple[bytes, ...]
+    heads: tuple[bytes | None, ...]
+    numbers: IntArray
     tail: bytes
     in_edges: BoolArray
     name: str
@@ -64,25 +71,30 @@ class StepOriginal:
 
 def read_original(path: Path, name: str) -> StepOriginal:
     """The file of one product `name`, as `write_step` writes it; the origin of the product is none of the points."""
-    text = path.read_bytes()
-    origin = _find_origin(text)
-    numbers, heads, coordinates, end = [], [], [], 0
-    for match in POINT.finditer(text):
-        if match[1] != origin:
-            numbers.append(int(match[1]))
-            heads.append(text[end : match.start(2)])
-            coordinates.append(match.group(2, 3, 4))
+    numbers, coordinates, heads, end = array("q"), array("d"), [], 0
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
+        origin = _find_origin(text)
+        for match in POINT.finditer(text):
+            number, x, y, z = match.groups()
+            if number == origin:
+                continue
+            head = text[end : match.start(2)]
+            heads.append(None if head == NEXT_POINT % int(number) and numbers[-1] + 1 == int(number) else head)
+            numbers.append(int(number))
+            coordinates.extend((float(x), float(y), float(z)))
             end = match.end(4)
-    values = np.array([[float(c) for c in row] for row in coordinates]).reshape(-1, 3)
+        tail = text[end:]
+        used = array("q")
+        for match in CURVE_OR_VERTEX.finditer(text):
+            used.extend(map(int, (match[1] or match[2])[1:].split(b",#")))
+    values = np.array(coordinates).reshape(-1, 3)
     decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(values).max())))
     points = np.rint(values * 10.0**decimals).astype(np.int64)
-    used = [
-        int(number) for match in CURVE_OR_VERTEX.finditer(text) for number in (match[1] or match[2])[1:].split(b",#")
-    ]
-    return StepOriginal(points, decimals, tuple(heads), text[end:], np.isin(numbers, used), name)
+    known = np.array(numbers)
+    return StepOriginal(points, decimals, tuple(heads), known, tail, np.isin(known, np.array(used)), name)
 
 
-def _find_origin(text: bytes) -> bytes:
+def _find_origin(text: bytes | mmap.mmap) -> bytes:
     """The number of the point in the origin of the product, which placements refer to."""
     found = ORIGIN.search(text)
     placement = found and re.search(rb"#" + found[1] + rb"=AXIS2_PLACEMENT_3D\('[^']*',#(\d+),", text)
@@ -151,12 +163,13 @@ def write_copy(
     x, y, z = (_format_units(original.points[:, i] + shift[i], original.decimals) for i in range(3))
     old, new = _quoted_prefix(original.name), _quoted_prefix(name)
     header = f"FILE_NAME({format_string(file_name)},\n{format_string(time_stamp)},".encode()
-    first, *heads = original.heads
     with path.open("wb") as file:
-        file.write(FILE_NAME.sub(lambda _: header, first, count=1))
-        file.write(b"%b,%b,%b" % (x[0], y[0], z[0]))
-        for head, a, b, c in zip(heads, x[1:], y[1:], z[1:], strict=True):
-            file.write(b"%b%b,%b,%b" % (head.replace(old, new) if old in head else head, a, b, c))
+        for head, number, a, b, c in zip(original.heads, original.numbers.tolist(), x, y, z, strict=True):
+            if head is None:
+                file.write(b"));\n#%d=CARTESIAN_POINT('',(%b,%b,%b" % (number, a, b, c))
+            else:
+                renamed = FILE_NAME.sub(lambda _: header, head.replace(old, new), count=1)
+                file.write(b"%b%b,%b,%b" % (renamed, a, b, c))
         file.write(original.tail.replace(old, new))
 
 
@@ -184,33 +197,47 @@ def compare_with_original(
     The texts of the coordinates are compared as decimal numbers, without rounding.
     """
     old, new = _quoted_prefix(original_name), _quoted_prefix(name)
-    origin = _find_origin(original.read_bytes())
+    origin = b"#%b=" % _find_origin(original.read_bytes())
+    known: set[tuple[bytes, bytes]] = set()  # ends of lines that were compared, as coordinates recur
     n_moved, in_data = 0, False
     with original.open("rb") as lines, path.open("rb") as copied_lines:
         for number, (line, copied) in enumerate(zip_longest(lines, copied_lines, fillvalue=b""), 1):
             in_data = in_data or line == b"DATA;\n"
             if not in_data:  # the header holds the name of the file and the time stamp
                 continue
-            point = POINT.match(line)
-            if point is None or point[1] == origin:
-                same = line.replace(old, new) == copied
-            else:
-                same = _is_moved(point, POINT.match(copied), shift)
+            if b"=CARTESIAN_POINT(" in line and not line.startswith(origin):
+                before, _, last = line.rpartition(b",")
+                copied_before, _, copied_last = copied.rpartition(b",")
+                same = before == copied_before and (last, copied_last) in known
+                if not same:
+                    same = _is_moved(line, copied, shift)
+                    if same and before == copied_before:
+                        known.add((last, copied_last))
                 n_moved += 1
+            else:
+                same = line == copied or line.replace(old, new) == copied
             if not same:
                 raise KernelError("translate STEP", f"line {number} of {path.name} is not that of its original, moved")
     if not n_moved:
         raise KernelError("translate STEP", f"{path.name} holds no points")
 
 
-def _is_moved(point: re.Match[bytes], copied: re.Match[bytes] | None, shift: Sequence[Decimal]) -> bool:
+def _is_moved(line: bytes, copied: bytes, shift: Sequence[Decimal]) -> bool:
     """Whether the line of a point in a copy is that of the original, moved by exactly `shift`."""
-    if copied is None or point.string[: point.start(2)] != copied.string[: copied.start(2)]:
+    try:
+        (head, x, y, z, end), (other_head, *others, other_end) = _cut_point(line), _cut_point(copied)
+        moved = [Decimal(t.decode()) - Decimal(s.decode()) for s, t in zip((x, y, z), others, strict=True)]
+    except (ValueError, InvalidOperation):
         return False
-    return all(
-        Decimal(there.decode()) - Decimal(here.decode()) == by
-        for here, there, by in zip(point.group(2, 3, 4), copied.group(2, 3, 4), shift, strict=True)
-    )
+    return head == other_head and end == other_end and moved == list(shift)
+
+
+def _cut_point(line: bytes) -> tuple[bytes, bytes, bytes, bytes, bytes]:
+    """The text before the coordinates of a point, each of them, and the text after them; ValueError for another line."""
+    first, y, last = line.rsplit(b",", 2)
+    head, _, x = first.rpartition(b"(")
+    z, bracket, end = last.partition(b")")
+    return head, x, y, z, bracket + end
 
 
 def units_of(length: float, decimals: int) -> int:
