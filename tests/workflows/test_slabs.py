@@ -175,7 +175,7 @@ def test_names_number_the_files() -> None:
         ({"map": lambda p: p}, "no slab is a copy of another"),
         ({"boundary": "natural"}, "slabs are cut in planes"),
         ({"loose": "drop"}, "may be a part of the next one"),
-        ({"slab": 0}, "must be positive"),
+        ({"slab": 0}, "slab 0"),
         ({"schema": "ap203"}, "schema 'ap203' is not known"),
     ],
 )

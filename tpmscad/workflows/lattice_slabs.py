@@ -26,6 +26,7 @@ from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.translated_copies import decimal_of
 from tpmscad.parallel import run_as_completed
+from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.keyword_checks import check_cell_counts
 from tpmscad.workflows.lattice_request import LatticeOptions, resolve_lattice_request, with_keywords_of
@@ -97,6 +98,7 @@ class Slab:
     cells: Cells
 
 
+@public('export_slabs("gyroid", "gyroid_{:03d}.step", cell=10, cells=(20, 20, 20), thickness=1, slab=1)')
 @with_keywords_of(lattice)
 def export_slabs(
     surface: str,
