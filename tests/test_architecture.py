@@ -46,7 +46,7 @@ ROOMS: dict[str, set[str]] = {
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
-    "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", *MATHEMATICS},
+    "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
 }
 """What each room may import, besides its own modules, the ground and the standard library."""
 

@@ -28,6 +28,18 @@ def is_closed(brep: Brep) -> bool:
     return len(find_unmatched_edges(brep)) == 0
 
 
+def find_broken_loops(brep: Brep) -> IntArray:
+    """Loops in which an edge use does not begin at the vertex where the use before it ends: (n,)."""
+    edges, uses, start = brep.edges, brep.uses, brep.faces.use_start
+    forward = uses.sense > 0
+    first = np.where(forward, edges.start[uses.edge], edges.end[uses.edge])
+    last = np.where(forward, edges.end[uses.edge], edges.start[uses.edge])
+    before = np.arange(-1, len(uses) - 1)
+    before[start[:-1]] = start[1:] - 1
+    loop_of_use = np.repeat(np.arange(len(start) - 1), np.diff(start))
+    return np.unique(loop_of_use[first != last[before]])
+
+
 def label_shells(brep: Brep) -> tuple[int, IntArray]:
     """The number of shells (edge-connected components), and the shell of each face (F,), numbered by first face."""
     face = brep.face_of_use

@@ -25,7 +25,7 @@ from tpmscad.kernel import (
     brep_and_source_faces,
     build_regions,
     faces_of,
-    is_valid,
+    is_brep_valid,
     read_body,
     split_body,
 )
@@ -210,7 +210,7 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
         if not len(domain.faces):
             raise _missing_domain(body, name)
     built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
-    if not all(is_valid(solid) for of in built for solid in of.solids):
+    if not all(is_brep_valid(domain, of.faces) for domain, of in zip(trimmed.breps, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
     notes: tuple[str, ...] = ("trimmed on the patches' parameter domains",)
     if report.shifted:

@@ -163,7 +163,7 @@ def make_lattice(
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, kernel.build_solids(made.brep), loose)
     with stages("check"):
-        valid = kernel.is_valid(built.shape)
+        valid = kernel.is_brep_valid(brep, built.faces)
         properties = measure_solid(brep, built.nesting.moments)
         notes = (
             *made.notes,

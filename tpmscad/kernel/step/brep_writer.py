@@ -20,7 +20,7 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
+from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     Colour,
     MassProperties,
@@ -100,9 +100,8 @@ def write_step(
             section, setting, title, [part] * count, labels_of_cells, instances.rotation, instances.translation
         )
         write_validation_properties(section, setting, assembly, _instanced_mass_properties(mass, instances))
-    text = format_exchange_structure(section, schema=protocol, name=target.name, time_stamp=stamp, author="")
     with atomic_write(target) as aside:
-        aside.write_text(text, encoding="ascii", newline="\n")
+        write_exchange_structure(aside, section, schema=protocol, name=target.name, time_stamp=stamp, author="")
         if verify is not None:
             verify(aside)
 

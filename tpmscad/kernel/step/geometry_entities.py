@@ -30,6 +30,7 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
 )
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals
+from tpmscad.kernel.step.point_text import MAX_DECIMALS, format_points
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
@@ -66,8 +67,9 @@ def write_replicas(section: DataSection, base: IntArray, motion: Motion) -> IntA
     )
 
 
-COORDINATE_DIGITS = 14
-"""Digits kept after the leading digit of the largest coordinate: a hundred times the round-off of float64."""
+COORDINATE_DIGITS = 12
+"""Digits kept after the leading digit of the largest coordinate: ten thousand times the round-off of float64, so that shared
+poles of neighbouring patches become one point, a hundred-thousandth of the kernel's tolerance at a size of a metre."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,14 +130,17 @@ def is_straight(curve: EdgeCurve) -> bool:
 
 def write_points(section: DataSection, points: Array) -> IntArray:
     """Write the distinct points and return the entity number of each point."""
-    decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(points).max())))
-    grid = np.rint(points * 10.0**decimals).astype(np.int64)
+    grid, decimals = round_coordinates(points)
     first, index = _unique_rows(grid)
-    values = format_reals((grid[first] / 10.0**decimals).ravel().tolist())
-    numbers = section.extend(
-        [f"CARTESIAN_POINT('',({x},{y},{z}))" for x, y, z in zip(values[0::3], values[1::3], values[2::3], strict=True)]
-    )
+    numbers = section.extend_text(format_points(grid[first], decimals, section.count + 1), len(first))
     return numbers.start + index
+
+
+def round_coordinates(points: Array) -> tuple[IntArray, int]:
+    """The coordinates that a file states: multiples (n, 3) of 10^-decimals, and the decimals."""
+    decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(points).max(initial=1e-9))))
+    decimals = min(max(decimals, 0), MAX_DECIMALS)
+    return np.rint(points * 10.0**decimals).astype(np.int64), decimals
 
 
 def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 from tpmscad.errors import InvalidRequest
 
@@ -100,22 +101,31 @@ class DataSection:
         self.count += len(bodies)
         return numbers
 
-    def text(self) -> str:
-        """Text of all entities."""
-        return "".join(self._blocks)
+    def extend_text(self, pieces: Sequence[str], count: int) -> range:
+        """Add the text of `count` entities that are numbered from the next number on, and return their numbers."""
+        numbers = range(self.count + 1, self.count + 1 + count)
+        self._blocks += pieces
+        self.count += count
+        return numbers
+
+    def blocks(self) -> list[str]:
+        """Text of all entities, in pieces."""
+        return self._blocks
 
 
-def format_exchange_structure(
-    section: DataSection, *, schema: StepSchema, name: str, time_stamp: str, author: str
-) -> str:
-    """Text of the whole file.
+def write_exchange_structure(
+    path: Path, section: DataSection, *, schema: StepSchema, name: str, time_stamp: str, author: str
+) -> None:
+    """Write the whole file.
 
     `time_stamp` (ISO 8601) is on a line of its own, the only one that differs between equal requests.
     """
-    return (
+    head = (
         "ISO-10303-21;\nHEADER;\n"
         "FILE_DESCRIPTION((''),'2;1');\n"
         f"FILE_NAME({format_string(name)},\n{format_string(time_stamp)},\n({format_string(author)}),(''),{format_string(SOFTWARE)},{format_string(SOFTWARE)},'');\n"
         f"FILE_SCHEMA(({format_string(schema.file_schema)}));\n"
-        "ENDSEC;\nDATA;\n" + section.text() + "ENDSEC;\nEND-ISO-10303-21;\n"
+        "ENDSEC;\nDATA;\n"
     )
+    with path.open("w", encoding="ascii", newline="\n") as file:
+        file.writelines([head, *section.blocks(), "ENDSEC;\nEND-ISO-10303-21;\n"])

@@ -22,7 +22,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.occt_topology import write_occt_solids
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, format_exchange_structure
+from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     MassProperties,
     write_assembly,
@@ -82,9 +82,8 @@ def write_named_solids(
         names = [of.name for of in solids]
         whole = write_assembly(section, setting, title, parts, names, still, nowhere)
         write_validation_properties(section, setting, whole, _mass_properties(moments))
-    text = format_exchange_structure(section, schema=protocol, name=target.name, time_stamp=stamp, author="")
     with atomic_write(target) as aside:
-        aside.write_text(text, encoding="ascii", newline="\n")
+        write_exchange_structure(aside, section, schema=protocol, name=target.name, time_stamp=stamp, author="")
         if verify is not None:
             verify(aside)
 

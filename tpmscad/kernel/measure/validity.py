@@ -1,0 +1,33 @@
+"""Validity of solids that were built from a boundary representation, each thing said once.
+
+A rigid copy of a face that the kernel accepts is as valid as the face, so that the kernel checks one face of each class
+(`tpmscad.brep.face_classes`). What its check of a whole solid adds is a matter of arrays: each edge joins two faces in opposite
+directions, each loop runs from vertex to vertex, and the nesting of shells was found when the solids were built.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from OCP.TopoDS import TopoDS_Face
+
+from tpmscad.brep import connectivity
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.face_classes import group_congruent_faces
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+
+CLASS_RESOLUTION = 0.1 * CONFUSION_TOLERANCE
+"""Faces that differ by less belong to one class: a tenth of the least tolerance of the kernel's check."""
+
+
+def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
+    """Whether the boundary is closed, its loops are connected, and the kernel accepts a face of each class.
+
+    `faces` are the kernel's faces of `brep`, in its order.
+    """
+    if not connectivity.is_closed(brep) or len(connectivity.find_broken_loops(brep)):
+        return False
+    classes = group_congruent_faces(brep, CLASS_RESOLUTION)
+    return is_valid(make_compound(faces[i] for i in classes.first.tolist()))
