@@ -1,8 +1,9 @@
 """Validity of solids that were built from a boundary representation, each thing said once.
 
 A rigid copy of a face that the kernel accepts is as valid as the face, so that the kernel checks one face of each class
-(`tpmscad.brep.face_classes`). What its check of a whole solid adds is a matter of arrays: each edge joins two faces in opposite
-directions, each loop runs from vertex to vertex, and the nesting of shells was found when the solids were built.
+(`tpmscad.brep.face_classes`). Planar faces with loops of thousands of edges, which the kernel compares pair by pair, are held by
+fattened chords first (`tpmscad.brep.planar_faces`). What the check of a whole solid adds is a matter of arrays: each edge joins two
+faces in opposite directions, each loop runs from vertex to vertex, and the nesting of shells was found when the solids were built.
 """
 
 from __future__ import annotations
@@ -11,9 +12,11 @@ from collections.abc import Sequence
 
 from OCP.TopoDS import TopoDS_Face
 
+from tpmscad._typing import IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.face_classes import group_congruent_faces
+from tpmscad.brep.planar_faces import find_simple_planar_faces
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -29,5 +32,10 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
     """
     if not connectivity.is_closed(brep) or len(connectivity.find_broken_loops(brep)):
         return False
-    classes = group_congruent_faces(brep, CLASS_RESOLUTION)
-    return is_valid(make_compound(faces[i] for i in classes.first.tolist()))
+    return is_valid(make_compound(faces[i] for i in find_faces_to_check(brep).tolist()))
+
+
+def find_faces_to_check(brep: Brep) -> IntArray:
+    """A face of each class of congruent faces, but for the planar ones that are simple beyond doubt: (n,)."""
+    first = group_congruent_faces(brep, CLASS_RESOLUTION).first
+    return first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE)[first]]

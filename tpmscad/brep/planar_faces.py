@@ -1,0 +1,139 @@
+"""Planar faces whose loops are simple beyond doubt: they lie in the plane, cross nothing, and bound one region.
+
+The edges become chords, each fattened by a bound on its distance from the curve. If all chords that do not share an end stay farther
+apart than their fat and the tolerance, the loops neither cross nor touch; orientation and nesting follow from areas and from rays.
+What is in doubt (short edges, spikes, near contacts) is left out: such a face may be valid, but another check has to say so.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import Plane
+
+BoolArray = NDArray[np.bool_]
+
+CHORDS_PER_EDGE = (6, 12, 24, 48)
+"""Chords of an edge of median length, in successive attempts; longer and shorter edges have chords of the same length."""
+
+LENGTH_SAMPLES = 9
+"""Points from which the length of an edge is estimated."""
+
+FAT_SAFETY = 4.0
+"""Factor from the distance of the curve from the middles of its chords to the bound on its distance anywhere."""
+
+WEDGE_SAFETY = 2.0
+"""Consecutive chords must enclose more than this times the angles, fat over length, by which their curves may leave them."""
+
+
+def find_simple_planar_faces(brep: Brep, tol: float) -> BoolArray:
+    """Whether a face (F,) is planar and its loops are certainly simple, nested and oriented, with gaps up to `tol` at most."""
+    faces, use_start = brep.faces, brep.faces.use_start
+    result = np.zeros(len(faces), bool)
+    planar = np.flatnonzero(np.array([isinstance(c, Plane) for c in brep.carriers], bool)[faces.carrier])
+    for face in planar.tolist():
+        loops = slice(int(faces.loop_start[face]), int(faces.loop_start[face + 1]) + 1)
+        uses = np.arange(use_start[loops][0], use_start[loops][-1])
+        plane, motion = brep.carriers[int(faces.carrier[face])], faces.motion[face]
+        assert isinstance(plane, Plane)
+        loop_of_use = np.repeat(np.arange(loops.stop - loops.start - 1), np.diff(use_start[loops]))
+        lengths = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _sample(brep, uses, LENGTH_SAMPLES)]
+        for count in CHORDS_PER_EDGE:
+            chords = np.maximum(np.ceil(count * np.array(lengths) / np.median(lengths)), 2).astype(int)
+            local = [motion.apply_inverse(points) for points in _sample(brep, uses, 2 * chords + 1)]
+            if max(float(np.abs(plane.distance(points)).max()) for points in local) > tol:
+                break
+            if _is_simple([plane.parameters(points) for points in local], loop_of_use, tol):
+                result[face] = True
+                break
+    return result
+
+
+def _sample(brep: Brep, uses: IntArray, counts: IntArray | int) -> list[Array]:
+    """Points (count, 3) at equal steps of the parameter along each use."""
+    edges = brep.edges
+    known: dict[tuple[int, float, float, int], Array] = {}
+    result = []
+    for k, count in zip(uses.tolist(), np.broadcast_to(counts, len(uses)).tolist(), strict=True):
+        e = int(brep.uses.edge[k])
+        key = int(edges.curve[e]), float(edges.span[e, 0]), float(edges.span[e, 1]), count
+        if key not in known:
+            known[key] = brep.curves[key[0]](np.linspace(*key[1:]))
+        points = edges.motion[e].apply(known[key])
+        result.append(points if brep.uses.sense[k] > 0 else points[::-1])
+    return result
+
+
+def _is_simple(flat: list[Array], loop_of_use: IntArray, tol: float) -> bool:
+    """Whether the loops of sampled uses (each (2 n + 1, 2)) are certainly simple, nested and oriented."""
+    start = np.concatenate([points[:-2:2] for points in flat])
+    end = np.concatenate([points[2::2] for points in flat])
+    middle = np.concatenate([points[1::2] for points in flat])
+    loop = np.repeat(loop_of_use, [len(points) // 2 for points in flat])
+    fat = FAT_SAFETY * np.linalg.norm(middle - 0.5 * (start + end), axis=1) + tol
+    following = np.arange(1, len(start) + 1)
+    last = np.flatnonzero(np.diff(loop, append=-1))
+    following[last] = np.concatenate([[0], last[:-1] + 1])
+    along = end - start
+    length = np.linalg.norm(along, axis=1)
+    if (length <= 2 * fat).any() or (np.linalg.norm(start[following] - end, axis=1) > 2 * tol).any():
+        return False
+    cosine = np.einsum("ni,ni->n", along, along[following]) / (length * length[following])
+    wedge, leave = np.pi - np.arccos(np.clip(cosine, -1.0, 1.0)), fat / length
+    if (wedge < WEDGE_SAFETY * (leave + leave[following])).any() or not _are_apart(start, end, fat, following):
+        return False
+    return _are_nested(start, start[following], loop)
+
+
+def _are_apart(start: Array, end: Array, fat: Array, following: IntArray) -> bool:
+    """Whether all segments but consecutive ones are farther apart than their fat."""
+    reach = float((np.linalg.norm(end - start, axis=1) + 2 * fat).max())
+    i, j = cKDTree(0.5 * (start + end)).query_pairs(reach, output_type="ndarray").T
+    own = (following[i] != j) & (following[j] != i)
+    i, j = i[own], j[own]
+    near = np.minimum.reduce(
+        [
+            _distance_to_segment(start[i], start[j], end[j]),
+            _distance_to_segment(end[i], start[j], end[j]),
+            _distance_to_segment(start[j], start[i], end[i]),
+            _distance_to_segment(end[j], start[i], end[i]),
+        ]
+    )
+    crossing = (_side(start[i], end[i], start[j]) * _side(start[i], end[i], end[j]) <= 0) & (
+        _side(start[j], end[j], start[i]) * _side(start[j], end[j], end[i]) <= 0
+    )
+    return bool((near > fat[i] + fat[j]).all() and not crossing.any())
+
+
+def _distance_to_segment(points: Array, start: Array, end: Array) -> Array:
+    along = end - start
+    t = np.einsum("ni,ni->n", points - start, along) / np.einsum("ni,ni->n", along, along)
+    return np.asarray(np.linalg.norm(points - start - np.clip(t, 0.0, 1.0)[:, None] * along, axis=1))
+
+
+def _side(start: Array, end: Array, points: Array) -> Array:
+    """Twice the signed area of each triangle."""
+    a, b = end - start, points - start
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _are_nested(start: Array, end: Array, loop: IntArray) -> bool:
+    """Whether one loop runs counter-clockwise around all others, which run clockwise and lie outside each other."""
+    area = np.bincount(loop, start[:, 0] * end[:, 1] - start[:, 1] * end[:, 0])
+    outer = int(np.argmax(area))
+    if area[outer] <= 0 or (np.delete(area, outer) >= 0).any():
+        return False
+    for hole in np.delete(np.arange(len(area)), outer).tolist():
+        x, y = start[np.argmax(loop == hole)]
+        above = (start[:, 1] > y) != (end[:, 1] > y)
+        a, b = start[above], end[above]
+        crossed = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1]) > x
+        inside = np.bincount(loop[above][crossed], minlength=len(area)) % 2
+        inside[hole] = 0
+        if inside[outer] != 1 or inside.sum() != 1:
+            return False
+    return True

@@ -1,0 +1,72 @@
+"""Checks of STEP files that were written from a boundary representation: each thing once.
+
+The text is held against the boundary representation to the last bit (`tpmscad.kernel.step.text_check`). That the kernel reads such
+text is shown on an excerpt of the same file with a face of each class, whose validity and area it confirms.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from tpmscad._typing import IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.face_classes import group_congruent_faces
+from tpmscad.errors import KernelError
+from tpmscad.kernel.build.shell_nesting import ShellNesting
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.validity import CLASS_RESOLUTION
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.step.excerpt import write_excerpt
+from tpmscad.kernel.step.step_reader import read_step
+from tpmscad.kernel.step.text_check import FileText, check_text
+from tpmscad.splines.bspline import BSplineSurface
+
+MAX_EXCERPT_FACES = 150
+"""Faces of an excerpt besides one of each shell and of each kind of surface; the kernel reads them in a second."""
+
+MILLIMETRE = "millimetre"
+
+
+def check_written_text(path: Path, brep: Brep, nesting: ShellNesting) -> None:
+    """KernelError unless the text of a file holds the solids of `brep`, number for number."""
+    check_text(path, brep, nesting)
+
+
+def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: int, area_rtol: float) -> None:
+    """KernelError unless the text holds the solids of `brep` and the kernel reads an excerpt of the file as valid faces."""
+    table = check_text(path, brep, nesting)
+    chosen = choose_faces(brep, nesting)
+    numbers = FileText(table, brep, nesting).faces_in_order()
+    with TemporaryDirectory() as folder:
+        part = Path(folder) / "excerpt.step"
+        write_excerpt(path, table, numbers[chosen], part)
+        content = read_step(part, healed=False)
+    faces = [face for solid in content.solids for face in faces_of(solid)]
+    if set(content.units) != {MILLIMETRE} or len(faces) != n_placements * len(chosen):
+        raise KernelError(
+            "export_step",
+            f"of {n_placements * len(chosen)} faces in mm the kernel reads {len(faces)} in {', '.join(content.units)}",
+        )
+    if not is_valid(make_compound(faces)):
+        raise KernelError("export_step", "the kernel's check rejects a face of the file")
+    area, meant = float(face_moments(faces)[:, 0].sum()), n_placements * float(nesting.moments.area[chosen].sum())
+    if abs(area - meant) > area_rtol * meant:
+        raise KernelError("export_step", f"faces of area {meant:.12g} read back with area {area:.12g}")
+
+
+def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
+    """Faces for an excerpt: of the classes of congruent faces, evenly, and of each shell and each kind of surface."""
+    first = group_congruent_faces(brep, CLASS_RESOLUTION).first
+    some = first[np.linspace(0, len(first) - 1, min(len(first), MAX_EXCERPT_FACES)).astype(int)]
+    kinds: dict[object, int] = {}
+    for index in np.unique(brep.faces.carrier).tolist():
+        carrier = brep.carriers[index]
+        shape = carrier.poles.shape if isinstance(carrier, BSplineSurface) else ()
+        kinds.setdefault((type(carrier), shape), int(np.flatnonzero(brep.faces.carrier == index)[0]))
+    _, of_shells = np.unique(nesting.shell_of_face, return_index=True)
+    return np.unique(np.concatenate([some, of_shells, np.array(list(kinds.values()), np.int64)]))

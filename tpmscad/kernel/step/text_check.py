@@ -1,0 +1,364 @@
+"""A file's solids held against the boundary representation that it is meant to hold, to the last bit, from its text alone.
+
+The entities are followed from the solids down to the points: shells, faces, bounds, loops, oriented edges, edges, vertices, curves
+and surfaces. Every reference must lead to an entity of the kind expected, every number be the float that was meant, every flag
+agree, and every edge and vertex of the file stand for one of the boundary representation. Coordinates of points are meant as
+multiples of a power of ten (`geometry_entities.COORDINATE_DIGITS`). Placements of planes, quadrics and conics, which are computed
+once more here, may differ by round-off.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.carriers import (
+    Circle,
+    ConicalSurface,
+    CylindricalSurface,
+    Plane,
+    SphericalSurface,
+    ToroidalSurface,
+)
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError
+from tpmscad.kernel.build.shell_nesting import ShellNesting
+from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
+from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+
+ROUND_OFF = 1e-12
+"""Difference of directions, radii and lengths, relative to their size, that comes from another order of operations."""
+
+
+def require(condition: Any, what: str) -> None:
+    """KernelError that names what differs, unless the condition holds."""
+    if not np.all(condition):
+        raise KernelError("export_step", f"the text of the file is not what was meant: {what}")
+
+
+def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> EntityTable:
+    """The entities of a file, if it holds the solids of `brep`; KernelError that names the first difference otherwise."""
+    table = read_entity_table(path)
+    FileText(table, brep, nesting).check()
+    return table
+
+
+class FileText:
+    """The entities of a file and what they are meant to be."""
+
+    def __init__(self, table: EntityTable, brep: Brep, nesting: ShellNesting) -> None:
+        require(len(np.unique(table.number)) == len(table.number), "two entities have one number")
+        self.table, self.brep, self.nesting = table, brep, nesting
+        self.keyword = table.keywords()
+        self.known = np.zeros(len(table.number), bool)
+        sizes = [np.abs(brep.vertices).max(initial=1e-9)]
+        for items, placed in ((brep.carriers, brep.faces.carrier), (brep.curves, brep.edges.curve)):
+            motions = brep.faces.motion if items is brep.carriers else brep.edges.motion
+            for i in np.unique(placed).tolist():
+                if (poles := _poles(items[i])) is not None:
+                    sizes.append(float(np.abs(motions[placed == i, None].apply(poles)).max()))
+        self.decimals = min(max(COORDINATE_DIGITS - int(np.floor(np.log10(max(sizes)))), 0), 22)
+
+    def check(self) -> None:
+        """Raise KernelError if anything differs."""
+        self._check_references()
+        brep, nesting = self.brep, self.nesting
+        face_of_file = self.faces_in_order()
+        sense = brep.faces.sense.copy()
+        voids = [v for _, *of_piece in nesting.shells_of_solid for v in of_piece]
+        sense[np.isin(nesting.shell_of_face, voids)] *= -1  # the text reverses whole void shells
+        bounds, surface, flag, n_bounds = self._faces(face_of_file)
+        quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers])[brep.faces.carrier]
+        turned = np.where(quadric & (np.linalg.det(brep.faces.motion.rotation) < 0), -sense, sense)
+        require(flag == turned, "the side of a face")
+        require(n_bounds == np.diff(brep.faces.loop_start), "the number of loops of a face")
+        edge, vertices = self._check_loops(bounds, sense)
+        self._check_edges(edge, vertices)
+        self._check_surfaces(surface)
+        self._check_totals()
+        self._check_styles(face_of_file)
+
+    # entities and their numbers
+
+    def rows(self, numbers: Array, template: str) -> Array:
+        """Numbers (n, m) in the entities of the given numbers, all of which must have the template."""
+        at = self.table.positions(numbers)
+        require(at >= 0, f"a reference leads nowhere instead of to {template}")
+        wanted = [i for i, t in enumerate(self.table.templates) if t == template]
+        require(np.isin(self.table.template[at], wanted), f"there is another entity in place of {template}")
+        self.known[at] = True
+        start = self.table.start[at]
+        return self.table.values[start[:, None] + np.arange(template_size(template))]
+
+    def lists(self, numbers: Array, before: str, after: str) -> tuple[Array, IntArray]:
+        """References listed in entities whose template is `before`, a list, `after`; and the length of each list."""
+        at = self.table.positions(numbers)
+        require(at >= 0, f"a reference leads nowhere instead of to {before}")
+        form = re.compile(re.escape(before) + r"\((#(?:,#)*)\)" + re.escape(after))
+        length = np.full(len(self.table.templates), -1)
+        for i in np.unique(self.table.template[at]).tolist():
+            found = form.fullmatch(self.table.templates[i])
+            require(found is not None, f"there is another entity in place of {before}")
+            assert found is not None
+            length[i] = found[1].count("#")
+        self.known[at] = True
+        count = length[self.table.template[at]]
+        return self.table.values[_ranges(self.table.start[at], count)], count
+
+    def with_keyword(self, keyword: str) -> IntArray:
+        """Positions of the entities with a keyword."""
+        return np.flatnonzero(np.isin(self.table.template, [i for i, k in enumerate(self.keyword) if k == keyword]))
+
+    def _check_references(self) -> None:
+        """Every reference leads to an entity."""
+        for i, template in enumerate(self.table.templates):
+            marks = template_marks(template)
+            columns = [k for k, mark in enumerate(marks) if mark == "#"]
+            if columns:
+                own = self.table.start[:-1][self.table.template == i]
+                referred = self.table.values[own[:, None] + np.array(columns)]
+                require(self.table.positions(referred) >= 0, f"a reference of {template[:60]} leads nowhere")
+
+    # topology
+
+    def faces_in_order(self) -> Array:
+        """Entity number of each face of the boundary representation, from the solids and shells."""
+        result = np.zeros(len(self.brep.faces))
+        solids = np.sort(np.concatenate([self.with_keyword(k) for k in ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS")]))
+        require(len(solids) == len(self.nesting.shells_of_solid), "the number of solids")
+        for at, shells in zip(solids.tolist(), self.nesting.shells_of_solid, strict=True):
+            template = self.table.templates[self.table.template[at]]
+            form = r"MANIFOLD_SOLID_BREP\('(?:[^']|'')*',#\)|BREP_WITH_VOIDS\('(?:[^']|'')*',#,\(#(?:,#)*\)\)"
+            require(re.fullmatch(form, template), "a solid")
+            self.known[at] = True
+            outer, *voids = self.table.values[self.table.start[at] : self.table.start[at + 1]].tolist()
+            inner = self.rows(np.array(voids), "ORIENTED_CLOSED_SHELL('',*,#,.F.)")[:, 0].tolist() if voids else []
+            require(1 + len(inner) == len(shells), "the number of shells of a solid")
+            for number, shell in zip([outer, *inner], shells, strict=True):
+                faces, _ = self.lists(np.array([number]), "CLOSED_SHELL('',", ")")
+                own = self.nesting.faces_of_shell(shell)
+                require(len(faces) == len(own), "the number of faces of a shell")
+                result[own] = faces
+        require(len(np.unique(result)) == len(result), "a face is listed twice")
+        return result
+
+    def _faces(self, numbers: Array) -> tuple[Array, Array, IntArray, IntArray]:
+        """Bounds of all faces, surface and flag of each face, and its number of bounds."""
+        table, at = self.table, self.table.positions(numbers)
+        require(at >= 0, "a face is missing")
+        form = re.compile(r"ADVANCED_FACE\('(?:[^']|'')*',\((#(?:,#)*)\),#,\.([TF])\.\)")
+        count, flag = np.zeros(len(table.templates), np.int64), np.zeros(len(table.templates), np.int64)
+        for i in np.unique(table.template[at]).tolist():
+            found = form.fullmatch(table.templates[i])
+            require(found is not None, "there is another entity in place of a face")
+            assert found is not None
+            count[i], flag[i] = found[1].count("#"), 1 if found[2] == "T" else -1
+        self.known[at] = True
+        n = count[table.template[at]]
+        return table.values[_ranges(table.start[at], n)], table.values[table.start[at] + n], flag[table.template[at]], n
+
+    def _check_loops(self, bounds: Array, sense: IntArray) -> tuple[Array, Array]:
+        """Edge (E,) and vertex (V,) entity of each edge and vertex, if the loops run as meant."""
+        brep, table = self.brep, self.table
+        faces, uses, edges = brep.faces, brep.uses, brep.edges
+        at = table.positions(bounds)
+        kinds = [table.templates[i] for i in range(len(table.templates))]
+        outer = np.array([k == "FACE_OUTER_BOUND('',#,.T.)" for k in kinds])[table.template[at]]
+        inner = np.array([k == "FACE_BOUND('',#,.T.)" for k in kinds])[table.template[at]]
+        require(outer | inner, "there is another entity in place of a bound")
+        require(np.add.reduceat(outer, faces.loop_start[:-1]) == 1, "the outer bound of a face")
+        self.known[at] = True
+        oriented, n = self.lists(table.values[table.start[at]], "EDGE_LOOP('',", ")")
+        require(n == np.diff(faces.use_start), "the number of edges of a loop")
+        loop = np.repeat(np.arange(len(n)), n)
+        backwards = (np.repeat(sense, np.diff(faces.loop_start)) < 0)[loop]
+        use = np.arange(len(uses))
+        use = np.where(backwards, faces.use_start[loop] + faces.use_start[loop + 1] - 1 - use, use)
+        forward = (uses.sense[use] > 0) != backwards
+        at = table.positions(oriented)
+        require(at >= 0, "an oriented edge is missing")
+        templates = [f"ORIENTED_EDGE('',*,*,#,.{flag}.)" for flag in "FT"]
+        direction = np.array([templates.index(k) if k in templates else -1 for k in kinds])[table.template[at]]
+        require(direction == forward, "the direction of an edge in a loop")
+        self.known[at] = True
+        require(len(np.unique(oriented)) == len(oriented), "an oriented edge is used twice")
+        edge = self._match(table.values[table.start[at]], uses.edge[use], len(edges), "edge")
+        ends = self.rows(edge, "EDGE_CURVE('',#,#,#,.T.)")[:, :2]
+        vertex = self._match(
+            ends.ravel(), np.column_stack([edges.start, edges.end]).ravel(), len(brep.vertices), "vertex"
+        )
+        return edge, vertex
+
+    @staticmethod
+    def _match(numbers: Array, index: IntArray, count: int, kind: str) -> Array:
+        """The entity of each of `count` items, given entities and items in pairs: one entity for one item."""
+        entity = np.full(count, -1.0)
+        entity[index] = numbers
+        require(entity >= 0, f"the loops lack an {kind}")
+        require(entity[index] == numbers, f"one {kind} is two in the file")
+        require(len(np.unique(entity)) == count, f"two of the kind {kind} are one in the file")
+        return entity
+
+    # geometry
+
+    def points(self, numbers: Array) -> Array:
+        """Coordinates of points (n, 3)."""
+        return self.rows(numbers, "CARTESIAN_POINT('',(&,&,&))")
+
+    def meant(self, points: Array) -> Array:
+        """The coordinates that a file states for points."""
+        return np.rint(points * 10.0**self.decimals) / 10.0**self.decimals
+
+    def _check_edges(self, edge: Array, vertex: Array) -> None:
+        """Positions of vertices, and the curves of edges."""
+        brep = self.brep
+        at = self.points(self.rows(vertex, "VERTEX_POINT('',#)")[:, 0])
+        require(at == self.meant(brep.vertices), "the position of a vertex")
+        ends = self.rows(edge, "EDGE_CURVE('',#,#,#,.T.)")
+        for index in np.unique(brep.edges.curve).tolist():
+            curve, own = brep.curves[index], np.flatnonzero(brep.edges.curve == index)
+            motion, number = brep.edges.motion[own], ends[own, 2]
+            if isinstance(curve, BSplineCurve) and (curve.degree > 1 or len(curve.poles) > 2):
+                poles = self._spline(number, "B_SPLINE_CURVE_WITH_KNOTS", [curve.degree], [curve.knots], (len(curve.poles),))
+                require(poles == self.meant(motion[:, None].apply(curve.poles)), "a pole of a curve")
+            elif isinstance(curve, BSplineCurve):
+                a, b = brep.vertices[brep.edges.start[own]], brep.vertices[brep.edges.end[own]]
+                through, vector = self.rows(number, "LINE('',#,#)").T
+                require(self.points(through) == self.meant(a), "the origin of a line")
+                direction, length = self.rows(vector, "VECTOR('',#,&)").T
+                require(_near(self._directions(direction) * length[:, None], b - a), "the direction of a line")
+            else:
+                placed = [curve.moved(m) for m in motion]
+                radii = [[c.radius] if isinstance(c, Circle) else [c.major, c.minor] for c in placed]
+                kind = "CIRCLE('',#,&)" if isinstance(curve, Circle) else "ELLIPSE('',#,&,&)"
+                frames = np.array([[c.origin, c.normal, c.x_axis] for c in placed])
+                self._check_placements(number, kind, frames, np.array(radii))
+
+    def _check_surfaces(self, surface: Array) -> None:
+        """The surfaces of faces."""
+        brep = self.brep
+        for index in np.unique(brep.faces.carrier).tolist():
+            carrier, own = brep.carriers[index], np.flatnonzero(brep.faces.carrier == index)
+            motion, number = brep.faces.motion[own], surface[own]
+            if isinstance(carrier, BSplineSurface):
+                degrees, knots = [carrier.degree_u, carrier.degree_v], [carrier.knots_u, carrier.knots_v]
+                poles = self._spline(number, "B_SPLINE_SURFACE_WITH_KNOTS", degrees, knots, carrier.poles.shape[:2])
+                meant = self.meant(motion[:, None].apply(carrier.poles.reshape(-1, 3)))
+                require(poles == meant, "a pole of a surface")
+                continue
+            x, origin = motion.apply_to_vectors(np.tile(carrier.x_axis, (len(own), 1))), motion.apply(carrier.origin)
+            if isinstance(carrier, Plane):
+                y = motion.apply_to_vectors(np.tile(carrier.y_axis, (len(own), 1)))
+                self._check_placements(number, "PLANE('',#)", np.stack([origin, np.cross(x, y), x], 1), np.zeros((len(own), 0)))
+                continue
+            axis = motion.apply_to_vectors(np.tile(carrier.axis, (len(own), 1)))
+            if isinstance(carrier, ConicalSurface):
+                axis = axis if carrier.angle > 0 else -axis
+            sizes, kind = _quadric_text(carrier)
+            self._check_placements(number, kind, np.stack([origin, axis, x], 1), np.tile(sizes, (len(own), 1)))
+
+    def _spline(
+        self, numbers: Array, keyword: str, degrees: Sequence[int], knots: Sequence[Array], shape: tuple[int, ...]
+    ) -> Array:
+        """Poles (n, p, 3) of splines, whose degrees and knots must be those given."""
+        listed = "(" + ",".join(["#"] * shape[-1]) + ")"
+        listed = listed if len(shape) == 1 else "(" + ",".join([listed] * shape[0]) + ")"
+        distinct, counts = zip(*(np.unique(k, return_counts=True) for k in knots), strict=True)
+        marks = [*(["@"] * len(c) for c in counts), *(["&"] * len(c) for c in counts)]
+        vectors = ",".join(f"({','.join(m)})" for m in marks)
+        flags = ",".join([".F."] * (len(shape) + 1))
+        first = ",".join(["@"] * len(degrees))
+        rows = self.rows(numbers, f"{keyword}('',{first},{listed},.UNSPECIFIED.,{flags},{vectors},.UNSPECIFIED.)")
+        fixed = np.concatenate([*counts, *distinct]).astype(float)
+        require(rows[:, : len(degrees)] == np.array(degrees), "the degree of a spline")
+        require(rows[:, rows.shape[1] - len(fixed) :] == fixed, "the knots of a spline")
+        poles = rows[:, len(degrees) : rows.shape[1] - len(fixed)]
+        return self.points(poles.ravel()).reshape(*poles.shape, 3)
+
+    def _directions(self, numbers: Array) -> Array:
+        return self.rows(numbers, "DIRECTION('',(&,&,&))")
+
+    def _check_placements(self, numbers: Array, kind: str, frames: Array, sizes: Array) -> None:
+        """Origin, axis and reference direction (n, 3, 3), and the sizes (n, m), of planes, quadrics and conics."""
+        rows = self.rows(numbers, kind)
+        origin, axis, x = self.rows(rows[:, 0], "AXIS2_PLACEMENT_3D('',#,#,#)").T
+        read = np.stack([self.points(origin), self._directions(axis), self._directions(x)], axis=1)
+        require(_near(read[:, 0], frames[:, 0]) & _near(read[:, 1:].reshape(-1, 6), frames[:, 1:].reshape(-1, 6)), kind)
+        require(_near(rows[:, 1:], sizes), f"a size of {kind}")
+
+    # what stands beside the solids
+
+    def _check_totals(self) -> None:
+        """No geometry or topology but that of the solids; volume and area are those of the boundary representation."""
+        own = re.compile(
+            r"ADVANCED_FACE|FACE_.*BOUND|EDGE_LOOP|ORIENTED_EDGE|EDGE_CURVE|VERTEX_POINT|VECTOR|LINE|B_SPLINE.*|CIRCLE|ELLIPSE|PLANE|"
+            r".*_SURFACE|.*CLOSED_SHELL|MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS"
+        )
+        kinds = [i for i, keyword in enumerate(self.keyword) if own.fullmatch(keyword)]
+        require(self.known[np.isin(self.table.template, kinds)], "there is geometry that no face uses")
+        moments = self.nesting.moments
+        for name, kind, value in (
+            ("volume measure", "VOLUME", float(integral_properties.volume(moments)[0])),
+            ("surface area measure", "AREA", float(moments.area.sum())),
+        ):
+            template = f"MEASURE_REPRESENTATION_ITEM('{name}',{kind}_MEASURE(&),#)"
+            found = [i for i, t in enumerate(self.table.templates) if t == template]
+            at = np.flatnonzero(np.isin(self.table.template, found))
+            stated = self.table.values[self.table.start[at]]
+            require(len(at) and np.isclose(stated, value, rtol=ROUND_OFF, atol=0).any(), f"the stated {name}")
+
+    def _check_styles(self, faces: Array) -> None:
+        """No face has two colours, and nothing else has one."""
+        at = self.with_keyword("STYLED_ITEM")
+        item = self.table.values[self.table.start[at] + 1]
+        require(np.isin(item, faces), "something besides a face has a colour")
+        require(len(np.unique(item)) == len(item), "a face has two colours")
+
+
+def template_marks(template: str) -> str:
+    """The marks of a template in order, strings left out."""
+    return "".join(re.findall(r"[#@&]", re.sub(r"'(?:[^']|'')*'", "", template)))
+
+
+def template_size(template: str) -> int:
+    """Number of numbers in an entity with a template."""
+    return len(template_marks(template))
+
+
+def _ranges(start: IntArray, count: IntArray) -> IntArray:
+    """The indices start[i] .. start[i] + count[i] - 1, one range after another."""
+    ends = np.cumsum(count)
+    return np.repeat(start - ends + count, count) + np.arange(int(count.sum()))
+
+
+def _near(read: Array, meant: Array) -> Array:
+    """Whether rows agree to round-off: (n,)."""
+    size = np.maximum(1.0, np.abs(meant).max(axis=1, initial=0.0))
+    return np.asarray(np.abs(read - meant).max(axis=1, initial=0.0) <= ROUND_OFF * size)
+
+
+def _poles(value: Any) -> Array | None:
+    """Poles of a spline that a file states as points."""
+    if isinstance(value, BSplineSurface):
+        return value.poles.reshape(-1, 3)
+    if isinstance(value, BSplineCurve) and (value.degree > 1 or len(value.poles) > 2):
+        return value.poles
+    return None
+
+
+def _quadric_text(carrier: Any) -> tuple[Array, str]:
+    """Sizes and template of a quadric."""
+    if isinstance(carrier, ConicalSurface):
+        return np.array([carrier.radius, abs(carrier.angle)]), "CONICAL_SURFACE('',#,&,&)"
+    if isinstance(carrier, ToroidalSurface):
+        return np.array([carrier.major, carrier.minor]), "TOROIDAL_SURFACE('',#,&,&)"
+    assert isinstance(carrier, CylindricalSurface | SphericalSurface)
+    kind = "CYLINDRICAL" if isinstance(carrier, CylindricalSurface) else "SPHERICAL"
+    return np.array([carrier.radius]), f"{kind}_SURFACE('',#,&)"
