@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier, EdgeCurve, Plane
 from tpmscad.brep.conics import Circle
@@ -84,7 +84,7 @@ def _hash_uses(brep: Brep, resolution: float) -> Hashes:
     return _mix(own + _hash_rows(rows))
 
 
-def _relative_hashes(brep: Brep, motion: Motion, backwards: NDArray[np.bool_], resolution: float) -> Hashes:
+def _relative_hashes(brep: Brep, motion: Motion, backwards: BoolArray, resolution: float) -> Hashes:
     """Hash of the curve and the pcurve of each use (K, 2), moved by `motion` and turned round where `backwards`."""
     uses, span = brep.uses, brep.edges.span[brep.uses.edge]
     keys = np.column_stack([brep.edges.curve[uses.edge], uses.pcurve, backwards])

@@ -1,21 +1,19 @@
 """Planar faces whose loops are simple beyond doubt: they lie in the plane, cross nothing, and bound one region.
 
-The edges become chords, each fattened by a bound on its distance from the curve. If all chords that do not share an end stay farther
-apart than their fat and the tolerance, the loops neither cross nor touch; orientation and nesting follow from areas and from rays.
-What is in doubt (short edges, spikes, near contacts) is left out: such a face may be valid, but another check has to say so.
+The edges become chords, each fattened by a bound on its distance from the curve. If all chords that do not share an end stay
+farther apart than their fat and the tolerance, the loops neither cross nor touch; orientation and nesting follow from areas and
+from rays. What is in doubt (short edges, spikes, near contacts) is left out: such a face may be valid, but another check has to
+say so.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
-
-BoolArray = NDArray[np.bool_]
 
 CHORDS_PER_EDGE = (6, 12, 24, 48)
 """Chords of an edge of median length, in successive attempts; longer and shorter edges have chords of the same length."""
@@ -41,7 +39,9 @@ def find_simple_planar_faces(brep: Brep, tol: float) -> BoolArray:
         plane, motion = brep.carriers[int(faces.carrier[face])], faces.motion[face]
         assert isinstance(plane, Plane)
         loop_of_use = np.repeat(np.arange(loops.stop - loops.start - 1), np.diff(use_start[loops]))
-        lengths = [np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _sample(brep, uses, LENGTH_SAMPLES)]
+        lengths = [
+            np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _sample(brep, uses, LENGTH_SAMPLES)
+        ]
         for count in CHORDS_PER_EDGE:
             chords = np.maximum(np.ceil(count * np.array(lengths) / np.median(lengths)), 2).astype(int)
             local = [motion.apply_inverse(points) for points in _sample(brep, uses, 2 * chords + 1)]

@@ -30,6 +30,7 @@ from tpmscad.cli.options import (
     SchemaOption,
     TolOption,
     VerboseOption,
+    VerifyOption,
 )
 from tpmscad.cli.output import DOMAIN_SUFFIXES, Writing, given_options, make_and_write
 
@@ -56,6 +57,7 @@ def infill(
     keep_loose: KeepLooseOption = False,
     deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
+    verify: VerifyOption = None,
     report: ReportOption = None,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
@@ -81,7 +83,7 @@ def infill(
     make_and_write(
         f"{surface} infill",
         lambda progress: workflows.infill(body, surface, progress=progress, **request),
-        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema),
+        Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, verify=verify),
     )
 
 

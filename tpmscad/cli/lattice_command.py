@@ -35,6 +35,7 @@ from tpmscad.cli.options import (
     SlabOption,
     TolOption,
     VerboseOption,
+    VerifyOption,
 )
 from tpmscad.cli.output import (
     Writing,
@@ -71,6 +72,7 @@ def lattice(
     deviation: DeviationOption = None,
     instanced: InstancedOption = False,
     schema: SchemaOption = "ap242",
+    verify: VerifyOption = None,
     slab: SlabOption = None,
     jobs: JobsOption = 1,
     report: ReportOption = None,
@@ -95,7 +97,9 @@ def lattice(
         map=None if map is None else read_map(map, cell, cells),
         loose="keep" if keep_loose else None,
     )
-    writing = Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced)
+    writing = Writing(
+        output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced, verify=verify
+    )
     if slab is not None:
         make_slabs(surface, request, writing, slab, jobs)
         return
@@ -114,6 +118,8 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
 
     if writing.instanced:
         raise InvalidRequest("`instanced` stores the whole lattice in one file: leave it out of slabs")
+    if writing.verify is not None:
+        raise InvalidRequest("the kernel reads the original of every slab as a whole: leave `verify` out of slabs")
     with (
         report_unmet_request(writing.report),
         progress_bar(f"{surface} slabs", writing.quiet) as progress,

@@ -93,6 +93,14 @@ KeepLooseOption = Annotated[
         rich_help_panel=OUTPUT_PANEL,
     ),
 ]
+VerifyOption = Annotated[
+    Literal["kernel"] | None,
+    typer.Option(
+        help="Let the kernel read a whole .step file and check every face, however large.",
+        show_default="an excerpt of large files",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
 PictureOption = Annotated[
     Path,
     typer.Option("--output", "-o", metavar="FILE.png", help="The picture to write.", rich_help_panel=OUTPUT_PANEL),

@@ -39,6 +39,7 @@ class Writing:
     deviation: float | None = None
     schema: str = "ap242"
     instanced: bool = False
+    verify: str | None = None
     suffixes: tuple[str, ...] = MODEL_SUFFIXES
 
     def __post_init__(self) -> None:
@@ -51,13 +52,15 @@ class Writing:
             )
         if self.deviation is not None and not 0 < self.deviation < math.inf:
             raise InvalidRequest(f"`deviation` {self.deviation:g} must be a distance in mm above zero")
-        if suffix not in STEP_SUFFIXES and (self.instanced or self.schema != "ap242"):
-            raise InvalidRequest(f"`schema` and `instanced` are for .step files: leave them out of a {suffix} file")
+        if suffix not in STEP_SUFFIXES and (self.instanced or self.schema != "ap242" or self.verify):
+            raise InvalidRequest(
+                f"`schema`, `instanced` and `verify` are for .step files: leave them out of a {suffix} file"
+            )
 
     @property
     def format_options(self) -> dict[str, Any]:
         """The options of the file's format that differ from its defaults."""
-        options = given_options(deviation=self.deviation, instanced=self.instanced or None)
+        options = given_options(deviation=self.deviation, instanced=self.instanced or None, verify=self.verify)
         return options if self.schema == "ap242" else {**options, "schema": self.schema}
 
 

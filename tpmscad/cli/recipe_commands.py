@@ -23,6 +23,7 @@ from tpmscad.cli.options import (
     SchemaOption,
     SpacingOption,
     VerboseOption,
+    VerifyOption,
 )
 from tpmscad.cli.output import (
     Writing,
@@ -58,6 +59,7 @@ def blend(
     keep_loose: KeepLooseOption = False,
     deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
+    verify: VerifyOption = None,
     report: ReportOption = None,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
@@ -67,7 +69,7 @@ def blend(
     def read(progress: Progress) -> RecipeRun:
         return recipes.BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
-    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema)
+    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
     _run(f"blending {recipe.name}", read, writing, report, quiet)
 
 
@@ -82,6 +84,7 @@ def solidify(
     keep_loose: KeepLooseOption = False,
     deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",
+    verify: VerifyOption = None,
     report: ReportOption = None,
     verbose: VerboseOption = False,
     quiet: QuietOption = False,
@@ -107,7 +110,7 @@ def solidify(
             file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose
         )
 
-    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema)
+    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
     _run(f"making {file.name}", read, writing, report, quiet)
 
 
@@ -119,12 +122,15 @@ def _prepare_writing(
     verbose: bool,
     deviation: float | None,
     schema: str,
+    verify: str | None,
 ) -> Writing | None:
     """Where the solid goes; None for a dry run."""
     if dry_run == (output is not None):
         raise InvalidRequest("give either `output`, the file to write, or `dry_run`, which makes no solid")
     check_report(report)
-    return None if output is None else Writing(output, report, quiet, verbose, deviation=deviation, schema=schema)
+    if output is None:
+        return None
+    return Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, verify=verify)
 
 
 def _run(title: str, read: ReadRun, writing: Writing | None, report: Path | None, quiet: bool) -> None:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
         read_foreign_coloured_solids,
         read_foreign_step,
     )
+    from tpmscad.kernel.measure.file_check import check_excerpt, check_written_text
     from tpmscad.kernel.measure.mass_properties import face_moments
     from tpmscad.kernel.measure.shape_extents import shape_bounds
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     )
     from tpmscad.kernel.measure.signed_distance import body_field
     from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
+    from tpmscad.kernel.measure.validity import is_brep_valid
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
@@ -108,8 +110,10 @@ __all__ = [
     "build_regions",
     "build_solids",
     "check_foreign_step",
+    "check_excerpt",
     "check_shape",
     "check_step",
+    "check_written_text",
     "copy_placement",
     "count_closed_cavities",
     "diverging_scale",
@@ -191,8 +195,10 @@ _MODULE_OF_NAME = {
     "brep_from_shape": "tpmscad.kernel.body_import.body_brep",
     "build_regions": "tpmscad.kernel.build.solids",
     "build_solids": "tpmscad.kernel.build.solids",
+    "check_excerpt": "tpmscad.kernel.measure.file_check",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
+    "check_written_text": "tpmscad.kernel.measure.file_check",
     "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
     "draw_scene": "tpmscad.kernel.render.picture",

@@ -1,7 +1,8 @@
 """STEP files that are read back and compared with what was written, before they appear under their name.
 
-A file is written under a temporary name, read back by the kernel without healing and renamed only if it holds valid closed solids
-of the expected volume. A failure leaves no file behind.
+A file is written under a temporary name and renamed only if it holds what was meant; a failure leaves no file behind. The text
+of a boundary representation is read by a parser of its own and compared number for number. Then the kernel reads the file
+without healing and finds valid closed solids of the expected volume; of a large file it reads an excerpt, unless more is asked.
 """
 
 from __future__ import annotations
@@ -15,6 +16,11 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import NamedSolid
+
+KERNEL_READ_LIMIT = 8_000_000
+"""Bytes of a file that the kernel always reads as a whole, which takes it three seconds; of larger ones it reads an excerpt."""
+
+VERIFICATIONS = (None, "kernel")
 
 REREAD_VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""
@@ -51,14 +57,23 @@ def write_checked_brep(
     labels: Sequence[str],
     placements: kernel.Instances | None = None,
     n_placements: int = 1,
+    verify: str | None = None,
 ) -> None:
-    """Write a boundary representation as STEP, once for each placement, read the file back and compare the volume.
+    """Write a boundary representation as STEP, once for each placement, and check what the file holds.
 
-    `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the
-    faces. KernelError if the file does not hold what was written.
+    `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the faces. If `verify` is "kernel", the
+    kernel reads the whole file, however large. KernelError if the file does not hold what was written.
     """
+    require_verification(verify)
     volume = n_placements * float(integral_properties.volume(nesting.moments)[0])
-    verify = make_volume_check(volume, rtol)
+
+    def check(written: Path) -> None:
+        if verify == "kernel" or written.stat().st_size <= KERNEL_READ_LIMIT:
+            kernel.check_written_text(written, brep, nesting)
+            make_volume_check(volume, rtol)(written)
+        else:
+            kernel.check_excerpt(written, brep, nesting, n_placements, rtol)
+
     kernel.write_step(
         brep,
         nesting,
@@ -68,8 +83,14 @@ def write_checked_brep(
         instances=placements,
         labels=labels,
         colours={label: kernel.find_label_colour(label) for label in set(labels)},
-        verify=verify,
+        verify=check,
     )
+
+
+def require_verification(verify: str | None) -> None:
+    """InvalidRequest unless `verify` is None or "kernel"."""
+    if verify not in VERIFICATIONS:
+        raise InvalidRequest(f'verify = {verify!r} is not known: give "kernel", or leave it out')
 
 
 def write_checked_solids(

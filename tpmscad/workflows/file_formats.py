@@ -40,15 +40,21 @@ def find_suffix(path: str | Path, only: Sequence[str] = SUFFIXES) -> str:
 
 
 def check_options(
-    suffix: str, *, deviation: float | None, angle: float | None, schema: str = "ap242", instanced: bool = False
+    suffix: str,
+    *,
+    deviation: float | None,
+    angle: float | None,
+    schema: str = "ap242",
+    instanced: bool = False,
+    verify: str | None = None,
 ) -> None:
     """InvalidRequest for options that a format does not have, and for deviations and angles that are not positive."""
     if suffix not in MESH_SUFFIXES and (deviation is not None or angle is not None):
         raise InvalidRequest(
             f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
         )
-    if suffix not in STEP_SUFFIXES and (instanced or schema != "ap242"):
-        raise InvalidRequest(f"schema and instanced are for STEP files: leave them out of a {suffix} file")
+    if suffix not in STEP_SUFFIXES and (instanced or schema != "ap242" or verify is not None):
+        raise InvalidRequest(f"schema, instanced and verify are for STEP files: leave them out of a {suffix} file")
     for name, value, most in (("deviation", deviation, np.inf), ("angle", angle, 90.0)):
         if value is not None and not 0.0 < value < most:
             limit = "" if most == np.inf else f" and less than {most:g} degrees"

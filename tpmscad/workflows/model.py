@@ -19,6 +19,7 @@ from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL,
     REREAD_VOLUME_RTOL_OF_BODIES,
+    require_verification,
     write_checked_brep,
     write_checked_solids,
 )
@@ -116,6 +117,7 @@ class Model:
         angle: float | None = None,
         schema: str = "ap242",
         instanced: bool = False,
+        verify: str | None = None,
     ) -> None:
         """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
 
@@ -134,6 +136,8 @@ class Model:
             STEP application protocol.
         instanced : bool, optional
             Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
+        verify : {"kernel"}, optional
+            Of STEP: as in `export_step`.
 
         Raises
         ------
@@ -148,15 +152,17 @@ class Model:
         >>> model.export("gyroid.3mf", deviation=0.02)
         """
         suffix = find_suffix(path)
-        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced)
+        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced, verify=verify)
         if suffix in STEP_SUFFIXES:
-            self.export_step(path, instanced=instanced, schema=schema)
+            self.export_step(path, instanced=instanced, schema=schema, verify=verify)
         else:
             write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
     @public()
-    def export_step(self, path: str | Path, *, instanced: bool = False, schema: str = "ap242") -> None:
-        """Write the model as a STEP file, read it back without healing and compare the volume.
+    def export_step(
+        self, path: str | Path, *, instanced: bool = False, schema: str = "ap242", verify: str | None = None
+    ) -> None:
+        """Write the model as a STEP file, read it back and compare it with the solid.
 
         Parameters
         ----------
@@ -166,11 +172,14 @@ class Model:
             Store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
         schema : {"ap242", "ap214"}, optional
             STEP application protocol.
+        verify : {"kernel"}, optional
+            Let the kernel read the whole file and check every face of it, however large; without it, a large file's text is
+            compared number for number with the solid, and the kernel reads a face of each class of congruent faces.
 
         Raises
         ------
         InvalidRequest
-            If `instanced` is True and the solid repeats no cell.
+            If `instanced` is True and the solid repeats no cell, or `verify` is not known.
         KernelError
             If the file does not read back as the valid solid that was written.
 
@@ -179,18 +188,26 @@ class Model:
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
         >>> model.export_step("gyroid.step", instanced=True)
         """
+        require_verification(verify)
         if instanced:
-            self._export_instances(path, schema)
+            self._export_instances(path, schema, verify)
         elif isinstance(self.built, BuiltSolids):
             rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
             labels = kernel.label_faces(self.patches, self.outer_faces)
             write_checked_brep(
-                self.patches, self.built.nesting, path, schema=schema, name=self.name, rtol=rtol, labels=labels
+                self.patches,
+                self.built.nesting,
+                path,
+                schema=schema,
+                name=self.name,
+                rtol=rtol,
+                labels=labels,
+                verify=verify,
             )
         else:
             write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
 
-    def _export_instances(self, path: str | Path, schema: str) -> None:
+    def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
         """Write the unit cell once and place it as often as the solid repeats it."""
         if self.unit_cell is None:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
@@ -205,6 +222,7 @@ class Model:
             labels=kernel.label_faces(cell, self.outer_faces),
             placements=kernel.Instances.translated(self.unit_cell.translations),
             n_placements=len(self.unit_cell.translations),
+            verify=verify,
         )
 
     @public()

@@ -8,13 +8,16 @@ from typing import Any
 
 from tpmscad import kernel
 from tpmscad.public_calls import public
+from tpmscad.workflows.checked_write import require_verification
 from tpmscad.workflows.domain_results import FluidDomains
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
 
 
 @public()
-def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None) -> None:
+def export_step(
+    model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None, verify: str | None = None
+) -> None:
     """Write a model, a CAD shape, or several of them as a STEP file.
 
     The file is written under a temporary name and renamed, so it is complete or absent. A result of this package is also read
@@ -31,6 +34,8 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
         STEP application protocol.
     name : str, optional
         Name of the product. A result of this package is written under its own name.
+    verify : {"kernel"}, optional
+        Of a model: as in `Model.export_step`. Domains are always read back by the kernel as a whole.
 
     Raises
     ------
@@ -44,7 +49,10 @@ def export_step(model: Any, path: str | Path, *, schema: str = "ap242", name: st
     >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> tpmscad.export_step(model, "gyroid.step")  # doctest: +SKIP
     """
-    if isinstance(model, Model | FluidDomains):
+    require_verification(verify)
+    if isinstance(model, Model):
+        model.export_step(path, schema=schema, verify=verify)
+    elif isinstance(model, FluidDomains):
         model.export_step(path, schema=schema)
     elif isinstance(model, list | tuple):
         title = name or Path(path).stem

@@ -1,7 +1,7 @@
 """Checks of STEP files that were written from a boundary representation: each thing once.
 
-The text is held against the boundary representation to the last bit (`tpmscad.kernel.step.text_check`). That the kernel reads such
-text is shown on an excerpt of the same file with a face of each class, whose validity and area it confirms.
+The text is held against the boundary representation to the last bit (`tpmscad.kernel.step.text_check`). That the kernel reads
+such text is shown on an excerpt of the same file with a face of each class, whose validity and area it confirms.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Validity of solids that were built from a boundary representation, each thing said once.
 
 A rigid copy of a face that the kernel accepts is as valid as the face, so that the kernel checks one face of each class
-(`tpmscad.brep.face_classes`). Planar faces with loops of thousands of edges, which the kernel compares pair by pair, are held by
-fattened chords first (`tpmscad.brep.planar_faces`). What the check of a whole solid adds is a matter of arrays: each edge joins two
-faces in opposite directions, each loop runs from vertex to vertex, and the nesting of shells was found when the solids were built.
+(`tpmscad.brep.face_classes`). Planar faces with loops of thousands of edges, which the kernel compares pair by pair, are held
+by fattened chords first (`tpmscad.brep.planar_faces`). What the check of a whole solid adds is a matter of arrays: each edge
+joins two faces in opposite directions, each loop runs from vertex to vertex, and the nesting of shells was found when the
+solids were built.
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ class EntityTable:
     """The entities of a data section, in file order.
 
     number (n,): entity numbers. template (n,): index into `templates`. start (n + 1,): the numbers of entity i are
-    values[start[i] : start[i + 1]]. place (n, 2): first byte and end of its text in the file. frame: the text around the data section.
-    row: position of each entity number, -1 where there is none.
+    values[start[i] : start[i + 1]]. place (n, 2): first byte and end of its text in the file. frame: the text around
+    the data section. row: position of each entity number, -1 where there is none.
     """
 
     number: IntArray
@@ -98,7 +98,7 @@ def read_entity_table(path: Path) -> EntityTable:
     )
 
 
-def _scan_chunk(text: Any, raw: bytes, at: int, samples: dict[int, str]) -> tuple[Array, ...]:
+def _scan_chunk(text: Any, raw: bytes, at: int, samples: dict[int, str]) -> tuple[Any, ...]:
     """Columns of the entities of a piece of text; new templates are added to `samples` by their hash."""
     n_entities = int(np.count_nonzero(text == ord("="))) + 1
     n_values = int(np.count_nonzero((text == ord(",")) | (text == ord("(")))) + 1
@@ -133,7 +133,7 @@ def make_template(body: str) -> str:
 def _scan(
     text: Any, powers: Any, number: Any, code: Any, count: Any, values: Any, slow: Any, place: Any
 ) -> tuple[int, int, int, int]:
-    """Numbers of entities, values and values left to Python, and where the scan stopped: the end, or the first byte of no entity."""
+    """Numbers of entities, values and values left to Python, and where the scan stopped: the end, or where no entity begins."""
     n, m, k, at, size = 0, 0, 0, 0, len(text)
     while at < size:
         begin = at
@@ -182,7 +182,7 @@ def _scan(
 
 @numba.njit(cache=True)
 def _scan_number(text: Any, powers: Any, at: int) -> tuple[int, int, bool, float]:
-    """End, mark (0 if there is no number), whether the value is exact, and value of the number or reference that begins at `at`."""
+    """End, mark (0: no number), whether the value is exact, and value of the number or reference that begins at `at`."""
     size, mark = len(text), 64  # '@'
     negative = text[at] == 45
     if text[at] == 35:
@@ -214,7 +214,7 @@ def _scan_number(text: Any, powers: Any, at: int) -> tuple[int, int, bool, float
             power = 10 * power + text[at] - 48
             at += 1
         scale += -power if minus else power
-    exact = digits <= 18 and mantissa < 9007199254740992 and -22 <= scale <= 22
+    exact = bool(digits <= 18 and mantissa < 9007199254740992 and -22 <= scale <= 22)
     value = float(mantissa)
     if exact:
         value = value / powers[-scale] if scale < 0 else value * powers[scale]

@@ -1,26 +1,26 @@
 """Excerpts of STEP files: the whole file but for its faces, of which only some are kept.
 
-A reader that takes the excerpt meets every kind of entity of the file in its own text: header, product, units, assembly, solids, and
-the faces kept with all they stand on. Colours are left out.
+A reader that takes the excerpt meets every kind of entity of the file in its own text: header, product, units, assembly,
+solids, and the faces kept with all they stand on. Colours are left out.
 """
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.text_check import template_marks
 
 _COLOURS = ("STYLED_ITEM", "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION")
 
-_BELOW_SHELLS = (
-    "ADVANCED_FACE FACE_OUTER_BOUND FACE_BOUND EDGE_LOOP ORIENTED_EDGE EDGE_CURVE VERTEX_POINT CARTESIAN_POINT DIRECTION VECTOR LINE "
-    "CIRCLE ELLIPSE B_SPLINE_CURVE_WITH_KNOTS B_SPLINE_SURFACE_WITH_KNOTS AXIS2_PLACEMENT_3D PLANE CYLINDRICAL_SURFACE "
-    "CONICAL_SURFACE SPHERICAL_SURFACE TOROIDAL_SURFACE"
-).split()
+_BELOW_SHELLS = re.compile(
+    "ADVANCED_FACE|FACE_(OUTER_)?BOUND|EDGE_LOOP|ORIENTED_EDGE|EDGE_CURVE|VERTEX_POINT|CARTESIAN_POINT|DIRECTION|VECTOR|LINE|CIRCLE|"
+    "ELLIPSE|B_SPLINE_.*|AXIS2_PLACEMENT_3D|PLANE|(CYLINDRICAL|CONICAL|SPHERICAL|TOROIDAL)_SURFACE"
+)
 """Entities that are kept only where something kept refers to them."""
 
 
@@ -28,7 +28,8 @@ def write_excerpt(source: Path, table: EntityTable, faces: Array, target: Path) 
     """Write the excerpt of a file, given its entities, that keeps the faces of the given entity numbers."""
     keyword = np.array(table.keywords())[table.template]
     shells = np.flatnonzero(keyword == "CLOSED_SHELL")
-    kept = ~np.isin(keyword, [*_BELOW_SHELLS, *_COLOURS])
+    dropped = [k for k in np.unique(keyword).tolist() if k in _COLOURS or _BELOW_SHELLS.fullmatch(k)]
+    kept = ~np.isin(keyword, dropped)
     shell_faces = {}
     for at in shells.tolist():
         listed = table.values[table.start[at] : table.start[at + 1]]
@@ -55,7 +56,7 @@ def write_excerpt(source: Path, table: EntityTable, faces: Array, target: Path) 
         out.write(table.frame[1])
 
 
-def _is_reference(table: EntityTable) -> IntArray:
+def _is_reference(table: EntityTable) -> BoolArray:
     """Whether each value is a reference."""
     result = np.zeros(len(table.values), bool)
     for i, template in enumerate(table.templates):

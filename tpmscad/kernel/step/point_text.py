@@ -1,7 +1,7 @@
 """Text of many CARTESIAN_POINTs, formatted by compiled loops: nine tenths of a file's entities are points.
 
-Coordinates are multiples of a power of ten, 10^-decimals. Their text is the exact decimal, shortened by its trailing zeros, so that
-it reads back as the float nearest to the multiple; small ones have an exponent.
+Coordinates are multiples of a power of ten, 10^-decimals. Their text is the exact decimal, shortened by its trailing zeros, so
+that it reads back as the float nearest to the multiple; small ones have an exponent.
 """
 
 from __future__ import annotations

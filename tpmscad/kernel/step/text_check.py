@@ -1,10 +1,10 @@
 """A file's solids held against the boundary representation that it is meant to hold, to the last bit, from its text alone.
 
-The entities are followed from the solids down to the points: shells, faces, bounds, loops, oriented edges, edges, vertices, curves
-and surfaces. Every reference must lead to an entity of the kind expected, every number be the float that was meant, every flag
-agree, and every edge and vertex of the file stand for one of the boundary representation. Coordinates of points are meant as
-multiples of a power of ten (`geometry_entities.COORDINATE_DIGITS`). Placements of planes, quadrics and conics, which are computed
-once more here, may differ by round-off.
+The entities are followed from the solids down to the points: shells, faces, bounds, loops, oriented edges, edges, vertices,
+curves and surfaces. Every reference must lead to an entity of the kind expected, every number be the float that was meant,
+every flag agree, and every edge and vertex of the file stand for one of the boundary representation. Coordinates of points are
+meant as multiples of a power of ten (`geometry_entities.COORDINATE_DIGITS`). Placements of planes, quadrics and conics, which
+are computed once more here, may differ by round-off.
 """
 
 from __future__ import annotations
@@ -226,7 +226,9 @@ class FileText:
             curve, own = brep.curves[index], np.flatnonzero(brep.edges.curve == index)
             motion, number = brep.edges.motion[own], ends[own, 2]
             if isinstance(curve, BSplineCurve) and (curve.degree > 1 or len(curve.poles) > 2):
-                poles = self._spline(number, "B_SPLINE_CURVE_WITH_KNOTS", [curve.degree], [curve.knots], (len(curve.poles),))
+                poles = self._spline(
+                    number, "B_SPLINE_CURVE_WITH_KNOTS", [curve.degree], [curve.knots], (len(curve.poles),)
+                )
                 require(poles == self.meant(motion[:, None].apply(curve.poles)), "a pole of a curve")
             elif isinstance(curve, BSplineCurve):
                 a, b = brep.vertices[brep.edges.start[own]], brep.vertices[brep.edges.end[own]]
@@ -256,7 +258,9 @@ class FileText:
             x, origin = motion.apply_to_vectors(np.tile(carrier.x_axis, (len(own), 1))), motion.apply(carrier.origin)
             if isinstance(carrier, Plane):
                 y = motion.apply_to_vectors(np.tile(carrier.y_axis, (len(own), 1)))
-                self._check_placements(number, "PLANE('',#)", np.stack([origin, np.cross(x, y), x], 1), np.zeros((len(own), 0)))
+                self._check_placements(
+                    number, "PLANE('',#)", np.stack([origin, np.cross(x, y), x], 1), np.zeros((len(own), 0))
+                )
                 continue
             axis = motion.apply_to_vectors(np.tile(carrier.axis, (len(own), 1)))
             if isinstance(carrier, ConicalSurface):

@@ -1,0 +1,86 @@
+"""What the full verification of solids and files notices, the short one notices, and both accept what is sound."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytestmark = pytest.mark.kernel
+
+from tests.shapes.kernel_shapes import drilled_dome, hollow_box, notched_hollow, voxels
+from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
+from tests.shapes.round_shapes import cone, flask, pierced_block, torus
+from tpmscad import kernel
+from tpmscad.errors import KernelError, TpmscadError
+from tpmscad.kernel.step.entity_table import read_entity_table
+
+SHAPES = {
+    "voxels": lambda: voxels(np.ones((2, 2, 1), bool)),
+    "drilled dome": drilled_dome,
+    "notched hollow": notched_hollow,
+    "hollow box": hollow_box,
+    "pierced block": pierced_block,
+    "flask": flask,
+    "cone": lambda: cone(1.0, 2.0),
+    "torus": lambda: torus(3.0, 1.0),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_sound_solid_passes_the_short_verification_and_the_kernel_reads_its_excerpt(
+    name: str, tmp_path: Path
+) -> None:
+    brep = SHAPES[name]()
+    built = kernel.build_solids(brep)
+    assert kernel.is_brep_valid(brep, built.faces)
+    kernel.write_step(brep, built.nesting, tmp_path / "a.step")
+    kernel.check_excerpt(tmp_path / "a.step", brep, built.nesting, 1, 1e-7)
+
+
+@pytest.mark.parametrize("fault", BREP_FAULTS, ids=lambda f: f.__name__)
+def test_faults_of_solids_that_the_kernel_notices_are_noticed(fault) -> None:
+    mutant = fault(voxels(np.ones((2, 1, 1), bool)), np.random.default_rng(5))
+    try:
+        built = kernel.build_solids(mutant)
+    except TpmscadError:
+        return  # both verifications begin with this
+    assert kernel.is_valid(built.shape) or not kernel.is_brep_valid(mutant, built.faces)
+
+
+@pytest.mark.parametrize("fault", TEXT_FAULTS, ids=lambda f: f.__name__)
+def test_faults_of_files_are_noticed(fault, tmp_path: Path) -> None:
+    brep, path = voxels(np.ones((2, 1, 1), bool)), tmp_path / "a.step"
+    nesting = kernel.build_solids(brep).nesting
+    kernel.write_step(brep, nesting, path, time_stamp="")
+    text = path.read_text()
+    kernel.check_excerpt(path, brep, nesting, 1, 1e-7)
+    for seed in range(3):
+        mutant = fault(text, np.random.default_rng(seed))
+        if "centre point" in _difference(text, mutant):
+            continue  # the stated centroid is no part of the solid
+        path.write_text(mutant)
+        with pytest.raises(KernelError):
+            kernel.check_excerpt(path, brep, nesting, 1, 1e-7)
+
+
+def _difference(a: str, b: str) -> str:
+    """The lines of a that b has not."""
+    return "".join(set(a.splitlines()) - set(b.splitlines()))
+
+
+def test_the_scanner_reads_numbers_as_python_does(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    values = np.concatenate(
+        [rng.normal(size=400) * 10.0 ** rng.integers(-30, 30, 400), [0.0, 0.1, 1e22, 5e-324, 2.0**53 + 2]]
+    )
+    texts = [repr(v).replace("e", "E") for v in values.tolist()]
+    texts = [t if "." in t else t.replace("E", ".E") for t in texts]
+    lines = [f"#{i}=DIRECTION('it''s (#1,2.)',({t},#3,7));\n" for i, t in enumerate(texts, 1)]
+    path = tmp_path / "a.step"
+    path.write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n" + "".join(lines) + "ENDSEC;\nEND-ISO-10303-21;\n")
+    table = read_entity_table(path)
+    assert table.templates == ("DIRECTION('it''s (#1,2.)',(&,#,@))",)
+    assert table.values.reshape(-1, 3)[:, 0].tolist() == values.tolist()
+    assert (table.values.reshape(-1, 3)[:, 1:] == [3, 7]).all()
