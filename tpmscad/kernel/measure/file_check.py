@@ -13,12 +13,12 @@ import numpy as np
 
 from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.face_classes import group_congruent_faces
+from tpmscad.brep.carriers import Carrier
 from tpmscad.errors import KernelError
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import is_valid
-from tpmscad.kernel.measure.validity import CLASS_RESOLUTION
+from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.excerpt import write_excerpt
@@ -28,6 +28,9 @@ from tpmscad.splines.bspline import BSplineSurface
 
 MAX_EXCERPT_FACES = 150
 """Faces of an excerpt besides one of each shell and of each kind of surface; the kernel reads them in a second."""
+
+MAX_EXCERPT_EDGES = 300
+"""Edges of a face that stands for its kind; the kernel compares the edges of a face pair by pair."""
 
 MILLIMETRE = "millimetre"
 
@@ -60,13 +63,22 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: i
 
 
 def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
-    """Faces for an excerpt: of the classes of congruent faces, evenly, and of each shell and each kind of surface."""
-    first = group_congruent_faces(brep, CLASS_RESOLUTION).first
+    """Faces for an excerpt: of those that the kernel has to check, evenly, and of each shell and each kind of face the simplest."""
+    first = find_faces_to_check(brep)
     some = first[np.linspace(0, len(first) - 1, min(len(first), MAX_EXCERPT_FACES)).astype(int)]
-    kinds: dict[object, int] = {}
-    for index in np.unique(brep.faces.carrier).tolist():
-        carrier = brep.carriers[index]
-        shape = carrier.poles.shape if isinstance(carrier, BSplineSurface) else ()
-        kinds.setdefault((type(carrier), shape), int(np.flatnonzero(brep.faces.carrier == index)[0]))
-    _, of_shells = np.unique(nesting.shell_of_face, return_index=True)
-    return np.unique(np.concatenate([some, of_shells, np.array(list(kinds.values()), np.int64)]))
+    _, carrier_kind = np.unique([_kind_of_carrier(c) for c in brep.carriers], return_inverse=True)
+    n_loops = np.diff(brep.faces.loop_start)
+    n_edges = np.diff(brep.faces.use_start[brep.faces.loop_start])
+    order = np.argsort(n_edges, kind="stable")
+    kind = np.column_stack([carrier_kind[brep.faces.carrier], n_loops > 1])[order]
+    _, of_kinds = np.unique(kind, axis=0, return_index=True)
+    _, of_shells = np.unique(nesting.shell_of_face[order], return_index=True)
+    simplest = order[of_kinds]
+    return np.unique(np.concatenate([some, simplest[n_edges[simplest] <= MAX_EXCERPT_EDGES], order[of_shells]]))
+
+
+def _kind_of_carrier(carrier: Carrier) -> str:
+    """What the text of a carrier depends on: its type, and the degrees and the numbers of poles of a spline."""
+    if isinstance(carrier, BSplineSurface):
+        return f"spline {carrier.degree_u} {carrier.degree_v} {carrier.poles.shape}"
+    return type(carrier).__name__
