@@ -41,13 +41,13 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
+    from tpmscad.kernel.measure.file_check import check_excerpt, check_written_text
     from tpmscad.kernel.measure.foreign_files import (
         ForeignShape,
         check_foreign_step,
         read_foreign_coloured_solids,
         read_foreign_step,
     )
-    from tpmscad.kernel.measure.file_check import check_excerpt, check_written_text
     from tpmscad.kernel.measure.mass_properties import face_moments
     from tpmscad.kernel.measure.shape_extents import shape_bounds
     from tpmscad.kernel.measure.shape_report import ShapeReport, StepReport, check_shape, check_step, is_valid
@@ -109,8 +109,8 @@ __all__ = [
     "brep_from_shape",
     "build_regions",
     "build_solids",
-    "check_foreign_step",
     "check_excerpt",
+    "check_foreign_step",
     "check_shape",
     "check_step",
     "check_written_text",

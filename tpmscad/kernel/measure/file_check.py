@@ -14,7 +14,7 @@ import numpy as np
 from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier
-from tpmscad.errors import KernelError
+from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.measure.shape_report import is_valid
@@ -48,7 +48,10 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: i
     with TemporaryDirectory() as folder:
         part = Path(folder) / "excerpt.step"
         write_excerpt(path, table, numbers[chosen], part)
-        content = read_step(part, healed=False)
+        try:
+            content = read_step(part, healed=False)
+        except InvalidRequest as error:
+            raise KernelError("export_step", str(error)) from error
     faces = [face for solid in content.solids for face in faces_of(solid)]
     if set(content.units) != {MILLIMETRE} or len(faces) != n_placements * len(chosen):
         raise KernelError(
@@ -63,7 +66,7 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: i
 
 
 def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
-    """Faces for an excerpt: of those that the kernel has to check, evenly, and of each shell and each kind of face the simplest."""
+    """Faces for an excerpt: of those that the kernel has to check, and the simplest of each shell and each kind of face."""
     first = find_faces_to_check(brep)
     some = first[np.linspace(0, len(first) - 1, min(len(first), MAX_EXCERPT_FACES)).astype(int)]
     _, carrier_kind = np.unique([_kind_of_carrier(c) for c in brep.carriers], return_inverse=True)
