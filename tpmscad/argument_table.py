@@ -162,6 +162,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "path": PATH,
         "picture": PATH.but(example='"part.png"'),
         "schema": TEXT.but(example='"ap242"'),
+        "verify": choice_of("kernel"),
         "deviation": NUMBER.but(example="0.02"),
         "angle": NUMBER.but(example="20"),
         "instanced": FLAG,

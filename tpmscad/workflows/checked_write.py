@@ -20,8 +20,6 @@ from tpmscad.kernel import NamedSolid
 KERNEL_READ_LIMIT = 8_000_000
 """Bytes of a file that the kernel always reads as a whole, which takes it three seconds; of larger ones it reads an excerpt."""
 
-VERIFICATIONS = (None, "kernel")
-
 REREAD_VOLUME_RTOL = 1e-9
 """Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""
 
@@ -64,7 +62,6 @@ def write_checked_brep(
     `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the faces. If `verify` is "kernel", the
     kernel reads the whole file, however large. KernelError if the file does not hold what was written.
     """
-    require_verification(verify)
     volume = n_placements * float(integral_properties.volume(nesting.moments)[0])
 
     def check(written: Path) -> None:
@@ -85,12 +82,6 @@ def write_checked_brep(
         colours={label: kernel.find_label_colour(label) for label in set(labels)},
         verify=check,
     )
-
-
-def require_verification(verify: str | None) -> None:
-    """InvalidRequest unless `verify` is None or "kernel"."""
-    if verify not in VERIFICATIONS:
-        raise InvalidRequest(f'verify = {verify!r} is not known: give "kernel", or leave it out')
 
 
 def write_checked_solids(

@@ -19,7 +19,6 @@ from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL,
     REREAD_VOLUME_RTOL_OF_BODIES,
-    require_verification,
     write_checked_brep,
     write_checked_solids,
 )
@@ -179,7 +178,7 @@ class Model:
         Raises
         ------
         InvalidRequest
-            If `instanced` is True and the solid repeats no cell, or `verify` is not known.
+            If `instanced` is True and the solid repeats no cell.
         KernelError
             If the file does not read back as the valid solid that was written.
 
@@ -188,7 +187,6 @@ class Model:
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
         >>> model.export_step("gyroid.step", instanced=True)
         """
-        require_verification(verify)
         if instanced:
             self._export_instances(path, schema, verify)
         elif isinstance(self.built, BuiltSolids):

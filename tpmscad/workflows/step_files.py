@@ -8,7 +8,6 @@ from typing import Any
 
 from tpmscad import kernel
 from tpmscad.public_calls import public
-from tpmscad.workflows.checked_write import require_verification
 from tpmscad.workflows.domain_results import FluidDomains
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
@@ -49,7 +48,6 @@ def export_step(
     >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> tpmscad.export_step(model, "gyroid.step")  # doctest: +SKIP
     """
-    require_verification(verify)
     if isinstance(model, Model):
         model.export_step(path, schema=schema, verify=verify)
     elif isinstance(model, FluidDomains):

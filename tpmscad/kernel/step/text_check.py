@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import (
     Circle,
@@ -342,10 +342,10 @@ def _ranges(start: IntArray, count: IntArray) -> IntArray:
     return np.repeat(start - ends + count, count) + np.arange(int(count.sum()))
 
 
-def _near(read: Array, meant: Array) -> Array:
+def _near(read: Array, meant: Array) -> BoolArray:
     """Whether rows agree to round-off: (n,)."""
     size = np.maximum(1.0, np.abs(meant).max(axis=1, initial=0.0))
-    return np.asarray(np.abs(read - meant).max(axis=1, initial=0.0) <= ROUND_OFF * size)
+    return np.asarray(np.abs(read - meant).max(axis=1, initial=0.0) <= ROUND_OFF * size, bool)
 
 
 def _poles(value: Any) -> Array | None:
