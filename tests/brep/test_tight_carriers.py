@@ -10,9 +10,9 @@ import pytest
 from tests.brep.test_extents import PARABOLOID, random_rotation, trimmed_face
 from tests.trimming.conftest import covered
 from tpmscad.brep import Brep, measure_edge_continuity, measure_solid, true_bounds
-from tpmscad.brep.tight_carriers import RestrictedSurface, restrict_carriers, whole_surfaces
+from tpmscad.brep.tight_carriers import RestrictedSurface, bound_curves, restrict_carriers, whole_surfaces
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines import BSplineSurface
+from tpmscad.splines import BSplineCurve, BSplineSurface
 from tpmscad.trimming import box, trim
 
 
@@ -39,6 +39,20 @@ def test_a_restricted_carrier_is_the_surface_on_a_box_that_holds_the_face(seed: 
     u, v = rng.uniform(low, high, (20, 2)).T
     np.testing.assert_allclose(carrier(u, v), PARABOLOID(u, v), atol=1e-14)
     np.testing.assert_allclose(carrier(u, v, 1, 1), PARABOLOID(u, v, 1, 1), atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_box_of_a_curve_holds_it_however_sharply_it_turns_between_samples(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    inner = np.sort(rng.uniform(0.0, 1.0, rng.integers(0, 12)) ** 3)
+    degree = int(rng.integers(2, 8))
+    knots = np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)])
+    curve = BSplineCurve(rng.normal(size=(len(knots) - degree - 1, 2)), knots, degree)
+    span = np.sort(rng.uniform(0.0, 1.0, 2))
+    low, high = bound_curves([curve], np.array([0]), span[None])
+    points = curve(np.linspace(*span, 20001))
+    assert (low[0] <= points.min(axis=0)).all()
+    assert (high[0] >= points.max(axis=0)).all()
 
 
 def test_a_face_whose_poles_stay_in_the_box_keeps_its_carrier() -> None:

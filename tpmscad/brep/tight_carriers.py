@@ -7,13 +7,15 @@ round-off, with the same parameters, so that pcurves, edges and quadratures stay
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
-from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.basis import differentiate_poles
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.splines.knots import restrict_surface
 
@@ -23,11 +25,8 @@ EXCESS_FRACTION = 1e-4
 BOX_STEPS = 1024
 """Parameter boxes are rounded outwards to this many steps of the domain, so that copies of a face share one carrier."""
 
-SAMPLES_PER_USE = 17
-"""Points along a curved edge use, for the parameter box of a face."""
-
-BULGE_FRACTION = 0.25
-"""Part of the extent of the samples of a use, for each of their spans, by which it may bulge between two of them."""
+SAMPLES_PER_USE = 33
+"""Points along an edge use, for the parameter box of a face; second derivatives bound how far it bulges between them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,16 +88,10 @@ def _parameter_steps(brep: Brep, leaving: BoolArray) -> IntArray:
     """The parameter box (u0, v0, u1, v1) of each leaving face, rounded outwards to steps of its carrier's domain: (F, 4)."""
     face = brep.face_of_use
     use = np.flatnonzero(leaving[face])
-    span = brep.edges.span[brep.uses.edge[use]]
-    x = np.linspace(0.0, 1.0, SAMPLES_PER_USE)
-    t = span[:, :1] + np.diff(span, axis=1) * x
-    (uv,) = evaluate_curves(brep.pcurves, np.repeat(brep.uses.pcurve[use], len(x)), t.ravel())
-    uv = uv.reshape(len(use), len(x), 2)
-    curved = np.array([c.degree > 1 or len(c.poles) > 2 for c in brep.pcurves], bool)[brep.uses.pcurve[use]]
-    bulge = np.where(curved[:, None], BULGE_FRACTION / (len(x) - 1) * np.ptp(uv, axis=1), 0.0)
+    lowest, highest = bound_curves(brep.pcurves, brep.uses.pcurve[use], brep.edges.span[brep.uses.edge[use]])
     low, high = np.full((len(brep.faces), 2), np.inf), np.full((len(brep.faces), 2), -np.inf)
-    np.minimum.at(low, face[use], uv.min(axis=1) - bulge)
-    np.maximum.at(high, face[use], uv.max(axis=1) + bulge)
+    np.minimum.at(low, face[use], lowest)
+    np.maximum.at(high, face[use], highest)
     steps = np.zeros((len(brep.faces), 4), np.int64)
     for own, surface in spline_faces(brep):
         kept = own[leaving[own]]
@@ -107,6 +100,35 @@ def _parameter_steps(brep: Brep, leaving: BoolArray) -> IntArray:
         steps[kept, :2] = np.clip(np.floor((low[kept] - start) * scale), 0, BOX_STEPS)
         steps[kept, 2:] = np.clip(np.ceil((high[kept] - start) * scale), 0, BOX_STEPS)
     return steps
+
+
+def bound_curves(curves: Sequence[BSplineCurve], number: IntArray, span: Array) -> tuple[Array, Array]:
+    """Corners (n, D), (n, D) of boxes that hold the curves of the given numbers (n,) on their spans (n, 2).
+
+    Between samples at distance h a coordinate leaves those of its neighbours by h^2 / 8 times its greatest second derivative at
+    most, and the poles of the derivative bound that.
+    """
+    x = np.linspace(0.0, 1.0, SAMPLES_PER_USE)
+    width = np.diff(span, axis=1)
+    t = span[:, :1] + width * x
+    (points,) = evaluate_curves(curves, np.repeat(number, len(x)), t.ravel())
+    points = points.reshape(len(number), len(x), -1)
+    used, at = np.unique(number, return_inverse=True)
+    curvature = np.array([_greatest_second_derivative(curves[i]) for i in used.tolist()]).reshape(len(used), -1)
+    bulge = (width / (len(x) - 1)) ** 2 / 8.0 * curvature[at]
+    return points.min(axis=1) - bulge, points.max(axis=1) + bulge
+
+
+def _greatest_second_derivative(curve: BSplineCurve) -> Array:
+    """Bound of the second derivative of each coordinate: (D,); curves are segments or of degree 2 or more, without kinks."""
+    poles, knots, degree = curve.poles[:, None, :], curve.knots, curve.degree
+    if degree == 1:
+        if len(poles) > 2:
+            raise ValueError(f"a polyline of {len(poles)} poles has no second derivative")
+        return np.zeros(poles.shape[2])
+    for _ in range(2):
+        poles, knots, degree = differentiate_poles(poles, knots, degree)
+    return np.asarray(np.abs(poles[:, 0]).max(axis=0))
 
 
 def _restrict(surface: BSplineSurface, steps: list[int]) -> RestrictedSurface:
