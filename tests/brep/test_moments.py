@@ -124,3 +124,15 @@ def test_a_loop_that_does_not_leave_the_patchs_first_column_measures_nothing() -
     surface = patch_box().carriers[0]
     side = line_segment([0.0, 0.0], [0.0, 1.0])
     np.testing.assert_array_equal(integrate_pcurves(surface, [(side, (0.0, 1.0))]), 0.0)
+
+
+def test_gaps_between_faces_count_alike_near_the_origin_and_far_from_it() -> None:
+    """A face that is too large by 1e-8 has a volume and a centroid of the same error wherever the box is."""
+    for place in (np.zeros(3), np.array([1e4, -3e3, 0.0])):
+        moments = integral_properties.integrate_faces(plane_box(translation=tuple(place)))
+        corner, normal, area = place + SIZE, np.array([1.0, 0.0, 0.0]), 1e-8
+        moments.normal[0] += area * normal
+        moments.first[0] += area * np.outer(corner, normal)
+        moments.second[0] += area * (corner @ normal) * corner
+        assert integral_properties.volume(moments)[0] == pytest.approx(SIZE.prod(), rel=1e-9)
+        assert integral_properties.centroid(moments) == pytest.approx(place + SIZE / 2, abs=1e-8)

@@ -23,7 +23,9 @@ from OCP.TopLoc import TopLoc_Location
 
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
 from tpmscad import kernel
+from tpmscad.brep.boundary_representation import move_brep
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid
+from tpmscad.rigid_motion import Motion
 
 PI = np.pi
 ROUND = {
@@ -151,3 +153,11 @@ def test_edges_that_pass_a_pole_are_followed(off: float) -> None:
     piece = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
     height = 3 + off
     assert kernel.check_shape(piece).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)
+
+
+def test_far_from_the_origin_trimmed_faces_have_the_same_volume_and_centroid() -> None:
+    place = np.array([10000.0, 3000.0, -500.0])
+    far = kernel.check_shape(kernel.build_solids(move_brep(drilled_dome(), Motion(np.eye(3), place))).shape)
+    near = kernel.check_shape(kernel.build_solids(drilled_dome()).shape)
+    assert far.volume == pytest.approx(near.volume, rel=1e-12)
+    assert np.array(far.centroid) - place == pytest.approx(near.centroid, abs=1e-9)

@@ -73,14 +73,26 @@ def integrate_faces(brep: Brep) -> FaceMoments:
 
 
 def volume(moments: FaceMoments, face_group: IntArray | None = None) -> Array:
-    """Signed volume of each group of faces (n_groups,); all faces form one group if `face_group` (F,) is None."""
+    """Signed volume of each closed group of faces (n_groups,); all faces form one group if `face_group` (F,) is None.
+
+    It is taken about each group's own centroid: neighbouring faces agree to a tolerance only, so that int n dA is not quite zero,
+    and its scalar product with the position of the group would count as volume.
+    """
+    group = np.zeros(len(moments.area), np.int64) if face_group is None else face_group
     each = np.trace(moments.first, axis1=1, axis2=2) / 3.0
-    return np.bincount(np.zeros(len(each), np.int64) if face_group is None else face_group, weights=each).astype(float)
+    about_origin = np.bincount(group, weights=each)
+    arms = np.column_stack([np.bincount(group, weights=column) for column in moments.second.T])
+    centre = arms / (4.0 * np.where(about_origin, about_origin, np.inf))[:, None]
+    return np.bincount(group, weights=each - (centre[group] * moments.normal).sum(axis=1) / 3.0).astype(float)
 
 
 def centroid(moments: FaceMoments) -> Array:
     """Centroid (3,) of the region that the faces bound."""
-    return np.asarray(moments.second.sum(axis=0) / (4.0 * volume(moments)[0]))
+    normal, first, second = (m.sum(axis=0) for m in (moments.normal, moments.first, moments.second))
+    cone = np.trace(first)
+    centre = second / (4.0 * cone / 3.0)
+    about_centre = second - first @ centre - (cone - centre @ normal) * centre
+    return np.asarray(centre + about_centre / (4.0 * volume(moments)[0]))
 
 
 def _move_moments(moments: Array, motion: Motion) -> Array:

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
-from tpmscad.kernel.measure.mass_properties import face_moments
-from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.shape_writer import name_solids, write_named_solids
 
@@ -33,7 +32,7 @@ def write_solids(
     """
     if accuracy is None:
         accuracy = measure_accuracy([of.solid for of in solids])
-    moments = np.array([face_moments(faces_of(of.solid)).sum(axis=0) for of in solids])
+    moments = np.array([solid_moments(of.solid) for of in solids])
     write_named_solids(
         solids,
         moments,

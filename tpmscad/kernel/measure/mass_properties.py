@@ -19,10 +19,11 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
 from OCP.Geom import Geom_BSplineSurface, Geom_Plane
-from OCP.gp import gp_Pnt
+from OCP.gp import gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_FORWARD
-from OCP.TopoDS import TopoDS_Face
+from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array
 from tpmscad.kernel.measure.edge_quadrature import EdgeNodeCache
@@ -34,7 +35,8 @@ from tpmscad.kernel.measure.spline_face_moments import (
     trimmed_face_moments,
 )
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import edges_of, orientation_sign
+from tpmscad.kernel.occt.bounding_boxes import bounding_box
+from tpmscad.kernel.occt.exploration import edges_of, faces_of, orientation_sign
 from tpmscad.splines.bspline import BSplineSurface
 
 T = TypeVar("T")
@@ -98,6 +100,20 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
     outward = np.array([orientation_sign(face) for face in faces])
     result[:, 1:] *= outward[:, None]
     return result
+
+
+def solid_moments(solid: TopoDS_Shape) -> Array:
+    """Area, volume, and volume times centroid of a closed solid: (5,).
+
+    They are integrated about the centre of its bounding box: faces agree along their edges to a tolerance only, and what is
+    missing between them counts with its distance from the origin.
+    """
+    centre = np.mean(bounding_box(solid), axis=0)
+    shift = gp_Trsf()
+    shift.SetTranslation(gp_Vec(*(-centre).tolist()))
+    moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)
+    moments[2:] += moments[1] * centre
+    return np.asarray(moments)
 
 
 def _is_rational_or_periodic(geometry: Geom_BSplineSurface) -> bool:

@@ -15,7 +15,7 @@ from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Solid
 
 from tpmscad._typing import Array
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import bounding_box
 from tpmscad.kernel.occt.child_process import may_use_threads
@@ -293,7 +293,7 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
         edges=len(edges),
         valid=is_valid(solid),
         closed=all(uses == (1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2) for edge, uses in edges),
-        moments=face_moments(faces).sum(axis=0),
+        moments=solid_moments(solid),
         bounds=bounding_box(solid),
         tolerance=max(
             float(BRep_Tool.MaxTolerance_s(solid, kind)) for kind in (TopAbs_VERTEX, TopAbs_EDGE, TopAbs_FACE)
