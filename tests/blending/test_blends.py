@@ -134,6 +134,7 @@ def test_chips_at_the_skin_of_a_free_form_model_are_intrinsic_and_neither_succes
     assert max(result.errors.n0.intrinsic) > 0
     assert result.errors.n0.final == result.errors.n0.intrinsic
     assert "intrinsic" in result.message
+    assert "between these samples" in result.message  # what was looked for there is said of every result
 
 
 @pytest.mark.slow

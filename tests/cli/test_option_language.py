@@ -51,6 +51,10 @@ FLOORS = (
         ("open_faces: 3 is not planar", "--open-faces: 3 is not planar"),
         ("make it with loose='keep'", "make it with --keep-loose"),
         ("`loose=keep`", "--keep-loose"),
+        (
+            'below 1 % of the largest piece; loose="keep" keeps it',
+            "below 1 % of the largest piece; --keep-loose keeps it",
+        ),
         ("set instanced=True", "set --instanced"),
         ("thickness 9 exceeds 3.2", "thickness 9 exceeds 3.2"),
         ("a wall of thickness=0.5", "a wall of --thickness 0.5"),

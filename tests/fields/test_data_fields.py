@@ -139,6 +139,31 @@ class TestImageFiles:
         writer.Write()
         self.check(tmp_path / f"a.{suffix}")
 
+    def test_of_several_arrays_none_is_picked(self, tmp_path: Path) -> None:
+        pytest.importorskip("vtkmodules")
+        from vtkmodules.util.numpy_support import numpy_to_vtk
+        from vtkmodules.vtkCommonDataModel import vtkImageData
+        from vtkmodules.vtkIOXML import vtkXMLImageDataWriter
+
+        data = vtkImageData()
+        data.SetDimensions(*self.VALUES.shape)
+        for name in ("density", "stress"):
+            array = numpy_to_vtk(self.VALUES.ravel(order="F"), deep=True)
+            array.SetName(name)
+            data.GetPointData().AddArray(array)
+        writer = vtkXMLImageDataWriter()
+        writer.SetFileName(str(tmp_path / "a.vti"))
+        writer.SetInputData(data)
+        writer.Write()
+        with pytest.raises(InvalidRequest, match=r"a\.vti holds 2 arrays, 'density', 'stress'"):
+            read_image(tmp_path / "a.vti")
+
+    def test_a_level_outside_the_data_is_refused_with_their_range(self) -> None:
+        values = np.linspace(0.0, 2.0, 125).reshape(5, 5, 5)
+        for level in (-0.1, 2.0, 7.0):
+            with pytest.raises(InvalidRequest, match="which reach from 0 to 2"):
+                fields.sampled(values, level=level)
+
     @pytest.mark.parametrize("suffix", ["npy", "vti", "vtk", "nrrd", "nii"])
     def test_a_broken_file_is_refused(self, tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]) -> None:
         (tmp_path / f"a.{suffix}").write_bytes(b"no image at all")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -161,3 +162,10 @@ def test_far_from_the_origin_trimmed_faces_have_the_same_volume_and_centroid() -
     near = kernel.check_shape(kernel.build_solids(drilled_dome()).shape)
     assert far.volume == pytest.approx(near.volume, rel=1e-12)
     assert np.array(far.centroid) - place == pytest.approx(near.centroid, abs=1e-9)
+
+
+def test_corners_are_told_to_the_tolerance() -> None:
+    report = kernel.check_shape(kernel.build_solids(plane_box()).shape)
+    report = replace(report, bounds=((-1e-7, 0.0, 3e-8), (2.0000001, 3.0, 5.0)))
+    told = kernel.StepReport("box.step", report, ("millimetre",), ("box",)).summary()
+    assert "from (0, 0, 0) to (2, 3, 5)" in told

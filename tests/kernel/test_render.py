@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -211,3 +212,10 @@ def test_another_extension_or_a_missing_folder_is_refused(tmp_path: Path) -> Non
         kernel.render_png(shape, tmp_path / "a.jpg")
     with pytest.raises(InvalidRequest, match=r"folder .*nowhere"):
         kernel.render_png(shape, tmp_path / "nowhere" / "a.png")
+
+
+@pytest.mark.parametrize("section", ["z=5.1", "x=1,y=-0.1", ((9.0, 9.0, 9.0), (1.0, 1.0, 1.0))])
+def test_a_section_beside_the_part_is_refused_with_its_box(section: Any) -> None:
+    scene = Scene.of_shape(kernel.build_solids(CASES["box of planes"]()).shape)
+    with pytest.raises(InvalidRequest, match=r"lies between \(0, 0, 0\) and \(2, 3, 5\)"):
+        draw_scene(scene, section=section, size=(60, 60))

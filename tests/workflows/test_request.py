@@ -56,6 +56,7 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"kind": "solid", "thickness": 1}, ("kind 'solid'", "'sheet'", "'skeletal'")),
         ({"kind": "skeletal", "thickness": 1}, ("skeletal", "offset=")),
         ({"kind": "skeletal", "boundary": "natural"}, ("skeletal", "boundary='box'")),
+        ({"side": "+", "thickness": 1}, ("side='+'", "sheet", "kind='skeletal'")),
         ({"reference": "exact", "thickness": 1}, ("reference 'exact'", "'minimal'")),
         ({"thickness": 1, "tol": 0}, ("tol 0", "positive")),
         ({"thickness": 1, "tol": 1e-9}, ("tol 1e-09", "1e-06")),

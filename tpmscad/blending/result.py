@@ -187,4 +187,16 @@ def _format_message(errors: DefectReport, log: tuple[str, ...]) -> str:
         parts.append(
             f"intrinsic to the inputs: {max(errors.n0.intrinsic)} components, {max(errors.n2.intrinsic)} holes"
         )
-    return ". ".join([*parts, *log])
+    return ". ".join([*parts, _describe_search(errors), *log])
+
+
+def _describe_search(errors: DefectReport) -> str:
+    """What was looked for between the samples, and what that leaves open."""
+    if errors.n_subgrid is None:
+        return (
+            "between these samples nothing was looked for: smaller parts may be loose; a finer `resolution` shows them"
+        )
+    return (
+        "between these samples loose parts were looked for near samples that are close to the surface; others may appear at a "
+        "finer `resolution`"
+    )

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.errors import InvalidRequest, NotMet
 
 if TYPE_CHECKING:
@@ -148,5 +149,7 @@ def summarise(model: Any, *, verbose: bool) -> str:
     certificate = model.certificate
     if hasattr(model, "domains"):  # the table of an exchanger tells what its notes tell of channels and faces
         notes = tuple(note for note in certificate.notes if not note.startswith(("face ", "channel ")))
-        return f"{replace(certificate, notes=notes).summary(verbose=verbose)}\n{model.summary()}"
-    return str(certificate.summary(verbose=verbose))
+        text = f"{replace(certificate, notes=notes).summary(verbose=verbose)}\n{model.summary()}"
+    else:
+        text = str(certificate.summary(verbose=verbose))
+    return speak_in_options(text, RENAMED_KEYWORDS)

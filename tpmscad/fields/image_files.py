@@ -105,9 +105,9 @@ def _read_vtk(file: Path) -> Image:
     reader.Update()
     data = reader.GetOutput()
     spacing, origin, shape = np.array(data.GetSpacing()), np.array(data.GetOrigin()), data.GetDimensions()
-    scalars = data.GetPointData().GetScalars() or data.GetPointData().GetArray(0)
+    scalars = _choose_array(file, data.GetPointData())
     if scalars is None:  # values of voxels: samples lie at the centres
-        scalars = data.GetCellData().GetScalars() or data.GetCellData().GetArray(0)
+        scalars = _choose_array(file, data.GetCellData())
         origin, shape = origin + spacing / 2, tuple(n - 1 for n in shape)
     if scalars is None or scalars.GetNumberOfTuples() == 0:
         raise InvalidRequest(f"{file.name} holds no array of numbers on an image of three dimensions")
@@ -116,6 +116,17 @@ def _read_vtk(file: Path) -> Image:
     affine = np.diag([*spacing, 1.0])
     affine[:3, 3] = origin + first * spacing
     return _align_with_axes(file, values.reshape(shape, order="F") if values.ndim == 1 else values, affine)
+
+
+def _choose_array(file: Path, attributes: Any) -> Any:
+    """The active scalars of VTK's point or cell data, or its only array; None without arrays, InvalidRequest for several."""
+    names = [attributes.GetArrayName(i) for i in range(attributes.GetNumberOfArrays())]
+    if attributes.GetScalars() is None and len(names) > 1:
+        raise InvalidRequest(
+            f"{file.name} holds {len(names)} arrays, {', '.join(map(repr, names))}, none of them active: save the one that is "
+            "meant alone, or mark it as the active scalars"
+        )
+    return attributes.GetScalars() or attributes.GetArray(0)
 
 
 def _align_with_axes(file: Path, values: Array, affine: Array) -> Image:

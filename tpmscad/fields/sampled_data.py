@@ -132,6 +132,11 @@ def sampled(
             f"values of shape {array.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
         )
     if level is not None:
+        least, most = array.min(), array.max()
+        if not least < level < most:
+            raise InvalidRequest(
+                f"level {level:g} lies outside the data, which reach from {least:g} to {most:g}: give a level between these"
+            )
         array = level - array
     steps = as_periods(1.0 if spacing is None else spacing)
     for axis in range(3):

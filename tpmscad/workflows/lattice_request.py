@@ -199,6 +199,11 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
             )
     kind, side, reference, boundary = (given[keyword] for keyword in ("kind", "side", "reference", "boundary"))
     surfaces.check_reference(info, reference)
+    if kind == "sheet" and side == "+":
+        raise InvalidRequest(
+            "side='+' says which side of one surface is solid, but a sheet is the wall between two: leave `side` out, or give "
+            "kind='skeletal'"
+        )
     if kind == "skeletal" and boundary == "natural":
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"

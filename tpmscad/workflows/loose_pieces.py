@@ -32,13 +32,10 @@ class DroppedPieces:
             return ()
         count, limit = len(self.volumes), f"{100 * CHIP_VOLUME_FRACTION:g} % of the largest piece"
         if count == 1:
-            return (
-                f"left out: 1 loose piece of {self.volumes[0]:.4g} mm3, below {limit}; "
-                f'loose="{KEEP}" (--keep-loose) keeps it',
-            )
+            return (f'left out: 1 loose piece of {self.volumes[0]:.4g} mm3, below {limit}; loose="{KEEP}" keeps it',)
         return (
             f"left out: {count} loose pieces, {sum(self.volumes):.4g} mm3 together, the largest {self.volumes[0]:.4g} mm3, "
-            f'each below {limit}; loose="{KEEP}" (--keep-loose) keeps them',
+            f'each below {limit}; loose="{KEEP}" keeps them',
         )
 
 

@@ -30,6 +30,9 @@ from tpmscad.kernel.occt.exploration import (
 )
 from tpmscad.kernel.step.step_reader import read_step
 
+BOUNDS_ROUNDING = 10.0
+"""Largest tolerances of the shape to which summaries round the corners of its bounding box."""
+
 
 @dataclass(frozen=True, slots=True)
 class ShapeReport:
@@ -176,7 +179,10 @@ class StepReport:
         ]
         low, high = (np.asarray(corner) for corner in shape.bounds)
         size = " x ".join(f"{edge:.6g}" for edge in high - low)
-        corners = " to ".join(f"({', '.join(f'{c:.6g}' for c in corner)})" for corner in (low, high))
+        digits = int(-np.log10(BOUNDS_ROUNDING * max(shape.max_tolerance, convert.CONFUSION_TOLERANCE)))
+        corners = " to ".join(
+            f"({', '.join(f'{c:.6g}' for c in np.round(corner, digits) + 0.0)})" for corner in (low, high)
+        )
         solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
         lines = [
             f"{self.file}: {', '.join(self.products[:3])}, {self._describe_units()}",

@@ -22,7 +22,7 @@ from tpmscad.kernel.render.palette import UNVALUED_COLOUR, Colour, ColourScale
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.render.section_caps import MIN_FACING, cut_segments, fill_segments
 from tpmscad.kernel.render.shading import depth_shading, shade_cut, shade_surface
-from tpmscad.kernel.render.viewpoints import SectionPlane, View, section_planes, view_frame
+from tpmscad.kernel.render.viewpoints import SectionPlane, View, require_cuts, section_planes, view_frame
 from tpmscad.kernel.render.z_buffer import barycentric_weights, rasterise
 
 SAMPLES_PER_PIXEL_AXIS = 2
@@ -84,6 +84,7 @@ def draw_scene(
     width, height = _validate_size(size)
     frame = view_frame(view)
     planes = section_planes(section, frame[2], *scene.box)
+    require_cuts(planes, *scene.box)
     panel = scale_panel_width(width, height) if scale is not None else 0
     ground = _background(width, height)
     ground[:, : width - panel] = _draw_pixels(scene, frame, planes, width - panel, height, scale)

@@ -75,6 +75,19 @@ def section_planes(section: Any, towards_eye: Array, low: Array, high: Array) ->
     raise InvalidRequest(f'section {section!r} is not understood: give "z=5", "z" for the middle, or (point, normal)')
 
 
+def require_cuts(planes: Sequence[SectionPlane], low: Array, high: Array) -> None:
+    """InvalidRequest for a plane that passes beside the box [low, high]."""
+    corners = np.array(np.meshgrid(*np.transpose([low, high]))).reshape(3, -1)
+    for plane in planes:
+        height = plane.normal @ corners - plane.offset
+        if height.min() > 0 or height.max() < 0:
+            x0, y0, z0, x1, y1, z1 = (f"{value:.6g}" for value in (*low, *high))
+            raise InvalidRequest(
+                f"a section plane passes beside the part, which lies between ({x0}, {y0}, {z0}) and ({x1}, {y1}, {z1}): give a "
+                "position between these"
+            )
+
+
 def _plane_across_axis(text: str, towards_eye: Array, low: Array, high: Array) -> SectionPlane:
     """The plane "z=5", or "z" for the middle of the box."""
     name, equals, value = (part.strip() for part in text.lower().partition("="))
