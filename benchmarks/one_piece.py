@@ -26,6 +26,7 @@ FRACTIONS_OF_SURFACE = {
     "frd": {"skeletal": (0.2, 0.4)},
     "fischer_koch_s": {"skeletal": (0.3, 0.5)},
     "octo": {"skeletal": (0.45, 0.6)},
+    "lidinoid": {"skeletal": (0.3, 0.5)},
 }
 """Others where the usual ones are out of reach of the offsets."""
 

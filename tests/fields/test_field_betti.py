@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from tpmscad import fields, topology
+from tpmscad.fields import saddles
 from tpmscad.fields.betti_numbers import INITIAL_LINES, compute_betti_numbers
+from tpmscad.fields.sample_grid import SampleGrid
 
 LO, HI = np.array([-1.9, -1.45, -1.3]), np.array([1.93, 1.38, 1.51])
 
@@ -62,3 +64,19 @@ BALL, FAR = fields.sphere((0.1, 0.0, 0.1), 1.0), fields.sphere((-1.4, -1.0, -0.9
 )
 def test_minima_and_maxima_are_counted_by_their_operands(field: fields.Field, expected: tuple[int, int, int]) -> None:
     assert compute_betti_numbers(field, LO, HI) == expected
+
+
+def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    starts = []
+    search = saddles._find_critical_points
+
+    def count(field: fields.Field, points: np.ndarray, spacing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        starts.append(len(points))
+        return search(field, points, spacing)
+
+    monkeypatch.setattr(saddles, "_find_critical_points", count)
+    grid = SampleGrid((0.0, 0.0, 0.0), (2.2, 2.2, 2.2), (25, 25, 25))
+    distance = fields.normal_distance(fields.tpms("gyroid", 10.0))
+    for field in (distance - 0.5, ovals(4e-3, 1)):
+        saddles.find_saddles(field, grid, np.ones(grid.shape, bool), 0.75 * grid.spacing[0])
+    assert starts[0] == 0 < starts[1]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields import Field
 from tpmscad.fields.sample_grid import SampleGrid
 
@@ -26,6 +26,9 @@ NEWTON_TOL_SPACINGS = 1e-6
 
 COINCIDENCE_TOL_SPACINGS = 1e-2
 """Distance, in grid spacings, within which two critical points are the same."""
+
+REACH_FACTOR = 2.0
+"""Safety of the estimates, from a cell's corners, of how far f changes within the cell and of its curvature there."""
 
 RAY_DIRECTIONS = 96
 """Directions in which the surface is searched from a saddle point."""
@@ -63,14 +66,17 @@ class Saddles:
 def find_saddles(field: Field, grid: SampleGrid, where: BoolArray, closest: float) -> Saddles:
     """Saddle points near grid cells with a corner in the mask `where` (nx, ny, nz) whose neck may be narrower than 2 * `closest`.
 
-    Newton's method starts from the center of every cell over which each component of the gradient changes sign. A neck is kept
-    if |f| <= k closest^2 / 2 with the curvature k across it, the quadratic estimate of its half width.
+    Newton's method starts from the center of every cell over which each component of the gradient changes sign and f comes near
+    enough to 0 for such a neck. A neck is kept if |f| <= k closest^2 / 2 with the curvature k across it, the quadratic estimate
+    of its half width.
     """
-    _, gradient = field.value_and_gradient_on_grid(*grid.axes)
+    value, gradient = field.value_and_gradient_on_grid(*grid.axes)
     cells = _any_corner(where)
     for axis in range(3):
         cells &= _any_corner(gradient[..., axis] >= 0) & _any_corner(gradient[..., axis] <= 0)
-    start = np.argwhere(cells) + 0.5
+    chosen = np.argwhere(cells)
+    chosen = chosen[_may_hold_neck(value, gradient, chosen, grid.spacing, closest)]
+    start = chosen + 0.5
     low, spacing = np.array(grid.low), grid.spacing
     points, converged = _find_critical_points(field, low + start * spacing, spacing)
     inside = np.all((points >= low - 1e-9 * spacing) & (points <= np.array(grid.high) + 1e-9 * spacing), axis=1)
@@ -85,6 +91,19 @@ def find_saddles(field: Field, grid: SampleGrid, where: BoolArray, closest: floa
     across = np.where(values < 0, eigenvalues[:, 2], -eigenvalues[:, 0])
     narrow = np.abs(values) <= across * closest**2 / 2
     return Saddles(points[saddle & narrow], values[saddle & narrow])
+
+
+def _may_hold_neck(value: Array, gradient: Array, cells: IntArray, spacing: Array, closest: float) -> BoolArray:
+    """Whether |f| at a neck in a cell (n, 3) can be as small as k closest^2 / 2, from values and gradients at its corners.
+
+    This spares the creases of distance fields, where the gradient jumps far from {f = 0} and Newton's method does not converge.
+    """
+    corners = cells[:, None] + np.argwhere(np.ones((2, 2, 2)))
+    at = tuple(np.moveaxis(corners, -1, 0))
+    least, slopes = np.abs(value[at]).min(axis=1), gradient[at]
+    change = np.linalg.norm(slopes, axis=2).max(axis=1) * np.linalg.norm(spacing)
+    curvature = np.ptp(slopes, axis=1).max(axis=1) / spacing.min()
+    return np.asarray(least <= REACH_FACTOR * (change + curvature * closest**2 / 2))
 
 
 def _find_critical_points(field: Field, points: Array, spacing: Array) -> tuple[Array, BoolArray]:

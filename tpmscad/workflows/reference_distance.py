@@ -40,6 +40,9 @@ FOOT_MARGIN = 0.9 * PARAMETER_MARGIN
 FOOT_STEPS = 12
 """Gauss-Newton steps: they converge linearly, at the rate of the distance over the radius of curvature."""
 
+FOOT_TOL = 1e-5
+"""Parameter step after which a foot point stays: the distance then changes by the square of it, 1e-10 cells."""
+
 LEVEL_SET_STEPS = 40
 """Steps to a foot point on a level set, with the same rate and a farther start."""
 
@@ -65,10 +68,14 @@ class PatchedReference:
         _, nearest = cKDTree(nodes[near]).query(points)
         placed, u, v = self.placements[copies[nearest]], u[of_copy[nearest]], v[of_copy[nearest]]
         low, high = -FOOT_MARGIN, 1.0 + FOOT_MARGIN
+        moving = np.arange(len(points))
         for _ in range(FOOT_STEPS):
-            residual, along_u, along_v, _ = self._evaluate(points, placed, u, v)
+            residual, along_u, along_v, _ = self._evaluate(points[moving], placed[moving], u[moving], v[moving])
             du, dv = _tangential_step(residual, along_u, along_v)
-            u, v = np.clip(u + du, low, high), np.clip(v + dv, low, high)
+            u[moving], v[moving] = np.clip(u[moving] + du, low, high), np.clip(v[moving] + dv, low, high)
+            moving = moving[np.maximum(np.abs(du), np.abs(dv)) > FOOT_TOL]
+            if not len(moving):
+                break
         residual, _, _, normal = self._evaluate(points, placed, u, v)
         return np.einsum("ni,ni->n", residual, normal)
 
