@@ -47,7 +47,7 @@ def compute_betti_numbers(field: Field, lo: Array, hi: Array) -> tuple[int, int,
         counts = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
         if np.prod(counts + 1.0) > MAX_NODES:
             return None
-        betti = topology.betti(field.on_grid(*_place_grid_lines(field, lo, hi, counts)))
+        betti = topology.betti(_sample_on_graded_grid(field, lo, hi, counts))
         current = (betti.b0, betti.b1, betti.b2)
         if current == previous:
             return current
@@ -55,15 +55,16 @@ def compute_betti_numbers(field: Field, lo: Array, hi: Array) -> tuple[int, int,
         lines = REFINEMENT_RATIO * lines
 
 
-def _place_grid_lines(field: Field, lo: Array, hi: Array, counts: Array) -> list[Array]:
-    """Grid lines along each axis: uniform, and graded towards necks unless the nodes would exceed MAX_NODES."""
+def _sample_on_graded_grid(field: Field, lo: Array, hi: Array, counts: Array) -> Array:
+    """Values on a uniform grid, or on one with lines graded towards necks as well unless its nodes would exceed MAX_NODES."""
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
-    saddles = find_saddles(
-        field, grid, np.ones(grid.shape, bool), NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
-    )
+    samples = field.value_and_gradient_on_grid(*grid.axes)
+    half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
+    saddles = find_saddles(field, grid, np.ones(grid.shape, bool), half_width, samples)
     steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
     axes = []
     for axis, uniform in enumerate(grid.axes):
         added = (saddles.points[:, axis, None] + grid.spacing[axis] * steps).ravel()
         axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
-    return axes if np.prod([float(len(axis)) for axis in axes]) <= MAX_NODES else list(grid.axes)
+    too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
+    return samples[0] if too_many or not len(saddles) else field.on_grid(*axes)
