@@ -116,15 +116,19 @@ def bound_curves(curves: Sequence[BSplineCurve], number: IntArray, span: Array) 
     used, at = np.unique(number, return_inverse=True)
     curvature = np.array([_greatest_second_derivative(curves[i]) for i in used.tolist()]).reshape(len(used), -1)
     bulge = (width / (len(x) - 1)) ** 2 / 8.0 * curvature[at]
-    return points.min(axis=1) - bulge, points.max(axis=1) + bulge
+    low, high = points.min(axis=1) - bulge, points.max(axis=1) + bulge
+    for i in [
+        i for i in used.tolist() if curves[i].degree == 1 and len(curves[i].poles) > 2
+    ]:  # polylines turn at their poles
+        own, poles = number == i, curves[i].poles
+        low[own], high[own] = np.minimum(low[own], poles.min(axis=0)), np.maximum(high[own], poles.max(axis=0))
+    return low, high
 
 
 def _greatest_second_derivative(curve: BSplineCurve) -> Array:
-    """Bound of the second derivative of each coordinate: (D,); curves are segments or of degree 2 or more, without kinks."""
+    """Bound of the second derivative of each coordinate, 0 for degree 1: (D,)."""
     poles, knots, degree = curve.poles[:, None, :], curve.knots, curve.degree
     if degree == 1:
-        if len(poles) > 2:
-            raise ValueError(f"a polyline of {len(poles)} poles has no second derivative")
         return np.zeros(poles.shape[2])
     for _ in range(2):
         poles, knots, degree = differentiate_poles(poles, knots, degree)
