@@ -121,16 +121,22 @@ def judge_solid(region: Region, volume: float, area: float, n_pieces: int, dropp
 
 def judge_step_text(path: Path, n_solids: int, n_faces: int) -> list[str]:
     """What a file's own text contradicts: numbers of solids and faces, and every edge used once in each direction."""
-    text = path.read_text(encoding="ascii")
-    names = Counter(re.findall(r"=\s*([A-Z_]+)\(", text))
+    text = re.sub(r"\s+", "", path.read_text(encoding="ascii"))  # writers break lines where they like
+    names = Counter(re.findall(r"=([A-Z_]+)\(", text))
     faults = []
     if (solids := names["MANIFOLD_SOLID_BREP"] + names["BREP_WITH_VOIDS"]) != n_solids:
         faults.append(f"the file has {solids} solids, the certificate {n_solids}")
     if names["ADVANCED_FACE"] != n_faces:
         faults.append(f"the file has {names['ADVANCED_FACE']} faces, the certificate {n_faces}")
-    uses = Counter(re.findall(r"ORIENTED_EDGE\('[^']*',\*,\*,#(\d+),\.([TF])\.\)", text))
+    oriented = dict(re.findall(r"#(\d+)=ORIENTED_EDGE\('[^']*',\*,\*,(#\d+,\.[TF]\.)\)", text))
+    loops = dict(re.findall(r"#(\d+)=EDGE_LOOP\('[^']*',\(([^)]*)\)\)", text))
+    uses: Counter[tuple[str, bool]] = Counter()
+    for loop, along in re.findall(r"=FACE(?:_OUTER)?_BOUND\('[^']*',#(\d+),\.([TF])\.\)", text):
+        for use in loops.get(loop, "").replace("#", "").split(","):
+            edge, _, sense = oriented.get(use, "?,").partition(",")
+            uses[edge, (sense == ".T.") == (along == "T")] += 1
     edges = {edge for edge, _ in uses}
-    if names["ORIENTED_EDGE"] != sum(uses.values()) or any(uses[e, s] != 1 for e in edges for s in "TF"):
+    if not edges or any(uses[edge, sense] != 1 for edge in edges for sense in (True, False)):
         faults.append("an edge of the file is not used once in each direction")
     return faults
 
