@@ -24,7 +24,7 @@ import numpy as np
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.translated_copies import decimal_of
+from tpmscad.kernel.step.translated_copies import GREATEST_UNITS, decimal_of
 from tpmscad.parallel import run_as_completed
 from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
@@ -203,6 +203,11 @@ def _write_copies(
     for name, slab in slabs:
         x, y, z = (n * edge for n, edge in zip(slab.steps, originals[0].size, strict=True))
         original = of_cells[slab.cells]
+        if max(x, y, z) + max(original.size) >= GREATEST_UNITS:
+            raise InvalidRequest(
+                f"coordinates beyond {float(decimal_of(max(x, y, z), original.decimals)):g} mm do not fit the {original.decimals} "
+                "decimals of a slab of this size: take larger slabs"
+            )
         tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", time_stamp))
     for number, written in run_as_completed(executor, write_slab, tasks):
         original, path, shift, *_ = tasks[number]

@@ -37,7 +37,7 @@ FILE_NAME = re.compile(rb"FILE_NAME\('[^']*',\s*'[^']*',")
 NEXT_POINT = b"));\n#%d=CARTESIAN_POINT('',("
 """The text between the coordinates of a point and those of the next."""
 
-CUT_TOL_UNITS = 1000
+CUT_TOL_UNITS = 50
 """Units of the grid: a point this near to a plane of cut lies in it. Points of cut curves lie within 5 units of it."""
 
 GREATEST_UNITS = 2**62

@@ -67,8 +67,9 @@ def _corners_near_surfaces(o: Operands) -> tuple[Array, IntArray]:
     edges = o.lattice.edges
     corners = edges.start[o.sides.edge], edges.end[o.sides.edge]
     face, surface = np.nonzero(o.candidates)
-    pairs = [np.column_stack([ends[face, side], surface]) for ends in corners for side in range(4)]
-    vertex, surface = np.unique(np.concatenate(pairs), axis=0).T
+    count = o.candidates.shape[1]
+    pairs = [ends[face, side] * count + surface for ends in corners for side in range(4)]
+    vertex, surface = np.divmod(np.unique(np.concatenate(pairs)), count)
     return o.lattice.vertices[vertex], surface
 
 
