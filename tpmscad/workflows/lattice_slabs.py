@@ -205,7 +205,7 @@ def _write_copies(
         original = of_cells[slab.cells]
         if max(x, y, z) + max(original.size) >= GREATEST_UNITS:
             raise InvalidRequest(
-                f"coordinates beyond {float(decimal_of(max(x, y, z), original.decimals)):g} mm do not fit the {original.decimals} "
+                f"coordinates of {float(decimal_of(max(x, y, z), original.decimals)):g} mm do not fit the {original.decimals} "
                 "decimals of a slab of this size: take larger slabs"
             )
         tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", time_stamp))
