@@ -86,6 +86,7 @@ def test_initial_errors_are_those_of_the_initial_weight():
     assert "isolated components" in start.message
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["beta-growth", "discrete-reconstruction", "sigmoid", "gaussian-rbf"])
 def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
     first, second = RECOMMENDED["components"]

@@ -40,6 +40,7 @@ def tapered(wall: fields.Field) -> BlendedField:
 WALL = fields.sheet(fields.coordinate("z"), -HALF, HALF)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("allowed", [1e-2, 1e-4])
 def test_the_tip_of_a_tapered_wall_moves_by_what_is_said_and_no_further_than_allowed(allowed: float) -> None:
     field = tapered(WALL)

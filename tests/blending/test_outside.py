@@ -43,6 +43,7 @@ CASES = {
 DOMAIN = ((0.0, 0.0, 0.0), (1.0, 0.4, 0.5))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_outside_the_blending_region_the_blend_is_its_inputs_bit_for_bit(case):
     coordinate, middle, (low, high), weight = CASES[case]
@@ -65,6 +66,7 @@ def test_outside_the_blending_region_the_blend_is_its_inputs_bit_for_bit(case):
     assert np.any((w[inside] > 0.1) & (w[inside] < 0.9))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [*BASELINE_METHODS, "paper"])
 def test_so_are_the_blends_of_the_other_methods(method):
     regions, blending = [layer(X, -9.0, 0.5), layer(X, 0.5, 9.0)], layer(X, 0.3, 0.7)

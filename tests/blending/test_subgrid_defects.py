@@ -37,6 +37,7 @@ def balls(sign: int) -> tuple[fields.Field, np.ndarray]:
     return field if sign > 0 else -field, centers
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sign", [1, -1])
 def test_every_ball_between_the_samples_is_found_and_nothing_else(sign: int) -> None:
     field, centers = balls(sign)

@@ -66,6 +66,7 @@ def test_a_trimmed_paraboloid_is_as_high_as_its_point_nearest_to_the_axis(seed):
     np.testing.assert_allclose(low, [*corners.min(axis=0), 1.0 - (corners**2).sum(axis=1).max()], atol=2e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_the_box_of_a_turned_trimmed_patch_is_that_of_a_dense_sample(seed):
     rng = np.random.default_rng(seed)

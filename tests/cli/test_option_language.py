@@ -93,6 +93,7 @@ def messages() -> Iterator[tuple[str, str]]:
                     yield f"{file.relative_to(PACKAGE)}:{node.lineno}", text
 
 
+@pytest.mark.slow
 def test_no_message_leaves_python_to_the_command_line() -> None:
     options: dict[str, str] = {}
     for _, command, _, _ in cli.COMMANDS:

@@ -35,6 +35,7 @@ def test_slices_of_a_slowly_graded_rod_have_the_fractions_asked_for() -> None:
         assert found == pytest.approx(wanted, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_the_values() -> None:
     graded, step = fields.graded_threshold(GYROID, FRACTION, (0.2, 0.5)), 1e-5
     points = np.random.default_rng(0).uniform(0.2, 4.8, (20, 3))

@@ -84,6 +84,7 @@ def field(request: pytest.FixtureRequest) -> fields.Field:
     return KINDS[request.param]
 
 
+@pytest.mark.slow
 def test_the_gradient_is_the_derivative_of_the_value(field: fields.Field) -> None:
     quotient = np.stack(
         [
@@ -96,6 +97,7 @@ def test_the_gradient_is_the_derivative_of_the_value(field: fields.Field) -> Non
     assert wrong.mean() <= CREASE_SHARE
 
 
+@pytest.mark.slow
 def test_a_point_has_the_same_bits_in_any_company(field: fields.Field) -> None:
     values, slopes = field.value_and_gradient(POINTS)
     order = np.random.default_rng(1).permutation(len(POINTS))

@@ -50,6 +50,7 @@ def test_a_wall_without_thickness_is_refused() -> None:
         fields.wall(fields.tpms("gyroid"), 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "count"), [("lidinoid", 96), ("split_p", 48), ("fischer_koch_s", 48), ("octo", 48), ("gyroid", 48)]
 )

@@ -125,6 +125,7 @@ def test_a_threshold_is_as_accurate_as_stated() -> None:
     assert fraction_below("gyroid", c, 1200) == pytest.approx(0.3, abs=FRACTION_ACCURACY)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fraction", [0.1, 0.35])
 @pytest.mark.parametrize("phi", [GYROID, DIAMOND, SCHWARZ_P], ids=lambda phi: phi.name)
 def test_thresholds_give_the_volume_fraction_asked_for(phi: fields.Field, fraction: float) -> None:

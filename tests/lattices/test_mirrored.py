@@ -24,6 +24,7 @@ STILL = np.zeros(3)
 SIDES = [(0, slice(None)), (-1, slice(None)), (slice(None), 0), (slice(None), -1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_chart_is_conformal(name: str) -> None:
     """Dirichlet's energy of a map is its area if, and only if, the map is conformal; it is never less."""
@@ -69,6 +70,7 @@ def test_a_piece_of_a_lower_degree_misses(name: str) -> None:
     assert PIECE_DEGREES[0] <= piece.degree < closer.degree
 
 
+@pytest.mark.slow
 def test_the_measured_deviation_sees_a_shift_a_dent_and_a_fold() -> None:
     mirrors = surfaces.mirror_symmetry("iwp")
     patch = fit_mirror_piece("iwp", 0.0, 1e-5).patch
@@ -115,6 +117,7 @@ def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: st
     assert found.n_classes >= 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(("cells", "phase"), [((1, 1, 1), (0, 0, 0)), ((2, 1, 1), (0.5, 1.0, -0.5))])
 def test_a_box_of_mirrors_is_capped_without_a_cut(
@@ -142,6 +145,7 @@ def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: 
     np.testing.assert_allclose(block.vertices.max(axis=0), phase + np.array([1, 1, 2]), rtol=0, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("side", ["-", "+"])
 def test_the_two_sides_have_the_betti_numbers_of_the_formula(name: str, side: str) -> None:

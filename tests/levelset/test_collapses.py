@@ -114,6 +114,7 @@ class TestEverySimplifiedMesh:
         assert after <= max(1.0, before)
 
 
+@pytest.mark.slow
 def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
     once, again = smaller("gyroid"), simplify_mesh(full_mesh("gyroid"), FIELDS["gyroid"], LO, HI).mesh
     assert np.array_equal(once.vertices, again.vertices)
@@ -160,6 +161,7 @@ def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str, monke
     assert one_by_one <= into
 
 
+@pytest.mark.slow
 def test_undoing_the_history_from_its_end_restores_the_full_mesh() -> None:
     before = full_mesh("gyroid")
     found = simplify_mesh(before, FIELDS["gyroid"], LO, HI)

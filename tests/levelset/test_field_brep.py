@@ -55,6 +55,7 @@ class TestEverySolid:
         assert solid.jump_p95_deg <= 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in ("sheet", "corner on the level"))) for n in FIELDS]
 )

@@ -88,6 +88,7 @@ def test_what_is_wrong_is_told_with_its_line(tmp_path: Path, text: str, words: s
     assert words in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_ramp_grades_the_volume_fraction(tmp_path: Path) -> None:
     ramp = fields.ramp("z", (0, 4), (0.4, 0.2))
     phi = fields.tpms("gyroid", 2.0)

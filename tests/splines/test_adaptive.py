@@ -17,6 +17,7 @@ T = np.linspace(0, 1, 61)
 MOST_POLES = {1e-2: 64, 1e-3: 64, 1e-4: 121, 1e-5: 225, 1e-6: 289}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "share", "tol"),
     [

@@ -48,6 +48,7 @@ def theory(name: str, layers: tuple[float | None, float | None]) -> float:
     return CELL**3 * surfaces.volume_fraction(name, "minimal", lower, upper)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "layers"),
     [
@@ -75,6 +76,7 @@ def test_a_box_of_one_cell_has_the_volume_of_theory_wherever_it_stands(
     assert volumes[0] == pytest.approx(theory(name, layers), rel=3e-5)  # accuracy of the fit of degree 9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("layers", [SKELETAL, slowly(SHEET), slowly(OFF_SKELETAL)])
 @pytest.mark.parametrize("phase", [AT_HOME, (0.25, 0.25, 0.25), slowly((0.125, 0.0, 0.0))])
@@ -132,6 +134,7 @@ def test_the_halves_of_a_box_add_up(
     assert volume(parts[0]) == pytest.approx(volume(parts[1]) + volume(parts[2]), abs=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["schwarz_p", slowly("gyroid"), slowly("diamond")])
 def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Callable[..., Brep]) -> None:
     trimmed = trim_box(cover(name, (1, 1, 1), (0.13, 0.29, 0.41), SHEET), np.zeros(3), np.full(3, CELL), TOL)
@@ -147,6 +150,7 @@ def test_edges_lie_on_both_their_faces_as_near_as_they_say(name: str, cover: Cal
 NEAR = [0.0, -1.5e-7, slowly(1e-9), slowly(-1e-9), slowly(5e-8), slowly(1e-6), slowly(-1e-5), slowly(1e-4)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", NEAR)
 def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (2, 2, 2), AT_HOME, OFF_SKELETAL)
@@ -160,6 +164,7 @@ def test_planes_near_a_corner_of_patches_cut_cleanly(by: float, cover: Callable[
     assert volume(trimmed.brep) == pytest.approx(theory("gyroid", OFF_SKELETAL), rel=3e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [NEAR[0], slowly(NEAR[1]), *NEAR[2:]])
 @pytest.mark.parametrize("name", ["gyroid", slowly("diamond"), slowly("schwarz_p")])
 def test_planes_near_a_saddle_cut_cleanly(name: str, by: float, cover: Callable[..., Brep]) -> None:

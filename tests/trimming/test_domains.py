@@ -48,6 +48,7 @@ def test_each_domain_is_what_a_trim_of_its_own_gives(trimmed: tuple) -> None:
         np.testing.assert_allclose(volume(brep), volume(alone), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_domains_are_closed_and_fill_the_body(trimmed: tuple) -> None:
     *_, found, expected = trimmed
     assert all(connectivity.is_closed(brep) for brep in found.breps)

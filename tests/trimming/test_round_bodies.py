@@ -93,6 +93,7 @@ def test_solid_and_void_share_the_body_between_them(
     assert sum(areas) == pytest.approx(integral_properties.integrate_faces(tool).area.sum(), rel=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", ["torus", *map(slowly, ("cylinder", "sphere", "cone", "flask", "bracket"))])
 def test_volumes_are_those_of_a_count_of_points(body: str, cover: Callable[..., Brep]) -> None:
     """The trigonometric gyroid deviates by up to 1.4e-3 of the cell, on either side of the exact one; the sample is large."""
@@ -150,6 +151,7 @@ def test_a_lattice_inside_the_body_stays_whole(cover: Callable[..., Brep]) -> No
     assert len(trim(whole, shapes.sphere(3.0, translation=(9.0, 0.0, 0.0)), TOL).brep.faces) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("slide", [0.0, slowly(0.4)])
 def test_a_cylinder_along_a_period_costs_no_new_curves(slide: float, cover: Callable[..., Brep]) -> None:
     """Under translations along the axis, two cells have the congruence classes of one cell, and twice its volume."""

@@ -85,6 +85,7 @@ def test_the_cell_of_a_pore_size_leaves_a_void_of_that_size(name: str, reference
     assert fraction == pytest.approx(0.3, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_pore_size_with_a_thickness_leaves_the_thickness_as_it_is() -> None:
     request = resolve_lattice_request("diamond", thickness=0.2, pore_size=0.6)
     assert request.offset == (-0.1, 0.1)
@@ -99,6 +100,7 @@ def test_a_cell_contradicts_a_pore_size() -> None:
         resolve_lattice_request("gyroid", porosity=0.7)
 
 
+@pytest.mark.slow
 def test_a_fraction_beyond_symmetric_walls_is_met_off_the_middle_or_between_levels() -> None:
     """O,C-TO bends too sharply on one side for a symmetric wall of a fifth, and on both for one of three tenths."""
     fifth = resolve_lattice_request("octo", cell=1.0, volume_fraction=0.2)

@@ -36,6 +36,7 @@ def points_off(surface: str, reference: str, phase: tuple[float, ...]) -> tuple[
     return 10 * placed + distance[:, None] * motion.apply_to_vectors(jet.normal), distance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("surface", "reference"), [("gyroid", "minimal"), ("diamond", "nodal"), ("schwarz_p", "minimal")]
 )
