@@ -116,6 +116,35 @@ def test_patches_whose_cuts_cannot_be_traced_are_fitted_closer_and_it_is_said(
     assert certificate.notes == ("fitted to 0.001: the cuts of coarser patches could not be traced",)
 
 
+@pytest.mark.slow
+def test_stretched_patches_whose_cuts_cannot_be_traced_are_fitted_closer_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    from tpmscad.errors import TrimmingError
+    from tpmscad.trimming import TrimResult, trim
+    from tpmscad.workflows import lattice_solid
+
+    calls = []
+
+    def unwilling_once(*args: Any, **kwargs: Any) -> TrimResult:
+        calls.append(args)
+        if len(calls) == 1:
+            raise TrimmingError("a cut curve is still far from its patch")
+        return trim(*args, **kwargs)
+
+    monkeypatch.setattr(lattice_solid, "trim", unwilling_once)
+    certificate = tpmscad.lattice("schwarz_p", cell=(10, 10, 12), thickness=0.5, tol=0.1).certificate
+    assert certificate.met
+    assert certificate.max_deviation <= 0.01
+    assert certificate.notes == ("fitted to 0.01: the cuts of coarser patches could not be traced",)
+
+
+@pytest.mark.slow
+def test_a_cell_of_a_metre_is_written_as_a_valid_solid(tmp_path: Path) -> None:
+    options: dict[str, Any] = {"volume_fraction": 0.153, "phase": (-0.0883, 0.794, -0.636)}
+    model = tpmscad.lattice("schwarz_p", cell=1000, tol=5.24, **options)
+    model.export_step(tmp_path / "metre.step")
+    assert model.volume == pytest.approx(0.153e9, rel=5e-3)
+
+
 @pytest.mark.parametrize("kind", ["sheet", "skeletal"])
 def test_a_mirrored_volume_fraction_is_met_and_its_cells_are_placed_by_reference(kind: str, tmp_path: Path) -> None:
     model = tpmscad.lattice("iwp", cell=CELL, cells=(2, 2, 1), volume_fraction=0.3, kind=kind, tol=1e-3)

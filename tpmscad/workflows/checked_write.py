@@ -27,6 +27,15 @@ REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
 """The same for solids that contain faces of a CAD body."""
 
 
+ADVICE = "nothing was written; give a smaller `tol`, bring the part nearer to the origin, or make it in units of 1 to 1000 mm"
+
+
+def describe_fault(report: kernel.ShapeReport) -> str:
+    """What is wrong with the solids of a report, in words."""
+    faults = ("invalid", not report.valid), ("open", not report.closed), ("inside out", not report.outward)
+    return " and ".join(word for word, is_so in faults if is_so) or "missing"
+
+
 def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Callable[[Path], None]:
     """Function that raises KernelError unless a file holds valid closed solids of total `volume`, to within `rtol`.
 
@@ -38,8 +47,17 @@ def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Ca
             report = kernel.check_step(path, healed=healed)
         except InvalidRequest as error:
             raise KernelError("export_step", str(error)) from error
-        if not report.ok or abs(report.shape.volume - volume) > rtol * volume:
-            raise KernelError("export_step", f"written with volume {volume:.12g}, the file reads back as: {report}")
+        if not report.ok:
+            raise KernelError(
+                "export_step", f"the kernel finds its solids {describe_fault(report.shape)} in the file; {ADVICE}"
+            )
+        difference = abs(report.shape.volume - volume)
+        if difference > rtol * volume:
+            raise KernelError(
+                "export_step",
+                f"the file's volume is {report.shape.volume:.12g}, that of the solid {volume:.12g}: they differ by "
+                f"{difference / volume:.2g} of it, the limit is {rtol:g}; {ADVICE}",
+            )
 
     return verify
 

@@ -49,6 +49,12 @@ MAX_CELLS_IN_BOX = 100_000
 BOX_TRIM_TOL_CELLS = 5e-10
 """In cells: distance of a cut's curve from its patch, so that the gaps at caps stay below 1e-9 of the cell."""
 
+MAX_BOX_TRIM_TOL = 2.5e-8
+"""In model units: the same for cells above 50, where gaps would exceed the kernel's confusion, 1e-7 whatever the part's size."""
+
+BOX_TRIM_ROUND_OFF_CELLS = 5e-13
+"""In cells: what double precision leaves of a cut's curve, some thousand units in the last place of the cell's coordinates."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticeCover:
@@ -64,6 +70,11 @@ class LatticeCover:
     bounds: Mapping[str, float]
     convergence: NetConvergence
     mapping: Map | None
+
+
+def find_trim_tolerance(cell: float) -> float:
+    """Distance allowed between a cut's curve and its patch, in model units."""
+    return max(min(BOX_TRIM_TOL_CELLS * cell, MAX_BOX_TRIM_TOL), BOX_TRIM_ROUND_OFF_CELLS * cell)
 
 
 def cover_box(request: LatticeRequest, low: Array, high: Array, progress: FractionProgress) -> LatticeCover:
@@ -155,7 +166,7 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
         )
 
     def trim_to_box() -> Brep:
-        closed = trim(cover.patches, box(cover.low, cover.high), BOX_TRIM_TOL_CELLS * max(request.cell)).brep
+        closed = trim(cover.patches, box(cover.low, cover.high), find_trim_tolerance(max(request.cell))).brep
         return move_brep(closed, motion)
 
     return LatticeBlock(patches, measures, trim_to_box)

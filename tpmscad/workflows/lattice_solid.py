@@ -30,7 +30,7 @@ from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.attempts import Attempt, first_success
 from tpmscad.workflows.certificate import certify
-from tpmscad.workflows.lattice_block import BOX_TRIM_TOL_CELLS
+from tpmscad.workflows.lattice_block import find_trim_tolerance
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
 from tpmscad.workflows.loose_pieces import check_loose, drop_loose_pieces
@@ -235,27 +235,39 @@ def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | 
     return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
 
 
-def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
-    """The copies of fitted primitives; the fit is repeated more closely while the cuts of the patches cannot be traced."""
-    cell = request.cell[0]
-    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * cell)
+def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
+    """The patches of `fit_and_trim(tol)`, fitted more closely than requested while their cuts cannot be traced."""
+    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * request.cell[0])
+
+    def run(tol: float) -> LatticePatches:
+        found = fit_and_trim(tol)
+        if tol == request.tol:
+            return found
+        return replace(
+            found, notes=(*found.notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
+        )
+
     tolerances = dict.fromkeys(max(request.tol * fraction, finest) for fraction in FIT_TOL_FRACTIONS)
+    attempts = [Attempt(f"fitted to {tol:.3g}", partial(run, tol)) for tol in tolerances]
+    return first_success(attempts, retry_on=(TrimmingError,)).value
+
+
+def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
+    """The copies of fitted primitives."""
+    cell = request.cell[0]
 
     def fit_and_copy(tol: float) -> LatticePatches:
         with stages("fit"):
             source = resolve_source(request)
             fit = source.fit(request.layer_offsets, cell, tol)
         brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
-        if tol < request.tol:
-            notes = (*notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
         unit_cell = UnitCell(
             lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
             np.array(request.cell) * _cell_origins(request.cells),
         )
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell)
 
-    attempts = [Attempt(f"fitted to {tol:.3g}", partial(fit_and_copy, tol)) for tol in tolerances]
-    return first_success(attempts, retry_on=(TrimmingError,)).value
+    return _fit_until_traced(request, fit_and_copy)
 
 
 def _copy_primitives(
@@ -279,26 +291,31 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     """Patches fitted one by one to the mapped surface."""
     cell, name = request.cell[0], request.surface
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
-    with stages("fit") as done:
+    with stages("fit"):
         cover = cover_mapped_lattice(request, mapping)
         surface = mapped_surface.MappedSurface(patch, symmetry, cover.placements, mapping, cell, cover.periods)
         surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
         if request.kind == "sheet":
             require_no_self_contact(surface, request.offset, cover.limits)
-        fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, done)
-    with stages("assemble"):
-        brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=cover.body is None)
-    notes: tuple[str, ...] = ()
-    if cover.body is not None:
-        with stages("trim"):
-            brep, notes = _trim_by_body(brep, cover.body, cell)
-    return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes)
+
+    def fit_and_trim(tol: float) -> LatticePatches:
+        with stages("fit") as done:
+            fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, tol, done)
+        with stages("assemble"):
+            brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=cover.body is None)
+        notes: tuple[str, ...] = ()
+        if cover.body is not None:
+            with stages("trim"):
+                brep, notes = _trim_by_body(brep, cover.body, cell)
+        return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes)
+
+    return _fit_until_traced(request, fit_and_trim)
 
 
 def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:
     """The part inside a body, closed by caps, and a note if the lattice had to be moved off a face that it touches."""
-    cut = trim(brep, body, tol=BOX_TRIM_TOL_CELLS * cell)
+    cut = trim(brep, body, tol=find_trim_tolerance(cell))
     if cut.report.shifted == 0.0:
         return cut.brep, ()
     return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)
