@@ -23,7 +23,7 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.step.excerpt import write_excerpt
 from tpmscad.kernel.step.step_reader import read_step
-from tpmscad.kernel.step.text_check import FileText, check_text
+from tpmscad.kernel.step.text_check import check_text
 from tpmscad.splines.bspline import BSplineSurface
 
 MAX_EXCERPT_FACES = 150
@@ -42,9 +42,8 @@ def check_written_text(path: Path, brep: Brep, nesting: ShellNesting) -> None:
 
 def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: int, area_rtol: float) -> None:
     """KernelError unless the text holds the solids of `brep` and the kernel reads an excerpt of the file as valid faces."""
-    table = check_text(path, brep, nesting)
+    table, numbers = check_text(path, brep, nesting)
     chosen = choose_faces(brep, nesting)
-    numbers = FileText(table, brep, nesting).faces_in_order()
     with TemporaryDirectory() as folder:
         part = Path(folder) / "excerpt.step"
         write_excerpt(path, table, numbers[chosen], part)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.text_check import template_marks
 
@@ -26,22 +26,20 @@ _BELOW_SHELLS = re.compile(
 
 def write_excerpt(source: Path, table: EntityTable, faces: Array, target: Path) -> None:
     """Write the excerpt of a file, given its entities, that keeps the faces of the given entity numbers."""
-    keyword = np.array(table.keywords())[table.template]
-    shells = np.flatnonzero(keyword == "CLOSED_SHELL")
-    dropped = [k for k in np.unique(keyword).tolist() if k in _COLOURS or _BELOW_SHELLS.fullmatch(k)]
-    kept = ~np.isin(keyword, dropped)
+    keywords = table.keywords()
+    dropped = np.array([k in _COLOURS or _BELOW_SHELLS.fullmatch(k) is not None for k in keywords])
+    is_shell = np.array([k == "CLOSED_SHELL" for k in keywords])
+    kept = ~dropped[table.template]
+    shells = np.flatnonzero(is_shell[table.template])
     shell_faces = {}
     for at in shells.tolist():
         listed = table.values[table.start[at] : table.start[at + 1]]
         shell_faces[at] = listed[np.isin(listed, faces)].astype(np.int64)
-    reference = _is_reference(table)
     fresh = np.setdiff1d(np.flatnonzero(kept), shells)
     fresh = np.concatenate([fresh, *(table.positions(own) for own in shell_faces.values())])
     while len(fresh):
         kept[fresh] = True
-        count = table.start[fresh + 1] - table.start[fresh]
-        index = np.repeat(table.start[fresh] - np.cumsum(count) + count, count) + np.arange(int(count.sum()))
-        referred = table.positions(np.unique(table.values[index[reference[index]]]))
+        referred = table.positions(np.unique(_references(table, fresh)))
         fresh = referred[~kept[referred]]
     with source.open("rb") as file, target.open("wb") as out:
         out.write(table.frame[0])
@@ -56,12 +54,11 @@ def write_excerpt(source: Path, table: EntityTable, faces: Array, target: Path) 
         out.write(table.frame[1])
 
 
-def _is_reference(table: EntityTable) -> BoolArray:
-    """Whether each value is a reference."""
-    result = np.zeros(len(table.values), bool)
-    for i, template in enumerate(table.templates):
-        marks = template_marks(template)
-        own = table.start[:-1][table.template == i]
-        for k in (k for k, mark in enumerate(marks) if mark == "#"):
-            result[own + k] = True
-    return result
+def _references(table: EntityTable, positions: IntArray) -> Array:
+    """Entity numbers that the entities at the given positions refer to."""
+    found = [np.zeros(0)]
+    template = table.template[positions]
+    for i in np.unique(template).tolist():
+        columns = [k for k, mark in enumerate(template_marks(table.templates[i])) if mark == "#"]
+        found.append(table.values[table.start[positions[template == i]][:, None] + np.array(columns, np.int64)].ravel())
+    return np.concatenate(found)

@@ -43,11 +43,13 @@ def require(condition: Any, what: str) -> None:
         raise KernelError("export_step", f"the text of the file is not what was meant: {what}")
 
 
-def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> EntityTable:
-    """The entities of a file, if it holds the solids of `brep`; KernelError that names the first difference otherwise."""
+def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> tuple[EntityTable, Array]:
+    """The entities of a file and the entity number of each face, if the file holds the solids of `brep`.
+
+    KernelError that names the first difference otherwise.
+    """
     table = read_entity_table(path)
-    FileText(table, brep, nesting).check()
-    return table
+    return table, FileText(table, brep, nesting).check()
 
 
 class FileText:
@@ -66,11 +68,11 @@ class FileText:
                     sizes.append(float(np.abs(motions[placed == i, None].apply(poles)).max()))
         self.decimals = min(max(COORDINATE_DIGITS - int(np.floor(np.log10(max(sizes)))), 0), 22)
 
-    def check(self) -> None:
-        """Raise KernelError if anything differs."""
+    def check(self) -> Array:
+        """The entity number of each face (F,); KernelError if anything differs."""
         self._check_references()
         brep, nesting = self.brep, self.nesting
-        face_of_file = self.faces_in_order()
+        face_of_file = self._faces_in_order()
         sense = brep.faces.sense.copy()
         voids = [v for _, *of_piece in nesting.shells_of_solid for v in of_piece]
         sense[np.isin(nesting.shell_of_face, voids)] *= -1  # the text reverses whole void shells
@@ -84,6 +86,7 @@ class FileText:
         self._check_surfaces(surface)
         self._check_totals()
         self._check_styles(face_of_file)
+        return face_of_file
 
     # entities and their numbers
 
@@ -128,7 +131,7 @@ class FileText:
 
     # topology
 
-    def faces_in_order(self) -> Array:
+    def _faces_in_order(self) -> Array:
         """Entity number of each face of the boundary representation, from the solids and shells."""
         result = np.zeros(len(self.brep.faces))
         solids = np.sort(np.concatenate([self.with_keyword(k) for k in ("MANIFOLD_SOLID_BREP", "BREP_WITH_VOIDS")]))
