@@ -15,6 +15,7 @@ from tests.shapes.round_shapes import cone, flask, pierced_block, torus
 from tpmscad import kernel
 from tpmscad.errors import KernelError, TpmscadError
 from tpmscad.kernel.step.entity_table import read_entity_table
+from tpmscad.workflows import checked_write
 
 SHAPES = {
     "voxels": lambda: voxels(np.ones((2, 2, 1), bool)),
@@ -84,3 +85,29 @@ def test_the_scanner_reads_numbers_as_python_does(tmp_path: Path) -> None:
     assert table.templates == ("DIRECTION('it''s (#1,2.)',(&,#,@))",)
     assert table.values.reshape(-1, 3)[:, 0].tolist() == values.tolist()
     assert (table.values.reshape(-1, 3)[:, 1:] == [3, 7]).all()
+
+
+def test_a_file_above_the_limit_is_read_as_a_whole_on_demand_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    brep, read = voxels(np.ones((2, 1, 1), bool)), []
+    nesting = kernel.build_solids(brep).nesting
+    monkeypatch.setattr(checked_write, "make_volume_check", lambda volume, rtol: lambda path: read.append(path))
+    given = {"schema": "ap242", "name": "a", "rtol": 1e-9, "labels": ["a"] * len(brep.faces)}
+    checked_write.write_checked_brep(brep, nesting, tmp_path / "a.step", **given)
+    assert len(read) == 1  # a small file always
+    monkeypatch.setattr(checked_write, "KERNEL_READ_LIMIT", 0)
+    checked_write.write_checked_brep(brep, nesting, tmp_path / "a.step", **given)
+    assert len(read) == 1
+    checked_write.write_checked_brep(brep, nesting, tmp_path / "a.step", verify="kernel", **given)
+    assert len(read) == 2
+
+
+def test_an_assembly_of_copies_passes_the_short_verification(tmp_path: Path) -> None:
+    brep = voxels(np.ones((1, 1, 1), bool))
+    nesting = kernel.build_solids(brep).nesting
+    places = kernel.Instances.translated(np.arange(3.0)[:, None] * np.array([4.0, 0.0, 0.0]))
+    kernel.write_step(brep, nesting, tmp_path / "a.step", instances=places)
+    kernel.check_excerpt(tmp_path / "a.step", brep, nesting, 3, 1e-9)
+    with pytest.raises(KernelError, match="faces"):
+        kernel.check_excerpt(tmp_path / "a.step", brep, nesting, 2, 1e-9)
