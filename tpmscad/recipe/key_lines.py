@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
 
 KeyPath = tuple[str | int, ...]
@@ -40,6 +41,7 @@ class _KeyLineScanner:
         self.at = 0
         self.lines: dict[KeyPath, int] = {}
         self._lengths: dict[KeyPath, int] = {}
+        self._line_ends = [match.start() for match in re.finditer("\n", text)]
 
     def scan_document(self) -> None:
         """Record the line of every key of the document."""
@@ -118,7 +120,7 @@ class _KeyLineScanner:
 
     def _record_line(self, path: KeyPath) -> None:
         """Record the current line for a path, and for the tables above it that have none yet."""
-        line = self.text.count("\n", 0, self.at) + 1
+        line = bisect_left(self._line_ends, self.at) + 1
         for length in range(1, len(path) + 1):
             self.lines.setdefault(path[:length], line)
 

@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from tpmscad.argument_kinds import GREATEST, show_value
 from tpmscad.errors import RecipeError
 from tpmscad.recipe.key_lines import KeyPath, find_key_lines
 
@@ -59,8 +60,10 @@ class Entry:
         """The value as a float; RecipeError if it is not a finite number."""
         if isinstance(self.value, bool) or not isinstance(self.value, int | float):
             raise self.error(f"must be a number, not {self.value_text}")
-        if not math.isfinite(self.value):
+        if isinstance(self.value, float) and not math.isfinite(self.value):
             raise self.error(f"{self.value} must be finite")
+        if abs(self.value) > GREATEST:
+            raise self.error(f"{show_value(self.value)} is beyond {GREATEST:g}, the greatest number taken")
         return float(self.value)
 
     def positive(self) -> float:
@@ -147,10 +150,15 @@ def suggest_word(word: str, known: Sequence[str]) -> str:
 def read_document(file: Path) -> Entry:
     """The top table of a TOML file; RecipeError if the file is not valid TOML."""
     try:
-        text = file.read_text("utf-8")
+        text = file.read_text("utf-8-sig")  # editors of Windows begin a file with a byte order mark
         values = tomllib.loads(text)
+        lines = dict(find_key_lines(text))
     except tomllib.TOMLDecodeError as error:
         raise RecipeError(f"{file.name} is not TOML: {error}") from error
     except UnicodeDecodeError as error:
         raise RecipeError(f"{file.name} is not TOML, which must be UTF-8 text: {error}") from error
-    return Entry(file, dict(find_key_lines(text)), (), values)
+    except RecursionError:
+        raise RecipeError(f"{file.name} has arrays or tables nested too deeply: a recipe needs a few levels") from None
+    except ValueError as error:  # such as a whole number of more digits than Python reads
+        raise RecipeError(f"{file.name} holds a value that cannot be read: {error}") from error
+    return Entry(file, lines, (), values)
