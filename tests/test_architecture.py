@@ -27,6 +27,7 @@ GROUND = {
     "atomic_file",
     "catalogue",
     "errors",
+    "memory_limit",
     "parallel",
     "progress_display",
     "public_calls",

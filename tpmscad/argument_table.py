@@ -49,7 +49,7 @@ PAIR = tuple_of(read_number, 2, "two numbers", "(0.0, 1.0)")
 DIRECTION = ArgumentKind('an axis such as "x" or "-y", or a vector of three numbers', '"z"', read_direction)
 BOX = ArgumentKind("two corners ((x0, y0, z0), (x1, y1, z1))", "((0, 0, 0), (10, 10, 10))", read_corners)
 FIELD = ArgumentKind("a field, a function of points (..., 3), or a number", "fields.tpms('gyroid', 10)", read_field)
-FIELDS = sequence_of(read_field, "a sequence of fields", "[field_a, field_b]")
+FIELDS = sequence_of(read_field, "a sequence of fields", "[fields.tpms('gyroid'), fields.tpms('diamond')]")
 FUNCTION = ArgumentKind("a function of points (..., 3)", "lambda p: p[..., 0]", read_callable)
 FLAG = instance_of("True or False", "True", bool)
 TEXT = instance_of("text", '"gyroid"', str)
@@ -68,6 +68,13 @@ def _read_fraction(value: object) -> float:
     if number >= 1:
         raise Refusal("must lie below 1")
     return number
+
+
+def _read_record(value: object) -> object:
+    """A record of the catalogue, known by what is read from it."""
+    if not hasattr(value, "references"):
+        raise Refusal("is no record of the catalogue")
+    return value
 
 
 def _read_axis_number(value: object) -> int:
@@ -107,7 +114,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "pore_size": POSITIVE,
         "kind": choice_of("sheet", "skeletal"),
         "side": choice_of("-", "+"),
-        "reference": TEXT,
+        "reference": TEXT.but(example='"nodal"'),
         "boundary": choice_of("box", "natural"),
         "phase": POINT,
         "rotation": POINT.but("three angles in degrees", "(0, 0, 45)"),
@@ -234,9 +241,9 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         # maps
         "jacobian_function": FUNCTION,
         "from_middle": ANYTHING,
-        "function": FUNCTION,
-        "outer": FUNCTION.but("one of tpmscad.maps"),
-        "inner": FUNCTION.but("one of tpmscad.maps"),
+        "function": FUNCTION.but(example="lambda p: p"),
+        "outer": FUNCTION.but("one of tpmscad.maps", "maps.cylinder(20)"),
+        "inner": FUNCTION.but("one of tpmscad.maps", "maps.stretching((1, 1, 2))"),
         "scale": POSITIVE,
         "grading.scale": FUNCTION.or_else(tuple_of(read_positive, 2, "two positive numbers", "")).but(
             example="(1.0, 2.0)"
@@ -253,7 +260,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "skeletal_volume_fraction.offset": NUMBER,
         "lower": NUMBER,
         "upper": NUMBER,
-        "record": ANYTHING,
+        "record": ArgumentKind("a record of the catalogue", "fields.TPMS['gyroid']", _read_record),
         # topology, whose functions check their samples once
         "values": ANYTHING,
         "dimension": ArgumentKind("0 or 2", "0", read_whole),

@@ -1,4 +1,4 @@
-"""Recipes from elsewhere: marks of editors, numbers of any length, deep nesting and long texts are read or refused with the place."""
+"""Recipes from elsewhere: marks of editors, endless numbers, deep nesting and long texts are read or refused with the place."""
 
 from __future__ import annotations
 

@@ -11,12 +11,16 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.memory_limit import require_memory
 
 FieldFunction = Callable[[Array], Array]
 """Any function of points (..., 3) -> (...), a Field among others."""
 
 BoxBounds = tuple[tuple[float, float, float], tuple[float, float, float]]
 """Corners ((x0, y0, z0), (x1, y1, z1)) of a box."""
+
+BYTES_PER_SAMPLE = 16
+"""Of one field on a grid: its values, and an array to compare them with."""
 
 POINTS_PER_SLAB = 1 << 18
 """Points per call of a function without `on_grid`: enough to hide the overhead of a call, few enough for the cache."""
@@ -35,6 +39,12 @@ class SampleGrid:
             raise InvalidRequest(f"the domain from {self.low} to {self.high} is empty: each low must be below its high")
         if min(self.shape) < 2:
             raise InvalidRequest(f"resolution {self.shape}: at least 2 samples along each axis are needed")
+        require_memory(
+            float(np.prod(self.shape, dtype=float)),
+            BYTES_PER_SAMPLE,
+            f"a grid of {self.shape} samples",
+            "use a coarser resolution or a smaller domain",
+        )
 
     @cached_property
     def axes(self) -> tuple[Array, Array, Array]:

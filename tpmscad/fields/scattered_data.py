@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.sampled_data import MIN_SAMPLES, SampledField, sampled
+from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
 
 MIN_POINTS = 4
@@ -117,6 +118,10 @@ def scattered(
     return sampled(table.reshape(counts), ((high - low) / (np.array(counts) - 1)).tolist(), low.tolist())
 
 
+BYTES_PER_SAMPLE = 80
+"""Of the table: its points, its values, and the coefficients of its spline."""
+
+
 def _check_points(points: ArrayLike, values: ArrayLike) -> tuple[Array, Array]:
     """Points (n, 3) and values (n,), finite, distinct and not in one plane."""
     positions, data = np.asarray(points, float), np.asarray(values, float)
@@ -146,4 +151,7 @@ def _table_shape(positions: Array, extent: Array, resolution: int | Sequence[int
         raise InvalidRequest(f"resolution {resolution!r}: give a whole number of at least {MIN_SAMPLES}, or three")
     if numbers.ndim == 0:  # along the longest edge
         numbers = np.maximum(np.rint((numbers - 1) * extent / extent.max()) + 1, MIN_SAMPLES)
+    require_memory(
+        float(numbers.prod()), BYTES_PER_SAMPLE, f"a table of {numbers.tolist()} samples", "use a coarser resolution"
+    )
     return int(numbers[0]), int(numbers[1]), int(numbers[2])

@@ -23,6 +23,7 @@ from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
 
 SAMPLES_PER_AXIS = 96
@@ -188,10 +189,15 @@ def _solve_threshold(
     return float(brentq(extrapolated, *bracket, xtol=tol))
 
 
+BYTES_PER_CELL = 120
+"""Of the finer grid: values, gradients, changes along the edges and bounds."""
+
+
 def _sample_two_grids(field: Field, domain: BoxCorners | None, samples: int) -> tuple[_CellSamples, _CellSamples]:
     """Cells of the fine grid and of the coarse one."""
     if samples < 4:
         raise InvalidRequest(f"{samples} samples per axis are too few: at least 4, or 96 for five digits")
+    require_memory(float(samples) ** 3, BYTES_PER_CELL, f"{samples} samples along each axis", "use fewer samples")
     low, high = _resolve_box(field, domain)
     make = partial(_sample_cells, field, low, high)
     return make(samples), make(samples // 2)

@@ -381,6 +381,7 @@ def composition(outer: Map, inner: Map, scale: float) -> Map:
     >>> maps.composition(maps.cylinder(10.0), maps.stretching((1.0, 2.0, 1.0)), 5.0)([0.0, 1.0, 2.0])
     array([ 0., 12.,  2.])
     """
+    outer, inner = as_map(outer), as_map(inner)
     return Map(
         lambda p: outer(inner(p)),
         lambda p: outer.jacobian(inner(p), scale) @ inner.jacobian(p, scale),

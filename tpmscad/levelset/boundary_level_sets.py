@@ -17,6 +17,7 @@ from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.memory_limit import require_memory
 
 MIN_WALL_TOLS = 2
 """Least distance between two level sets, in tolerances."""
@@ -60,6 +61,10 @@ def replace_level_sets(field: Field, parts: tuple[Field, ...]) -> Field:
     return parts[0]
 
 
+BYTES_PER_SAMPLE = 40
+"""Of a grid on which a field's level set is looked for: the values, their signs and the crossings."""
+
+
 def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array], tol: float) -> float:
     """The least distance between the level sets, to first order, at `points` (n, 3) of each.
 
@@ -93,7 +98,14 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
 
     LevelSetError where the sign changes in a jump of the field, which has no level set there.
     """
-    counts = np.maximum(2, np.ceil((hi - lo) / spacing)).astype(int) + 1
+    wanted = np.maximum(2, np.ceil((hi - lo) / spacing)) + 1
+    require_memory(
+        float(np.prod(wanted)),
+        BYTES_PER_SAMPLE,
+        f"{wanted.max():.3g} samples along an edge of the box, {spacing:.3g} apart",
+        "use larger cells or a smaller box",
+    )
+    counts = wanted.astype(int)
     axes = [np.linspace(low, high, n) for low, high, n in zip(lo, hi, counts, strict=True)]
     points, bracket = _project_line_crossings(field, axes, spacing)
     inside = ((points >= lo) & (points <= hi)).all(axis=1)

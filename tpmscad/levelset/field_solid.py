@@ -143,7 +143,7 @@ def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list
     for level_set in decompose_level_sets(field):
         extended = extend_linearly(level_set, lo, hi)
         if (period := extended.periods()) is not None:
-            spacing = min(spacing, min(period) / SAMPLES_PER_PERIOD)
+            spacing = min([spacing, *(length / SAMPLES_PER_PERIOD for length in period if length > 0)])
         parts.append(_LevelSetPart(extended, sample_level_set(extended, lo, hi, spacing)))
     if not any(len(part.samples) for part in parts):
         raise LevelSetError("the field has no surface inside the box: check the level and the domain")

@@ -8,6 +8,7 @@ The pairs are computed by gudhi on the cubical complex whose vertices are the sa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,8 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.argument_table import VALUES
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
+from tpmscad.memory_limit import require_memory
+from tpmscad.public_calls import call_for_array, public, read_value
 from tpmscad.topology.voxels import Convention
 
 DEFAULT_SAMPLES = 64
@@ -240,8 +243,6 @@ def persistence_diagram(
     chosen = tuple(sorted(set(dimensions)))
     if not chosen or not set(chosen) <= {0, 1, 2}:
         raise InvalidRequest(f"dimensions {tuple(dimensions)!r}: choose from 0 (components), 1 (tunnels), 2 (cavities)")
-    if not min_persistence >= 0:
-        raise InvalidRequest(f"min_persistence {min_persistence!r} must be at least 0")
     # gudhi takes 0.2 s to import, which callers of the union-find sweeps do not need
     from tpmscad.topology.gudhi_complex import gudhi_diagram
 
@@ -255,6 +256,10 @@ def persistence_diagram(
     return PersistenceDiagram(chosen, tuple(births), tuple(deaths), sublevel)
 
 
+BYTES_PER_SAMPLE = 500
+"""Of a persistence diagram: its cubical complex has eight cells for each sample."""
+
+
 def _sample(source: Any, domain: Any, resolution: Any) -> Array:
     """Samples of a function, a blend result (an object with field, domain and resolution) or an array."""
     if not callable(source) and callable(getattr(source, "field", None)):
@@ -264,18 +269,22 @@ def _sample(source: Any, domain: Any, resolution: Any) -> Array:
     if not callable(source):
         if domain is not None or resolution is not None:
             raise InvalidRequest("an array of samples has its own grid: leave out domain and resolution")
-        try:
-            return np.asarray(source, float)
-        except (TypeError, ValueError) as error:
-            raise InvalidRequest(
-                f"{type(source).__name__} is neither a field, a blend nor an array of samples: {error}"
-            ) from error
+        array: Array = read_value("field_or_values", VALUES, source)
+        return array
     low, high = _sampling_box(source, domain)
-    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, _sample_counts(high - low, resolution), strict=True)]
+    counts = _sample_counts(high - low, resolution)
+    require_memory(math.prod(counts), BYTES_PER_SAMPLE, f"a diagram of {counts} samples", "use a coarser resolution")
+    axes = [np.linspace(a, b, n) for a, b, n in zip(low, high, counts, strict=True)]
     on_grid = getattr(source, "on_grid", None)
     if on_grid is not None:
-        return np.asarray(on_grid(*axes), float)
-    return np.asarray(source(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)), float)
+        values = call_for_array("the field", on_grid, *axes)
+    else:
+        values = call_for_array("the field", source, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
+    if values.shape != counts:
+        raise InvalidRequest(
+            f"the field gave shape {values.shape} for points of shape {counts}: one value for each is needed"
+        )
+    return values
 
 
 def _sampling_box(field: Any, domain: ArrayLike | None) -> tuple[Array, Array]:
@@ -287,12 +296,8 @@ def _sampling_box(field: Any, domain: ArrayLike | None) -> tuple[Array, Array]:
                 "the field is not periodic along every axis: give the box to sample, domain=((x0, y0, z0), (x1, y1, z1))"
             )
         return np.zeros(3), np.array(periods)
-    box = np.asarray(domain, float)
-    if box.shape != (2, 3) or not np.isfinite(box).all() or not (box[0] < box[1]).all():
-        raise InvalidRequest(
-            f"domain {domain!r} must be two corners (x, y, z), each coordinate of the first below the second's"
-        )
-    return box[0], box[1]
+    low, high = np.asarray(domain, float)
+    return low, high
 
 
 def _sample_counts(extent: Array, resolution: Any) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ in a box is trimmed by the planes of the box and closed by caps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,6 +25,7 @@ from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
@@ -41,6 +43,9 @@ from tpmscad.workflows.reference_distance import lattice_distance
 
 FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
+
+BYTES_PER_CELL = 3.5e6
+"""Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
 
 
 @public('lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
@@ -147,6 +152,12 @@ def lattice(
         phase=phase,
         map=map,
         tol=tol,
+    )
+    require_memory(
+        math.prod(request.cells),
+        BYTES_PER_CELL,
+        f"a solid of {' x '.join(f'{n}' for n in request.cells)} cells",
+        "use larger or fewer cells, or write it in slabs by tpmscad.export_slabs",
     )
     return make_lattice(request, check_loose(loose), StageTimer(progress), map)
 

@@ -12,6 +12,8 @@ from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID
 from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
+from tpmscad.argument_kinds import show_value
+from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 
 
@@ -31,8 +33,13 @@ class ShapeKey:
 
 
 def unwrap(shape: Any) -> Any:
-    """The TopoDS shape behind a build123d or CadQuery object; a TopoDS shape is returned as it is."""
-    return getattr(shape, "wrapped", shape)
+    """The TopoDS shape behind a build123d or CadQuery object, or a TopoDS shape itself; InvalidRequest for anything else."""
+    found = getattr(shape, "wrapped", shape)
+    if not isinstance(found, TopoDS_Shape) or found.IsNull():
+        raise InvalidRequest(
+            f"{show_value(shape)} is no shape: give a model, a build123d or CadQuery object, or a TopoDS shape that is not empty"
+        )
+    return found
 
 
 def list_subshapes(shape: TopoDS_Shape, kind: Any) -> list[Any]:
