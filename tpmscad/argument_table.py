@@ -17,6 +17,7 @@ from tpmscad.argument_kinds import (
     POINT,
     ArgumentKind,
     Refusal,
+    WrongType,
     array_kind,
     choice_of,
     instance_of,
@@ -77,6 +78,24 @@ def _read_record(value: object) -> object:
     return value
 
 
+def _read_weight(value: object) -> object:
+    """A word, or a specification of a weight, known by its degree."""
+    if not isinstance(value, str) and not hasattr(value, "degree"):
+        raise WrongType("is no specification of a weight")
+    return value
+
+
+def _read_mask(value: object) -> object:
+    """An array of bools."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError):
+        raise Refusal("is no array of one shape") from None
+    if array.dtype != bool:
+        raise Refusal(f"holds {array.dtype}, not bool: compare the picture with a threshold, image < 128")
+    return array
+
+
 def _read_axis_number(value: object) -> int:
     """0, 1 or 2."""
     number = read_whole(value)
@@ -91,6 +110,7 @@ def _read_domain(value: object) -> object:
 
 
 DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
+WEIGHT = ArgumentKind("a word, a LineWeightSpec or a VolumeWeightSpec", '"auto"', _read_weight)
 FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
 OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).but(example="(-0.5, 0.5)")
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
@@ -150,7 +170,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "regions": FIELDS,
         "blending_regions": FIELDS,
         "method": TEXT.but(example='"topological"'),
-        "weight": ANYTHING,
+        "weight": WEIGHT.or_else(sequence_of(WEIGHT.read, "a sequence of these", "")),
         "resolution": COUNTS,
         "max_iterations": ArgumentKind("a whole number", "60", read_whole),
         "minimum_neck": POSITIVE,
@@ -188,7 +208,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "image_region.lo": array_kind("two or three numbers", "(0, 0)", 1),
         "image_region.hi": array_kind("two or three numbers", "(20, 20)", 1),
         "image_region.axis": choice_of("x", "y", "z"),
-        "mask": ANYTHING,
+        "mask": ArgumentKind("an array of bools", "image < 128", _read_mask),
         "center": POINT,
         "radius": POSITIVE.but("a positive, finite number", "5.0"),
         "height": POSITIVE,

@@ -112,7 +112,10 @@ def own_errors(function: Callable[P, R]) -> Callable[P, R]:
         except TpmscadError:
             raise
         except Exception as error:
-            raise translate_error(function.__qualname__.removesuffix(".__init__"), error) from error
+            name = function.__qualname__.removesuffix(".__init__")
+            if isinstance(error, TypeError) and error.__traceback__ and error.__traceback__.tb_next is None:
+                raise MisusedCall(f"{error}; its arguments are {', '.join(signature(function).parameters)}") from None
+            raise translate_error(name, error) from error
 
     return call
 
@@ -194,6 +197,8 @@ def call_given(what: str, function: Callable[..., R], *args: Any) -> R:
     """The result of a function that was given to the package; UserFunctionError if it raises. `what` names it."""
     try:
         return function(*args)
+    except UnexpectedError as error:
+        raise UserFunctionError(f"{what} raised {error}") from error
     except TpmscadError:
         raise
     except Exception as error:

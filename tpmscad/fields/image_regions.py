@@ -82,10 +82,6 @@ def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, a
     (-5.0, 5.0)
     """
     array = np.asarray(mask)
-    if array.dtype != bool:
-        raise InvalidRequest(
-            f"the mask holds {array.dtype}, not bool: compare the picture with a threshold, image < 128"
-        )
     if array.ndim not in (2, 3) or array.size == 0:
         raise InvalidRequest(
             f"a mask of shape {array.shape}: give an array of two or three dimensions that is not empty"

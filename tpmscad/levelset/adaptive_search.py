@@ -213,9 +213,8 @@ def _choose_leaf_size(field: Field, samples: Array) -> float:
     )
     tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
     curvature = tangential @ hessian @ tangential / np.maximum(norm, MIN_DIVISOR)[..., None]
-    return LEAF_SIZE_TIMES_CURVATURE / float(
-        np.quantile(np.linalg.norm(curvature, ord=2, axis=(1, 2)), CURVATURE_QUANTILE)
-    )
+    greatest = float(np.quantile(np.linalg.norm(curvature, ord=2, axis=(1, 2)), CURVATURE_QUANTILE))
+    return LEAF_SIZE_TIMES_CURVATURE / max(greatest, MIN_DIVISOR)
 
 
 def _count_leaves(field: Field, lo: Array, hi: Array, size: float) -> IntArray:
