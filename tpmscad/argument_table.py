@@ -208,7 +208,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "image_region.lo": array_kind("two or three numbers", "(0, 0)", 1),
         "image_region.hi": array_kind("two or three numbers", "(20, 20)", 1),
         "image_region.axis": choice_of("x", "y", "z"),
-        "mask": ArgumentKind("an array of bools", "image < 128", _read_mask),
+        "mask": ArgumentKind("an array of bools", "np.eye(4) > 0", _read_mask),
         "center": POINT,
         "radius": POSITIVE.but("a positive, finite number", "5.0"),
         "height": POSITIVE,

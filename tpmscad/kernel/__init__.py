@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
     from tpmscad.kernel.occt.exploration import faces_of
+    from tpmscad.kernel.occt.shape_bundles import pack_results, unpack_results
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
     from tpmscad.kernel.render.scene import Scene, pieces_of
@@ -142,6 +143,7 @@ __all__ = [
     "name_solids",
     "offset_by_occt",
     "order_labels",
+    "pack_results",
     "piece_colour",
     "pieces_of",
     "read_body",
@@ -161,6 +163,7 @@ __all__ = [
     "subtract_solid",
     "subtract_voids",
     "transform_shape",
+    "unpack_results",
     "write_3mf",
     "write_brep_file",
     "write_glb",
@@ -207,6 +210,8 @@ _MODULE_OF_NAME = {
     "face_moments": "tpmscad.kernel.measure.mass_properties",
     "faces_of": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
+    "pack_results": "tpmscad.kernel.occt.shape_bundles",
+    "unpack_results": "tpmscad.kernel.occt.shape_bundles",
     "copy_placement": "tpmscad.kernel.occt.construction",
     "find_label_colour": "tpmscad.kernel.step.face_labels",
     "group_faces": "tpmscad.kernel.export.mesh_parts",

@@ -112,10 +112,10 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
     value, gradient = field.value_and_gradient(points)
     converged = np.abs(value) <= SAMPLE_TOL_FRACTION * spacing * np.linalg.norm(gradient, axis=1)
     _check_no_jump(field, bracket[~converged])
-    flat = ~gradient.any(axis=1)
+    flat = np.logical_not(gradient.any(axis=1))
     if flat.any():
         raise LevelSetError(
-            f"the gradient is zero on the field's surface, at {flat.sum()} of {len(flat)} points, the first near "
+            f"the gradient is zero on the field's surface, at {flat.sum()} of {len(points)} points, the first near "
             f"{_format_point(points[flat][0])}: a surface needs a slope there; check the gradient given, or move the level"
         )
     return points[inside & converged]

@@ -12,7 +12,7 @@ import numpy as np
 
 from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel import Colour, NamedSolid, make_compound
+from tpmscad.kernel import Colour, NamedSolid, make_compound, pack_results, unpack_results
 from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import write_checked_solids
@@ -251,6 +251,12 @@ class FluidDomains:
             lines += [line, f"{'':10}  reaches face {faces}" if faces else f"{'':10}  reaches no face of the body"]
         return "\n".join(lines)
 
+    def __reduce__(self) -> Any:
+        models = (self.wall, self.plus, self.minus)
+        content, parts = pack_results([model.built.dismantle() for model in models])
+        states = [{**model.__getstate__(), "built": None} for model in models]
+        return _restore_domains, (self.name, content, parts, states, self.touches, self.volume)
+
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
@@ -267,3 +273,16 @@ class FluidDomains:
 
     def __dir__(self) -> list[str]:
         return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
+
+
+def _restore_domains(
+    name: str, content: bytes, parts: Any, states: Sequence[dict[str, Any]], touches: Any, volume: float
+) -> FluidDomains:
+    """The domains of a pickle, whose solids share their faces as before."""
+    models = []
+    for state, built in zip(states, unpack_results(content, parts), strict=True):
+        model = Model.__new__(Model)
+        model.__dict__.update(state, built=built)
+        models.append(model)
+    wall, plus, minus = models
+    return FluidDomains(name, wall, plus, minus, touches, volume)

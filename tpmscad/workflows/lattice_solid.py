@@ -273,12 +273,17 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
             fit = source.fit(request.layer_offsets, cell, tol)
         brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
         unit_cell = UnitCell(
-            lambda: _copy_primitives(request, fit.sheet, (1, 1, 1), StageTimer(None))[0],
+            partial(_copy_one_cell, request, fit.sheet),
             np.array(request.cell) * _cell_origins(request.cells),
         )
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell)
 
     return _fit_until_traced(request, fit_and_copy)
+
+
+def _copy_one_cell(request: LatticeRequest, sheet: Any) -> Brep:
+    """The boundary representation of one cell."""
+    return _copy_primitives(request, sheet, (1, 1, 1), StageTimer(None))[0]
 
 
 def _copy_primitives(

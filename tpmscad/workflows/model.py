@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -67,6 +68,11 @@ class Model:
         Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
     is_fluid : bool
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
+
+    Notes
+    -----
+    A model can be pickled: its shapes travel in OCCT's binary format, to the last bit. A pickle leaves `unit_cell` and
+    `distance_to_reference` out if they hold functions that Python cannot pickle, such as a lambda in a map.
     """
 
     name: str
@@ -270,6 +276,12 @@ class Model:
         names = number_names(self.name, len(labels))
         return tuple(map(NamedSolid, names, self.built.solids, labels))
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            **self.__dict__,
+            **{key: _portable(self.__dict__[key]) for key in ("unit_cell", "distance_to_reference")},
+        }
+
     def __repr__(self) -> str:
         return format_summary(self.name, self.bounding_box, self.certificate)
 
@@ -278,3 +290,12 @@ class Model:
 
     def __dir__(self) -> list[str]:
         return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
+
+
+def _portable(value: Any) -> Any:
+    """The value, or None if it holds a function that cannot be pickled."""
+    try:
+        pickle.dumps(value)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    return value

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -118,30 +119,31 @@ def lattice_distance(request: LatticeRequest, mapping: Map | None, rotation: Arr
     mapping: the map of a mapped lattice, from cubic lattice coordinates to the model; None for one that repeats its cell.
     rotation (3, 3): from lattice coordinates to those of the points.
     """
+    return partial(_measure_from_lattice, request, mapping, rotation)
+
+
+def _measure_from_lattice(request: LatticeRequest, mapping: Map | None, rotation: Array | None, points: Array) -> Array:
+    """The distance (n,) of points (n, 3) from the offset surfaces of a lattice."""
     edges, phase = np.array(request.cell), np.array(request.phase)
     offsets = np.array([d for d in request.layer_offsets if d is not None])
-
-    def distance(points: Array) -> Array:
-        local = points if rotation is None else points @ rotation
-        if mapping is None:  # every cell is like the first
-            local = edges * np.mod(local / edges - phase, 1.0)
-        if request.levels is not None:
-            phi = fields.tpms(request.surface, request.cell)
-            each = [LevelSetReference(phi - level).signed_distance(local) for level in request.levels]
-            return np.asarray(np.abs(each).min(axis=0))
-        return np.abs(_mid_surface(request, mapping).signed_distance(local)[:, None] - offsets).min(axis=1)
-
-    return distance
+    local = points if rotation is None else points @ rotation
+    if mapping is None:  # every cell is like the first
+        local = edges * np.mod(local / edges - phase, 1.0)
+    if request.levels is not None:
+        phi = fields.tpms(request.surface, request.cell)
+        each = [LevelSetReference(phi - level).signed_distance(local) for level in request.levels]
+        return np.asarray(np.abs(each).min(axis=0))
+    return np.abs(_mid_surface(request, mapping).signed_distance(local)[:, None] - offsets).min(axis=1)
 
 
 def field_distance(field: Any) -> DistanceFunction:
     """The distance of points from the level set {field = 0}, to first order in it."""
-    reference = as_field(field)
+    return partial(_measure_from_level_set, as_field(field))
 
-    def distance(points: Array) -> Array:
-        return np.abs(reference(points)) / np.linalg.norm(reference.gradient(points), axis=1)
 
-    return distance
+def _measure_from_level_set(reference: Field, points: Array) -> Array:
+    """The distance (n,) of points (n, 3) from a level set, to first order in it."""
+    return np.abs(reference(points)) / np.linalg.norm(reference.gradient(points), axis=1)
 
 
 def _mid_surface(request: LatticeRequest, mapping: Map | None) -> PatchedReference | LevelSetReference:

@@ -5,7 +5,7 @@ They are general but slow, and OCCT may report success for a wrong result; calle
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -21,6 +21,7 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, to_build123d
 from tpmscad.kernel.occt.exploration import count_subshape_uses, list_subshapes, solids_of
+from tpmscad.kernel.occt.shape_bundles import Dismantled, pack_results, unpack_result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,6 +39,17 @@ class KernelSolids:
     def solid(self) -> Any:
         """The build123d Solid, or a Compound if there are several, with a placement of its own."""
         return to_build123d(self.shape, len(self.solids))
+
+    def dismantle(self) -> Dismantled:
+        """The solids, and the function that puts them together again."""
+        return self.solids, (), _assemble_kernel_solids
+
+    def __reduce__(self) -> Any:
+        return unpack_result, pack_results([self.dismantle()])
+
+
+def _assemble_kernel_solids(solids: Sequence[Any], faces: Sequence[Any]) -> KernelSolids:
+    return KernelSolids(tuple(solids))
 
 
 @contextmanager

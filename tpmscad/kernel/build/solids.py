@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,7 @@ from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid, to_build123d
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.shape_bundles import Dismantled, pack_results, unpack_result
 from tpmscad.splines.bspline import BSplineSurface
 
 
@@ -59,6 +61,17 @@ class BuiltSolids:
     def solid(self) -> Any:
         """The build123d Solid, or a Compound if there are several, with a placement of its own."""
         return to_build123d(self.shape, len(self.solids))
+
+    def dismantle(self) -> Dismantled:
+        """The solids and faces, and the function that puts them together again."""
+        return self.solids, self.faces, partial(_assemble_solids, self.nesting)
+
+    def __reduce__(self) -> Any:
+        return unpack_result, pack_results([self.dismantle()])
+
+
+def _assemble_solids(nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BuiltSolids:
+    return _collect_solids(tuple(solids), faces, nested)
 
 
 def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:

@@ -1,0 +1,134 @@
+"""The door of the package: one table declares every argument, what does not fit is refused, and only our errors leave."""
+
+from __future__ import annotations
+
+import inspect
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tpmscad
+from benchmarks import fuzz
+from tpmscad import fields
+from tpmscad.argument_table import ARGUMENTS
+from tpmscad.errors import (
+    InvalidRequest,
+    MisusedCall,
+    NestedTooDeeply,
+    OutOfMemory,
+    TpmscadError,
+    UserFunctionError,
+)
+from tpmscad.memory_limit import format_bytes, physical_memory, require_memory
+
+pytestmark = pytest.mark.kernel
+
+
+def test_every_public_function_passes_the_door() -> None:
+    targets = {target.function for target in fuzz.find_targets()}
+    for module in (tpmscad, fields, tpmscad.maps, tpmscad.surfaces, tpmscad.topology):
+        for name in module.__all__:
+            value = getattr(module, name)
+            if inspect.isfunction(value) and value not in targets:
+                assert not [p for p in inspect.signature(value).parameters.values() if p.kind is not p.VAR_KEYWORD], (
+                    name
+                )
+
+
+def test_every_example_of_the_table_is_what_the_argument_takes() -> None:
+    for key, kind in ARGUMENTS.items():
+        if kind.example:
+            kind.read(eval(kind.example, fuzz.NAMESPACE))
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (
+            lambda: tpmscad.lattice("gyroid", cell=10, thickness=True),
+            "thickness True is not a number; .* as in thickness=1.0",
+        ),
+        (lambda: tpmscad.lattice("gyroid", cell=b"10", thickness=1), "cell b'10' is not a number"),
+        (lambda: tpmscad.lattice("gyroid", cell="10", thickness=1), "cell '10' is not a number"),
+        (lambda: tpmscad.lattice("gyroid", cell=(10, 10), thickness=1), r"cell \(10, 10\) must be .* not 2"),
+        (lambda: tpmscad.lattice("gyroid", cell=10, thickness=1, cells=2.5), "cells 2.5 must be a whole number"),
+        (lambda: tpmscad.lattice("gyroid", cell=10, thickness=1, phase=(0, np.nan, 0)), "phase .* must be finite"),
+        (lambda: tpmscad.maps.stretching((1, -1, 1)), "factors .* must be positive"),
+        (lambda: tpmscad.maps.cylinder(float("nan")), "radius nan must be finite"),
+        (lambda: fields.warp(fields.tpms("gyroid"), 3), "map 3 can't be called"),
+        (lambda: fields.rotate(1.0, "x", float("nan")), "angle nan must be finite"),
+        (lambda: fields.sphere((0, 0, 0), 1e308), r"radius 1e\+308 is beyond 1e\+100"),
+        (lambda: fields.sphere((0, 0, 0), 10**400), r"radius 1000.* is beyond 1e\+100"),
+        (lambda: fields.tpms("gyroid")(["1", "2", "3"]), "points .* is no array of numbers"),
+    ],
+)
+def test_values_of_the_wrong_kind_are_refused_by_name_value_and_example(call: Any, said: str) -> None:
+    with pytest.raises(InvalidRequest, match=said):
+        call()
+
+
+def test_a_list_of_three_is_as_good_as_a_tuple() -> None:
+    parts = [fields.rod(fields.tpms(name, 0.5), 0.0) for name in ("gyroid", "schwarz_p")]
+    regions = [fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))]
+    result = tpmscad.blend(parts, regions, [fields.box((0.3, 0, 0), (0.7, 0.5, 0.5))], resolution=[24, 13, 12])
+    assert result.resolution == (24, 13, 12)
+
+
+def test_the_exception_of_a_given_function_is_the_cause_on_the_trial_and_later() -> None:
+    def fails(points: np.ndarray) -> Any:
+        raise KeyError("density")
+
+    with pytest.raises(UserFunctionError, match="fails raised KeyError: 'density'") as caught:
+        fields.from_function(fails)
+    assert isinstance(caught.value.__cause__, KeyError)
+    later = fields.from_function(lambda p: p[:, 0] if len(p) < 6 else fails(p))
+    with pytest.raises(UserFunctionError, match="raised KeyError: 'density'") as caught:
+        later(np.zeros((9, 3)))
+    assert isinstance(caught.value.__cause__, KeyError)
+    mapped = tpmscad.maps.Map(fails)
+    with pytest.raises(UserFunctionError, match="user map raised KeyError"):
+        mapped((1.0, 2.0, 3.0))
+
+
+def test_many_fields_join_by_union_where_a_chain_is_refused() -> None:
+    balls = [fields.sphere((i, 0, 0), 0.5) for i in range(3000)]
+    assert fields.union(*balls)((2999.0, 0.0, 0.0)) == -0.5
+    chain = balls[0]
+    for ball in balls[1:]:
+        chain = chain | ball
+    with pytest.raises(NestedTooDeeply, match=r"fields\.union"):
+        chain((1.0, 2.0, 3.0))
+
+
+def test_a_call_of_a_field_that_does_not_fit_names_its_arguments() -> None:
+    with pytest.raises(MisusedCall, match="points"):
+        fields.tpms("gyroid")(1.0, 2.0, 3.0)  # type: ignore[call-arg]
+
+
+def test_requests_beyond_the_memory_are_refused_before_it_is_taken() -> None:
+    rod = fields.rod(fields.tpms("gyroid", 0.01), 0.1)
+    with pytest.raises(OutOfMemory, match=r"TiB of memory.*larger cells or a smaller box"):
+        tpmscad.solidify(rod, ((0, 0, 0), (10, 10, 10)), tol=0.001)
+    with pytest.raises(OutOfMemory, match="export_slabs"):
+        tpmscad.lattice("gyroid", cell=1, cells=(1000, 1000, 1000), thickness=0.1)
+    with pytest.raises(OutOfMemory, match="fewer samples"):
+        fields.volume_fraction(fields.tpms("gyroid"), samples=10**5)
+    require_memory(1, physical_memory() / 2, "half of it", "nothing")
+    with pytest.raises(OutOfMemory):
+        require_memory(2, physical_memory(), "twice of it", "half of it")
+    assert [format_bytes(n) for n in (5, 2048, 3.7 * 2**40)] == ["5 bytes", "2 KiB", "3.7 TiB"]
+
+
+def test_a_solid_of_a_field_without_slope_on_its_surface_is_refused() -> None:
+    flat = fields.from_function(lambda p: p[:, 0] - 5, gradient=lambda p: 0 * p)
+    with pytest.raises(TpmscadError, match="gradient is zero"):
+        tpmscad.solidify(flat, ((0, 0, 0), (10, 10, 10)), tol=0.5)
+
+
+@pytest.mark.slow
+def test_hostile_values_give_results_or_refusals_only() -> None:
+    tally = fuzz.run(seed=14, count=3000)
+    assert not tally.failures, "\n".join(f"{kind}: {call}" for kind, call in tally.failures.items())
+    assert tally.outcomes["result"] > 50
+    assert tally.outcomes["refusal"] > 1000
