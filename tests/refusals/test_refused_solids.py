@@ -49,7 +49,7 @@ def section(text: Any) -> Any:
 LATTICES: dict[str, Row] = {
     "cell of text": (lambda: lattice(cell="ten"), "cell 'ten' is not a number"),
     "cell NaN": (lambda: lattice(cell=NAN), "cell nan must be finite"),
-    "cell of two": (lambda: lattice(cell=(10, 10)), "three numbers"),
+    "cell of two": (lambda: lattice(cell=(10, 10)), "or three, one for each axis, not 2"),
     "half a cell": (lambda: lattice(cells=1.5), "whole number"),
     "no cell": (lambda: lattice(cell=None), "needs cell="),
     "tol below round-off": (lambda: lattice(tol=1e-12), "is below"),
@@ -82,7 +82,7 @@ def _instanced() -> None:
 
 
 MAPS: dict[str, Row] = {
-    "no map": (lambda: lattice(map=3.0), "no function of points"),
+    "no map": (lambda: lattice(map=3.0), "map 3.0 can't be called"),
     "flat map": (lambda: lattice(map=lambda p: p[..., :2]), "as many"),
     "map that is not finite": (lambda: lattice(map=lambda p: p + NAN), "is not finite at"),
     "map that folds": (
@@ -101,10 +101,10 @@ MAPS: dict[str, Row] = {
     ),
     "factors": (lambda: maps.stretching((1, 2, 0)), "three positive, finite"),
     "axis": (lambda: maps.grading(3, (1, 2), 10.0), "none of 0, 1 and 2"),
-    "scale": (lambda: maps.grading(0, (1, -2), 10.0), "positive and finite all along"),
+    "scale": (lambda: maps.grading(0, (1, -2), 10.0), "scale .* must be positive"),
     "radius": (lambda: maps.cylinder(-1.0), "positive, finite number"),
     "chart": (lambda: maps.sphere(10.0, chart="mercator"), "chart 'mercator'"),
-    "centre": (lambda: maps.sphere(10.0, centre=(0.0, NAN)), "two finite lattice coordinates"),
+    "centre": (lambda: maps.sphere(10.0, centre=(0.0, NAN)), "centre .* must be finite"),
 }
 
 BODIES: dict[str, Row] = {
@@ -116,7 +116,7 @@ BODIES: dict[str, Row] = {
     "a million cells": (lambda: infill(bd.Box(1e4, 1e4, 1e4)), "enlarge the cell"),
     "less than a cell": (lambda: infill(bd.Box(4, 4, 4)), "less than a cell"),
     "a wall of nothing": (lambda: infill(thickness=1e-9), "thinner than"),
-    "two angles": (lambda: infill(rotation=(1, 2)), "three finite angles"),
+    "two angles": (lambda: infill(rotation=(1, 2)), "three angles in degrees"),
     "skin of text": (lambda: infill(skin="thin"), "skin 'thin'"),
     "skin of all": (lambda: infill(skin=9.0), "thicker than"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
@@ -128,8 +128,11 @@ BODIES: dict[str, Row] = {
     "all faces": (lambda: infill(skin=1.0, open_faces=list(range(6))), "two of the faces|all faces"),
     "field with a cell": (lambda: tpmscad.infill(BOX, GYROID, cell=10, tol=0.1), "taken as it is"),
     "field without tol": (lambda: tpmscad.infill(BOX, GYROID), "needs tol="),
-    "domain of one corner": (lambda: tpmscad.solidify(GYROID, 3, tol=0.1), "two points"),
-    "domain inside out": (lambda: tpmscad.solidify(GYROID, ((1, 1, 1), (0, 0, 0)), tol=0.1), "first below the second"),
+    "domain of one corner": (lambda: tpmscad.solidify(GYROID, 3, tol=0.1), "domain 3 is no body; it takes two corners"),
+    "domain inside out": (
+        lambda: tpmscad.solidify(GYROID, ((1, 1, 1), (0, 0, 0)), tol=0.1),
+        "each coordinate of the first corner must be below",
+    ),
     "tol beyond the box": (lambda: tpmscad.solidify(GYROID, ((0,) * 3, (1,) * 3), tol=2), "below the box's shortest"),
     "no surface": (
         lambda: tpmscad.solidify(fields.sphere((9, 9, 9), 1.0), ((0,) * 3, (1,) * 3), tol=0.1),

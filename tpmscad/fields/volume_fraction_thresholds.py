@@ -170,7 +170,9 @@ def _fraction_function(kind: str, level: float) -> Callable[[_CellSamples, float
         return lambda cells, t: _fraction_below(cells, level + t) - _fraction_below(cells, level - t)
     if kind == "rod":
         return _fraction_below
-    return lambda cells, t: 1 - _fraction_below(cells, t)
+    if kind == "pore":
+        return lambda cells, t: 1 - _fraction_below(cells, t)
+    raise InvalidRequest(f"kind {kind!r}: choose rod, pore or sheet")
 
 
 def _solve_threshold(

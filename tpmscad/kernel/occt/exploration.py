@@ -33,8 +33,13 @@ class ShapeKey:
 
 
 def unwrap(shape: Any) -> Any:
+    """The TopoDS shape behind a build123d or CadQuery object; anything else is returned as it is."""
+    return getattr(shape, "wrapped", shape)
+
+
+def require_shape(shape: Any) -> TopoDS_Shape:
     """The TopoDS shape behind a build123d or CadQuery object, or a TopoDS shape itself; InvalidRequest for anything else."""
-    found = getattr(shape, "wrapped", shape)
+    found = unwrap(shape)
     if not isinstance(found, TopoDS_Shape) or found.IsNull():
         raise InvalidRequest(
             f"{show_value(shape)} is no shape: give a model, a build123d or CadQuery object, or a TopoDS shape that is not empty"
@@ -60,12 +65,12 @@ def count_subshape_uses(shape: TopoDS_Shape, kind: Any, owner: Any) -> list[tupl
 
 def solids_of(shape: Any) -> list[TopoDS_Solid]:
     """Solids of a shape, placed copies included."""
-    return [convert.as_solid(solid) for solid in list_subshapes(unwrap(shape), TopAbs_SOLID)]
+    return [convert.as_solid(solid) for solid in list_subshapes(require_shape(shape), TopAbs_SOLID)]
 
 
 def faces_of(shape: Any) -> list[TopoDS_Face]:
     """Faces of a shape in the explorer's order, oriented as its solids use them."""
-    return [convert.as_face(face) for face in list_subshapes(unwrap(shape), TopAbs_FACE)]
+    return [convert.as_face(face) for face in list_subshapes(require_shape(shape), TopAbs_FACE)]
 
 
 def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:

@@ -19,7 +19,7 @@ from OCP.TopExp import TopExp_Explorer
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
+from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.occt_topology import write_occt_solids
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
@@ -107,7 +107,7 @@ def name_solids(shape: Any, name: str, label: str = "") -> tuple[NamedSolid, ...
 
     Raises InvalidRequest if the shape has no solid, or faces outside of its solids.
     """
-    if TopExp_Explorer(unwrap(shape), TopAbs_FACE, TopAbs_SOLID).More():
+    if TopExp_Explorer(require_shape(shape), TopAbs_FACE, TopAbs_SOLID).More():
         raise InvalidRequest("the shape has faces that bound no solid: leave them out, or make a solid of them first")
     if not solids_of(shape):
         raise InvalidRequest("the shape holds no solid: make a solid of its faces first")
