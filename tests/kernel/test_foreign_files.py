@@ -86,7 +86,7 @@ def test_a_file_that_crashes_the_kernel_is_refused_by_name(box_file: Path, read:
 def test_a_file_that_breaks_off_is_refused_in_plain_words(box_file: Path) -> None:
     box_file.write_text(box_file.read_text()[:2000])
     for read in (tpmscad.check_step, tpmscad.measure):
-        with pytest.raises(tpmscad.InvalidRequest, match=r"box\.step is a damaged STEP file: its text breaks off"):
+        with pytest.raises(tpmscad.InvalidRequest, match=r"box\.step is a damaged file: its text breaks off"):
             read(box_file)
 
 
@@ -143,3 +143,19 @@ def check_own_box() -> bool:
 def test_a_forked_process_does_not_wait_for_the_kernels_threads() -> None:
     assert check_own_box()  # starts OCCT's threads
     assert call_in_child(check_own_box, seconds=20)
+
+
+def test_brep_files_are_checked_and_drawn_too(tmp_path: Path) -> None:
+    path = tmp_path / "box.brep"
+    kernel.write_brep_file(bd.Box(3, 4, 5).wrapped, path, 60.0)
+    report = tpmscad.check_step(path)
+    assert report.ok
+    assert report.shape.volume == pytest.approx(60.0)
+    assert report.summary().startswith("box.brep: no unit")
+    tpmscad.render(path, tmp_path / "box.png", size=(60, 60))
+    path.write_text("no shape")
+    with pytest.raises(tpmscad.InvalidRequest, match=r"box\.brep is not a BREP file"):
+        tpmscad.check_step(path)
+    path.write_text("CASCADE Topology V3, (c) Open Cascade")
+    with pytest.raises(tpmscad.InvalidRequest, match=r"box\.brep (is a damaged file|holds no solid)"):
+        tpmscad.check_step(path)

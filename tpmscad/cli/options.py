@@ -119,7 +119,7 @@ VerboseOption = Annotated[
     ),
 ]
 StepFileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file.")
+    Path, typer.Argument(metavar="FILE.step", exists=True, dir_okay=False, help="A STEP file, or a .brep file.")
 ]
 BodyArgument = Annotated[
     Path,

@@ -12,19 +12,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+from OCP.BRep import BRep_Builder
+from OCP.BRepTools import BRepTools
 from OCP.TopoDS import TopoDS_Shape
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.measure.shape_report import StepReport, check_shape, check_step, note_missing_unit
+from tpmscad.kernel.measure.shape_report import StepReport, check_shape, note_missing_unit
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
-from tpmscad.kernel.occt.exploration import solids_of
+from tpmscad.kernel.occt.convert import encode_file_name, shape_from_bytes, shape_to_bytes
+from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.coloured_reader import ColouredSolid, read_coloured_solids
 from tpmscad.kernel.step.product_entities import Colour
-from tpmscad.kernel.step.step_reader import read_step, require_step_file
+from tpmscad.kernel.step.step_reader import StepContent, missing_solid, read_step, require_step_file, unreadable_file
 
 T = TypeVar("T")
+
+BREP_SUFFIX, BREP_MAGIC = ".brep", b"CASCADE Topology"
 
 BASE_SECONDS, SECONDS_PER_MEGABYTE = 60.0, 15.0
 """Time limit of a child. OCCT reads, heals and checks 1 MB of a lattice in about 1 s."""
@@ -39,12 +43,12 @@ class ForeignShape:
 
 
 def check_foreign_step(path: str | os.PathLike[str]) -> StepReport:
-    """Report on a STEP file; errors as `read_foreign_step`."""
-    return _call_for_file(check_step, path)
+    """Report on a STEP or BREP file; errors as `read_foreign_step`."""
+    return _call_for_file(_check, path)
 
 
 def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
-    """The shape of a STEP file.
+    """The shape of a STEP file, or of one in OCCT's own BREP format, whose name ends in .brep.
 
     Raises InvalidRequest if the file does not exist or is no STEP file, if OCCT cannot read it or finds no solid, or if OCCT
     crashes or does not end.
@@ -54,7 +58,7 @@ def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
 
 
 def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
-    """The solids of a STEP file with their names and colours; errors as `read_foreign_step`."""
+    """The solids of a STEP or BREP file with their names and colours; errors as `read_foreign_step`."""
     content, titles = _call_for_file(_read_coloured, path)
     solids = solids_of(shape_from_bytes(content))
     return tuple(ColouredSolid(name, solid, colours) for solid, (name, colours) in zip(solids, titles, strict=True))
@@ -62,7 +66,7 @@ def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[Coloured
 
 def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -> T:
     """`function` of the path of a STEP file, called in a child process."""
-    size = require_step_file(Path(path)).stat().st_size
+    size = (_require_brep_file if _is_brep(path) else require_step_file)(Path(path)).stat().st_size
     seconds = BASE_SECONDS + SECONDS_PER_MEGABYTE * size / 1e6
     try:
         return call_in_child(function, os.fspath(path), seconds=seconds)
@@ -73,14 +77,49 @@ def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -
         ) from None
 
 
+def _is_brep(path: str | os.PathLike[str]) -> bool:
+    return Path(path).suffix.lower() == BREP_SUFFIX
+
+
+def _require_brep_file(path: Path) -> Path:
+    """The path; InvalidRequest if there is no such file, or it is not a BREP file."""
+    if not path.is_file():
+        raise InvalidRequest(f"there is no file {path}")
+    with path.open("rb") as file:
+        if BREP_MAGIC not in file.read(1024):
+            raise InvalidRequest(f"{path} is not a BREP file: it does not begin with {BREP_MAGIC.decode()}")
+    return path
+
+
+def _read(path: str) -> StepContent:
+    """The content of a STEP or BREP file; the latter has neither units nor names."""
+    if not _is_brep(path):
+        return read_step(path)
+    shape = TopoDS_Shape()
+    if not BRepTools.Read_s(shape, encode_file_name(path), BRep_Builder()):
+        raise unreadable_file(Path(path))
+    solids = tuple(solids_of(shape))
+    if not solids:
+        raise missing_solid(Path(path))
+    return StepContent(shape, solids, (), ())
+
+
+def _check(path: str) -> StepReport:
+    content = _read(path)
+    return StepReport(Path(path).name, check_shape(content.shape), content.units, content.products)
+
+
 def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...]]:
     """The shape as bytes, after a check that may crash as the reader may, and notes on the file."""
-    content = read_step(path)
+    content = _read(path)
     check_shape(content.shape)
     return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units)
 
 
 def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...]]]]:
     """The compound of all solids as bytes, and the name and the colours of the faces of each."""
+    if _is_brep(path):
+        content = _read(path).shape
+        return shape_to_bytes(content), [("", (None,) * len(faces_of(solid))) for solid in solids_of(content)]
     solids = read_coloured_solids(path)
     return shape_to_bytes(make_compound(read.solid for read in solids)), [(s.name, s.face_colours) for s in solids]

@@ -185,7 +185,7 @@ class StepReport:
         )
         solids = "1 solid" if shape.solids == 1 else f"{shape.solids} solids"
         lines = [
-            f"{self.file}: {', '.join(self.products[:3])}, {self._describe_units()}",
+            f"{self.file}: {', '.join((*self.products[:3], self._describe_units()))}",
             "ok          valid, closed, the right way out" if not wrong else f"NOT ok      {'; '.join(wrong)}",
             f"size        {size} mm, from {corners}",
             f"holds       {solids}, {shape.faces} faces",

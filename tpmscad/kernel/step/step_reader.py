@@ -89,7 +89,7 @@ def require_step_file(path: Path) -> Path:
 def unreadable_file(path: Path) -> InvalidRequest:
     """The error of a STEP file whose text OCCT cannot parse."""
     return InvalidRequest(
-        f"{path} is a damaged STEP file: its text breaks off or cannot be parsed; export it again from the program that made it"
+        f"{path} is a damaged file: its text breaks off or cannot be parsed; export it again from the program that made it"
     )
 
 
