@@ -119,7 +119,9 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
     if writing.instanced:
         raise InvalidRequest("`instanced` stores the whole lattice in one file: leave it out of slabs")
     if writing.verify is not None:
-        raise InvalidRequest("the kernel reads the original of every slab as a whole: leave `verify` out of slabs")
+        raise InvalidRequest(
+            "slabs are verified by their text: leave `verify` out, and check files with `tpmscad check`"
+        )
     with (
         report_unmet_request(writing.report),
         progress_bar(f"{surface} slabs", writing.quiet) as progress,

@@ -1,7 +1,7 @@
 """A lattice of any size, written in slabs: each a valid closed solid in a STEP file of its own, in bounded memory.
 
-The lattice repeats after every cell, so that slabs of as many cells are translates of each other. One slab is made, checked and
-read back by the kernel; the others are copies of its file, moved exactly and compared with it. Adjacent slabs share their cut
+The lattice repeats after every cell, so that slabs of as many cells are translates of each other. One slab is made, checked
+and written; the others are copies of its file, moved exactly and compared with it, line by line. Adjacent slabs share their cut
 faces to the last digit: a CAD system that unites them finds no gap.
 
 Beside the files lies a manifest, which holds the request and the hash of every file. A run that was interrupted goes on where it

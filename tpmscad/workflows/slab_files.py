@@ -11,11 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-from tpmscad import kernel
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.step.translated_copies import (
+    EXACT,
+    GREATEST_JOIN_UNITS,
     StepOriginal,
     compare_with_original,
     decimal_of,
@@ -26,7 +27,7 @@ from tpmscad.kernel.step.translated_copies import (
 )
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate
-from tpmscad.workflows.checked_write import REREAD_VOLUME_RTOL, make_volume_check
+from tpmscad.workflows.checked_write import KERNEL_READ_LIMIT, REREAD_VOLUME_RTOL, make_volume_check
 from tpmscad.workflows.lattice_request import LatticeRequest
 from tpmscad.workflows.lattice_solid import make_lattice
 from tpmscad.workflows.loose_pieces import KEEP
@@ -67,7 +68,7 @@ def make_originals(
 
     Pieces that are loose in a slab are kept, because they may be a part of the next one.
     """
-    certificates, solids, originals = [], [], []
+    certificates, solids, originals, files = [], [], [], []
     name = f"{request.surface} {request.kind}"
     for number, count in enumerate(cells):
         model = make_lattice(replace(request, cells=count), KEEP, StageTimer(False))
@@ -76,13 +77,10 @@ def make_originals(
         if not model.certificate.met:
             return (SlabOriginal(folder, count, name, (0, 0, 0), 0, "", model.certificate, solids[-1]),)
         exported = folder / f"exported-{number}.step"
-        labels = kernel.label_faces(model.patches, model.outer_faces)
-        colours = {label: kernel.find_label_colour(label) for label in set(labels)}
-        nesting = cast(kernel.BuiltSolids, model.built).nesting  # a box cuts the patches themselves
-        kernel.write_step(model.patches, nesting, exported, schema=schema, name=name, labels=labels, colours=colours)
+        model.export_step(exported, schema=schema)
         del model
         originals.append(read_original(exported, name))
-        exported.unlink()
+        files.append(exported)
     decimals = max(original.decimals for original in originals)
     sizes = [tuple(units_of(n * edge, decimals) for n, edge in zip(c, request.cell, strict=True)) for c in cells]
     joined = join_at_cuts([original.with_decimals(decimals) for original in originals], sizes)
@@ -90,10 +88,20 @@ def make_originals(
     for number, (original, (x, y, z), certificate) in enumerate(zip(joined, sizes, certificates, strict=True)):
         path = folder / f"original-{number}.step"
         write_copy(original, path, (0, 0, 0), name=name, time_stamp="", file_name=path.name)
-        make_volume_check(certificate.volume, REREAD_VOLUME_RTOL)(path)
+        _check_joined(path, files[number], name, decimals, certificate.volume)
+        files[number].unlink()
         digest = hashlib.sha256(_data_section(path.read_bytes())).hexdigest()
         made.append(SlabOriginal(path, cells[number], name, (x, y, z), decimals, digest, certificate, solids[number]))
     return tuple(made)
+
+
+def _check_joined(path: Path, exported: Path, name: str, decimals: int, volume: float) -> None:
+    """KernelError unless the original is the verified file but for the joining of cuts; the kernel reads it, if it is small."""
+    still = (EXACT, EXACT, EXACT)
+    tol = decimal_of(GREATEST_JOIN_UNITS, decimals)
+    compare_with_original(path, exported, still, name=name, original_name=name, tol=tol)
+    if path.stat().st_size <= KERNEL_READ_LIMIT:
+        make_volume_check(volume, REREAD_VOLUME_RTOL)(path)
 
 
 def _data_section(text: bytes) -> bytes:

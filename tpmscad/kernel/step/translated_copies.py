@@ -40,6 +40,12 @@ NEXT_POINT = b"));\n#%d=CARTESIAN_POINT('',("
 CUT_TOL_UNITS = 50
 """Units of the grid: a point this near to a plane of cut lies in it. Points of cut curves lie within 5 units of it."""
 
+GREATEST_JOIN_UNITS = 6 * CUT_TOL_UNITS
+"""Bound of the way of a point that joins the cuts of three axes: into the plane and to its counterpart, for each."""
+
+EXACT = Decimal(0)
+"""The tolerance of a comparison that allows no difference."""
+
 GREATEST_UNITS = 2**62
 """Bound of coordinates in units, below the range of 64-bit integers."""
 
@@ -190,11 +196,11 @@ def _format_units(units: IntArray, decimals: int) -> list[bytes]:
 
 
 def compare_with_original(
-    path: Path, original: Path, shift: Sequence[Decimal], *, name: str, original_name: str
+    path: Path, original: Path, shift: Sequence[Decimal], *, name: str, original_name: str, tol: Decimal = EXACT
 ) -> None:
     """Read a copy and its original line by line; KernelError unless the copy is the original, moved by `shift` and renamed.
 
-    The texts of the coordinates are compared as decimal numbers, without rounding.
+    The texts of the coordinates are compared as decimal numbers, without rounding; they may differ by `tol`.
     """
     old, new = _quoted_prefix(original_name), _quoted_prefix(name)
     origin = b"#%b=" % _find_origin(original.read_bytes())
@@ -210,7 +216,7 @@ def compare_with_original(
                 copied_before, _, copied_last = copied.rpartition(b",")
                 same = before == copied_before and (last, copied_last) in known
                 if not same:
-                    same = _is_moved(line, copied, shift)
+                    same = _is_moved(line, copied, shift, tol)
                     if same and before == copied_before:
                         known.add((last, copied_last))
                 n_moved += 1
@@ -222,14 +228,15 @@ def compare_with_original(
         raise KernelError("translate STEP", f"{path.name} holds no points")
 
 
-def _is_moved(line: bytes, copied: bytes, shift: Sequence[Decimal]) -> bool:
-    """Whether the line of a point in a copy is that of the original, moved by exactly `shift`."""
+def _is_moved(line: bytes, copied: bytes, shift: Sequence[Decimal], tol: Decimal) -> bool:
+    """Whether the line of a point in a copy is that of the original, moved by `shift` to within `tol`."""
     try:
         (head, x, y, z, end), (other_head, *others, other_end) = _cut_point(line), _cut_point(copied)
         moved = [Decimal(t.decode()) - Decimal(s.decode()) for s, t in zip((x, y, z), others, strict=True)]
     except (ValueError, InvalidOperation):
         return False
-    return head == other_head and end == other_end and moved == list(shift)
+    near = all(abs(found - by) <= tol for found, by in zip(moved, shift, strict=True))
+    return near and head == other_head and end == other_end
 
 
 def _cut_point(line: bytes) -> tuple[bytes, bytes, bytes, bytes, bytes]:
