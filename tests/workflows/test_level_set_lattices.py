@@ -53,6 +53,15 @@ def test_a_lattice_of_level_set_patches_is_closed_and_has_the_porosity_asked_for
 
 
 @pytest.mark.slow
+def test_an_offset_that_the_coarsest_grid_cannot_fit_is_fitted_on_a_finer_one() -> None:
+    field, coarsest = fields.tpms("split_p", 1.0), COARSEST_GRIDS["split_p"]
+    fit = fit_periodic_offset(field, -0.04, 0.005, coarsest)
+    assert fit.met
+    assert len(fit.mesh.corners) > len(make_periodic_layout(field, coarsest).mesh.corners)
+    assert np.abs(fit.poles).max() < 2.0
+
+
+@pytest.mark.slow
 def test_the_patches_lie_at_the_offset_by_an_independent_measure() -> None:
     """The distance of points of the patches from a dense sample of the mid surface, by a kd-tree."""
     offset, phi = 0.02, fields.tpms("split_p", 1.0)

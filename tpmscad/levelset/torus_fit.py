@@ -81,7 +81,7 @@ def fit_torus(field: Field, mesh: TorusMesh, isometries: Motion, offset: float, 
     """The patches of the surface at the normal `offset` from {field = 0}, with the lowest degree that meets `tol`.
 
     `samples` (n, 3) are points of {field = 0} at which the patches are tested too. Where no degree meets the limits the best fit
-    is returned: compare `met`.
+    is returned, one that does not fold if there is any: compare `met`.
     """
     distance = NormalDistance(field) - offset
     sides = _reduce_sides(mesh, isometries)
@@ -89,12 +89,21 @@ def fit_torus(field: Field, mesh: TorusMesh, isometries: Motion, offset: float, 
     for degree in DEGREES:
         poles = _fit_poles(distance, field, mesh, isometries, sides, offset, degree)
         fit = _measure(distance, field, mesh, sides, poles, offset, samples, tol)
-        if best is None or fit.met or fit.deviation.max < best.deviation.max:
+        if best is None or is_better_fit(fit, best):
             best = fit
         if fit.met:
             break
     assert best is not None
     return best
+
+
+def is_better_fit(fit: TorusFit, other: TorusFit) -> bool:
+    """Whether a fit meets the limits, or else does not fold, or else deviates less, where the other does not."""
+
+    def rank(of: TorusFit) -> tuple[bool, bool, float]:
+        return not of.met, of.min_normal_cosine < MIN_NORMAL_COSINE, of.deviation.max
+
+    return rank(fit) < rank(other)
 
 
 def offset_points(field: Field, points: Array, offset: float) -> Array:

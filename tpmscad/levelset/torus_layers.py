@@ -17,7 +17,7 @@ from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
 from tpmscad.fields.isometries import find_isometries
 from tpmscad.levelset.boundary_level_sets import sample_level_set
-from tpmscad.levelset.torus_fit import TorusFit, fit_torus
+from tpmscad.levelset.torus_fit import TorusFit, fit_torus, is_better_fit
 from tpmscad.levelset.torus_mesh import TorusMesh, build_torus_mesh, count_euler_characteristic, min_corner_sine
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
@@ -33,6 +33,10 @@ REFERENCE_ORIGIN = np.array([0.0113, 0.0047, 0.0159])
 MIN_MESH_SINE = 0.3
 """Least sine of a corner angle of a mesh that is fitted: thinner polygons cost more digits than a finer grid costs patches."""
 
+MAX_GRIDS, FINER_BY_LEAVES = 3, 2
+"""Grids on which an offset surface is fitted until it meets the tolerance, and by how many leaves to a period each is finer: near
+its greatest curvature an offset surface needs smaller patches than the surface itself."""
+
 SAMPLES_PER_PERIOD = 12
 """Grid lines to a period whose crossings with the level set are the samples at which patches are tested."""
 
@@ -44,9 +48,13 @@ CACHE_SIZE = 32
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PeriodicLayout:
-    """A field with its isometries (of the grid used), the mesh of its level set in one period, and samples (n, 3) of it."""
+    """A field with its isometries (of the grid used), the mesh of its level set in one period, and samples (n, 3) of it.
+
+    `grid`: leaves to a period, and origin in leaves, of the grid.
+    """
 
     field: Field
+    grid: tuple[int, float]
     isometries: Motion
     mesh: TorusMesh
     samples: Array
@@ -73,7 +81,7 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
     periods = field.periods()
     assert periods is not None
     period = np.array(periods)
-    best: tuple[float, TorusMesh, Motion] | None = None
+    best: tuple[float, TorusMesh, Motion, tuple[int, float]] | None = None
     expected: int | None = None
     first = () if first_grid is None else (first_grid,)
     for number, (count, origin) in enumerate((*first, *product(LEAVES_PER_PERIOD, ORIGINS))):
@@ -88,18 +96,18 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
             if expected is None:
                 fine = np.full(3, REFERENCE_LEAVES)
                 expected = count_euler_characteristic(field, fine, REFERENCE_ORIGIN * period)
-            if len(mesh.vertices) - len(mesh.corners) != expected:
+            if _count_vertices_less_faces(mesh) != expected:
                 continue
         sine = min_corner_sine(mesh, field)
         if best is None or sine > best[0]:
-            best = sine, mesh, kept
+            best = sine, mesh, kept, (count, origin)
         if sine >= MIN_MESH_SINE:
             break
     if best is None or best[0] <= 0:
         raise LevelSetError("no grid resolves the level set within one period: it has features below a twentieth of it")
-    _, mesh, kept = best
+    _, mesh, kept, grid = best
     samples = sample_level_set(field, np.zeros(3), period, float(period.min()) / SAMPLES_PER_PERIOD)
-    return PeriodicLayout(field, kept, mesh, samples)
+    return PeriodicLayout(field, grid, kept, mesh, samples)
 
 
 def measure_offset_limits(layout: PeriodicLayout) -> tuple[float, float]:
@@ -121,9 +129,21 @@ def measure_offset_limits(layout: PeriodicLayout) -> tuple[float, float]:
 def fit_periodic_offset(
     field: Field, offset: float, tol: float, first_grid: tuple[int, float] | None = None
 ) -> TorusFit:
-    """The patches at the normal offset from {field = 0}, within `tol` if possible. Cached."""
-    layout = make_periodic_layout(field, first_grid)
-    return fit_torus(field, layout.mesh, layout.isometries, offset, layout.samples, tol)
+    """The patches at the normal offset from {field = 0}, within `tol` if possible, on finer grids if need be. Cached."""
+    best: TorusFit | None = None
+    for _ in range(MAX_GRIDS):
+        layout = make_periodic_layout(field, first_grid)
+        count, origin = layout.grid
+        first_grid = count + FINER_BY_LEAVES, origin
+        if best is not None and _count_vertices_less_faces(layout.mesh) != _count_vertices_less_faces(best.mesh):
+            continue
+        fit = fit_torus(field, layout.mesh, layout.isometries, offset, layout.samples, tol)
+        if best is None or is_better_fit(fit, best):
+            best = fit
+        if best.met:
+            break
+    assert best is not None
+    return best
 
 
 def patch_surfaces(fit: TorusFit) -> tuple[BSplineSurface, ...]:
@@ -148,6 +168,11 @@ def place_copies_in_box(fit: TorusFit, low: Array, high: Array, touch_tol: float
     patch = np.concatenate(patches)
     # the corners of a representative are counter-clockwise as seen from the void; a mirror turns that round
     return PlacedPatches(patch, motion, motion.handedness)
+
+
+def _count_vertices_less_faces(mesh: TorusMesh) -> int:
+    """The Euler characteristic of a closed mesh of quadrilaterals, which has twice as many sides as faces."""
+    return len(mesh.vertices) - len(mesh.corners)
 
 
 def _periods_in_reach(period: Array, least: Array, greatest: Array, low: Array, high: Array) -> Iterator[Array]:
