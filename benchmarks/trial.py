@@ -97,6 +97,7 @@ class Child:
             self.pipe = reading
             return
         os.close(reading)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 5))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -161,17 +162,22 @@ def main(arguments: list[str] | None = None) -> int:
     warnings.simplefilter("ignore")
     table: Counter[tuple[str, str]] = Counter()
     cpu, failures = 0.0, 0
-    for number, kind, text, verdict in judge_requests(given.seed, numbers, given.kind, given.jobs):
-        table[kind, verdict.verdict] += 1
-        cpu += verdict.cpu
-        failed = verdict.verdict in FAILURES
-        failures += failed
-        if failed or given.verbose or given.only is not None:
-            again = f"python -m benchmarks.trial --seed {given.seed} --only {number}" + (
-                f" --kind {given.kind}" if given.kind else ""
-            )
-            print(f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   ({verdict.cpu:.1f} s)", flush=True)
-    print(f"\nseed {given.seed}, requests {numbers.start} to {numbers.stop - 1}: {cpu:.0f} s of CPU")
+    with contextlib.suppress(KeyboardInterrupt):  # the table of what was done so far
+        for number, kind, text, verdict in judge_requests(given.seed, numbers, given.kind, given.jobs):
+            table[kind, verdict.verdict] += 1
+            cpu += verdict.cpu
+            failed = verdict.verdict in FAILURES
+            failures += failed
+            if failed or given.verbose or given.only is not None:
+                again = f"python -m benchmarks.trial --seed {given.seed} --only {number}" + (
+                    f" --kind {given.kind}" if given.kind else ""
+                )
+                print(
+                    f"{verdict.verdict}: {verdict.words}\n    {text}\n    {again}   ({verdict.cpu:.1f} s)", flush=True
+                )
+    print(
+        f"\nseed {given.seed}, {table.total()} of the requests {numbers.start} to {numbers.stop - 1}: {cpu:.0f} s of CPU"
+    )
     width = max(map(len, KINDS)) + 2
     print(" " * width + "".join(f"{v:>19}" for v in VERDICTS))
     for kind in (*KINDS, "?"):
@@ -182,4 +188,5 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     sys.exit(main())
