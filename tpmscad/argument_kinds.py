@@ -273,7 +273,7 @@ def read_shape(value: Any) -> Any:
 
 def read_iterable(value: Any) -> Any:
     """What can be gone through, or a single thing."""
-    if value is None or isinstance(value, bool | float | bytes):
+    if value is None or isinstance(value, bool | float | bytes) or (isinstance(value, np.ndarray) and not value.ndim):
         raise Refusal("names no faces")
     return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else value
 
