@@ -15,7 +15,6 @@ from difflib import get_close_matches
 from types import MappingProxyType
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
 
 MAX_SUGGESTIONS = 3
 """Greatest number of similar names in the message about an unknown surface."""
@@ -275,7 +274,6 @@ _RECORD_OF_SPELLING: Mapping[str, SurfaceRecord] = MappingProxyType(
 )
 
 
-@public()
 def find_surface(name: str) -> SurfaceRecord:
     """Return the record of the surface with a name, title or alias.
 

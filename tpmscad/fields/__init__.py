@@ -6,8 +6,9 @@
 >>> part = graded & fields.sphere((20, 20, 20), 18)
 """
 
+from tpmscad import catalogue
 from tpmscad.catalogue import CATALOGUE as TPMS
-from tpmscad.catalogue import SurfaceRecord, find_surface
+from tpmscad.catalogue import SurfaceRecord
 from tpmscad.fields.booleans import (
     complement,
     difference,
@@ -31,6 +32,10 @@ from tpmscad.fields.sampled_data import sampled
 from tpmscad.fields.scattered_data import scattered
 from tpmscad.fields.thresholds import pore, rod, sheet
 from tpmscad.fields.volume_fraction_thresholds import graded_threshold, threshold_for, volume_fraction
+from tpmscad.public_calls import public
+
+# here and not in the catalogue, which the help of the command line reads without NumPy
+find_surface = public()(catalogue.find_surface)
 
 __all__ = [
     "TPMS",

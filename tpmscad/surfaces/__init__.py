@@ -3,7 +3,8 @@
 All lengths are in units of the cubic cell's edge unless a function takes a `cell`. The catalogue is `tpmscad.catalogue`.
 """
 
-from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
+from tpmscad import catalogue
+from tpmscad.catalogue import CATALOGUE, SurfaceRecord
 from tpmscad.public_calls import public
 from tpmscad.surfaces.curvature_integrals import area, cell_measures
 from tpmscad.surfaces.differential_geometry import SurfaceJet
@@ -48,6 +49,9 @@ def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
     """
     return mirror_symmetry(name) if has_mirrors(name) else patch_symmetry(name)
 
+
+# here and not in the catalogue, which the help of the command line reads without NumPy
+find_surface = public()(catalogue.find_surface)
 
 __all__ = [
     "CATALOGUE",
