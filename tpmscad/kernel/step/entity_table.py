@@ -48,7 +48,7 @@ class EntityTable:
     frame: tuple[bytes, bytes]
     row: IntArray
 
-    def positions(self, numbers: Array) -> IntArray:
+    def positions(self, numbers: Array | IntArray) -> IntArray:
         """Positions of entities in the table, -1 where there is none."""
         asked = np.asarray(numbers).astype(np.int64)
         inside = (asked >= 0) & (asked < len(self.row))
