@@ -80,7 +80,7 @@ FLOORS = {
         ("step",),
         ("measure",),
         ("body_import", "render", "export"),
-        ("boolean",),
+        ("boolean", "slicing"),
     ),
 }
 """Subfolders of a room from the lowest floor up: one imports its own modules and those of the floors below."""

@@ -192,6 +192,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "verify": choice_of("kernel"),
         "deviation": NUMBER.but(example="0.02"),
         "angle": NUMBER.but(example="20"),
+        "chord_error": POSITIVE.but(example="0.01"),
         "instanced": FLAG,
         "view": TEXT.or_else(POINT).but(example='"iso"'),
         "section": ANYTHING,

@@ -29,7 +29,7 @@ from tpmscad.lattices import maps
 ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
 HELP_LINES = [line for command in cli.app.registered_commands for line in LINE.findall(command.epilog or "")]
-COMMAND_NAMES = [command.callback.__name__.replace("_", "-") for command in cli.app.registered_commands]
+COMMAND_NAMES = [str(command.name) for command in cli.app.registered_commands]
 README_LINES = re.findall(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", (ROOT / "README.md").read_text(), re.MULTILINE)
 
 
@@ -80,13 +80,24 @@ class Recorder:
         self.called = how
         picture.write_bytes(b"\x89PNG")
 
+    def slice_step(self, path: Path, height: float, chord_error: float | None) -> Any:
+        class Found(SimpleNamespace):
+            def __len__(self) -> int:
+                return 1
+
+            def write(self, output: Path) -> None:
+                output.write_text("$$HEADERSTART")
+
+        self.called = {"height": height, "chord_error": chord_error}
+        return Found(n_contours=1, n_points=3, volume=1.0, chord_error=chord_error, unresolved=0)
+
 
 @pytest.fixture
 def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
     recorder = Recorder()
     for name in ("lattice", "infill", "fluid_domains"):
         monkeypatch.setitem(vars(tpmscad.workflows), name, recorder.make)
-    for name in ("check_step", "render_step"):
+    for name in ("check_step", "render_step", "slice_step"):
         monkeypatch.setitem(vars(tpmscad.workflows), name, getattr(recorder, name))
     monkeypatch.chdir(tmp_path)
     return recorder

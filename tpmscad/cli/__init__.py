@@ -117,6 +117,15 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "render exchanger.step --section z=5 --color-by piece --size 1600x1200 -o exchanger.png",
         ),
     ),
+    (
+        LOOK,
+        step_file_commands.slice_file,
+        "Slice a STEP file into layers for printing.",
+        (
+            "slice gyroid.step --height 0.05 -o gyroid.cli",
+            "slice exchanger.step --height 0.03 --chord-error 0.005 -o exchanger.3mf",
+        ),
+    ),
     (LOOK, reference_commands.surfaces, "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
 )
 """The commands in the order of the help: panel, function, short help, examples."""
@@ -128,7 +137,10 @@ def format_examples(lines: Sequence[str]) -> str:
 
 
 for panel, command, short, lines in COMMANDS:
-    app.command(short_help=short, epilog=format_examples(lines), rich_help_panel=panel)(in_option_language(command))
+    name = command.__name__.removesuffix("_file").replace("_", "-")  # slice_file, as slice is a builtin
+    app.command(name, short_help=short, epilog=format_examples(lines), rich_help_panel=panel)(
+        in_option_language(command)
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

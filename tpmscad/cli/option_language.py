@@ -26,6 +26,7 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     "fluid_domains": "domains",
     "check_step": "check",
     "render_step": "render",
+    "slice_step": "slice",
 }
 """Commands by the public functions that they call."""
 

@@ -1,7 +1,8 @@
-"""tpmscad check and tpmscad render: the content of a STEP file, and its picture."""
+"""tpmscad check, render and slice: the content of a STEP file, its picture, and its layers."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
@@ -71,6 +72,32 @@ ColorByOption = Annotated[
     ),
 ]
 
+HeightOption = Annotated[
+    float,
+    typer.Option(
+        metavar="MM", help="Height of a layer, mm; layers are cut in their middle.", rich_help_panel=OUTPUT_PANEL
+    ),
+]
+ChordErrorOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="MM",
+        help="Greatest distance of a chord from the exact contour, mm.",
+        show_default="a quarter of the height",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+SlicesOption = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="The file to write: .svg, .cli (Common Layer Interface) or .3mf (slice extension).",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+
 
 def check(
     file: StepFileArgument,
@@ -118,3 +145,34 @@ def render(
                 **given_options(view=view, section=section, size=size, color_by=color_by, hide=hide or None),
             )
         write_report(report, {"file": str(file), "picture": str(output), "bytes": output.stat().st_size})
+
+
+def slice_file(
+    file: StepFileArgument,
+    height: HeightOption,
+    output: SlicesOption,
+    chord_error: ChordErrorOption = None,
+    report: ReportOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Slice a STEP file for layered manufacturing: closed contours of every layer, straight from the exact faces."""
+    validate_output_path(output, (".svg", ".cli", ".3mf"))
+    with report_unmet_request(report):
+        with progress_bar(f"slicing {file.name}", quiet):
+            found = workflows.slice_step(file, height, chord_error)
+            found.write(output)
+        write_report(
+            report,
+            {
+                "file": str(file),
+                "slices": str(output),
+                "layers": len(found),
+                "contours": found.n_contours,
+                "points": found.n_points,
+                "volume": found.volume,
+                "chord_error": found.chord_error,
+                "unresolved": found.unresolved,
+            },
+        )
+    if not quiet:
+        print(found)

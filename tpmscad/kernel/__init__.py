@@ -71,6 +71,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
     from tpmscad.kernel.render.scene import Scene, pieces_of
+    from tpmscad.kernel.slicing.contours import slice_solids
     from tpmscad.kernel.step.brep_writer import Instances, write_step
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
@@ -159,6 +160,7 @@ __all__ = [
     "select_solids",
     "sequential_scale",
     "shape_bounds",
+    "slice_solids",
     "split_body",
     "subtract_solid",
     "subtract_voids",
@@ -251,6 +253,7 @@ _MODULE_OF_NAME = {
     "select_solids": "tpmscad.kernel.build.solids",
     "sequential_scale": "tpmscad.kernel.render.palette",
     "shape_bounds": "tpmscad.kernel.measure.shape_extents",
+    "slice_solids": "tpmscad.kernel.slicing.contours",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",

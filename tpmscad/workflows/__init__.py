@@ -21,21 +21,24 @@ if TYPE_CHECKING:
     from tpmscad.workflows.lattice_infill import infill
     from tpmscad.workflows.lattice_slabs import SlabFiles, export_slabs
     from tpmscad.workflows.lattice_solid import lattice
+    from tpmscad.workflows.layer_slices import Layer, Slices
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
     from tpmscad.workflows.model import Model
     from tpmscad.workflows.pictures import render, render_bytes
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
-    from tpmscad.workflows.step_files import check_step, export_step, render_step
+    from tpmscad.workflows.step_files import check_step, export_step, render_step, slice_step
     from tpmscad.workflows.surface_limits import thickest_wall
 
 __all__ = [
     "Certificate",
     "FaceContact",
     "FluidDomains",
+    "Layer",
     "LocatedWidth",
     "Metrics",
     "Model",
     "SlabFiles",
+    "Slices",
     "SolidPreview",
     "body_field",
     "check_step",
@@ -49,6 +52,7 @@ __all__ = [
     "render",
     "render_bytes",
     "render_step",
+    "slice_step",
     "solidify",
     "thickest_wall",
 ]
@@ -74,6 +78,9 @@ _MODULE_OF_NAME = {
     "render": "tpmscad.workflows.pictures",
     "render_bytes": "tpmscad.workflows.pictures",
     "render_step": "tpmscad.workflows.step_files",
+    "slice_step": "tpmscad.workflows.step_files",
+    "Layer": "tpmscad.workflows.layer_slices",
+    "Slices": "tpmscad.workflows.layer_slices",
     "solidify": "tpmscad.workflows.implicit_solid",
     "thickest_wall": "tpmscad.workflows.surface_limits",
 }

@@ -30,6 +30,7 @@ from tpmscad.workflows.file_formats import (
     number_names,
     write_mesh_or_brep_file,
 )
+from tpmscad.workflows.layer_slices import Slices, slice_shape
 from tpmscad.workflows.pictures import render
 from tpmscad.workflows.result_summary import format_html, format_summary
 
@@ -259,6 +260,38 @@ class Model:
         >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
         """
         render(self, path, view=view, section=section, size=size, color_by=color_by)
+
+    @public()
+    def slices(self, height: float, chord_error: float | None = None) -> Slices:
+        """Contours of every layer for layered manufacturing, straight from the exact faces.
+
+        Parameters
+        ----------
+        height : float
+            Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.
+        chord_error : float, optional
+            Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.
+
+        Returns
+        -------
+        Slices
+            The layers, each with its closed contours, area and perimeter; `write` stores them as SVG, CLI or 3MF.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not positive, or there would be more than 100,000 layers.
+        KernelError
+            If the kernel cannot triangulate the model.
+
+        Examples
+        --------
+        >>> slices = tpmscad.lattice("gyroid", cell=10, thickness=1).slices(0.05)  # doctest: +SKIP
+        >>> slices[0].contours[0].shape  # doctest: +SKIP
+        >>> slices.write("gyroid.cli")  # doctest: +SKIP
+        """
+        low, high = self.bounding_box
+        return slice_shape(self.wrapped, self.name, height, chord_error, (low[2], high[2]))
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.

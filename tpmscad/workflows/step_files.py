@@ -1,4 +1,4 @@
-"""STEP files: write a model or any shape, read a file back and report its content, draw it as a picture."""
+"""STEP files: write a model or any shape, read a file back and report its content, draw it as a picture, slice it."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 from tpmscad import kernel
 from tpmscad.public_calls import public
 from tpmscad.workflows.domain_results import FluidDomains
+from tpmscad.workflows.layer_slices import Slices, slice_shape
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
 
@@ -129,3 +130,38 @@ def render_step(
     >>> tpmscad.render_step("gyroid.step", "gyroid.png", section="z=5")  # doctest: +SKIP
     """
     render(Path(path), picture, view=view, section=section, size=size, color_by=color_by, hide=hide)
+
+
+@public()
+def slice_step(path: str | Path, height: float, chord_error: float | None = None) -> Slices:
+    """Slice the solids of a STEP file for layered manufacturing; see `Model.slices`.
+
+    Parameters
+    ----------
+    path : str or Path
+        The STEP file to read.
+    height : float
+        Height of a layer in mm; layers begin at the lowest point of the solids and are cut in their middle.
+    chord_error : float, optional
+        Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.
+
+    Returns
+    -------
+    Slices
+        The layers with their closed contours.
+
+    Raises
+    ------
+    InvalidRequest
+        If the file cannot be read, an argument is not positive, or there would be more than 100,000 layers.
+    KernelError
+        If the kernel cannot triangulate the solids.
+
+    Examples
+    --------
+    >>> from tpmscad import workflows
+    >>> workflows.slice_step("part.step", 0.05).write("part.cli")  # doctest: +SKIP
+    """
+    shape = kernel.read_foreign_step(path).shape
+    low, high = kernel.shape_bounds(shape)
+    return slice_shape(shape, Path(path).stem, height, chord_error, (float(low[2]), float(high[2])))

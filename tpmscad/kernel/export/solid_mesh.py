@@ -16,6 +16,7 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.TopLoc import TopLoc_Location
+from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
@@ -66,17 +67,50 @@ class SolidMesh:
         return float(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class EdgeSegments:
+    """Chords between neighbouring nodes of edges: number of the edge (s,), both nodes (s, 2), their curve parameters (s, 2)."""
+
+    edge: IntArray
+    nodes: IntArray
+    parameters: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ParametricMesh:
+    """A closed mesh of a solid that knows where its corners lie on faces and edges.
+
+    mesh: also with triangles that a degenerate edge collapses to a line in space. faces: of the solid, in the order in which the
+    mesh numbers them. nodes: of the corners as each face numbers its own, before they are welded, (m, 3). uv: parameters of the
+    corners on the face, (m, 3, 2). segment: of each side of a triangle, from corner k to k + 1, the number of the edge segment
+    that it is, or -1 inside a face, (m, 3). edges: all but degenerate ones.
+    """
+
+    mesh: SolidMesh
+    faces: tuple[TopoDS_Face, ...]
+    nodes: IntArray
+    uv: Array
+    segment: IntArray
+    edges: tuple[TopoDS_Edge, ...]
+    segments: EdgeSegments
+
+
 def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, ...]:
     """A closed mesh of each solid, its chords within `deviation` of faces and edges, its facets turned by `angle` (rad) at most.
 
     The triangulation that the shape may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
     """
+    return tuple(_drop_collapsed(found.mesh) for found in mesh_parametrically(shape, deviation, angle))
+
+
+def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
+    """As `mesh_solids`, with parameters on faces and edges."""
     topods = unwrap(shape)
     for halvings in range(MAX_REFINEMENTS + 1):
         copy = BRepBuilderAPI_Copy(topods, False, False).Shape()
         BRepMesh_IncrementalMesh(copy, deviation / 2**halvings, False, angle, may_use_threads())
         meshes = [_weld_solid(solid) for solid in solids_of(copy)]
-        closed = tuple(mesh for mesh in meshes if mesh is not None and count_open_sides(mesh.triangles) == 0)
+        closed = tuple(of for of in meshes if of is not None and _is_closed(of.mesh))
         if len(closed) == len(meshes) > 0:
             return closed
     raise KernelError("triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods)
@@ -92,50 +126,98 @@ def count_open_sides(triangles: IntArray) -> int:
     return max(1, len(np.setxor1d(along, against)), len(along) - len(np.unique(along)))
 
 
-def _weld_solid(solid: Any) -> SolidMesh | None:
+def _weld_solid(solid: Any) -> ParametricMesh | None:
     """The mesh of a triangulated solid; None if a face has no triangles."""
-    points, corners, owners = [], [], []
+    points, corners, owners, parameters, segments = [], [], [], [], []
+    lines: list[tuple[TopoDS_Edge, list[int], list[float]]] = []
+    faces = tuple(faces_of(solid))
     same: list[tuple[Sequence[int], Sequence[int]]] = []
-    of_edge: dict[ShapeKey, Sequence[int]] = {}
+    of_edge: dict[ShapeKey, tuple[Sequence[int], int]] = {}
     of_vertex: dict[ShapeKey, int] = {}
-    count = 0
-    for number, face in enumerate(faces_of(solid)):
+    count, n_segments = 0, 0
+    for number, face in enumerate(faces):
         location = TopLoc_Location()
         mesh = BRep_Tool.Triangulation_s(face, location)
         if mesh is None:
             return None
+        ends: list[IntArray] = []
+        numbers: list[IntArray] = []
         for edge in edges_of(face):
             line = BRep_Tool.PolygonOnTriangulation_s(edge, mesh, location)
             if line is None:
                 return None
-            nodes = [count + line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
+            own = [count + line.Node(i) - 1 for i in range(1, line.NbNodes() + 1)]
             if BRep_Tool.Degenerated_s(edge):
-                vertex = of_vertex.setdefault(ShapeKey(first_vertex(edge)), nodes[0])
-                same.append((nodes, [vertex] * len(nodes)))
+                vertex = of_vertex.setdefault(ShapeKey(first_vertex(edge)), own[0])
+                same.append((own, [vertex] * len(own)))
                 continue
-            first = of_edge.setdefault(ShapeKey(edge), nodes)
-            if len(first) != len(nodes):
+            if ShapeKey(edge) not in of_edge:
+                at = line.Parameters()
+                lines.append((edge, own, [at.Value(i) for i in range(1, line.NbNodes() + 1)]))
+                of_edge[ShapeKey(edge)] = own, n_segments
+                n_segments += len(own) - 1
+            first, start = of_edge[ShapeKey(edge)]
+            if len(first) != len(own):
                 return None
-            same.append((first, nodes))
-            for vertex, node in ((first_vertex(edge), nodes[0]), (last_vertex(edge), nodes[-1])):
+            same.append((first, own))
+            ends.append(np.sort(np.stack([own[:-1], own[1:]], axis=1), axis=1) - count)
+            numbers.append(start + np.arange(len(own) - 1, dtype=np.int64))
+            for vertex, node in ((first_vertex(edge), own[0]), (last_vertex(edge), own[-1])):
                 same.append(([of_vertex.setdefault(ShapeKey(vertex), node)], [node]))
         matrix = convert.matrix_from_occt(location.Transformation())
         local = np.array([mesh.Node(i).Coord() for i in range(1, mesh.NbNodes() + 1)])
+        on_face = np.array([mesh.UVNode(i).Coord() for i in range(1, mesh.NbNodes() + 1)])
         triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]).reshape(-1, 3) - 1
         mirrored = np.linalg.det(matrix[:, :3]) < 0
+        outward = triples[:, ::-1] if (orientation_sign(face) < 0) != mirrored else triples
         points.append(local @ matrix[:, :3].T + matrix[:, 3])
-        corners.append((triples[:, ::-1] if (orientation_sign(face) < 0) != mirrored else triples) + count)
+        corners.append(outward + count)
+        parameters.append(on_face[outward])
+        segments.append(_find_segments(outward, np.concatenate(ends), np.concatenate(numbers), len(local)))
         owners.append(np.full(len(triples), number))
         count += len(local)
     one = np.concatenate([np.asarray(a) for a, _ in same])
     two = np.concatenate([np.asarray(b) for _, b in same])
     graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(count, count))
     n, label = connected_components(graph, directed=False)
+    label = label.astype(np.int64)
     welded = np.empty((n, 3))
     welded[label] = np.concatenate(points)
-    triangles, owner = label.astype(np.int64)[np.concatenate(corners)], np.concatenate(owners)
-    proper = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
-    return _split_repeated_chords(SolidMesh(welded, triangles[proper], owner[proper]))
+    sizes = [len(nodes) - 1 for _, nodes, _ in lines]
+    side_ends, at = (
+        np.concatenate([np.stack([values[:-1], values[1:]], axis=1) for values in rows])
+        for rows in ([label[nodes] for _, nodes, _ in lines], [np.array(along) for _, _, along in lines])
+    )
+    nodes = np.concatenate(corners)
+    return ParametricMesh(
+        SolidMesh(welded, label[nodes], np.concatenate(owners)),
+        faces,
+        nodes,
+        np.concatenate(parameters),
+        np.concatenate(segments),
+        tuple(edge for edge, _, _ in lines),
+        EdgeSegments(np.repeat(np.arange(len(lines)), sizes), side_ends.astype(np.int64), at),
+    )
+
+
+def _find_segments(triangles: IntArray, ends: IntArray, numbers: IntArray, n: int) -> IntArray:
+    """Of each side of triangles (m, 3) on n nodes of a face, the number of the segment with its ends (k, 2), or -1: (m, 3)."""
+    keys = ends @ [n, 1]
+    order = np.argsort(keys)
+    sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1) @ [n, 1]
+    at = np.minimum(np.searchsorted(keys[order], sides), len(keys) - 1)
+    return np.where(keys[order][at] == sides, numbers[order][at], -1)
+
+
+def _is_closed(mesh: SolidMesh) -> bool:
+    """Whether a mesh is closed once its repeated chords are split."""
+    return count_open_sides(_drop_collapsed(mesh).triangles) == 0
+
+
+def _drop_collapsed(mesh: SolidMesh) -> SolidMesh:
+    """The mesh without triangles that have a node twice, and without repeated chords."""
+    proper = (mesh.triangles != np.roll(mesh.triangles, 1, axis=1)).all(axis=1)
+    return _split_repeated_chords(SolidMesh(mesh.points, mesh.triangles[proper], mesh.face[proper]))
 
 
 def _split_repeated_chords(mesh: SolidMesh) -> SolidMesh:

@@ -214,6 +214,12 @@ def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
     )
 
 
+def curve_from_occt(geometry: Geom_BSplineCurve) -> BSplineCurve:
+    """B-spline curve of an OCCT curve that is neither rational nor periodic."""
+    poles = np.array([geometry.Pole(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
+    return BSplineCurve(poles, _expand_knots(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
+
+
 def string_sequence() -> Any:
     """Empty OCCT sequence of strings."""
     return StringSequence()

@@ -1,0 +1,1 @@
+"""Plane sections of solids in many layers, as closed contours."""

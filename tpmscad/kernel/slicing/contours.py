@@ -1,0 +1,236 @@
+"""Closed contours of a solid in horizontal planes, straight from its faces, within a chord error.
+
+Segments between the crossings of a triangulation (`level_crossings`) are split at points of the exact contour until the chords
+keep the error. The point of the contour near the middle of a segment is found on the face by Newton's method along the gradient
+of the height. Its offset from the chord also gives the area between chord and contour, as that of a parabola: areas are those
+inside the exact contours, not the polygons.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
+from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator, face_evaluator
+from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings
+from tpmscad.kernel.slicing.level_refinement import resolve_levels
+
+MESH_DEVIATION_FACTOR = 4.0
+"""Deviation of the triangulation in chord errors; chords are split afterwards anyway."""
+
+MESH_ANGLE = 0.5
+"""Radians between neighbouring facets of the triangulation."""
+
+MAX_SPLITS = 12
+"""Times that a segment is halved at most."""
+
+NEWTON_STEPS = 5
+"""Steps towards the level from the middle of a segment; two or three reach round-off where the face is not horizontal."""
+
+CONTOUR_REL_TOL = 1e-10
+"""Distance from the level, in sizes of the solid, up to which a point counts as one of the contour."""
+
+MIN_MIDDLE_FRACTION = 0.05
+"""Fraction of the chord from either end within which a point is of no use as the middle of a segment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayerContours:
+    """Contours of all layers, one after the other.
+
+    points: (n, 2). starts: index of the first point of each contour, and n, (c + 1,). layer: of each contour, ascending, (c,).
+    areas: inside the exact contours of each layer, (l,). perimeters: of the exact contours of each layer, (l,). unresolved:
+    number of chords longer than the error allows, beside points where the face is horizontal.
+    """
+
+    points: Array
+    starts: IntArray
+    layer: IntArray
+    areas: Array
+    perimeters: Array
+    unresolved: int
+
+
+def slice_solids(shape: Any, levels: Array, chord_error: float) -> LayerContours:
+    """Contours of the solids of a shape in planes at ascending heights (l,), outer ones counter-clockwise and holes clockwise.
+
+    Raises KernelError if OCCT cannot triangulate the shape.
+    """
+    meshes = mesh_parametrically(shape, MESH_DEVIATION_FACTOR * chord_error, MESH_ANGLE)
+    return _join([_slice_solid(mesh, levels, chord_error) for mesh in meshes], len(levels))
+
+
+def _slice_solid(mesh: ParametricMesh, levels: Array, chord_error: float) -> LayerContours:
+    surfaces = [face_evaluator(face) for face in mesh.faces]
+    mesh = resolve_levels(mesh, surfaces, levels)
+    crossings = find_crossings(mesh, surfaces, levels)
+    size = float(np.ptp(mesh.mesh.points, axis=0).max())
+    arcs = _split_segments(crossings, surfaces, levels, chord_error, CONTOUR_REL_TOL * size)
+    following = np.empty(len(arcs.point), np.int64)
+    following[arcs.tail] = arcs.head
+    order, starts = _follow(following)
+    points, layer = arcs.point[order], arcs.level[order[starts[:-1]]]
+    a, b = arcs.point[arcs.tail], arcs.point[arcs.head]
+    origin = points.mean(axis=0) if len(points) else np.zeros(2)
+    below = 0.5 * _cross(a - origin, b - origin)
+    of_segment = arcs.level[arcs.tail]
+    areas = np.bincount(of_segment, below + arcs.beyond, len(levels))
+    perimeters = np.bincount(of_segment, arcs.length, len(levels))
+    by_layer = np.argsort(layer, kind="stable")
+    points, starts = _reorder(points, starts, by_layer)
+    return LayerContours(
+        points, starts, layer[by_layer], np.asarray(areas, float), np.asarray(perimeters, float), arcs.unresolved
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Arcs:
+    """Segments after splitting: points (n, 2) with their level (n,), ends (s,), area beyond each chord (s,), length (s,)."""
+
+    point: Array
+    level: IntArray
+    tail: IntArray
+    head: IntArray
+    beyond: Array
+    length: Array
+    unresolved: int
+
+
+def _split_segments(
+    crossings: Crossings, surfaces: Sequence[SurfaceEvaluator], levels: Array, chord_error: float, tol: float
+) -> _Arcs:
+    """Split all segments on their faces until their sagitta is within the chord error."""
+    points, marks = [crossings.point], [crossings.level]
+    tails, heads, beyonds, lengths = [], [], [], []
+    count, unresolved = len(crossings.point), 0
+    order = np.argsort(crossings.face, kind="stable")
+    bounds = np.flatnonzero(np.diff(crossings.face[order])) + 1
+    for members in np.split(order, bounds) if len(order) else []:
+        surface = surfaces[int(crossings.face[members[0]])]
+        tail, head = crossings.tail[members], crossings.head[members]
+        level = crossings.level[tail]
+        a, b = crossings.point[tail], crossings.point[head]
+        uv_a, uv_b = crossings.tail_uv[members], crossings.head_uv[members]
+        for split in range(MAX_SPLITS + 1):
+            middle_uv, middle, found = _find_middle(surface, uv_a, uv_b, levels[level], tol)
+            chord = b - a
+            length = np.linalg.norm(chord, axis=1)
+            safe = np.where(length > tol, length, 1.0)
+            at = ((middle - a) * chord).sum(axis=1) / safe**2
+            offset = np.linalg.norm(middle - a - np.clip(at, 0.0, 1.0)[:, None] * chord, axis=1)
+            between = found & (np.minimum(at, 1.0 - at) > MIN_MIDDLE_FRACTION) & (length > tol)
+            at = np.where(between, at, 0.5)
+            sagitta = np.where(between, -_cross(chord, middle - a) / safe / (4.0 * at * (1.0 - at)), 0.0)
+            long = (np.abs(sagitta) > chord_error) | (found & (offset > chord_error))
+            if split == MAX_SPLITS:
+                unresolved += int(long.sum())
+                long[:] = False
+            kept = ~long
+            tails.append(tail[kept])
+            heads.append(head[kept])
+            beyonds.append((2.0 / 3.0 * sagitta * length)[kept])
+            lengths.append((length + 8.0 / 3.0 * sagitta**2 / safe)[kept])
+            if not long.any():
+                break
+            new = count + np.arange(int(long.sum()))
+            count += len(new)
+            points.append(middle[long])
+            marks.append(level[long])
+            tail, head = np.concatenate([tail[long], new]), np.concatenate([new, head[long]])
+            a, b = np.concatenate([a[long], middle[long]]), np.concatenate([middle[long], b[long]])
+            uv_a, uv_b = (
+                np.concatenate([uv_a[long], middle_uv[long]]),
+                np.concatenate([middle_uv[long], uv_b[long]]),
+            )
+            level = np.concatenate([level[long], level[long]])
+    if not tails:
+        return _Arcs(points[0], marks[0], crossings.tail, crossings.head, np.zeros(0), np.zeros(0), 0)
+    return _Arcs(
+        np.concatenate(points),
+        np.concatenate(marks),
+        np.concatenate(tails),
+        np.concatenate(heads),
+        np.concatenate(beyonds),
+        np.concatenate(lengths),
+        unresolved,
+    )
+
+
+def _find_middle(
+    surface: SurfaceEvaluator, uv_a: Array, uv_b: Array, height: Array, tol: float
+) -> tuple[Array, Array, BoolArray]:
+    """Parameters (n, 2) and point (n, 2) of the contour near the middle of segments, and whether it was found (n,)."""
+    uv = 0.5 * (uv_a + uv_b)
+    reach = np.linalg.norm(uv_b - uv_a, axis=1)
+    for _ in range(NEWTON_STEPS):
+        x, xu, xv = surface(uv)
+        off = x[:, 2] - height
+        if (np.abs(off) <= tol).all():
+            break
+        gradient = np.stack([xu[:, 2], xv[:, 2]], axis=1)
+        steepness = np.linalg.norm(gradient, axis=1)
+        far = np.abs(off) > reach * steepness  # a step over the length of the segment is cut off; it may be infinite
+        step = np.where(far, np.copysign(reach, off), off / np.where(far, 1.0, steepness))
+        uv = uv - step[:, None] * gradient / np.where(steepness > 0.0, steepness, 1.0)[:, None]
+    return uv, x[:, :2], np.abs(off) <= tol
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """z-component of the cross products of vectors (n, 2): (n,)."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _follow(following: IntArray) -> tuple[IntArray, IntArray]:
+    """The cycles of a permutation (n,): its elements cycle by cycle (n,), and where each cycle starts, and n."""
+    after, order, starts = following.tolist(), [], [0]
+    seen = bytearray(len(after))
+    for start in range(len(after)):
+        if seen[start]:
+            continue
+        at = start
+        while not seen[at]:
+            seen[at] = 1
+            order.append(at)
+            at = after[at]
+        starts.append(len(order))
+    return np.array(order, np.int64), np.array(starts, np.int64)
+
+
+def _reorder(points: Array, starts: IntArray, order: IntArray) -> tuple[Array, IntArray]:
+    """Contours in another order."""
+    sizes = np.diff(starts)[order]
+    first = np.concatenate([[0], np.cumsum(sizes)])
+    index = np.repeat(starts[:-1][order] - first[:-1], sizes) + np.arange(first[-1])
+    return points[index], first.astype(np.int64)
+
+
+def _join(parts: Sequence[LayerContours], n_levels: int) -> LayerContours:
+    """Contours of several solids, layer by layer, without repeated points and contours of fewer than 3 points."""
+    points = np.concatenate([part.points for part in parts])
+    offsets = np.cumsum([0, *(len(part.points) for part in parts)])
+    starts = np.concatenate([part.starts[:-1] + at for part, at in zip(parts, offsets, strict=False)] + [offsets[-1:]])
+    layer = np.concatenate([part.layer for part in parts])
+    contour = np.repeat(np.arange(len(layer)), np.diff(starts))
+    before = np.arange(len(points)) - 1
+    before[starts[:-1]] = starts[1:] - 1
+    kept = (points != points[before]).any(axis=1) if len(points) else np.zeros(0, bool)
+    sizes = np.bincount(contour[kept], minlength=len(layer))
+    kept &= (sizes >= 3)[contour]
+    sizes = np.where(sizes >= 3, sizes, 0)
+    first = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+    points, first = points[kept], np.append(first[:-1][sizes > 0], first[-1])
+    layer = layer[sizes > 0]
+    points, first = _reorder(points, first, np.argsort(layer, kind="stable"))
+    return LayerContours(
+        points,
+        first,
+        np.sort(layer, kind="stable"),
+        np.sum([part.areas for part in parts], axis=0),
+        np.sum([part.perimeters for part in parts], axis=0),
+        sum(part.unresolved for part in parts),
+    )

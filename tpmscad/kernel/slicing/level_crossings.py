@@ -1,0 +1,178 @@
+"""Where horizontal planes cross the sides of a triangulated solid, on its exact faces and edges.
+
+The triangulation decides only which sides a plane crosses, so that contours close whatever the size of the triangles. A crossing
+is a root of z(t) = level along the side: the straight line between two parameters on a face, or the curve of an edge. On a curve
+it is one point for the faces on either side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.kernel.export.solid_mesh import ParametricMesh
+from tpmscad.kernel.slicing.geometry_evaluators import CurveEvaluator, SurfaceEvaluator, edge_evaluator
+
+MAX_ROOT_STEPS = 60
+"""Steps of the search for a root: Newton's, and bisection where that would leave the bracket; three or four do mostly."""
+
+LEVEL_REL_TOL = 1e-13
+"""Distance from the level, in sizes of the solid, at which a root is found."""
+
+
+Line = tuple[Array, Array]
+"""Points (n, 3) and the derivative of their height (n,) along a line on a face or an edge."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Crossings:
+    """Crossings of sides and levels, and the segments between two of them on one triangle.
+
+    point: (n, 2). level: number of the level of each, (n,). tail, head: crossings at the ends of each segment, in the direction
+    that has the solid on its left, (s,). face: of each segment, (s,). tail_uv, head_uv: parameters of its ends there, (s, 2).
+    """
+
+    point: Array
+    level: IntArray
+    tail: IntArray
+    head: IntArray
+    face: IntArray
+    tail_uv: Array
+    head_uv: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """Distinct sides of a mesh.
+
+    of_corner: their numbers, by the corner at which they start, (m, 3). nodes (k, 2), parameters of the ends, uv (k, 2, 2), and
+    face (k,) are those of the triangle that was met first. segment: of an edge, or -1, (k,).
+    """
+
+    of_corner: IntArray
+    nodes: IntArray
+    uv: Array
+    face: IntArray
+    segment: IntArray
+
+
+def find_crossings(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], levels: Array) -> Crossings:
+    """Crossings of a solid with horizontal planes at ascending levels (n,). A node on a level counts as above it."""
+    z = mesh.mesh.points[:, 2]
+    size = float(np.ptp(mesh.mesh.points, axis=0).max())
+    rank = np.searchsorted(levels, z, side="right")
+    sides = number_sides(mesh)
+    ends = rank[sides.nodes]
+    lowest, count = ends.min(axis=1), np.abs(ends[:, 1] - ends[:, 0])
+    first = np.concatenate([[0], np.cumsum(count)])
+    side = np.repeat(np.arange(len(count)), count)
+    level = lowest[side] + np.arange(len(side)) - first[side]
+    fraction, point = _locate(mesh, surfaces, sides, side, levels[level], size)
+
+    corner_rank = rank[mesh.mesh.triangles]
+    low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)
+    triangle = np.repeat(np.arange(len(low)), high - low)
+    at = low[triangle] + np.arange(len(triangle)) - np.repeat(np.cumsum(high - low) - (high - low), high - low)
+    here, beyond = corner_rank[triangle], np.roll(corner_rank, -1, axis=1)[triangle]
+    rising = np.argmax((here <= at[:, None]) & (at[:, None] < beyond), axis=1)
+    falling = np.argmax((beyond <= at[:, None]) & (at[:, None] < here), axis=1)
+
+    def end(corner: IntArray) -> tuple[IntArray, Array]:
+        """Crossing of a corner's side, and its parameters on the face of this triangle."""
+        number = sides.of_corner[triangle, corner]
+        crossing = first[number] + at - lowest[number]
+        same_way = mesh.mesh.triangles[triangle, corner] == sides.nodes[number, 0]
+        along = np.where(same_way, fraction[crossing], 1.0 - fraction[crossing])[:, None]
+        uv = (1.0 - along) * mesh.uv[triangle, corner] + along * mesh.uv[triangle, (corner + 1) % 3]
+        return crossing, uv
+
+    tail, tail_uv = end(falling)
+    head, head_uv = end(rising)
+    return Crossings(point, level, tail, head, mesh.mesh.face[triangle], tail_uv, head_uv)
+
+
+def number_sides(mesh: ParametricMesh) -> Sides:
+    """Number the sides: an edge segment is one side, and a chord inside a face is one of that face."""
+    triangles, n = mesh.mesh.triangles, int(mesh.nodes.max()) + 1
+    own = np.stack([mesh.nodes, np.roll(mesh.nodes, -1, axis=1)], axis=-1).reshape(-1, 2)
+    nodes = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
+    uv = np.stack([mesh.uv, np.roll(mesh.uv, -1, axis=1)], axis=2).reshape(-1, 2, 2)
+    face, segment = np.repeat(mesh.mesh.face, 3), mesh.segment.ravel()
+    chord = (face * n + own.min(axis=1)) * n + own.max(axis=1)
+    _, first, number = np.unique(np.where(segment >= 0, -1 - segment, chord), return_index=True, return_inverse=True)
+    return Sides(number.reshape(-1, 3), nodes[first], uv[first], face[first], segment[first])
+
+
+def _locate(
+    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, side: IntArray, target: Array, size: float
+) -> tuple[Array, Array]:
+    """Fraction along its side (n,) and horizontal point (n, 2) of each crossing."""
+    fraction, point = np.empty(len(side)), np.empty((len(side), 2))
+    segment = sides.segment[side]
+    tol = LEVEL_REL_TOL * size
+    z = mesh.mesh.points[sides.nodes, 2]
+    inside = np.flatnonzero(segment < 0)
+    for members in group_by(inside, sides.face[side[inside]]):
+        start, by = sides.uv[side[members], 0], np.diff(sides.uv[side[members]], axis=1)[:, 0]
+        surface = surfaces[int(sides.face[side[members[0]]])]
+
+        def on_face(
+            t: Array, which: IntArray, start: Array = start, by: Array = by, surface: SurfaceEvaluator = surface
+        ) -> Line:
+            x, xu, xv = surface(start[which] + t[:, None] * by[which])
+            return x, xu[:, 2] * by[which, 0] + xv[:, 2] * by[which, 1]
+
+        fraction[members], point[members] = _find_roots(on_face, z[side[members]], target[members], tol)
+    along = np.flatnonzero(segment >= 0)
+    table = mesh.segments
+    for members in group_by(along, table.edge[segment[along]]):
+        own = segment[members]
+        against = table.nodes[own, 0] != sides.nodes[side[members], 0]
+        begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
+        curve = edge_evaluator(mesh.edges[int(table.edge[own[0]])])
+
+        def on_edge(t: Array, which: IntArray, a: Array = begin, b: Array = end, curve: CurveEvaluator = curve) -> Line:
+            x, slope = curve((1.0 - t) * a[which] + t * b[which])
+            return x, slope[:, 2] * (b - a)[which]
+
+        fraction[members], point[members] = _find_roots(on_edge, z[side[members]], target[members], tol)
+    return fraction, point
+
+
+def group_by(items: IntArray, keys: IntArray) -> list[IntArray]:
+    """Items (n,) with equal keys together."""
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order])) + 1
+    return np.split(items[order], starts) if len(items) else []
+
+
+def _find_roots(line: Callable[[Array, IntArray], Line], ends: Array, target: Array, tol: float) -> tuple[Array, Array]:
+    """Fractions in [0, 1] where z is the target, and the points there; ends (n, 2) are the heights at 0 and 1.
+
+    Newton's method from the chord, safeguarded by bisection.
+    """
+    rising = ends[:, 1] > ends[:, 0]
+    low, high = np.zeros(len(target)), np.ones(len(target))
+    t = np.clip((target - ends[:, 0]) / (ends[:, 1] - ends[:, 0]), 0.0, 1.0)
+    point = np.empty((len(target), 2))
+    active = np.arange(len(target))
+    for _ in range(MAX_ROOT_STEPS):
+        x, slope = line(t[active], active)
+        point[active] = x[:, :2]
+        off = x[:, 2] - target[active]
+        short = (off < 0) == rising[active]
+        low[active] = np.where(short, t[active], low[active])
+        high[active] = np.where(short, high[active], t[active])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = t[active] - off / slope
+        outside = ~((newton >= low[active]) & (newton <= high[active]))
+        step = np.where(outside, 0.5 * (low[active] + high[active]), newton)
+        done = (np.abs(off) <= tol) | (high[active] - low[active] <= np.finfo(float).eps)
+        t[active] = np.where(done, t[active], step)
+        active = active[~done]
+        if len(active) == 0:
+            break
+    return t, point

@@ -1,0 +1,167 @@
+"""Files of layers: SVG, Common Layer Interface, and 3MF with its slice extension.
+
+Sources: "Common Layer Interface (CLI)", version 2.0, 1996 (EuRAM project BE 2578); 3MF Slice Extension 1.0.2 (3MF Consortium).
+"""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from types import MappingProxyType
+from typing import Protocol
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.atomic_file import atomic_write
+
+DIGITS = 6
+"""Decimals of a coordinate in mm: a nanometre."""
+
+CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+SLICE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
+MODEL_PATH = "3D/3dmodel.model"
+ARCHIVE_FRAME = {
+    "[Content_Types].xml": '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>',
+    "_rels/.rels": '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    f'<Relationship Target="/{MODEL_PATH}" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>',
+}
+
+
+class SliceLayer(Protocol):
+    """What a file stores of a layer."""
+
+    @property
+    def bottom(self) -> float:
+        """Lower height, mm."""
+
+    @property
+    def top(self) -> float:
+        """Upper height, mm."""
+
+    @property
+    def contours(self) -> tuple[Array, ...]:
+        """Closed contours (n, 2), mm, without a repeated last point."""
+
+
+def write_svg(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+    """Write an SVG file in mm: a group for each layer with its height, and one path with all contours of the layer.
+
+    The y-axis of SVG points down, so contours are mirrored as a whole to be seen from above.
+    """
+    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    with atomic_write(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(
+            '<?xml version="1.0" encoding="UTF-8"?>\n'
+            f'<svg xmlns="http://www.w3.org/2000/svg" width="{x1 - x0:.{DIGITS}f}mm" height="{y1 - y0:.{DIGITS}f}mm" '
+            f'viewBox="{x0:.{DIGITS}f} {-y1:.{DIGITS}f} {x1 - x0:.{DIGITS}f} {y1 - y0:.{DIGITS}f}">'
+            f"<title>{quoteattr(title)[1:-1]}</title>\n"
+        )
+        for number, layer in enumerate(layers):
+            outline = "".join(
+                "M" + " ".join(f"{x:.{DIGITS}f},{-y:.{DIGITS}f}" for x, y in c.tolist()) + "Z" for c in layer.contours
+            )
+            file.write(
+                f'<g id="layer{number}" data-bottom="{layer.bottom:.{DIGITS}f}" data-top="{layer.top:.{DIGITS}f}">'
+                f'<path fill-rule="evenodd" d="{outline}"/></g>\n'
+            )
+        file.write("</svg>\n")
+
+
+def write_cli(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+    """Write an ASCII file of the Common Layer Interface in mm; the height of a layer is that of its upper side.
+
+    Direction 1 is an outer contour, 0 a hole; the first point of a contour is repeated as its last.
+    """
+    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
+    box = [*low, layers[0].bottom, *high, layers[-1].top]
+    with atomic_write(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
+        file.write("$$HEADERSTART\n$$ASCII\n$$UNITS/1\n$$VERSION/200\n")
+        name = title.encode("ascii", "replace").decode().replace(",", " ")
+        file.write(
+            f"$$LABEL/1,{name}\n$$DIMENSION/{','.join(f'{x:.{DIGITS}f}' for x in box)}\n$$LAYERS/{len(layers)}\n"
+        )
+        file.write("$$HEADEREND\n$$GEOMETRYSTART\n")
+        for layer in layers:
+            file.write(f"$$LAYER/{layer.top:.{DIGITS}f}\n")
+            for contour in layer.contours:
+                closed = np.concatenate([contour, contour[:1]])
+                values = ",".join(f"{x:.{DIGITS}f}" for x in closed.ravel().tolist())
+                file.write(f"$$POLYLINE/1,{int(_signed_area(contour) > 0)},{len(closed)},{values}\n")
+        file.write("$$GEOMETRYEND\n")
+
+
+def write_sliced_3mf(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+    """Write a 3MF file whose object is a stack of slices; its mesh is the box of the part, as a preview of low resolution."""
+    with atomic_write(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED) as archive:
+        for member, text in ARCHIVE_FRAME.items():
+            archive.writestr(zipfile.ZipInfo(member, (1980, 1, 1, 0, 0, 0)), text, zipfile.ZIP_DEFLATED)
+        info = zipfile.ZipInfo(MODEL_PATH, (1980, 1, 1, 0, 0, 0))
+        info.compress_type = zipfile.ZIP_DEFLATED
+        with archive.open(info, "w", force_zip64=True) as file:
+            for text in _format_stack(layers, title):
+                file.write(text.encode())
+
+
+def _format_stack(layers: Sequence[SliceLayer], title: str) -> Iterator[str]:
+    """The XML of the model, layer by layer. Slices start at the bottom of the object, which the build puts in its place."""
+    bottom = layers[0].bottom
+    yield (
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}" '
+        f'xmlns:s="{SLICE_NAMESPACE}" requiredextensions="s"><metadata name="Title">{quoteattr(title)[1:-1]}</metadata>\n'
+        f'<resources><s:slicestack id="1" zbottom="0">\n'
+    )
+    for layer in layers:
+        yield f'<s:slice ztop="{layer.top - bottom:.{DIGITS}f}">'
+        if layer.contours:
+            yield "<s:vertices>"
+            for x, y in np.concatenate(layer.contours).tolist():
+                yield f'<s:vertex x="{x:.{DIGITS}f}" y="{y:.{DIGITS}f}"/>'
+            yield "</s:vertices>"
+        start = 0
+        for contour in layer.contours:
+            following = [*range(start + 1, start + len(contour)), start]
+            yield (
+                f'<s:polygon startv="{start}">' + "".join(f'<s:segment v2="{v}"/>' for v in following) + "</s:polygon>"
+            )
+            start += len(contour)
+        yield "</s:slice>\n"
+    yield "</s:slicestack>\n"
+    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    low, high = np.append(points.min(axis=0), 0.0), np.append(points.max(axis=0), layers[-1].top - bottom)
+    corners = [np.where([i & 1, i & 2, i & 4], high, low).tolist() for i in range(8)]
+    vertices = "".join(f'<vertex x="{x:.{DIGITS}f}" y="{y:.{DIGITS}f}" z="{z:.{DIGITS}f}"/>' for x, y, z in corners)
+    triangles = "".join(f'<triangle v1="{a}" v2="{b}" v3="{c}"/>' for a, b, c in BOX_TRIANGLES)
+    yield (
+        f'<object id="2" type="model" name={quoteattr(title)} s:slicestackid="1" s:meshresolution="lowres">'
+        f"<mesh><vertices>{vertices}</vertices><triangles>{triangles}</triangles></mesh></object></resources>\n"
+        f'<build><item objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 {bottom:.{DIGITS}f}"/></build></model>\n'
+    )
+
+
+BOX_TRIANGLES = (
+    *((0, 2, 1), (1, 2, 3), (4, 5, 6), (5, 7, 6), (0, 1, 4), (1, 5, 4)),
+    *((2, 6, 3), (3, 6, 7), (0, 4, 2), (2, 4, 6), (1, 3, 5), (3, 7, 5)),
+)
+"""Triangles of a box whose corner i is at the upper end of x, y, z where bit 0, 1, 2 of i is set; normals outwards."""
+
+
+def _signed_area(contour: Array) -> float:
+    """Area of a polygon (n, 2), positive if counter-clockwise."""
+    x, y = (contour - contour[0]).T
+    return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
+
+
+WRITERS: MappingProxyType[str, Callable[[Sequence[SliceLayer], Path, str], None]] = MappingProxyType(
+    {".svg": write_svg, ".cli": write_cli, ".3mf": write_sliced_3mf}
+)
+"""Writer of each suffix."""
