@@ -59,7 +59,7 @@ SHAPE = ArgumentKind("a build123d or CadQuery shape, or the path of a STEP file"
 ANYTHING = ArgumentKind("anything", "", lambda value: value)
 POINTS = ArgumentKind("an array of points (..., 3)", "(0.0, 0.0, 0.0)", read_array)
 GRID_AXIS = ArgumentKind("a one-dimensional array of coordinates", "np.linspace(0, 10, 50)", read_array)
-VALUES = array_kind("an array of three dimensions", "np.zeros((9, 9, 9))", 3)
+VALUES = array_kind("finite samples in an array of three dimensions", "np.zeros((9, 9, 9))", 3)
 SIZES = tuple_of(array_kind("numbers", "(0, 40)", 1).read, 2, "positions and cell sizes there", "((0, 40), (4, 8))")
 
 

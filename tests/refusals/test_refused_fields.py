@@ -140,7 +140,7 @@ DATA: dict[str, Row] = {
     "axis of an image": (lambda: fields.image_region(np.eye(4, dtype=bool), (0, 0), (1, 1), axis="w"), "axis 'w'"),
     "coefficients of two dimensions": (
         lambda: fields.bspline_unit(np.ones((2, 2)), 1.0),
-        "must be an array of three dimensions",
+        "must be finite samples in an array of three dimensions",
     ),
     "coefficient NaN": (lambda: fields.bspline_unit(np.full((2, 2, 2), NAN), 1.0), "not finite at 8 of 8 entries"),
     "empty grid": (lambda: SampleGrid((0, 0, 0), (0, 1, 1), (4, 4, 4)), "each low must be below"),
@@ -175,7 +175,7 @@ TOPOLOGY: dict[str, Row] = {
         "computed for 0",
     ),
     "sweep of tunnels": (lambda: compute_persistence(np.zeros((3, 3, 3)), 1), "dimension 1"),
-    "flat samples": (lambda: topology.betti(np.zeros((3, 3))), "must be an array of three dimensions"),
+    "flat samples": (lambda: topology.betti(np.zeros((3, 3))), "must be finite samples in an array of three dimensions"),
     "samples with NaN": (lambda: topology.betti(np.full((3, 3, 3), NAN)), "not finite at 27 of 27 entries"),
     "convention": (lambda: compute_persistence(np.zeros((3, 3, 3)), 0, "cubes"), "choose one of"),  # type: ignore[arg-type]
 }

@@ -136,14 +136,14 @@ def test_figures_name_the_extra_that_they_need(monkeypatch: pytest.MonkeyPatch) 
     [
         ({"field_or_values": fields.sphere((0, 0, 0), 1)}, "not periodic"),
         ({"field_or_values": NOISE[0], "resolution": 9}, "leave out domain"),
-        ({"field_or_values": "gyroid"}, "neither a field"),
+        ({"field_or_values": "gyroid"}, "no array of numbers"),
         ({"field_or_values": NOISE[0], "dimensions": (0, 3)}, "choose from 0"),
         ({"field_or_values": NOISE[0], "dimensions": ()}, "choose from 0"),
         ({"field_or_values": NOISE[0], "convention": "strict"}, "vertices or top_cells"),
         ({"field_or_values": NOISE[0], "min_persistence": np.nan}, "at least 0"),
         ({"field_or_values": fields.tpms("gyroid"), "domain": ((0, 0, 0), (0, 1, 1))}, "two corners"),
         ({"field_or_values": fields.tpms("gyroid"), "resolution": 1}, "at least 2 samples"),
-        ({"field_or_values": fields.tpms("gyroid"), "resolution": (4, 4)}, "at least 2 samples"),
+        ({"field_or_values": fields.tpms("gyroid"), "resolution": (4, 4)}, "one for each axis"),
     ],
 )
 def test_an_invalid_request_is_refused(arguments: dict[str, object], message: str) -> None:

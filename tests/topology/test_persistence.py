@@ -157,7 +157,7 @@ def test_samples_that_are_none_are_refused(compute: object, wrong: np.ndarray) -
 def test_other_dimensions_and_conventions_are_refused(compute: object) -> None:
     with pytest.raises(InvalidRequest, match="dimension 1"):
         compute(np.ones((2, 2, 2)), 1)
-    with pytest.raises(InvalidRequest, match="choose one of vertices, top_cells, strict"):
+    with pytest.raises(InvalidRequest, match="choose one of 'vertices', 'top_cells', 'strict'"):
         compute(np.ones((2, 2, 2)), 0, "voxels")
     with pytest.raises(InvalidRequest, match="vertices or top_cells"):
         gudhi_complex.gudhi_pairs(np.ones((2, 2, 2)), 0, "strict")
