@@ -101,10 +101,10 @@ def test_the_offsets_for_a_volume_fraction_make_it(pair: tuple[str, str], share:
 def test_a_volume_fraction_out_of_reach_is_refused_with_the_reach(name: str, reference: str) -> None:
     limit = surfaces.primitive_patch(name, reference).max_offset
     most = surfaces.volume_fraction(name, reference, -limit * (1 - 1e-9), limit * (1 - 1e-9))
-    for fraction in (0.0, -0.1, 1.0, np.nan, most + 1e-6):
-        with pytest.raises(
-            InvalidRequest, match=rf"{fraction:g} is out of reach.*{limit:.6g}.* between 0 and {most:.6g}"
-        ):
+    with pytest.raises(InvalidRequest, match=rf"is out of reach.*{limit:.6g}.* between 0 and {most:.6g}"):
+        surfaces.thickness_for(name, reference, most + 1e-6)
+    for fraction in (0.0, -0.1, 1.0, np.nan):
+        with pytest.raises(InvalidRequest, match="a number between 0 and 1"):
             surfaces.thickness_for(name, reference, fraction)
     for fraction in (0.5 + most / 2 + 1e-6, 0.5 - most / 2 - 1e-6):
         with pytest.raises(InvalidRequest, match="out of reach"):
