@@ -175,7 +175,10 @@ TOPOLOGY: dict[str, Row] = {
         "computed for 0",
     ),
     "sweep of tunnels": (lambda: compute_persistence(np.zeros((3, 3, 3)), 1), "dimension 1"),
-    "flat samples": (lambda: topology.betti(np.zeros((3, 3))), "must be finite samples in an array of three dimensions"),
+    "flat samples": (
+        lambda: topology.betti(np.zeros((3, 3))),
+        "must be finite samples in an array of three dimensions",
+    ),
     "samples with NaN": (lambda: topology.betti(np.full((3, 3, 3), NAN)), "not finite at 27 of 27 entries"),
     "convention": (lambda: compute_persistence(np.zeros((3, 3, 3)), 0, "cubes"), "choose one of"),  # type: ignore[arg-type]
 }
