@@ -62,7 +62,7 @@ def test_render_draws_a_picture_without_a_display(made: tuple[Path, dict[str, An
     assert (made[0] / "gyroid.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize(("length", "status"), [(0, 2), (100, 1), (100_000, 1)])
+@pytest.mark.parametrize(("length", "status"), [(0, 2), (100, 2), (100_000, 2)])
 def test_check_of_a_file_that_is_no_step_or_cut_short_ends_in_an_error(
     made: tuple[Path, dict[str, Any]], tmp_path: Path, length: int, status: int
 ) -> None:
@@ -85,8 +85,11 @@ def test_an_assembly_of_cells_is_made_on_request(tmp_path: Path) -> None:
         ("gyroidd --cell 10 --thickness 1", "gyroid"),
         ("gyroid --cell 0 --thickness 1", "cell 0"),
         ("gyroid --cell nan --thickness 1", "cell nan"),
-        ("gyroid --cell 10 --cells 0,1,1 --thickness 1", "cells 0"),
-        ("gyroid --cell 10 --cells 1.5,1,1 --thickness 1", "cells 1.5"),
+        (
+            "gyroid --cell 10 --cells 0,1,1 --thickness 1",
+            "at least 1, or three, one for each axis, as in --cells 2,2,2",
+        ),
+        ("gyroid --cell 10 --cells 1.5,1,1 --thickness 1", "cells (1.5, 1.0, 1.0) must be a whole number"),
         ("gyroid --cell 10 --thickness -1", "thickness -1"),
         ("gyroid --cell 10 --thickness 9", "thickness below"),
         ("gyroid --cell 10 --thickness 1 --offset -0.5,0.5", "--thickness and --offset"),

@@ -88,7 +88,7 @@ def test_colours_of_values_come_with_a_scale_that_leaves_the_body_room() -> None
         ({"color_by": "deviation"}, "only the result of"),
         ({"view": "sideways"}, "front"),
         ({"section": "z=0.5mm"}, 'such as "z=5"'),
-        ({"section": "z=-10"}, "behind the section planes"),
+        ({"section": "z=-10"}, "beside the part, which lies between"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused_with_the_remedy(tmp_path: Path, options: dict[str, Any], message: str) -> None:

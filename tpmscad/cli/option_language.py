@@ -17,7 +17,7 @@ from tpmscad.errors import RecipeError, TpmscadError
 
 _KEYWORD = re.compile(
     r"""`(?P<quoted>[a-z_]+)(?:=(?P<quoted_value>[^`]+))?`
-    |(?<![\w.=-])(?P<assigned>[a-z_]+)=(?P<value>'[^']*'|"[^"]*"|True|False|None|[-\d.]*\d|)
+    |(?<![\w.=-])(?P<assigned>[a-z_]+)=(?P<value>'[^']*'|"[^"]*"|True|False|None|[-\d.]*\d|\([-\d., ]*\)|)
     |(?<![\w./-])(?P<plain>[a-z]+(?:_[a-z]+)+)(?![\w(./])""",
     re.VERBOSE,
 )
@@ -49,6 +49,8 @@ def speak_in_options(message: str, options: Mapping[str, str]) -> str:
         keyword = match["quoted"] or match["assigned"] or match["plain"]
         option = options.get(keyword)
         value = (match["quoted_value"] or match["value"] or "").strip("'\"")
+        if value.startswith("("):
+            value = value.strip("()").replace(" ", "")
         if option is None or (match["assigned"] and not match["value"] and match[0] != f"{keyword}="):
             return match[0]
         if (keyword, value) in RENAMED_VALUES:
