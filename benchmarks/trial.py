@@ -29,6 +29,7 @@ import numpy as np
 from benchmarks.trial_requests import KINDS, SHARES, Drawn
 
 CPU_LIMIT = 120
+WALL_LIMIT = 5 * CPU_LIMIT  # a request that waits for ever uses no CPU
 MEMORY_LIMIT = 6 * 2**30
 
 RIGHT, REFUSED, NOT_MET = "met and right", "refused", "not met, said so"
@@ -98,6 +99,8 @@ class Child:
             return
         os.close(reading)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.alarm(WALL_LIMIT)
         resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 5))
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT, MEMORY_LIMIT))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -123,8 +126,8 @@ class Child:
             kind, text, verdict = pickle.loads(data)
             return kind, text, Verdict(verdict.verdict, verdict.words, cpu)
         ended = os.WTERMSIG(status) if os.WIFSIGNALED(status) else -os.WEXITSTATUS(status)
-        if ended in (signal.SIGXCPU, signal.SIGKILL) or cpu >= CPU_LIMIT - 1:
-            return "?", "", Verdict(HANG, f"{cpu:.0f} s of CPU", cpu)
+        if ended in (signal.SIGXCPU, signal.SIGALRM, signal.SIGKILL) or cpu >= CPU_LIMIT - 1:
+            return "?", "", Verdict(HANG, f"ended after {cpu:.0f} s of CPU", cpu)
         return "?", "", Verdict(CRASH, f"ended by signal {ended}", cpu)
 
 

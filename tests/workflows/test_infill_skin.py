@@ -49,7 +49,8 @@ def test_the_channels_reach_the_outside(filled: Any, tmp_path: Path) -> None:
 def test_what_is_left_is_the_wall_and_the_lattice(filled: Any) -> None:
     inner = bd.Box(20 - 2 * SKIN, 16 - 2 * SKIN, 14) - bd.Pos(1, 0, 0) * bd.Cylinder(2 + SKIN, 30)
     lattice = tpmscad.infill(inner, **P, loose="keep").certificate  # chips there are part of the skin here
-    assert filled.certificate.volume == pytest.approx(block().volume - inner.volume + lattice.volume, rel=1e-9)
+    # both volumes are taken about the middle of their solids, and edges lie off faces by up to 2.5e-8
+    assert filled.certificate.volume == pytest.approx(block().volume - inner.volume + lattice.volume, rel=1e-8)
     mouth = sum(f.area for f in filled.solid.faces() if abs(f.center().Z - 7) < 1e-9)
     rim = 20 * 16 - np.pi * 4 - (17 * 13 - np.pi * (2 + SKIN) ** 2)
     assert mouth > rim

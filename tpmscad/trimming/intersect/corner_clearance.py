@@ -27,6 +27,9 @@ SEGMENTS_PER_BODY_EDGE = 256
 MIN_CROSSING_SINE = 0.05
 """Sine of the angle below which a side and an edge run along each other and have no single nearest points."""
 
+MAX_SHIFT_CLEARANCES = 10.0
+"""Longest shift, in clearances, however large the tolerance: two or three suffice, and far pairs need no comparison."""
+
 MIN_GAIN = 2.0
 """Factor by which the best shift must improve the clearance if none reaches the one asked for."""
 
@@ -39,6 +42,7 @@ def find_clear_shift(operands: Operands, clearance: float, max_shift: float) -> 
     """
     if not operands.candidates.any():  # no patch meets the body
         return np.zeros(3), np.inf, np.inf
+    max_shift = min(max_shift, MAX_SHIFT_CLEARANCES * clearance)
     points, surface = _corners_near_surfaces(operands)
     surfaces = operands.body.surfaces.take(surface)
     passes, normals = _edges_near_body_edges(operands, clearance + max_shift)
