@@ -48,3 +48,8 @@ def test_a_corner_that_just_crosses_a_face_is_moved_off_it_within_the_limit(graz
 def test_a_lattice_that_is_clear_stays(grazed: tuple[Brep, Brep]) -> None:
     found = trim(*grazed, clearance=0.002, max_shift=MAX_SHIFT)
     assert found.report.shifted == 0.0
+
+
+def test_a_tolerance_beyond_all_measure_moves_no_farther_than_clearance_asks(grazed: tuple[Brep, Brep]) -> None:
+    moved = trim(*grazed, clearance=CLEARANCE, max_shift=1e6)
+    assert 0.0 < moved.report.shifted <= 10.0 * CLEARANCE
