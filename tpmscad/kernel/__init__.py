@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.build.solids import BuiltSolids, build_regions, build_solids, select_solids
     from tpmscad.kernel.export.brep_file import write_brep_file
     from tpmscad.kernel.export.gltf_file import write_glb
+    from tpmscad.kernel.export.layer_files import LAYER_WRITERS
     from tpmscad.kernel.export.mesh_parts import group_faces
     from tpmscad.kernel.export.shape_file import write_shape, write_solids
     from tpmscad.kernel.export.solid_mesh import mesh_solids
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
-    from tpmscad.kernel.measure.file_check import check_excerpt, check_written_text
+    from tpmscad.kernel.measure.file_check import check_excerpt
     from tpmscad.kernel.measure.foreign_files import (
         ForeignShape,
         check_foreign_step,
@@ -83,9 +84,11 @@ if TYPE_CHECKING:
     from tpmscad.kernel.step.product_entities import Colour
     from tpmscad.kernel.step.shape_writer import name_solids
     from tpmscad.kernel.step.step_reader import StepContent, read_step
+    from tpmscad.kernel.step.text_check import check_text
 
 __all__ = [
     "CONFUSION_TOLERANCE",
+    "LAYER_WRITERS",
     "SURFACE_COLOUR",
     "BuiltSolids",
     "CadBody",
@@ -115,7 +118,7 @@ __all__ = [
     "check_foreign_step",
     "check_shape",
     "check_step",
-    "check_written_text",
+    "check_text",
     "copy_placement",
     "count_closed_cavities",
     "diverging_scale",
@@ -179,6 +182,7 @@ __all__ = [
 _MODULE_OF_NAME = {
     "SURFACE_COLOUR": "tpmscad.kernel.render.palette",
     "CONFUSION_TOLERANCE": "tpmscad.kernel.occt.convert",
+    "LAYER_WRITERS": "tpmscad.kernel.export.layer_files",
     "BuiltSolids": "tpmscad.kernel.build.solids",
     "CadBody": "tpmscad.kernel.measure.cad_body",
     "Colour": "tpmscad.kernel.step.product_entities",
@@ -203,7 +207,7 @@ _MODULE_OF_NAME = {
     "check_excerpt": "tpmscad.kernel.measure.file_check",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
-    "check_written_text": "tpmscad.kernel.measure.file_check",
+    "check_text": "tpmscad.kernel.step.text_check",
     "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
     "draw_scene": "tpmscad.kernel.render.picture",

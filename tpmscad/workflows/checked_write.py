@@ -84,7 +84,7 @@ def write_checked_brep(
 
     def check(written: Path) -> None:
         if verify == "kernel" or written.stat().st_size <= KERNEL_READ_LIMIT:
-            kernel.check_written_text(written, brep, nesting)
+            kernel.check_text(written, brep, nesting)
             make_volume_check(volume, rtol)(written)
         else:
             kernel.check_excerpt(written, brep, nesting, n_placements, rtol)

@@ -14,7 +14,6 @@ from tpmscad._typing import Array
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
-from tpmscad.workflows.slice_files import WRITERS
 
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
@@ -107,8 +106,8 @@ class Slices:
         >>> slices = tpmscad.lattice("gyroid", cell=10, thickness=1).slices(0.1)  # doctest: +SKIP
         >>> slices.write("gyroid.cli")  # doctest: +SKIP
         """
-        target = validate_output_path(path, tuple(WRITERS))
-        WRITERS[target.suffix.lower()](self.layers, target, self.name)
+        target = validate_output_path(path, tuple(kernel.LAYER_WRITERS))
+        kernel.LAYER_WRITERS[target.suffix.lower()](self.layers, target, self.name)
 
     def __repr__(self) -> str:
         first, last = self.layers[0], self.layers[-1]

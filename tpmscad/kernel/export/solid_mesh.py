@@ -100,19 +100,24 @@ def mesh_solids(shape: Any, deviation: float, angle: float) -> tuple[SolidMesh, 
 
     The triangulation that the shape may carry is neither used nor changed. Raises KernelError if OCCT cannot close a mesh.
     """
-    return tuple(_drop_collapsed(found.mesh) for found in mesh_parametrically(shape, deviation, angle))
+    return tuple(closed for _, closed in _mesh_closed(shape, deviation, angle))
 
 
 def mesh_parametrically(shape: Any, deviation: float, angle: float) -> tuple[ParametricMesh, ...]:
     """As `mesh_solids`, with parameters on faces and edges."""
+    return tuple(parametric for parametric, _ in _mesh_closed(shape, deviation, angle))
+
+
+def _mesh_closed(shape: Any, deviation: float, angle: float) -> list[tuple[ParametricMesh, SolidMesh]]:
+    """Of each solid the mesh as OCCT made it, and the closed one without collapsed triangles and repeated chords."""
     topods = unwrap(shape)
     for halvings in range(MAX_REFINEMENTS + 1):
         copy = BRepBuilderAPI_Copy(topods, False, False).Shape()
         BRepMesh_IncrementalMesh(copy, deviation / 2**halvings, False, angle, may_use_threads())
         meshes = [_weld_solid(solid) for solid in solids_of(copy)]
-        closed = tuple(of for of in meshes if of is not None and _is_closed(of.mesh))
-        if len(closed) == len(meshes) > 0:
-            return closed
+        pairs = [(mesh, _drop_collapsed(mesh.mesh)) for mesh in meshes if mesh is not None]
+        if len(pairs) == len(meshes) > 0 and not any(count_open_sides(closed.triangles) for _, closed in pairs):
+            return pairs
     raise KernelError("triangulate", f"no closed mesh within {deviation:g} of the faces: try another deviation", topods)
 
 
@@ -207,11 +212,6 @@ def _find_segments(triangles: IntArray, ends: IntArray, numbers: IntArray, n: in
     sides = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1), axis=-1) @ [n, 1]
     at = np.minimum(np.searchsorted(keys[order], sides), len(keys) - 1)
     return np.where(keys[order][at] == sides, numbers[order][at], -1)
-
-
-def _is_closed(mesh: SolidMesh) -> bool:
-    """Whether a mesh is closed once its repeated chords are split."""
-    return count_open_sides(_drop_collapsed(mesh).triangles) == 0
 
 
 def _drop_collapsed(mesh: SolidMesh) -> SolidMesh:

@@ -17,38 +17,14 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
+from tpmscad.kernel.export.threemf_archive import CORE_NAMESPACE, MODEL_PATH, escape_text, write_model_archive
 from tpmscad.kernel.step.product_entities import Colour
-
-NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
-MODEL_PATH = "3D/3dmodel.model"
-CONTENT_TYPES = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
-)
-RELATIONSHIPS = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    f'<Relationship Target="/{MODEL_PATH}" Id="rel0" '
-    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
-)
-FIXED_DATE = (1980, 1, 1, 0, 0, 0)
-"""Date of the archive's members: equal models write equal bytes."""
 
 
 def write_3mf(parts: Sequence[MeshPart], path: Path, title: str) -> None:
     """Write the meshes as named objects, in mm; the file is read back and checked before it gets its name."""
     with atomic_write(path) as aside:
-        with zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, text in (
-                ("[Content_Types].xml", CONTENT_TYPES),
-                ("_rels/.rels", RELATIONSHIPS),
-                (MODEL_PATH, format_model(parts, title)),
-            ):
-                member = zipfile.ZipInfo(name, FIXED_DATE)
-                member.compress_type = zipfile.ZIP_DEFLATED
-                archive.writestr(member, text)
+        write_model_archive(aside, [format_model(parts, title)])
         check_read_meshes(read_3mf(aside), parts, path)
 
 
@@ -72,15 +48,10 @@ def format_model(parts: Sequence[MeshPart], title: str) -> str:
         )
         items.append(f'<item objectid="{thing}"/>')
     return (
-        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{NAMESPACE}">'
-        f'<metadata name="Title">{_escape(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
+        f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}">'
+        f'<metadata name="Title">{escape_text(title)}</metadata><metadata name="Application">tpmscad</metadata>\n'
         f"<resources>{''.join(resources)}</resources><build>{''.join(items)}</build></model>\n"
     )
-
-
-def _escape(text: str) -> str:
-    """Text of an element."""
-    return quoteattr(text)[1:-1]
 
 
 def _hex(colour: Colour) -> str:
@@ -93,8 +64,10 @@ def read_3mf(path: Path) -> list[tuple[Array, IntArray]]:
     found = []
     with zipfile.ZipFile(path) as archive, archive.open(MODEL_PATH) as file:
         for _, element in ElementTree.iterparse(file):
-            if element.tag == f"{{{NAMESPACE}}}mesh":
-                vertices, triangles = (element.find(f"{{{NAMESPACE}}}{kind}") for kind in ("vertices", "triangles"))
+            if element.tag == f"{{{CORE_NAMESPACE}}}mesh":
+                vertices, triangles = (
+                    element.find(f"{{{CORE_NAMESPACE}}}{kind}") for kind in ("vertices", "triangles")
+                )
                 assert vertices is not None
                 assert triangles is not None
                 points = np.array([[float(v.attrib[k]) for k in "xyz"] for v in vertices])

@@ -35,11 +35,6 @@ MAX_EXCERPT_EDGES = 300
 MILLIMETRE = "millimetre"
 
 
-def check_written_text(path: Path, brep: Brep, nesting: ShellNesting) -> None:
-    """KernelError unless the text of a file holds the solids of `brep`, number for number."""
-    check_text(path, brep, nesting)
-
-
 def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: int, area_rtol: float) -> None:
     """KernelError unless the text holds the solids of `brep` and the kernel reads an excerpt of the file as valid faces."""
     table, numbers = check_text(path, brep, nesting)

@@ -24,7 +24,14 @@ from tpmscad.kernel.occt.convert import encode_file_name, shape_from_bytes, shap
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.coloured_reader import ColouredSolid, read_coloured_solids
 from tpmscad.kernel.step.product_entities import Colour
-from tpmscad.kernel.step.step_reader import StepContent, missing_solid, read_step, require_step_file, unreadable_file
+from tpmscad.kernel.step.step_reader import (
+    StepContent,
+    missing_solid,
+    read_step,
+    require_file,
+    require_step_file,
+    unreadable_file,
+)
 
 T = TypeVar("T")
 
@@ -66,7 +73,8 @@ def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[Coloured
 
 def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -> T:
     """`function` of the path of a STEP file, called in a child process."""
-    size = (_require_brep_file if _is_brep(path) else require_step_file)(Path(path)).stat().st_size
+    found = require_file(Path(path), "BREP", BREP_MAGIC) if _is_brep(path) else require_step_file(Path(path))
+    size = found.stat().st_size
     seconds = BASE_SECONDS + SECONDS_PER_MEGABYTE * size / 1e6
     try:
         return call_in_child(function, os.fspath(path), seconds=seconds)
@@ -79,16 +87,6 @@ def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -
 
 def _is_brep(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() == BREP_SUFFIX
-
-
-def _require_brep_file(path: Path) -> Path:
-    """The path; InvalidRequest if there is no such file, or it is not a BREP file."""
-    if not path.is_file():
-        raise InvalidRequest(f"there is no file {path}")
-    with path.open("rb") as file:
-        if BREP_MAGIC not in file.read(1024):
-            raise InvalidRequest(f"{path} is not a BREP file: it does not begin with {BREP_MAGIC.decode()}")
-    return path
 
 
 def _read(path: str) -> StepContent:

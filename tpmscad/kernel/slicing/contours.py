@@ -17,7 +17,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
 from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator, face_evaluator
-from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings
+from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings, group_by
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
 
 MESH_DEVIATION_FACTOR = 4.0
@@ -66,11 +66,12 @@ def slice_solids(shape: Any, levels: Array, chord_error: float) -> LayerContours
 
 
 def _slice_solid(mesh: ParametricMesh, levels: Array, chord_error: float) -> LayerContours:
+    """The contours of one solid, layers in any order."""
     surfaces = [face_evaluator(face) for face in mesh.faces]
     mesh = resolve_levels(mesh, surfaces, levels)
     crossings = find_crossings(mesh, surfaces, levels)
     size = float(np.ptp(mesh.mesh.points, axis=0).max())
-    arcs = _split_segments(crossings, surfaces, levels, chord_error, CONTOUR_REL_TOL * size)
+    arcs = _split_chords(crossings, surfaces, levels, chord_error, CONTOUR_REL_TOL * size)
     following = np.empty(len(arcs.point), np.int64)
     following[arcs.tail] = arcs.head
     order, starts = _follow(following)
@@ -81,10 +82,8 @@ def _slice_solid(mesh: ParametricMesh, levels: Array, chord_error: float) -> Lay
     of_segment = arcs.level[arcs.tail]
     areas = np.bincount(of_segment, below + arcs.beyond, len(levels))
     perimeters = np.bincount(of_segment, arcs.length, len(levels))
-    by_layer = np.argsort(layer, kind="stable")
-    points, starts = _reorder(points, starts, by_layer)
     return LayerContours(
-        points, starts, layer[by_layer], np.asarray(areas, float), np.asarray(perimeters, float), arcs.unresolved
+        points, starts, layer, np.asarray(areas, float), np.asarray(perimeters, float), arcs.unresolved
     )
 
 
@@ -101,16 +100,14 @@ class _Arcs:
     unresolved: int
 
 
-def _split_segments(
+def _split_chords(
     crossings: Crossings, surfaces: Sequence[SurfaceEvaluator], levels: Array, chord_error: float, tol: float
 ) -> _Arcs:
     """Split all segments on their faces until their sagitta is within the chord error."""
     points, marks = [crossings.point], [crossings.level]
     tails, heads, beyonds, lengths = [], [], [], []
     count, unresolved = len(crossings.point), 0
-    order = np.argsort(crossings.face, kind="stable")
-    bounds = np.flatnonzero(np.diff(crossings.face[order])) + 1
-    for members in np.split(order, bounds) if len(order) else []:
+    for members in group_by(np.arange(len(crossings.face)), crossings.face):
         surface = surfaces[int(crossings.face[members[0]])]
         tail, head = crossings.tail[members], crossings.head[members]
         level = crossings.level[tail]

@@ -7,7 +7,7 @@ it is one point for the faces on either side.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +23,9 @@ LEVEL_REL_TOL = 1e-13
 """Distance from the level, in sizes of the solid, at which a root is found."""
 
 
-Line = tuple[Array, Array]
-"""Points (n, 3) and the derivative of their height (n,) along a line on a face or an edge."""
+LineEvaluator = Callable[[Array, IntArray], tuple[Array, Array]]
+"""Fractions (n,) along lines on a face or an edge, and the numbers of the lines (n,), to points (n, 3) and the derivatives of
+their heights (n,)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -111,35 +112,42 @@ def _locate(
 ) -> tuple[Array, Array]:
     """Fraction along its side (n,) and horizontal point (n, 2) of each crossing."""
     fraction, point = np.empty(len(side)), np.empty((len(side), 2))
-    segment = sides.segment[side]
-    tol = LEVEL_REL_TOL * size
-    z = mesh.mesh.points[sides.nodes, 2]
-    inside = np.flatnonzero(segment < 0)
-    for members in group_by(inside, sides.face[side[inside]]):
-        start, by = sides.uv[side[members], 0], np.diff(sides.uv[side[members]], axis=1)[:, 0]
-        surface = surfaces[int(sides.face[side[members[0]]])]
-
-        def on_face(
-            t: Array, which: IntArray, start: Array = start, by: Array = by, surface: SurfaceEvaluator = surface
-        ) -> Line:
-            x, xu, xv = surface(start[which] + t[:, None] * by[which])
-            return x, xu[:, 2] * by[which, 0] + xv[:, 2] * by[which, 1]
-
-        fraction[members], point[members] = _find_roots(on_face, z[side[members]], target[members], tol)
-    along = np.flatnonzero(segment >= 0)
-    table = mesh.segments
-    for members in group_by(along, table.edge[segment[along]]):
-        own = segment[members]
-        against = table.nodes[own, 0] != sides.nodes[side[members], 0]
-        begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
-        curve = edge_evaluator(mesh.edges[int(table.edge[own[0]])])
-
-        def on_edge(t: Array, which: IntArray, a: Array = begin, b: Array = end, curve: CurveEvaluator = curve) -> Line:
-            x, slope = curve((1.0 - t) * a[which] + t * b[which])
-            return x, slope[:, 2] * (b - a)[which]
-
-        fraction[members], point[members] = _find_roots(on_edge, z[side[members]], target[members], tol)
+    ends = mesh.mesh.points[sides.nodes[side], 2]
+    for members, line in lines_of_sides(mesh, surfaces, sides, side):
+        fraction[members], point[members] = _find_roots(line, ends[members], target[members], LEVEL_REL_TOL * size)
     return fraction, point
+
+
+def lines_of_sides(
+    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, which: IntArray
+) -> Iterator[tuple[IntArray, LineEvaluator]]:
+    """Positions in `which` (n,) of the sides on one face or edge, and the lines from their first nodes to their second ones."""
+    segment, table = sides.segment[which], mesh.segments
+    inside, outer = np.flatnonzero(segment < 0), np.flatnonzero(segment >= 0)
+    for members in group_by(inside, sides.face[which[inside]]):
+        uv = sides.uv[which[members]]
+        yield members, _line_on_face(surfaces[int(sides.face[which[members[0]]])], uv[:, 0], uv[:, 1] - uv[:, 0])
+    for members in group_by(outer, table.edge[segment[outer]]):
+        own = segment[members]
+        against = table.nodes[own, 0] != sides.nodes[which[members], 0]
+        begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
+        yield members, _line_on_edge(edge_evaluator(mesh.edges[int(table.edge[own[0]])]), begin, end)
+
+
+def _line_on_face(surface: SurfaceEvaluator, start: Array, by: Array) -> LineEvaluator:
+    def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
+        x, xu, xv = surface(start[which] + t[:, None] * by[which])
+        return x, xu[:, 2] * by[which, 0] + xv[:, 2] * by[which, 1]
+
+    return evaluate
+
+
+def _line_on_edge(curve: CurveEvaluator, begin: Array, end: Array) -> LineEvaluator:
+    def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
+        x, slope = curve((1.0 - t) * begin[which] + t * end[which])
+        return x, slope[:, 2] * (end - begin)[which]
+
+    return evaluate
 
 
 def group_by(items: IntArray, keys: IntArray) -> list[IntArray]:
@@ -149,7 +157,7 @@ def group_by(items: IntArray, keys: IntArray) -> list[IntArray]:
     return np.split(items[order], starts) if len(items) else []
 
 
-def _find_roots(line: Callable[[Array, IntArray], Line], ends: Array, target: Array, tol: float) -> tuple[Array, Array]:
+def _find_roots(line: LineEvaluator, ends: Array, target: Array, tol: float) -> tuple[Array, Array]:
     """Fractions in [0, 1] where z is the target, and the points there; ends (n, 2) are the heights at 0 and 1.
 
     Newton's method from the chord, safeguarded by bisection.

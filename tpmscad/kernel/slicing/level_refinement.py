@@ -8,7 +8,6 @@ critical points from the gradients at the corners, which is exact for quadratic 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -16,8 +15,8 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh, SolidMesh
-from tpmscad.kernel.slicing.geometry_evaluators import CurveEvaluator, SurfaceEvaluator, edge_evaluator
-from tpmscad.kernel.slicing.level_crossings import Line, group_by, number_sides
+from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator
+from tpmscad.kernel.slicing.level_crossings import LineEvaluator, Sides, group_by, lines_of_sides, number_sides
 
 MAX_PASSES = 40
 """Passes over the triangles that may still miss a level; five to ten are common."""
@@ -74,13 +73,11 @@ def _split_sides(
     numbers of the triangles that were replaced; new ones come last.
     """
     sides, triangles = number_sides(mesh), mesh.mesh.triangles
-    owner, corner = (index.ravel() for index in np.meshgrid(which, np.arange(3), indexing="ij"))
-    number, at = np.unique(sides.of_corner[owner, corner], return_index=True)
-    owner, corner = owner[at], corner[at]
-    fraction, height, point, turning = _find_extrema(mesh, surfaces, owner, corner)
+    number = np.unique(sides.of_corner[which])
+    fraction, point, turning = _find_extrema(mesh, surfaces, sides, number)
     rank = np.searchsorted(levels, mesh.mesh.points[:, 2], side="right")
-    ends = rank[np.stack([triangles[owner, corner], triangles[owner, (corner + 1) % 3]], axis=1)]
-    reached = np.searchsorted(levels, height, side="right")
+    ends = rank[sides.nodes[number]]
+    reached = np.searchsorted(levels, point[:, 2], side="right")
     due = turning & ((reached > ends.max(axis=1)) | (reached < ends.min(axis=1)))
 
     priority = np.full(len(sides.nodes), -1)
@@ -94,8 +91,7 @@ def _split_sides(
     node_of_side = np.full(len(sides.nodes), -1)
     node_of_side[number[taken]] = len(mesh.mesh.points) + np.arange(int(taken.sum()))
     along = np.zeros(len(sides.nodes))
-    same_way = triangles[owner, corner] == sides.nodes[number, 0]
-    along[number] = np.where(same_way, fraction, 1.0 - fraction)
+    along[number] = fraction
     segments, halves = _split_segments(mesh, sides.segment, sides.nodes, along, node_of_side)
 
     parents, k = np.nonzero(chosen[sides.of_corner])
@@ -125,44 +121,16 @@ def _split_sides(
 
 
 def _find_extrema(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], owner: IntArray, corner: IntArray
-) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Of sides, as corners of triangles (n,): fraction, height and point (n, 3) of an extremum, and whether there is one (n,)."""
-    segment = mesh.segment[owner, corner]
-    fraction, height, point = np.full(len(owner), 0.5), np.zeros(len(owner)), np.zeros((len(owner), 3))
-    turning = np.zeros(len(owner), bool)
-    inside = np.flatnonzero(segment < 0)
-    for members in group_by(inside, mesh.mesh.face[owner[inside]]):
-        t, k = owner[members], corner[members]
-        start = mesh.uv[t, k]
-        by = mesh.uv[t, (k + 1) % 3] - start
-        surface = surfaces[int(mesh.mesh.face[t[0]])]
-
-        def on_face(
-            at: Array, some: IntArray, start: Array = start, by: Array = by, surface: SurfaceEvaluator = surface
-        ) -> Line:
-            x, xu, xv = surface(start[some] + at[:, None] * by[some])
-            return x, xu[:, 2] * by[some, 0] + xv[:, 2] * by[some, 1]
-
-        fraction[members], point[members], turning[members] = _regula_falsi(on_face, len(members))
-    outer = np.flatnonzero(segment >= 0)
-    table = mesh.segments
-    for members in group_by(outer, table.edge[segment[outer]]):
-        own = segment[members]
-        against = table.nodes[own, 0] != mesh.mesh.triangles[owner[members], corner[members]]
-        begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
-        curve = edge_evaluator(mesh.edges[int(table.edge[own[0]])])
-
-        def on_edge(at: Array, some: IntArray, a: Array = begin, b: Array = end, curve: CurveEvaluator = curve) -> Line:
-            x, slope = curve((1.0 - at) * a[some] + at * b[some])
-            return x, slope[:, 2] * (b - a)[some]
-
-        fraction[members], point[members], turning[members] = _regula_falsi(on_edge, len(members))
-    height = point[:, 2]
-    return fraction, height, point, turning
+    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, which: IntArray
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Of some sides (n,): fraction and point (n, 3) of an extremum of the height, and whether there is one (n,)."""
+    fraction, point, turning = np.empty(len(which)), np.empty((len(which), 3)), np.empty(len(which), bool)
+    for members, line in lines_of_sides(mesh, surfaces, sides, which):
+        fraction[members], point[members], turning[members] = _regula_falsi(line, len(members))
+    return fraction, point, turning
 
 
-def _regula_falsi(line: Callable[[Array, IntArray], Line], n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _regula_falsi(line: LineEvaluator, n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Fractions (n,) where the slope vanishes, the points there (n, 3), and whether it changes its sign at all (n,)."""
     everyone = np.arange(n)
     t, point = np.full(n, 0.5), np.zeros((n, 3))

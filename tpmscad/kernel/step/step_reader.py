@@ -78,11 +78,16 @@ def read_step(path: str | os.PathLike[str], *, healed: bool = True) -> StepConte
 
 def require_step_file(path: Path) -> Path:
     """The path; InvalidRequest if there is no such file, or it is not a STEP file."""
+    return require_file(path, "STEP", PART21_MAGIC)
+
+
+def require_file(path: Path, kind: str, magic: bytes) -> Path:
+    """The path; InvalidRequest if there is no such file, or its first kilobyte lacks the mark of its kind."""
     if not path.is_file():
         raise InvalidRequest(f"there is no file {path}")
     with path.open("rb") as file:
-        if PART21_MAGIC not in file.read(1024):
-            raise InvalidRequest(f"{path} is not a STEP file: it does not begin with {PART21_MAGIC.decode()}")
+        if magic not in file.read(1024):
+            raise InvalidRequest(f"{path} is not a {kind} file: it does not begin with {magic.decode()}")
     return path
 
 

@@ -5,7 +5,6 @@ Sources: "Common Layer Interface (CLI)", version 2.0, 1996 (EuRAM project BE 257
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import MappingProxyType
@@ -16,23 +15,12 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
+from tpmscad.kernel.export.threemf_archive import CORE_NAMESPACE, escape_text, write_model_archive
 
 DIGITS = 6
 """Decimals of a coordinate in mm: a nanometre."""
 
-CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 SLICE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
-MODEL_PATH = "3D/3dmodel.model"
-ARCHIVE_FRAME = {
-    "[Content_Types].xml": '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
-    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
-    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>',
-    "_rels/.rels": '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
-    f'<Relationship Target="/{MODEL_PATH}" Id="rel0" '
-    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>',
-}
 
 
 class SliceLayer(Protocol):
@@ -63,7 +51,7 @@ def write_svg(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
             '<?xml version="1.0" encoding="UTF-8"?>\n'
             f'<svg xmlns="http://www.w3.org/2000/svg" width="{x1 - x0:.{DIGITS}f}mm" height="{y1 - y0:.{DIGITS}f}mm" '
             f'viewBox="{x0:.{DIGITS}f} {-y1:.{DIGITS}f} {x1 - x0:.{DIGITS}f} {y1 - y0:.{DIGITS}f}">'
-            f"<title>{quoteattr(title)[1:-1]}</title>\n"
+            f"<title>{escape_text(title)}</title>\n"
         )
         for number, layer in enumerate(layers):
             outline = "".join(
@@ -102,14 +90,8 @@ def write_cli(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
 
 def write_sliced_3mf(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
     """Write a 3MF file whose object is a stack of slices; its mesh is the box of the part, as a preview of low resolution."""
-    with atomic_write(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED) as archive:
-        for member, text in ARCHIVE_FRAME.items():
-            archive.writestr(zipfile.ZipInfo(member, (1980, 1, 1, 0, 0, 0)), text, zipfile.ZIP_DEFLATED)
-        info = zipfile.ZipInfo(MODEL_PATH, (1980, 1, 1, 0, 0, 0))
-        info.compress_type = zipfile.ZIP_DEFLATED
-        with archive.open(info, "w", force_zip64=True) as file:
-            for text in _format_stack(layers, title):
-                file.write(text.encode())
+    with atomic_write(path) as aside:
+        write_model_archive(aside, _format_stack(layers, title))
 
 
 def _format_stack(layers: Sequence[SliceLayer], title: str) -> Iterator[str]:
@@ -117,7 +99,7 @@ def _format_stack(layers: Sequence[SliceLayer], title: str) -> Iterator[str]:
     bottom = layers[0].bottom
     yield (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en-US" xmlns="{CORE_NAMESPACE}" '
-        f'xmlns:s="{SLICE_NAMESPACE}" requiredextensions="s"><metadata name="Title">{quoteattr(title)[1:-1]}</metadata>\n'
+        f'xmlns:s="{SLICE_NAMESPACE}" requiredextensions="s"><metadata name="Title">{escape_text(title)}</metadata>\n'
         f'<resources><s:slicestack id="1" zbottom="0">\n'
     )
     for layer in layers:
@@ -161,7 +143,7 @@ def _signed_area(contour: Array) -> float:
     return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
 
-WRITERS: MappingProxyType[str, Callable[[Sequence[SliceLayer], Path, str], None]] = MappingProxyType(
+LAYER_WRITERS: MappingProxyType[str, Callable[[Sequence[SliceLayer], Path, str], None]] = MappingProxyType(
     {".svg": write_svg, ".cli": write_cli, ".3mf": write_sliced_3mf}
 )
 """Writer of each suffix."""
