@@ -46,6 +46,7 @@ ROOMS: dict[str, set[str]] = {
     "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
+    "meshing": {"brep", "splines", "gmsh", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
     "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
 }
@@ -96,7 +97,6 @@ ONLY_IN = {
 SHORT = {
     "tpmscad/kernel/build/region_solids.py": "one function",
     "tpmscad/__main__.py": "runs the command line",
-    "tpmscad/_lazy_import.py": "one function",
     "tpmscad/_typing.py": "aliases only",
 }
 """Modules below the least length, each with its reason."""

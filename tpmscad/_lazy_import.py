@@ -13,6 +13,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
+from tpmscad.errors import InvalidRequest
+
 
 def lazy_attributes(
     package: str, module_of_name: Mapping[str, str]
@@ -34,3 +36,11 @@ def lazy_attributes(
         return sorted(module_of_name)
 
     return __getattr__, __dir__
+
+
+def import_extra(module: str, what: str, extra: str) -> Any:
+    """A package that only an extra of tpmscad installs; InvalidRequest that names the extra if it is missing."""
+    try:
+        return import_module(module)
+    except (ImportError, OSError) as error:  # OSError: gmsh without the libraries of the system that it links
+        raise InvalidRequest(f'{what} need {module}: pip install "tpmscad[{extra}]" ({error})') from error

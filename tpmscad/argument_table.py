@@ -152,6 +152,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "SphereRadius.centre": POINT,
         "progress": FLAG.or_else(ArgumentKind("a function of a stage and a fraction", "", read_callable)),
         "slab": one_or_three(read_count, "a whole number of at least 1", "(20, 20, 1)"),
+        "version": choice_of("4.1", "2.2"),
         "time_stamp": TEXT.but(example='"2026-01-31T12:00:00"'),
         "executor": instance_of("an executor of concurrent.futures", "ProcessPoolExecutor(4)", Executor),
         "Tpms.rotation": ANYTHING,

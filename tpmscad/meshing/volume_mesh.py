@@ -1,0 +1,360 @@
+"""The value of a volume mesh: nodes, elements, facets of boundary and interfaces, named groups, and periodic pairs of nodes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tpmscad._lazy_import import import_extra
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.atomic_file import validate_output_path
+from tpmscad.errors import InvalidRequest
+from tpmscad.meshing.element_shapes import (
+    SHAPES,
+    inverse_condition_numbers,
+    jacobian_coefficients,
+    scaled_jacobians,
+)
+from tpmscad.public_calls import public
+
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True, slots=True)
+class MeshQuality:
+    """What was measured on the elements.
+
+    Attributes
+    ----------
+    inverted : int
+        Elements whose Jacobian determinant is not shown to be positive everywhere: its least Bernstein coefficient is not.
+    smallest : float
+        Least signed inverse condition number (gmsh's SICN): 1 for a regular element, at most 0 for an inverted one.
+    smallest_scaled_jacobian : float
+        Least scaled Jacobian at nodes, 1 for a regular element.
+    mean : float
+        Mean of the elements' signed inverse condition numbers.
+    size : float
+        Mean over elements of their mean edge length, model units.
+    """
+
+    inverted: int
+    smallest: float
+    smallest_scaled_jacobian: float
+    mean: float
+    size: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.inverted} inverted elements, quality {self.smallest:.3g} at least and {self.mean:.3g} in the mean, "
+            f"scaled Jacobian {self.smallest_scaled_jacobian:.3g} at least, edges of {self.size:.4g} in the mean"
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class VolumeMesh:
+    """A mesh of tetrahedra or hexahedra of first or second order.
+
+    Attributes
+    ----------
+    points : (n, 3) array
+        Nodes, model units; corners of elements before all other nodes.
+    cells : mapping of str to (m, k) array
+        Nodes of the elements of each kind: "tetra", "tetra10", "hexahedron", "hexahedron20" or "hexahedron27", in the order of
+        VTK and meshio. Elements are numbered through the kinds.
+    facets : mapping of str to (m, k) array
+        Nodes of the facets of boundary and interfaces: "triangle", "triangle6", "quad", "quad8" or "quad9"; on the boundary
+        their normals point outwards. Facets are numbered through the kinds.
+    cell_groups, facet_groups : mapping of str to (m,) array
+        Numbers of the elements and facets of each named group.
+    periodic : mapping of str to (p, 2) array
+        For each axis "x", "y", "z" along which the mesh is periodic: nodes of the near side, and their images at the far side.
+    periods : (3,) array
+        Distances of the opposite sides along the axes, model units; nan where the mesh is not periodic.
+    name : str
+        Name of the part in files.
+    """
+
+    points: Array
+    cells: Mapping[str, IntArray]
+    facets: Mapping[str, IntArray] = field(default_factory=dict)
+    cell_groups: Mapping[str, IntArray] = field(default_factory=dict)
+    facet_groups: Mapping[str, IntArray] = field(default_factory=dict)
+    periodic: Mapping[str, IntArray] = field(default_factory=dict)
+    periods: Array = field(default_factory=lambda: np.full(3, np.nan))
+    name: str = "part"
+
+    def __post_init__(self) -> None:
+        for key in ("cells", "facets", "cell_groups", "facet_groups", "periodic"):
+            frozen = {k: np.ascontiguousarray(v, np.int64) for k, v in getattr(self, key).items()}
+            object.__setattr__(self, key, MappingProxyType(frozen))
+        for kind, nodes in [*self.cells.items(), *self.facets.items()]:
+            if nodes.ndim != 2 or nodes.shape[1] != len(SHAPES[kind].nodes):
+                raise InvalidRequest(f"{kind} has {len(SHAPES[kind].nodes)} nodes, not an array of {nodes.shape}")
+            if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.points):
+                raise InvalidRequest(f"{kind} names the nodes {nodes.min()} to {nodes.max()} of {len(self.points)}")
+
+    @property
+    def n_cells(self) -> int:
+        """Number of elements."""
+        return sum(map(len, self.cells.values()))
+
+    @property
+    def n_facets(self) -> int:
+        """Number of facets of boundary and interfaces."""
+        return sum(map(len, self.facets.values()))
+
+    @property
+    def order(self) -> int:
+        """1 if edges are straight between corners, 2 if they have a node in their middle."""
+        return max(SHAPES[kind].degree for kind in self.cells)
+
+    @property
+    def cell_volumes(self) -> Array:
+        """Exact volumes (m,) of the elements, curved or not, model units cubed."""
+        return np.concatenate(
+            [
+                jacobian_coefficients(kind, self.points, nodes).mean(axis=1) * SHAPES[kind].reference_volume
+                for kind, nodes in self.cells.items()
+            ]
+        )
+
+    @property
+    def volume(self) -> float:
+        """Volume of all elements, model units cubed."""
+        return float(self.cell_volumes.sum())
+
+    @property
+    def node_sets(self) -> dict[str, IntArray]:
+        """Nodes of each group of elements and facets, ascending, by the group's name."""
+        groups = [*self.cell_groups.items(), *self.facet_groups.items()]
+        blocks = [self.cells] * len(self.cell_groups) + [self.facets] * len(self.facet_groups)
+        return {
+            name: np.unique(
+                np.concatenate([nodes.ravel() for nodes in select(block, numbers).values()] or [np.zeros(0, np.int64)])
+            )
+            for (name, numbers), block in zip(groups, blocks, strict=True)
+        }
+
+    @property
+    def quality(self) -> MeshQuality:
+        """What is measured on the elements: inverted ones, the worst, the mean, and their size."""
+        least, inverse, scaled, sizes = [], [], [], []
+        for kind, nodes in self.cells.items():
+            least.append(jacobian_coefficients(kind, self.points, nodes).min(axis=1))
+            inverse.append(inverse_condition_numbers(kind, self.points, nodes))
+            scaled.append(scaled_jacobians(kind, self.points, nodes))
+            sizes.append(_edge_lengths(kind, self.points, nodes))
+        values = np.concatenate(inverse)
+        return MeshQuality(
+            int((np.concatenate(least) <= 0.0).sum()),
+            float(values.min()),
+            float(np.concatenate(scaled).min()),
+            float(values.mean()),
+            float(np.concatenate(sizes).mean()),
+        )
+
+    @property
+    def mismatch(self) -> float:
+        """Greatest distance of a periodic node's image from the node moved by the period, model units; 0 without any."""
+        worst = 0.0
+        for axis, pairs in self.periodic.items():
+            gap = self.points[pairs[:, 1]] - self.points[pairs[:, 0]]
+            gap[:, AXES.index(axis)] -= self.periods[AXES.index(axis)]
+            worst = max(worst, float(np.abs(gap).max(initial=0.0)))
+        return worst
+
+    def periodic_ties(self) -> tuple[IntArray, IntArray]:
+        """For each node the node that it repeats (n,), itself if none, and by how many periods (n, 3) it lies from that node."""
+        repeated = np.arange(len(self.points))
+        shift = np.zeros((len(self.points), 3), np.int64)
+        for axis, pairs in self.periodic.items():
+            near, far = pairs.T
+            repeated[far] = near
+            shift[far] = np.eye(3, dtype=np.int64)[AXES.index(axis)]
+        while (repeated[repeated] != repeated).any():  # a corner of the box repeats the nodes of three axes in turn
+            shift += shift[repeated]
+            repeated = repeated[repeated]
+        return repeated, shift
+
+    def to_meshio(self) -> Any:
+        """The mesh as a `meshio.Mesh`, with groups as its cell sets; needs meshio (pip install "tpmscad[mesh]").
+
+        Returns
+        -------
+        meshio.Mesh
+            Elements and facets, kind by kind; a cell set for each group.
+        """
+        meshio = import_extra("meshio", "meshes for meshio", "mesh")
+        blocks = [*self.cells.items(), *self.facets.items()]
+        sets = {
+            **{
+                k: [*split(self.cells, v), *([np.zeros(0, np.int64)] * len(self.facets))]
+                for k, v in self.cell_groups.items()
+            },
+            **{
+                k: [*([np.zeros(0, np.int64)] * len(self.cells)), *split(self.facets, v)]
+                for k, v in self.facet_groups.items()
+            },
+        }
+        return meshio.Mesh(self.points, blocks, cell_sets=sets)
+
+    def to_skfem(self) -> Any:
+        """The mesh for scikit-fem, with groups as its subdomains and boundaries; needs tpmscad[simulation].
+
+        Returns
+        -------
+        skfem.Mesh
+            MeshTet1, MeshTet2, MeshHex1 or MeshHex2.
+
+        Raises
+        ------
+        InvalidRequest
+            If the mesh has several kinds of elements, or a kind that scikit-fem has not.
+        """
+        from tpmscad.meshing.skfem_mesh import make_skfem_mesh
+
+        return make_skfem_mesh(self)
+
+    @public()
+    def write(self, path: str | Path, *, version: str = "4.1") -> None:
+        """Write the mesh to a file whose suffix says the format.
+
+        Parameters
+        ----------
+        path : str or Path
+            ``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with node sets,
+            element sets, surfaces, and equations that tie periodic nodes to three reference nodes. ``.vtu``: VTK, with a column
+            for each group, which ParaView, meshio and scikit-fem read.
+        version : {"4.1", "2.2"}, optional
+            Version of gmsh's format.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is another one, the folder does not exist, or the format has no such elements.
+
+        Examples
+        --------
+        >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8)  # doctest: +SKIP
+        >>> mesh.write("gyroid.msh")  # doctest: +SKIP
+        """
+        from tpmscad.meshing.inp_files import write_inp
+        from tpmscad.meshing.msh_files import write_msh
+        from tpmscad.meshing.vtu_files import write_vtu
+
+        target = validate_output_path(path, (".msh", ".inp", ".vtu"))
+        suffix = target.suffix.lower()
+        if suffix == ".msh":
+            write_msh(self, target, version)
+        elif version != "4.1":
+            raise InvalidRequest(f'version="{version}" is one of gmsh\'s format: {suffix} has none')
+        else:
+            {".inp": write_inp, ".vtu": write_vtu}[suffix](self, target)
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{len(nodes)} {kind}" for kind, nodes in self.cells.items())
+        groups = ", ".join([*self.cell_groups, *self.facet_groups]) or "none"
+        periodic = f"\nperiodic along {', '.join(self.periodic)}" if self.periodic else ""
+        head = f"{self.name}: {counts}, {len(self.points)} nodes, volume {self.volume:.9g}"
+        return f"{head}\n{self.quality}\ngroups {groups}{periodic}"
+
+
+def _edge_lengths(kind: str, points: Array, cells: IntArray) -> Array:
+    """Mean distance (m,) between the corners at the ends of each element's edges."""
+    shape = SHAPES[kind]
+    sides = {
+        frozenset(side)
+        for face in shape.faces
+        for corners in [face[: SHAPES[shape.face_kind].corners]]
+        for side in zip(corners, (*corners[1:], corners[0]), strict=True)
+    }
+    i, j = np.array([sorted(side) for side in sides]).T
+    return np.asarray(np.linalg.norm(points[cells[:, i]] - points[cells[:, j]], axis=-1).mean(axis=1))
+
+
+def split(blocks: Mapping[str, IntArray], numbers: IntArray) -> list[IntArray]:
+    """Rows within each block of rows that are numbered through the blocks."""
+    ends = np.cumsum([0, *map(len, blocks.values())])
+    return [numbers[(numbers >= a) & (numbers < b)] - a for a, b in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def select(blocks: Mapping[str, IntArray], numbers: IntArray) -> dict[str, IntArray]:
+    """Nodes of the numbered rows, by kind; kinds without any are left out."""
+    rows = zip(blocks.items(), split(blocks, numbers), strict=True)
+    return {kind: nodes[chosen] for (kind, nodes), chosen in rows if len(chosen)}
+
+
+def sort_nodes(mesh: VolumeMesh) -> VolumeMesh:
+    """The mesh without unused nodes, and with the corners of elements before all other nodes."""
+    is_corner = np.zeros(len(mesh.points), bool)
+    is_used: BoolArray = np.zeros(len(mesh.points), bool)
+    for kind, nodes in mesh.cells.items():
+        is_corner[nodes[:, : SHAPES[kind].corners]] = True
+        is_used[nodes] = True
+    order = np.concatenate([np.flatnonzero(is_corner), np.flatnonzero(is_used & ~is_corner)])
+    new = np.full(len(mesh.points), -1, np.int64)
+    new[order] = np.arange(len(order))
+    return replace(
+        mesh,
+        points=mesh.points[order],
+        cells={k: new[v] for k, v in mesh.cells.items()},
+        facets={k: new[v] for k, v in mesh.facets.items()},
+        periodic={k: new[v] for k, v in mesh.periodic.items()},
+    )
+
+
+def boundary_facets(cells: Mapping[str, IntArray]) -> dict[str, IntArray]:
+    """Faces of elements that one element alone has, with outward normals, by kind."""
+    found: dict[str, list[IntArray]] = {}
+    for kind, nodes in cells.items():
+        shape = SHAPES[kind]
+        found.setdefault(shape.face_kind, []).extend(nodes[:, list(face)] for face in shape.faces)
+    result = {}
+    for kind, parts in found.items():
+        faces = np.concatenate(parts)
+        corners = np.sort(faces[:, : SHAPES[kind].corners], axis=1)
+        _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
+        result[kind] = faces[np.sort(first[count == 1])]
+    return result
+
+
+def owners_of_facets(mesh: VolumeMesh) -> IntArray:
+    """(n, 2): for each facet the element that it is a face of, and which; at an interface, of the two that whose normal agrees.
+
+    Raises InvalidRequest if a facet is no face of an element.
+    """
+    result = []
+    starts = dict(zip(mesh.cells, np.cumsum([0, *map(len, mesh.cells.values())]), strict=False))
+    for facet_kind, facets in mesh.facets.items():
+        n_corners = SHAPES[facet_kind].corners
+        faces, owners = [], []
+        for kind, nodes in mesh.cells.items():
+            if SHAPES[kind].face_kind == facet_kind:
+                for number, face in enumerate(SHAPES[kind].faces):
+                    faces.append(nodes[:, list(face[:n_corners])])
+                    owners.append(np.column_stack([starts[kind] + np.arange(len(nodes)), np.full(len(nodes), number)]))
+        table, owner = _cycle_to_least(np.concatenate(faces)), np.concatenate(owners)
+        wanted = _cycle_to_least(facets[:, :n_corners])
+        keys, of = np.unique(np.concatenate([table, wanted]), axis=0, return_inverse=True)
+        row = np.full(len(keys), -1)
+        row[of[: len(table)]] = np.arange(len(table))
+        chosen = row[of[len(table) :]]
+        if (chosen < 0).any():
+            raise InvalidRequest(
+                f"{(chosen < 0).sum()} facets are faces of no element, or have the opposite orientation"
+            )
+        result.append(owner[chosen])
+    return np.concatenate(result) if result else np.zeros((0, 2), np.int64)
+
+
+def _cycle_to_least(corners: IntArray) -> IntArray:
+    """Corners (m, k) in their cyclic order, the least first."""
+    first = corners.argmin(axis=1)
+    around = (first[:, None] + np.arange(corners.shape[1])) % corners.shape[1]
+    return np.asarray(np.take_along_axis(corners, around, axis=1))
