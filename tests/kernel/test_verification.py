@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,15 @@ def test_faults_of_solids_that_the_kernel_notices_are_noticed(fault) -> None:
     except TpmscadError:
         return  # both verifications begin with this
     assert kernel.is_valid(built.shape) or not kernel.is_brep_valid(mutant, built.faces)
+
+
+@pytest.mark.parametrize("vertex", [5, 9, 42, 47])
+def test_a_vertex_off_its_edges_is_noticed_whatever_the_faces_around_it(vertex: int) -> None:
+    brep = notched_hollow()
+    vertices = brep.vertices.copy()
+    vertices[vertex] += 1e-5  # far within the tolerance that the kernel's vertex gets
+    mutant = replace(brep, vertices=vertices)
+    assert not kernel.is_brep_valid(mutant, kernel.build_solids(mutant).faces)
 
 
 @pytest.mark.parametrize("fault", TEXT_FAULTS, ids=lambda f: f.__name__)

@@ -131,6 +131,7 @@ def test_a_field_fills_a_body_too() -> None:
     field = fields.rod(fields.tpms("P", 10.0), -0.4)
     model = tpmscad.infill(bd.Cylinder(6, 9), field, tol=0.1)
     assert model.certificate.valid
+    assert model.certificate.notes[0] == "trimmed on the patches' parameters"
     at = np.random.default_rng(5).uniform([-6, -6, -4.5], [6, 6, 4.5], (200000, 3))
     share = ((np.hypot(at[:, 0], at[:, 1]) < 6) & (field(at) < 0)).mean()
     assert model.certificate.volume == pytest.approx(share * 12 * 12 * 9, rel=0.02)

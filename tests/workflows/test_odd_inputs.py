@@ -162,10 +162,3 @@ quietly = {"deadline": None, "suppress_health_check": list(HealthCheck), "derand
 @given(seeds)
 def test_any_request_is_refused_clearly_or_made_correctly(seed: int) -> None:
     held(*request_of(seed))
-
-
-@pytest.mark.slow
-@settings(max_examples=24, phases=[Phase.generate], **quietly)
-@given(seeds)
-def test_two_dozen_requests_are(seed: int) -> None:
-    held(*request_of(seed))

@@ -17,6 +17,7 @@ import numpy as np
 
 from tpmscad import kernel
 from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.argument_kinds import show_value
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
@@ -161,7 +162,7 @@ def is_numeric_box(domain: Any) -> bool:
         return False
     try:
         np.asarray(domain, float)
-    except (TypeError, ValueError):
+    except Exception:  # conversions of foreign classes raise what they like
         return isinstance(domain, Sequence)
     return True
 
@@ -170,6 +171,6 @@ def parse_corners(domain: BoxCorners) -> tuple[np.ndarray, np.ndarray]:
     """The two corners (3,), (3,) of a box."""
     try:
         lo, hi = (np.asarray(point, float) for point in domain)
-    except (TypeError, ValueError) as error:
-        raise InvalidRequest(f"domain {domain!r} must be two points ((x0, y0, z0), (x1, y1, z1))") from error
+    except Exception as error:  # as above
+        raise InvalidRequest(f"domain {show_value(domain)} must be two points ((x0, y0, z0), (x1, y1, z1))") from error
     return lo, hi

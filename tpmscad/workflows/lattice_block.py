@@ -18,7 +18,15 @@ import numpy as np
 
 from tpmscad import kernel, surfaces
 from tpmscad._typing import Array, FractionProgress
-from tpmscad.brep.boundary_representation import Brep, move_brep, scale_brep, translate_brep
+from tpmscad.brep.boundary_representation import (
+    Brep,
+    drop_unused_geometry,
+    move_brep,
+    scale_brep,
+    select_faces,
+    spline_faces,
+    translate_brep,
+)
 from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
@@ -183,7 +191,9 @@ def build_field_block(
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
-    return LatticeBlock(found.brep, measures, lambda: found.brep)
+    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.brep)]))
+    patches = drop_unused_geometry(select_faces(found.brep, on_splines))  # the caps lie outside the body
+    return LatticeBlock(patches, measures, lambda: found.brep)
 
 
 def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:

@@ -146,8 +146,12 @@ def vertex_tolerances(brep: Brep) -> Array:
     """Tolerance of each vertex (V,): it covers the ends and the deviations of its edges."""
     edges = brep.edges
     tolerance = np.full(len(brep.vertices), CONFUSION_TOLERANCE)
-    ends = end_points(brep)
-    for vertex, end in ((edges.start, ends[:, 0]), (edges.end, ends[:, 1])):
-        miss = np.linalg.norm(brep.vertices[vertex] - end, axis=1)
+    for vertex, miss in zip((edges.start, edges.end), end_misses(brep).T, strict=True):
         np.maximum.at(tolerance, vertex, np.maximum(miss, edges.deviation))
     return tolerance
+
+
+def end_misses(brep: Brep) -> Array:
+    """Distances of the vertices from the ends of the curves of their edges: (E, 2)."""
+    vertices = brep.vertices[np.stack([brep.edges.start, brep.edges.end], axis=1)]
+    return np.asarray(np.linalg.norm(vertices - end_points(brep), axis=2))

@@ -3,14 +3,15 @@
 A rigid copy of a face that the kernel accepts is as valid as the face, so that the kernel checks one face of each class
 (`tpmscad.brep.face_classes`). Planar faces with loops of thousands of edges, which the kernel compares pair by pair, are held
 by fattened chords first (`tpmscad.brep.planar_faces`). What the check of a whole solid adds is a matter of arrays: each edge
-joins two faces in opposite directions, each loop runs from vertex to vertex, and the nesting of shells was found when the
-solids were built.
+joins two faces in opposite directions, each loop runs from vertex to vertex, edges end at their vertices, and the nesting of
+shells was found when the solids were built.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import IntArray
@@ -18,6 +19,7 @@ from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.planar_faces import find_simple_planar_faces
+from tpmscad.kernel.build.edges import end_misses
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -26,12 +28,19 @@ CLASS_RESOLUTION = 0.1 * CONFUSION_TOLERANCE
 """Faces that differ by less belong to one class: a tenth of the least tolerance of the kernel's check."""
 
 
+MAX_END_MISS = 10.0
+"""Distance of a vertex from the ends of its edges in tolerances of these. Below one in all solids measured; the tolerance of the
+kernel's vertex would cover any distance, and faces that are not given to the kernel would hide it."""
+
+
 def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
     """Whether the boundary is closed, its loops are connected, and the kernel accepts a face of each class.
 
     `faces` are the kernel's faces of `brep`, in its order.
     """
     if not connectivity.is_closed(brep) or len(connectivity.find_broken_loops(brep)):
+        return False
+    if (end_misses(brep) > MAX_END_MISS * np.maximum(CONFUSION_TOLERANCE, brep.edges.deviation)[:, None]).any():
         return False
     return is_valid(make_compound(faces[i] for i in find_faces_to_check(brep).tolist()))
 

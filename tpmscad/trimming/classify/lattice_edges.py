@@ -50,8 +50,10 @@ def classify_lattice_edges(a: Arrangement) -> Arrangement:
     arc_ends = _collect_arc_end_vertices(a)
     before, after = _pieces_at_corners(a)
     linked = np.ones(before.shape, bool)
+    sides = a.operands.sides
     for f, v in arc_ends:
-        linked[f] &= a.operands.sides.corner[f] != v
+        own = slice(sides.start[f], sides.start[f + 1])
+        linked[own] &= sides.vertex[own] != v
     linked &= (face[before] < 0) & (face[after] < 0)
     votes = InsideVotes.of_links(m, np.column_stack([before[linked], after[linked]]))
     _vote_from_roots(votes, a)
@@ -80,11 +82,11 @@ def _collect_arc_end_vertices(a: Arrangement) -> set[tuple[int, int]]:
 
 
 def _pieces_at_corners(a: Arrangement) -> tuple[IntArray, IntArray]:
-    """The pieces that end and that start at each corner of each patch: (F, 4) each."""
+    """The pieces that end and that start where an edge use of a patch starts: (U,) each."""
     sides, pieces = a.operands.sides, a.edge_pieces
     first, last = pieces.first[sides.edge], pieces.first[sides.edge + 1] - 1
     begins, ends = np.where(sides.forward, first, last), np.where(sides.forward, last, first)
-    return np.roll(ends, 1, axis=1), begins
+    return ends[sides.preceding], begins
 
 
 def _body_vertices(a: Arrangement) -> BoolArray:
@@ -119,23 +121,24 @@ def _vote_from_roots(votes: InsideVotes, a: Arrangement) -> None:
 
 def _vote_from_coincident_sides(
     votes: InsideVotes, a: Arrangement, before: IntArray, after: IntArray, arc_ends: set[tuple[int, int]]
-) -> dict[tuple[int, int], bool]:
-    """By (patch, side) for sides in a face of the body, whether the patch is inside there; adjacent sides get its vote."""
+) -> dict[int, bool]:
+    """By edge use, for uses in a face of the body, whether the patch is inside there; adjacent uses get its vote."""
     sides, pieces, face, body = a.operands.sides, a.edge_pieces, a.edge_piece_face, a.operands.body
-    result: dict[tuple[int, int], bool] = {}
+    result: dict[int, bool] = {}
+    following = sides.following
     for (f, k), signs in a.arcs.sign_beside_sides.items():
-        for side in np.flatnonzero(signs).tolist():
-            edge = sides.edge[f, side]
+        for use in (u for side in np.flatnonzero(signs).tolist() for u in sides.uses_on(f, side)):
+            edge = sides.edge[use]
             own = np.arange(pieces.first[edge], pieces.first[edge + 1])
             own = own[face[own] >= 0]
             own = own[body.surface_of_face[face[own]] == k]
             if len(own) == 0:
                 continue
-            inside = bool(signs[side] * body.sense[face[own[0]]] < 0)
-            if result.setdefault((f, side), inside) != inside:
+            inside = bool(signs[sides.side[use]] * body.sense[face[own[0]]] < 0)
+            if result.setdefault(use, inside) != inside:
                 raise TrimmingError("the side of a patch lies in two faces of the body that disagree on the patch")
-            for corner, here, there in ((side, after, before), ((side + 1) % 4, before, after)):
-                untouched = (f, int(sides.corner[f, corner])) not in arc_ends
-                if face[here[f, corner]] >= 0 and face[there[f, corner]] < 0 and untouched:
-                    votes.add(int(there[f, corner]), inside)
+            for corner, here, there in ((use, after, before), (int(following[use]), before, after)):
+                untouched = (f, int(sides.vertex[corner])) not in arc_ends
+                if face[here[corner]] >= 0 and face[there[corner]] < 0 and untouched:
+                    votes.add(int(there[corner]), inside)
     return result

@@ -151,7 +151,8 @@ def points_in_lattice(lattice: Brep, sides: PatchSides, points: Array) -> BoolAr
         f, (_, uv, side, slant) = min(
             ((int(near[j]), x) for j, x in zip(nearest, found, strict=True)), key=lambda x: x[1][0]
         )
-        on_open_side = _sides_at(patches[int(faces.carrier[f])], uv) & open_edge[sides.edge[f]]
+        own = slice(sides.start[f], sides.start[f + 1])
+        on_open_side = _sides_at(patches[int(faces.carrier[f])], uv)[sides.side[own]] & open_edge[sides.edge[own]]
         if slant > MAX_SLANT_SINE and on_open_side.any():
             raise TrimmingError(
                 f"the lattice's open border is next to {point.round(6)}: pass `inside` to tell solid from void"

@@ -232,7 +232,7 @@ class Arrangement:
     vertex lies, by (vertex, surface); `keys_on_body`: all vertices on faces of the body, as `vertex_surface_key`;
     `edge_pieces`: the lattice's edges split where they cross the body's boundary; `edge_piece_face` (M,): the face of the
     body that contains a piece, or -1; `edge_piece_inside` (M,): pieces inside the body; `inside_on_side`: for pieces on a face of
-    the body, by (patch, side), whether the patch is inside the body there.
+    the body, by the edge use of a patch, whether the patch is inside the body there.
     """
 
     operands: Operands
@@ -252,7 +252,7 @@ class Arrangement:
     edge_pieces: SubSegments = field(default_factory=SubSegments.empty)
     edge_piece_face: IntArray = field(default_factory=lambda: _NONE)
     edge_piece_inside: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
-    inside_on_side: Mapping[tuple[int, int], bool] = field(default_factory=dict)
+    inside_on_side: Mapping[int, bool] = field(default_factory=dict)
 
     @classmethod
     def of_lattice(cls, operands: Operands) -> Arrangement:

@@ -69,18 +69,17 @@ def find_clear_shift(operands: Operands, clearance: float, max_shift: float) -> 
 def _corners_near_surfaces(o: Operands) -> tuple[Array, IntArray]:
     """Corners of patches (n, 3) and surfaces of the body (n,) that these patches may intersect, each pair once."""
     edges = o.lattice.edges
-    corners = edges.start[o.sides.edge], edges.end[o.sides.edge]
-    face, surface = np.nonzero(o.candidates)
+    use, surface = np.nonzero(o.candidates[o.sides.face])
     count = o.candidates.shape[1]
-    pairs = [ends[face, side] * count + surface for ends in corners for side in range(4)]
+    pairs = [ends[o.sides.edge[use]] * count + surface for ends in (edges.start, edges.end)]
     vertex, surface = np.divmod(np.unique(np.concatenate(pairs)), count)
     return o.lattice.vertices[vertex], surface
 
 
 def _edges_near_body_edges(o: Operands, reach: float) -> tuple[Array, Array]:
     """Signed distances (n,) within `reach` between sides of patches and edges of the body, and their directions (n, 3)."""
-    face = np.flatnonzero(o.candidates.any(axis=1))
-    e, edges = np.unique(o.sides.edge[face]), o.lattice.edges
+    near = np.flatnonzero(o.candidates.any(axis=1))
+    e, edges = np.unique(o.sides.edge[np.isin(o.sides.face, near)]), o.lattice.edges
     x = np.linspace(0.0, 1.0, SEGMENTS_PER_SIDE + 1)
     t = edges.span[e, :1] + np.diff(edges.span[e], axis=1) * x
     rows = np.repeat(e, len(x))

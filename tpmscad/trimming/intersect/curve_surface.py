@@ -67,9 +67,8 @@ def intersect_lattice_edges(a: Arrangement) -> Arrangement:
     """The arrangement with the intersections of the lattice's edges with the body's surfaces, and a vertex for each."""
     o = a.operands
     wanted = np.zeros((len(a.edges), len(o.body.surfaces)), bool)
-    face, surface = np.nonzero(o.candidates)
-    for side in range(4):
-        wanted[o.sides.edge[face, side], surface] = True
+    use, surface = np.nonzero(o.candidates[o.sides.face])
+    wanted[o.sides.edge[use], surface] = True
     roots = intersect_segments(o.curves, a.edges, o.body.surfaces, a.on_surface, wanted, o.snap, o.zero_tol)
     vertex, points = _assign_root_vertices(o.curves, a.edges, roots, len(a.vertices), o.snap)
     return replace(a, edge_roots=roots, edge_root_vertex=vertex, vertices=np.vstack([a.vertices, points]))

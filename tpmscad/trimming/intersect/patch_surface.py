@@ -8,6 +8,7 @@ orientation only belong to one class.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -71,12 +72,14 @@ def _group_pairs(a: Arrangement) -> _PairClasses:
     surfaces = o.body.surfaces.take(np.arange(o.body.n_surfaces))
     framed = surfaces.take(surface).in_frames(faces.motion[face])
     corner_on = a.on_surface[o.sides.corner[face], surface[:, None]]
-    side_coincident = a.edge_roots.initial_sign[o.sides.edge[face], surface[:, None]] == 0
+    on_side = np.logical_or.reduceat(a.edge_roots.initial_sign[o.sides.edge] == 0, o.sides.first[:-1])
+    side_coincident = on_side.reshape(len(faces), 4, -1)[face, :, surface]
+    n_uses = np.diff(o.sides.first).reshape(-1, 4)[face]
     degenerate = corner_on.any(axis=1) | side_coincident.any(axis=1)
     flip = np.where((framed.leading_coordinate() < 0) & ~degenerate & framed.is_plane, -1, 1)
     framed = framed.flip_planes(flip)
     size = max((float(np.ptp(patch.poles)) for patch in o.patches.values()), default=1.0)
-    key = np.column_stack([faces.carrier[face], framed.congruence_key(size), corner_on, side_coincident])
+    key = np.column_stack([faces.carrier[face], framed.congruence_key(size), corner_on, side_coincident, n_uses])
     first, label = group_rows(key)
     return _PairClasses(
         face,
@@ -92,15 +95,36 @@ def _group_pairs(a: Arrangement) -> _PairClasses:
 
 
 def _collect_borders(a: Arrangement, face: int, surface: int, flip: int) -> tuple[BorderSide, ...]:
-    """The four sides of a patch as its edges see the surface, whose orientation is multiplied by `flip`."""
-    sides, roots = a.operands.sides, a.edge_roots
+    """The four sides of a patch as its edges see the surface, whose orientation is multiplied by `flip`.
+
+    TrimmingError if a T-vertex of a side lies in the surface, or if one of its edges lies in the surface and another does not.
+    """
+    sides = a.operands.sides
     result = []
-    for edge, forward in zip(sides.edge[face], sides.forward[face], strict=True):
-        low, high = a.edges.span[edge]
-        x = (roots.roots_of(edge, surface) - low) / (high - low)
-        sign = int(roots.initial_sign[edge, surface]) * flip
-        result.append(BorderSide(x, sign) if forward else BorderSide(1.0 - x[::-1], sign * (-1) ** len(x)))
+    for side in range(4):
+        uses = sides.uses_on(face, side)
+        parts = [_read_border(a, u, surface, flip) for u in uses]
+        if a.on_surface[sides.vertex[uses[1:]], surface].any() and any(part.sign for part in parts):
+            at = a.vertices[sides.vertex[uses[1]]].round(6)
+            raise TrimmingError(f"a surface of the body passes through a T-vertex of the lattice near {at}")
+        signs = [(part.sign, part.sign * (-1) ** len(part.roots)) for part in parts]
+        if any(before[1] != after[0] for before, after in pairwise(signs)):
+            raise TrimmingError("two edges on the side of a patch disagree on the side of their common vertex")
+        result.append(BorderSide(np.concatenate([part.roots for part in parts]), parts[0].sign))
     return tuple(result)
+
+
+def _read_border(a: Arrangement, use: int, surface: int, flip: int) -> BorderSide:
+    """What one edge use says about its part of a side."""
+    sides, roots = a.operands.sides, a.edge_roots
+    edge = int(sides.edge[use])
+    low, high = a.edges.span[edge]
+    x = (roots.roots_of(edge, surface) - low) / (high - low)
+    sign = int(roots.initial_sign[edge, surface]) * flip
+    if not sides.forward[use]:
+        x, sign = 1.0 - x[::-1], sign * (-1) ** len(x)
+    begin, end = sides.span[use]
+    return BorderSide(begin + (end - begin) * x, sign)
 
 
 def _fit_all_arcs(a: Arrangement, traces: list[Trace], pairs: _PairClasses) -> tuple[tuple[FittedArc, ...], IntArray]:
@@ -160,12 +184,13 @@ def _find_end_vertex(a: Arrangement, end: ArcEnd, face: int, surface: int, first
         return first_point + i
     if kind == "corner":
         return int(sides.corner[face, i])
-    edge = sides.edge[face, i]
-    pair = roots.row_of_pair[edge, surface]
-    count = roots.root_start[pair + 1] - roots.root_start[pair] if pair >= 0 else 0
-    if j >= count:
-        raise TrimmingError(f"congruent patches have different intersections with surface {surface} on their borders")
-    return int(a.edge_root_vertex[roots.root_start[pair] + (j if sides.forward[face, i] else count - 1 - j)])
+    for use in sides.uses_on(face, i):
+        pair = roots.row_of_pair[sides.edge[use], surface]
+        count = int(roots.root_start[pair + 1] - roots.root_start[pair]) if pair >= 0 else 0
+        if j < count:
+            return int(a.edge_root_vertex[roots.root_start[pair] + (j if sides.forward[use] else count - 1 - j)])
+        j -= count
+    raise TrimmingError(f"congruent patches have different intersections with surface {surface} on their borders")
 
 
 def collect_imprints(a: Arrangement) -> Arrangement:

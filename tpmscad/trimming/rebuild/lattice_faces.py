@@ -46,24 +46,21 @@ def build_lattice_faces(a: Arrangement, edges: Edges) -> list[FaceLoops]:
         sense = int(a.imprints.sense[arc]) * int(o.body.sense[a.piece_face[j]])
         use = EdgeUse(a.n_edge_pieces + j, sense, len(o.lattice.pcurves) + int(a.arcs.fitted_index[arc]))
         arcs_of_face.setdefault(int(a.imprints.face[arc]), []).append(use)
-    trimmed = split[sides.edge].any(axis=1)
+    trimmed = np.logical_or.reduceat(split[sides.edge], sides.start[:-1])
     trimmed[list(arcs_of_face)] = True
-    whole = np.flatnonzero(~trimmed & a.edge_piece_inside[first[sides.edge[:, 0]]])
+    whole = np.flatnonzero(~trimmed & a.edge_piece_inside[first[sides.edge[sides.start[:-1]]]])
     result: list[FaceLoops] = []
-    senses = np.where(sides.forward, 1, -1)
-    for f, e, s, p in zip(
-        whole.tolist(),
-        first[sides.edge[whole]].tolist(),
-        senses[whole].tolist(),
-        sides.pcurve[whole].tolist(),
-        strict=True,
-    ):
-        result.append(FaceLoops(f, [list(starmap(EdgeUse, zip(e, s, p, strict=True)))]))
+    of_use = zip(
+        first[sides.edge].tolist(), np.where(sides.forward, 1, -1).tolist(), sides.pcurve.tolist(), strict=True
+    )
+    uses = list(starmap(EdgeUse, of_use))
+    for f in whole.tolist():
+        result.append(FaceLoops(f, [uses[sides.start[f] : sides.start[f + 1]]]))
     for f in np.flatnonzero(trimmed).tolist():
         border = _collect_kept_border(a, f)
-        uses = border + arcs_of_face.get(f, [])
-        if uses:
-            result += [FaceLoops(f, face) for face in _chain_patch_faces(a, uses, len(border), edges)]
+        kept = border + arcs_of_face.get(f, [])
+        if kept:
+            result += [FaceLoops(f, face) for face in _chain_patch_faces(a, kept, len(border), edges)]
     return result
 
 
@@ -71,12 +68,12 @@ def _collect_kept_border(a: Arrangement, face: int) -> list[EdgeUse]:
     """The pieces of a patch's sides that lie inside the body, counter-clockwise."""
     sides, pieces = a.operands.sides, a.edge_pieces
     uses = []
-    for side in range(4):
-        edge, sense = int(sides.edge[face, side]), 1 if sides.forward[face, side] else -1
+    for use in sides.uses_of(face):
+        edge, sense = int(sides.edge[use]), 1 if sides.forward[use] else -1
         numbers = range(int(pieces.first[edge]), int(pieces.first[edge + 1]))
         for i in numbers[::sense]:
-            if a.edge_piece_inside[i] if a.edge_piece_face[i] < 0 else a.inside_on_side[face, side]:
-                uses.append(EdgeUse(i, sense, int(sides.pcurve[face, side])))
+            if a.edge_piece_inside[i] if a.edge_piece_face[i] < 0 else a.inside_on_side[use]:
+                uses.append(EdgeUse(i, sense, int(sides.pcurve[use])))
     return uses
 
 
