@@ -28,6 +28,7 @@ from tpmscad.errors import NotMet
 from tpmscad.fields import Field
 from tpmscad.fields.booleans import RoundedMinMaxField
 from tpmscad.fields.field import MinMaxField
+from tpmscad.fields.tape_nodes import Node, piecewise_polynomial
 
 SECOND_DERIVATIVES = (1.0, 1.0, -0.5, 0.0)
 """Second derivative of the profile at its knots, linear in between, before it is scaled."""
@@ -51,14 +52,10 @@ class RoundingProfile:
     height: float
     depth: float
 
-    def __call__(self, s: Array) -> tuple[Array, Array]:
-        """Values and derivatives at s >= 0, of the shape of s."""
-        i = np.minimum(np.searchsorted(self.knots, s, side="right"), 3) - 1
-        c3, c2, c1, c0 = self.pieces[:, i]
-        t = s - self.knots[i]
-        inside = s < 1.0
-        value, slope = ((c3 * t + c2) * t + c1) * t + c0, (3 * c3 * t + 2 * c2) * t + c1
-        return np.where(inside, value, 0.0), np.where(inside, slope, 0.0)
+    def trace(self, separation: Node) -> Node:
+        """The profile at a separation of at least 0, on the nodes of a tape."""
+        knots, pieces = np.append(self.knots, np.inf), np.column_stack([self.pieces, np.zeros(4)])
+        return piecewise_polynomial(knots, pieces, separation)
 
 
 @cache
@@ -96,9 +93,9 @@ class ProfileMinMaxField(RoundedMinMaxField):
 
     rounding_profile: RoundingProfile
 
-    def profile(self, apart: Array) -> tuple[Array, Array]:
-        """Values and derivatives of the rounding at differences of the two fields, in widths."""
-        return self.rounding_profile(apart)
+    def profile(self, separation: Node) -> Node:
+        """Height of the rounding where the two fields differ by a separation, in widths."""
+        return self.rounding_profile.trace(separation)
 
 
 MIN_PROBE_LINES = 64

@@ -11,10 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import IntArray
 from tpmscad.blending.composition.affine_form import find_bounding_window
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.defects import PhaseComponents, count_defects
@@ -23,6 +22,7 @@ from tpmscad.blending.result import BlendResult, DefectCounts
 from tpmscad.fields import Field
 from tpmscad.fields.image_regions import ImageRegion
 from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.tape_nodes import Node, select
 
 MAX_COVER_SAMPLES = 3
 """Distance, in samples, that a cover reaches beyond the samples of its defect."""
@@ -38,34 +38,14 @@ class CoveredField(Field):
     field: BlendedField
     covers: tuple[tuple[Field, int], ...]
 
-    def __call__(self, points: ArrayLike) -> Array:
-        """Values (...) at points (..., 3)."""
-        points = np.asarray(points, float)
-        value = self.field(points)
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        value = self.field.trace(x, y, z)
         for cover, sign in self.covers:
-            value = _apply_cover(value, cover(points), sign)
+            depth = -cover.trace(x, y, z)
+            is_replaced = (depth > 0.0) & (depth > sign * value)
+            value = select(is_replaced, sign * depth, value)
         return value
-
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at broadcast coordinates x, y, z."""
-        value = self.field.at(x, y, z)
-        for cover, sign in self.covers:
-            value = _apply_cover(value, cover.at(x, y, z), sign)
-        return value
-
-    def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-        """Values and the derivatives by x, y and z at broadcast coordinates."""
-        value, *slope = self.field.jet(x, y, z)
-        for cover, sign in self.covers:
-            cover_value, *cover_slope = cover.jet(x, y, z)
-            is_replaced = (cover_value < 0) & (-cover_value > sign * value)
-            value = np.where(is_replaced, -sign * cover_value, value)
-            slope = [np.where(is_replaced, -sign * c, s) for c, s in zip(cover_slope, slope, strict=True)]
-        return value, slope[0], slope[1], slope[2]
-
-
-def _apply_cover(value: Array, cover_value: Array, sign: int) -> Array:
-    return np.where(cover_value < 0, sign * np.maximum(sign * value, -cover_value), value)
 
 
 def make_cover(phase: PhaseComponents, labels: IntArray, grid: SampleGrid) -> ImageRegion | None:

@@ -7,14 +7,12 @@ even if f and g are.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-import numpy as np
-
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet
 from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.fields.tape_nodes import Node, choose_extreme, clamp
 from tpmscad.public_calls import public
 
 
@@ -28,34 +26,27 @@ class RoundedMinMaxField(BinaryField):
     sign: int
     width: float
 
-    def profile(self, separation: Array) -> tuple[Array, Array]:
-        """Height added where the fields differ by `separation` widths, in widths, and its derivative; zero from 1 on."""
+    def profile(self, separation: Node) -> Node:
+        """Height added where the fields differ by `separation` widths, in widths; zero from 1 on."""
         raise NotImplementedError
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        f, g = self.first.at(x, y, z), self.second.at(x, y, z)
-        height, _ = self.profile(np.abs(f - g) / self.width)
-        return np.where(self.sign * f >= self.sign * g, f, g) + self.sign * self.width * height
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        height, slope = self.profile(np.abs(f[0] - g[0]) / self.width)
-        keep = self.sign * f[0] >= self.sign * g[0]
-        share = np.where(keep, 1.0 + slope, -slope)
-        fx, fy, fz = (share * a + (1.0 - share) * b for a, b in zip(f[1:], g[1:], strict=True))
-        return np.where(keep, f[0], g[0]) + self.sign * self.width * height, fx, fy, fz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        f, g = self.first.trace(x, y, z), self.second.trace(x, y, z)
+        difference = self.sign * (f - g)
+        # |f - g| with a slope on the crease, too, which then has the mean of both gradients
+        separation = choose_extreme(+1, difference, -difference) / self.width
+        return choose_extreme(self.sign, f, g) + (self.sign * self.width) * self.profile(separation)
 
 
 @dataclass(frozen=True, slots=True)
 class CubicMinMaxField(RoundedMinMaxField):
     """Rounded by sign * width / 6 * (1 - |f - g| / width)^3: twice continuously differentiable across the crease."""
 
-    def profile(self, separation: Array) -> tuple[Array, Array]:
-        """Cubic height and its derivative."""
-        overlap = np.maximum(0.0, 1.0 - separation)
-        return overlap * overlap * overlap / 6.0, -0.5 * (overlap * overlap)
+    def profile(self, separation: Node) -> Node:
+        """Cubic height."""
+        overlap = clamp(1.0 - separation, 0.0, math.inf)
+        return overlap * overlap * overlap / 6.0
 
 
 @public()

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly
 
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.tape_nodes import Node, clamp, piecewise_polynomial
 from tpmscad.public_calls import public
 
 CellSizeTable = tuple[Sequence[float], Sequence[float]]
@@ -34,14 +34,14 @@ class CellCountSpline:
     cells: PPoly
     density: PPoly
 
-    def evaluate(self, t: Array) -> Array:
-        """Number of cells at coordinates t."""
-        inside = np.minimum(np.maximum(t, self.start), self.end)
-        return np.asarray(self.cells(inside) + (t - inside) * self.density(inside))
-
-    def derivative(self, t: Array) -> Array:
-        """Cells per length at coordinates t."""
-        return np.asarray(self.density(np.minimum(np.maximum(t, self.start), self.end)))
+    def trace(self, t: Node) -> Node:
+        """The number on the nodes of a tape."""
+        inside = clamp(t, self.start, self.end)
+        cells = piecewise_polynomial(self.cells.x, self.cells.c, inside)
+        density = piecewise_polynomial(self.density.x, self.density.c, inside)
+        total = cells + (t - inside) * density
+        # beyond the ends the count is linear
+        return t.recorder.with_gradient(total, (t,), lambda: (density,))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,24 +52,13 @@ class GradedCellField(Field):
     period: Triple
     counts: tuple[CellCountSpline | None, CellCountSpline | None, CellCountSpline | None]
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self.field.at(*self._map_coordinates(x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        value, *derivatives = self.field.jet(*self._map_coordinates(x, y, z))
-        fx, fy, fz = (
-            derivative if count is None else derivative * (period * count.derivative(t))
-            for derivative, count, period, t in zip(derivatives, self.counts, self.period, (x, y, z), strict=True)
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        coordinates = (
+            t if count is None else period * count.trace(t)
+            for t, count, period in zip((x, y, z), self.counts, self.period, strict=True)
         )
-        return value, fx, fy, fz
-
-    def _map_coordinates(self, *coordinates: Array) -> list[Array]:
-        return [
-            t if count is None else period * count.evaluate(t)
-            for t, count, period in zip(coordinates, self.counts, self.period, strict=True)
-        ]
+        return self.field.trace(*coordinates)
 
 
 @public()

@@ -14,6 +14,7 @@ from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.function_calls import DIFFERENCE_STEP, central_differences
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.fields.tape_nodes import Node, sum_nodes
 from tpmscad.public_calls import call_for_array, public
 
 IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
@@ -28,29 +29,17 @@ class AffineTransformedField(Field):
     shift: Triple
     factor: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        value = self.field.at(*self._transform(x, y, z))
-        return value if self.factor == 1 else self.factor * value
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, *gradient = self.field.jet(*self._transform(x, y, z))
-        c = self.factor
-        gx, gy, gz = (_linear_combination([c * row[axis] for row in self.matrix], gradient) for axis in range(3))
-        return f if c == 1 else c * f, gx, gy, gz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        coordinates = [
+            sum_nodes([factor * t for factor, t in zip(row, (x, y, z), strict=True) if factor != 0]) + shift
+            for row, shift in zip(self.matrix, self.shift, strict=True)
+        ]
+        return self.factor * self.field.trace(*coordinates)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
         return self.field.periods() if self.matrix == IDENTITY else None
-
-    def _transform(self, *coordinates: Array) -> list[Array]:
-        """Transformed coordinates; zero factors are skipped, so that a grid stays a grid under translation and scaling."""
-        transformed = []
-        for row, shift in zip(self.matrix, self.shift, strict=True):
-            t = _linear_combination(row, coordinates)
-            transformed.append(t if shift == 0 else t + shift)
-        return transformed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -245,16 +234,6 @@ def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 
     """
     c = np.array(center)
     return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / factor), _as_vector(c - c / factor), factor)
-
-
-def _linear_combination(factors: Sequence[float], parts: Sequence[Array]) -> Array:
-    """Sum of factor * part without the terms whose factor is zero."""
-    total: Array | None = None
-    for factor, part in zip(factors, parts, strict=True):
-        if factor != 0:
-            term = part if factor == 1 else factor * part
-            total = term if total is None else total + term
-    return np.zeros_like(parts[0]) if total is None else total
 
 
 def _as_rows(matrix: Array) -> tuple[Triple, Triple, Triple]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,6 +11,8 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array
 from tpmscad.argument_table import GRID_AXIS, POINTS
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field_tape import FieldTape
+from tpmscad.fields.tape_nodes import Node
 from tpmscad.public_calls import own_errors, read_value
 
 FieldJet = tuple[Array, Array, Array, Array]
@@ -50,12 +53,18 @@ def as_grid_axes(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array
 
 
 def grid_slabs(axes: tuple[Array, Array, Array]) -> Iterator[tuple[slice, tuple[Array, Array, Array]]]:
-    """Slabs of x planes of a grid: the slice of each, and its coordinates, which broadcast."""
+    """Slabs of x planes of a grid: the slice of each, and its axes."""
     x, y, z = axes
     step = max(1, MAX_POINTS_PER_SLAB // max(1, len(y) * len(z)))
     for start in range(0, len(x), step):
         part = slice(start, start + step)
-        yield part, (x[part, None, None], y[None, :, None], z[None, None, :])
+        yield part, (x[part], y, z)
+
+
+def broadcast_axes(axes: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+    """The axes of a grid as coordinates that broadcast."""
+    x, y, z = axes
+    return x[:, None, None], y[None, :, None], z[None, None, :]
 
 
 def is_grid(x: Array, y: Array, z: Array) -> bool:
@@ -69,18 +78,46 @@ def stack_points(x: Array, y: Array, z: Array) -> tuple[Array, tuple[int, ...]]:
     return np.stack((x.ravel(), y.ravel(), z.ravel()), axis=-1), x.shape
 
 
-class SlabEvaluation:
-    """Values and gradients on points and grids, in batches, of a class that implements `at` and `jet`."""
+class FieldEvaluation:
+    """Values and gradients on points and grids of a class that states its formula in `trace`, or implements `at` and `jet`."""
 
-    __slots__ = ()
+    __slots__ = ("_tape",)
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape; by default a call of `at` and `jet`."""
+        return x.recorder.external(self, (x, y, z))
 
     def at(self, x: Array, y: Array, z: Array) -> Array:
         """Values at coordinates that broadcast against each other; the result may still have to be broadcast."""
-        raise NotImplementedError
+        return self._run(x, y, z, False)[0]
 
     def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
         """Value, df/dx, df/dy and df/dz at coordinates that broadcast; the value has the same bits as `at`."""
-        raise NotImplementedError
+        value, gx, gy, gz = self._run(x, y, z, True)
+        return value, gx, gy, gz
+
+    def _run(self, x: Array, y: Array, z: Array, with_gradient: bool) -> Array:
+        """Value, or value and derivatives, (m, ...) by the tape."""
+        evaluator = self.tape.evaluator(with_gradient)
+        if is_grid(x, y, z):
+            return evaluator.on_grid((x.ravel(), y.ravel(), z.ravel()))
+        shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
+        columns = np.empty((3, *shape))
+        columns[0], columns[1], columns[2] = x, y, z
+        return evaluator.at_points(columns.reshape(3, math.prod(shape))).reshape(4 if with_gradient else 1, *shape)
+
+    @property
+    def tape(self) -> FieldTape:
+        """The field's tape, recorded when it is first needed."""
+        try:
+            return self._tape
+        except AttributeError:
+            object.__setattr__(self, "_tape", FieldTape(self))
+            return self._tape
+
+    @property
+    def _is_traced(self) -> bool:
+        return type(self).trace is not FieldEvaluation.trace
 
     def periods(self) -> Triple | None:
         """Return the periods along the axes.
@@ -107,6 +144,8 @@ class SlabEvaluation:
             Values, negative in the solid.
         """
         flat, shape = flatten_points(points)
+        if self._is_traced:
+            return self.tape.values_at(flat).reshape(shape)
         values = np.empty(len(flat))
         for part in point_batches(len(flat)):
             values[part] = self.at(*copy_columns(flat[part]))
@@ -145,6 +184,9 @@ class SlabEvaluation:
             Exact gradients.
         """
         flat, shape = flatten_points(points)
+        if self._is_traced:
+            values, gradients = self.tape.jets_at(flat)
+            return values.reshape(shape), gradients.reshape(*shape, 3)
         values, gradients = np.empty(len(flat)), np.empty((len(flat), 3))
         for part in point_batches(len(flat)):
             values[part], gradients[part, 0], gradients[part, 1], gradients[part, 2] = self.jet(
@@ -168,8 +210,8 @@ class SlabEvaluation:
         """
         axes = as_grid_axes(x, y, z)
         values = np.empty(tuple(len(axis) for axis in axes))
-        for part, coordinates in grid_slabs(axes):
-            values[part] = self.at(*coordinates)
+        for part, slab in grid_slabs(axes):
+            values[part] = self.at(*broadcast_axes(slab))
         return values
 
     @own_errors
@@ -191,8 +233,8 @@ class SlabEvaluation:
         axes = as_grid_axes(x, y, z)
         values = np.empty(tuple(len(axis) for axis in axes))
         gradients = np.empty((*values.shape, 3))
-        for part, coordinates in grid_slabs(axes):
+        for part, slab in grid_slabs(axes):
             values[part], gradients[part, ..., 0], gradients[part, ..., 1], gradients[part, ..., 2] = self.jet(
-                *coordinates
+                *broadcast_axes(slab)
             )
         return values, gradients

@@ -1,25 +1,23 @@
 """Fields of formulas: text such as "sin(x)*cos(y) + 0.2*z", parsed into a tree with exact derivatives and never run as code.
 
 Python's parser reads the text; only numbers, coordinates, named fields, arithmetic and the functions of a list become nodes, so
-that a formula cannot call or reach anything else. Each node evaluates values, or values with their three partial derivatives.
+that a formula cannot call or reach anything else.
 """
 
 from __future__ import annotations
 
 import ast
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from types import MappingProxyType
 
-import numpy as np
-
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import (
     BinaryField,
     ConstantField,
@@ -30,6 +28,17 @@ from tpmscad.fields.field import (
     SumField,
     as_field,
     multiply_fields,
+)
+from tpmscad.fields.tape_nodes import (
+    ELEMENTARY_FUNCTIONS,
+    Node,
+    absolute,
+    angle,
+    apply_function,
+    cosine,
+    power,
+    root,
+    sine,
 )
 from tpmscad.public_calls import public
 
@@ -46,30 +55,9 @@ CONSTANTS: Mapping[str, float] = MappingProxyType({"pi": math.pi, "e": math.e})
 """Names of numbers."""
 
 
-@dataclass(frozen=True, slots=True)
-class ElementaryFunction:
-    """A function of one number and its derivative, which takes the argument and the value of the function."""
-
-    evaluate: Callable[[Array], Array]
-    differentiate: Callable[[Array, Array], Array]
-
-
-FUNCTIONS: Mapping[str, ElementaryFunction] = MappingProxyType(
-    {
-        "sin": ElementaryFunction(np.sin, lambda u, f: np.cos(u)),
-        "cos": ElementaryFunction(np.cos, lambda u, f: -np.sin(u)),
-        "tan": ElementaryFunction(np.tan, lambda u, f: 1.0 + f * f),
-        "asin": ElementaryFunction(np.arcsin, lambda u, f: 1.0 / np.sqrt(1.0 - u * u)),
-        "acos": ElementaryFunction(np.arccos, lambda u, f: -1.0 / np.sqrt(1.0 - u * u)),
-        "atan": ElementaryFunction(np.arctan, lambda u, f: 1.0 / (1.0 + u * u)),
-        "sinh": ElementaryFunction(np.sinh, lambda u, f: np.cosh(u)),
-        "cosh": ElementaryFunction(np.cosh, lambda u, f: np.sinh(u)),
-        "tanh": ElementaryFunction(np.tanh, lambda u, f: 1.0 - f * f),
-        "exp": ElementaryFunction(np.exp, lambda u, f: f),
-        "log": ElementaryFunction(np.log, lambda u, f: 1.0 / u),
-        "sqrt": ElementaryFunction(np.sqrt, lambda u, f: 0.5 / f),
-        "abs": ElementaryFunction(np.abs, lambda u, f: np.sign(u)),
-    }
+FUNCTIONS: Mapping[str, Callable[[Node], Node]] = MappingProxyType(
+    {"sin": sine, "cos": cosine, "sqrt": root, "abs": absolute}
+    | {name: partial(apply_function, name) for name in sorted(ELEMENTARY_FUNCTIONS)}
 )
 """Functions of one argument. `min`, `max`, `hypot` and `atan2` take several."""
 
@@ -81,16 +69,9 @@ class CoordinateField(Field):
     axis: int
     rate: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
         return self.rate * (x, y, z)[self.axis]
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        zero = np.zeros((1,) * x.ndim)
-        slopes = [zero, zero, zero]
-        slopes[self.axis] = np.full((1,) * x.ndim, self.rate)
-        return self.rate * (x, y, z)[self.axis], slopes[0], slopes[1], slopes[2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,18 +81,9 @@ class FunctionOfField(Field):
     name: str
     argument: Field
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return FUNCTIONS[self.name].evaluate(self.argument.at(x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        u, ux, uy, uz = self.argument.jet(x, y, z)
-        value = FUNCTIONS[self.name].evaluate(u)
-        slope = FUNCTIONS[self.name].differentiate(u, value)
-        # sqrt(x^2 + y^2) on the axis: an infinite slope times a zero derivative is the derivative along the ridge, zero
-        gx, gy, gz = (np.where(t == 0.0, 0.0, slope * t) for t in (ux, uy, uz))
-        return value, gx, gy, gz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return FUNCTIONS[self.name](self.argument.trace(x, y, z))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,15 +93,9 @@ class PowerField(Field):
     base: Field
     exponent: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return _power(self.base.at(x, y, z), self.exponent)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        u, ux, uy, uz = self.base.jet(x, y, z)
-        slope = self.exponent * _power(u, self.exponent - 1.0)
-        return _power(u, self.exponent), slope * ux, slope * uy, slope * uz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return power(self.base.trace(x, y, z), self.exponent)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,16 +105,9 @@ class QuotientField(Field):
     numerator: Field
     denominator: Field
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self.numerator.at(x, y, z) / self.denominator.at(x, y, z)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, fx, fy, fz = self.numerator.jet(x, y, z)
-        g, gx, gy, gz = self.denominator.jet(x, y, z)
-        value = f / g
-        return value, (fx - value * gx) / g, (fy - value * gy) / g, (fz - value * gz) / g
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return self.numerator.trace(x, y, z) / self.denominator.trace(x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,17 +117,9 @@ class AngleField(Field):
     ordinate: Field
     abscissa: Field
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return np.arctan2(self.ordinate.at(x, y, z), self.abscissa.at(x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        s, sx, sy, sz = self.ordinate.jet(x, y, z)
-        c, cx, cy, cz = self.abscissa.jet(x, y, z)
-        square = s * s + c * c
-        slopes = [(c * ds - s * dc) / square for ds, dc in ((sx, cx), (sy, cy), (sz, cz))]
-        return np.arctan2(s, c), slopes[0], slopes[1], slopes[2]
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return angle(self.ordinate.trace(x, y, z), self.abscissa.trace(x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,19 +129,13 @@ class ExpressionField(Field):
     formula: str
     tree: Field
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        with np.errstate(all="ignore"):
-            value = self.tree.at(x, y, z)
-        self._require_finite((value,), x, y, z)
-        return value
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        with np.errstate(all="ignore"):
-            found = self.tree.jet(x, y, z)
-        self._require_finite(found, x, y, z)
-        return found
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        limit = sys.float_info.max
+        value = self.tree.trace(x, y, z)
+        return x.recorder.checked(
+            value, -limit, limit, partial(self._refuse, "value"), partial(self._refuse, "gradient")
+        )
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
@@ -203,16 +148,9 @@ class ExpressionField(Field):
                 return None
         return 2 * math.pi / bases[0], 2 * math.pi / bases[1], 2 * math.pi / bases[2]
 
-    def _require_finite(self, arrays: tuple[Array, ...], *coordinates: Array) -> None:
-        if all(np.isfinite(array).all() for array in arrays):
-            return
-        shape = np.broadcast_shapes(*(array.shape for array in (*arrays, *coordinates)))
-        bad = np.zeros(shape, bool)
-        for array in arrays:
-            bad |= ~np.isfinite(array)
-        where = ", ".join(f"{np.broadcast_to(t, shape)[bad][0]:g}" for t in coordinates)
-        what = "value" if not np.isfinite(arrays[0]).all() else "gradient"
-        raise InvalidRequest(
+    def _refuse(self, what: str, _: float, point: Triple) -> InvalidRequest:
+        where = ", ".join(f"{t:g}" for t in point)
+        return InvalidRequest(
             f"the {what} of {self.formula!r} is not finite at ({where}): keep the domain away from there, or change the "
             "formula (divisions, log, sqrt and fractional powers are limited to part of space)"
         )
@@ -389,16 +327,6 @@ class _Reader:
         if name in ("hypot", "atan2"):
             raise InvalidRequest(f"{name} takes two arguments, here {n}, in the formula {_shorten(self.formula)!r}")
         raise InvalidRequest(f"the function {name!r} is unknown in the formula{self._suggest(name)}")
-
-
-def _power(base: Array, exponent: float) -> Array:
-    """The base to the exponent; small whole exponents are products, so that every point has the same bits in any company."""
-    if exponent == int(exponent) and 0 <= exponent <= 4:
-        result = np.ones_like(base)
-        for _ in range(int(exponent)):
-            result = result * base
-        return result
-    return np.power(base, exponent)
 
 
 def _depth(root: ast.AST) -> int:

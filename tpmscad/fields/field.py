@@ -1,10 +1,11 @@
 """Fields: functions f(points (..., 3)) -> (...) of model coordinates with their exact gradient; f < 0 is solid.
 
-A class of fields implements its evaluation once, on three coordinate arrays that broadcast: `at(x, y, z)` for values and
-`jet(x, y, z)` for values and the three partial derivatives. For points the arrays are columns; for a grid they have the shapes
-(nx, 1, 1), (1, ny, 1) and (1, 1, nz), so that terms of one coordinate are computed once per plane. Only elementwise operations
-in a fixed order are used. Both routes therefore give the same bits, and the value of a point does not depend on the other points
-of the call. Foreign functions (`FunctionField`) cannot guarantee this.
+A class of fields states its formula once, in `trace(x, y, z)`, on the nodes of a tape (`tape_nodes.py`); values, exact gradients,
+and their compiled evaluation on points and grids follow from it (`field_tape.py`). What no tape can hold, a function of the user,
+an image or an iteration, implements `at(x, y, z)` for values and `jet(x, y, z)` for values and the three partial derivatives, on
+coordinate arrays that broadcast; it is an input of the tapes that use it. Only elementwise operations in a fixed order are used:
+points and grids give the same bits, and the value of a point does not depend on the other points of the call. Foreign functions
+(`FunctionField`) cannot guarantee this.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, SlabEvaluation, Triple, is_grid, stack_points
+from tpmscad.fields.evaluation import FieldEvaluation, FieldJet, Triple, is_grid, stack_points
 from tpmscad.fields.function_calls import (
     DIFFERENCE_STEP,
     PROBE_POINTS,
@@ -29,13 +30,14 @@ from tpmscad.fields.function_calls import (
     describe_function,
     detect_coordinate_arguments,
 )
+from tpmscad.fields.tape_nodes import Node, choose_extreme
 from tpmscad.public_calls import call_for_array, public
 
 EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
 """Periods of a constant field, which every translation leaves unchanged."""
 
 
-class Field(SlabEvaluation):
+class Field(FieldEvaluation):
     """Base class of all fields: f(points (..., 3)) -> (...), negative in the solid.
 
     `+ - *` combine fields and numbers; `a | b`, `a & b` and `~a` are the union, intersection and complement of the solids.
@@ -86,14 +88,9 @@ class ConstantField(Field):
 
     value: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return np.full((1,) * x.ndim, self.value)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        zero = np.zeros((1,) * x.ndim)
-        return np.full((1,) * x.ndim, self.value), zero, zero, zero
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return x.recorder.constant(self.value)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
@@ -116,15 +113,9 @@ class BinaryField(Field):
 class SumField(BinaryField):
     """first + second."""
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self.first.at(x, y, z) + self.second.at(x, y, z)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, fx, fy, fz = self.first.jet(x, y, z)
-        g, gx, gy, gz = self.second.jet(x, y, z)
-        return f + g, fx + gx, fy + gy, fz + gz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return self.first.trace(x, y, z) + self.second.trace(x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,15 +125,9 @@ class ScaledField(Field):
     factor: float
     field: Field
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self.factor * self.field.at(x, y, z)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, fx, fy, fz = self.field.jet(x, y, z)
-        c = self.factor
-        return c * f, c * fx, c * fy, c * fz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return self.factor * self.field.trace(x, y, z)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
@@ -153,15 +138,9 @@ class ScaledField(Field):
 class ProductField(BinaryField):
     """first * second."""
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self.first.at(x, y, z) * self.second.at(x, y, z)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, fx, fy, fz = self.first.jet(x, y, z)
-        g, gx, gy, gz = self.second.jet(x, y, z)
-        return f * g, fx * g + f * gx, fy * g + f * gy, fz * g + f * gz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return self.first.trace(x, y, z) * self.second.trace(x, y, z)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,17 +149,9 @@ class MinMaxField(BinaryField):
 
     sign: int
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        f, g = self.first.at(x, y, z), self.second.at(x, y, z)
-        return np.where(self.sign * f >= self.sign * g, f, g)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        f, g = self.first.jet(x, y, z), self.second.jet(x, y, z)
-        keep = self.sign * f[0] >= self.sign * g[0]
-        value, fx, fy, fz = (np.where(keep, a, b) for a, b in zip(f, g, strict=True))
-        return value, fx, fy, fz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return choose_extreme(self.sign, self.first.trace(x, y, z), self.second.trace(x, y, z))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,13 +6,14 @@ blending region of a blended field ends at the face. The extension continues the
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
-
-import numpy as np
+from functools import reduce
 
 from tpmscad._typing import Array
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.tape_nodes import Node, clamp, select, sum_nodes
 
 DIFFERENCE_STEP_FRACTION = 1e-4
 """Step of the differences for second derivatives at a face, as a fraction of the distance beyond the face."""
@@ -20,48 +21,50 @@ DIFFERENCE_STEP_FRACTION = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class LinearExtension(Field):
-    """`field` inside [lo, hi], extended linearly outside; `jet` gives the gradient of the extended field."""
+    """`field` inside [lo, hi], extended linearly outside, with the gradient of the extended field."""
 
     field: Field
     lo: Triple
     hi: Triple
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        clamped = self._clamp(x, y, z)
-        if all((n == t).all() for n, t in zip(clamped, (x, y, z), strict=True)):
-            return self.field.at(x, y, z)
-        value, *gradient = self.field.jet(*clamped)
-        return value + sum(s * (t - n) for s, t, n in zip(gradient, (x, y, z), clamped, strict=True))
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        recorder, zero, point = x.recorder, x.recorder.constant(0.0), (x, y, z)
+        clamped = [clamp(t, low, high) for t, low, high in zip(point, self.lo, self.hi, strict=True)]
+        beyond = [t - n for t, n in zip(point, clamped, strict=True)]
+        is_beyond = [(b > 0.0) | (b < 0.0) for b in beyond]
+        is_outside = reduce(operator.or_, is_beyond)
+        # inside the box, where it is used, the clamped point moves with the point
+        inside = self.field.trace(
+            *(recorder.with_gradient(n, (t,), lambda: (1.0,)) for n, t in zip(clamped, point, strict=True))
+        )
+        with recorder.where(is_outside):
+            value, gradient = self._jet(clamped)
+            value = sum_nodes([value, *(g * b for g, b in zip(gradient, beyond, strict=True))])
 
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        clamped = self._clamp(x, y, z)
-        value, *gradient = self.field.jet(*clamped)
-        beyond = np.broadcast_arrays(*(t - n for t, n in zip((x, y, z), clamped, strict=True)))
-        outside = (beyond[0] != 0) | (beyond[1] != 0) | (beyond[2] != 0)
-        if outside.any():
-            b = [each[outside] for each in beyond]
-            foot = [np.broadcast_to(n, outside.shape)[outside] for n in clamped]
-            before = self.field.jet(*(n - DIFFERENCE_STEP_FRACTION * each for n, each in zip(foot, b, strict=True)))[1:]
-            value, gradient = (
-                np.broadcast_to(value, outside.shape).copy(),
-                [np.broadcast_to(s, outside.shape).copy() for s in gradient],
-            )
-            value[outside] += sum(s[outside] * each for s, each in zip(gradient, b, strict=True))
-            for axis in range(3):
+            def differentiate() -> list[Node]:
+                step = DIFFERENCE_STEP_FRACTION
+                before = self._jet([n - step * b for n, b in zip(clamped, beyond, strict=True)])[1]
                 # the tangential derivatives of the extension change by the field's mixed second derivatives
-                change = (gradient[axis][outside] - before[axis]) / DIFFERENCE_STEP_FRACTION
-                gradient[axis][outside] += np.where(b[axis] != 0, 0.0, change)
-        return value, gradient[0], gradient[1], gradient[2]
+                return [
+                    g + select(is_off, zero, (g - h) / step)
+                    for g, h, is_off in zip(gradient, before, is_beyond, strict=True)
+                ]
+
+            outside = recorder.with_gradient(value, point, differentiate)
+        return select(is_outside, outside, inside)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
         return self.field.periods()
 
-    def _clamp(self, *coordinates: Array) -> list[Array]:
-        """Coordinates clamped to the box."""
-        return [np.clip(t, low, high) for t, low, high in zip(coordinates, self.lo, self.hi, strict=True)]
+    def _jet(self, point: list[Node]) -> tuple[Node, list[Node]]:
+        """Value and derivatives of the field at a point, by its coordinates."""
+        recorder = point[0].recorder
+        seeds = [recorder.with_gradient(t, (), tuple) for t in point]
+        value = self.field.trace(*seeds)
+        zero = recorder.constant(0.0)
+        return value, [zero if p is None else p for p in recorder.differentiate(value, seeds)]
 
 
 def extend_linearly(field: Field, lo: Array, hi: Array) -> LinearExtension:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from tpmscad._typing import Array
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import choose_periods
+from tpmscad.fields.tape_nodes import Node
 from tpmscad.fields.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
 from tpmscad.public_calls import public
 
@@ -34,25 +34,17 @@ class NodalField(Field):
         """The surface's record in the catalogue."""
         return CATALOGUE[self.name]
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return POLYNOMIALS[self.name].value(*self._angles(x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        value, fx, fy, fz = POLYNOMIALS[self.name].jet(*self._angles(x, y, z))
-        a, b, c = (2 * math.pi / p for p in self.period)
-        return value, a * fx, b * fy, c * fz
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        angles = (
+            (2 * math.pi / period) * t - 2 * math.pi * shift
+            for t, period, shift in zip((x, y, z), self.period, self.phase, strict=True)
+        )
+        return POLYNOMIALS[self.name].trace(*angles)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
         return self.period
-
-    def _angles(self, *coordinates: Array) -> tuple[Array, ...]:
-        return tuple(
-            (2 * math.pi / period) * t - 2 * math.pi * shift
-            for t, period, shift in zip(coordinates, self.period, self.phase, strict=True)
-        )
 
 
 @public()

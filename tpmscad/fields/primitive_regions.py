@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.fields.tape_nodes import Node, absolute, choose_extreme, clamp, norm, select, sum_nodes
 from tpmscad.public_calls import public
 
 
@@ -21,32 +23,11 @@ class BoxRegion(Field):
     lo: Triple
     hi: Triple
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return _corner_distance(*self._excess(x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        excess = self._excess(x, y, z)
-        value = _corner_distance(*excess)
-        # outside: direction from the nearest point of the box; inside: normal of the nearest face, the first of several
-        a, b, c = excess
-        outside = (a > 0) | (b > 0) | (c > 0)
-        length = np.where(outside, value, 1.0)
-        first = (a >= b) & (a >= c)
-        second = ~first & (b >= c)
-        nearest = first, second, ~first & ~second
-        middle = [_slab_midpoint(lo, hi) for lo, hi in zip(self.lo, self.hi, strict=True)]
-        gradient = [
-            np.where(t >= m, 1.0, -1.0) * np.where(outside, np.maximum(e, 0.0) / length, near.astype(float))
-            for t, m, e, near in zip((x, y, z), middle, excess, nearest, strict=True)
-        ]
-        return value, gradient[0], gradient[1], gradient[2]
-
-    def _excess(self, *coordinates: Array) -> tuple[Array, Array, Array]:
-        """Signed distance of each coordinate to its interval, negative inside."""
-        a, b, c = (np.maximum(lo - t, t - hi) for t, lo, hi in zip(coordinates, self.lo, self.hi, strict=True))
-        return a, b, c
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        # at equal distances the upper face, so that the gradient there is that of the upper side
+        excess = [choose_extreme(+1, t - hi, lo - t) for t, lo, hi in zip((x, y, z), self.lo, self.hi, strict=True)]
+        return _corner_distance(*excess)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +37,9 @@ class HalfSpaceRegion(Field):
     point: Triple
     normal: Triple
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        (px, py, pz), (nx, ny, nz) = self.point, self.normal
-        return (x - px) * nx + (y - py) * ny + (z - pz) * nz
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        one = np.ones((1,) * x.ndim)
-        return self.at(x, y, z), self.normal[0] * one, self.normal[1] * one, self.normal[2] * one
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return sum_nodes([(t - p) * n for t, p, n in zip((x, y, z), self.point, self.normal, strict=True)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,17 +49,11 @@ class SphereRegion(Field):
     center: Triple
     radius: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        cx, cy, cz = self.center
-        return np.sqrt((x - cx) ** 2 + (y - cy) ** 2 + (z - cz) ** 2) - self.radius
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
         dx, dy, dz = (t - c for t, c in zip((x, y, z), self.center, strict=True))
-        distance = np.sqrt(dx**2 + dy**2 + dz**2)
-        safe, at_center = np.where(distance > 0, distance, 1.0), distance == 0
-        return distance - self.radius, np.where(at_center, 1.0, dx / safe), dy / safe, dz / safe
+        distance = norm(dx, dy, dz)
+        return select(distance > 0.0, distance, dx) - self.radius
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,37 +65,15 @@ class CylinderRegion(Field):
     radius: float
     height: float | None
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        along, _, distance = self._parts(x, y, z)
-        if self.height is None:
-            return distance - self.radius
-        return _corner_distance(distance - self.radius, np.abs(along) - self.height / 2)
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        along, across, distance = self._parts(x, y, z)
-        safe = np.where(distance > 0, distance, 1.0)
-        aside = _perpendicular_unit_vector(self.axis)
-        radial = [np.where(distance > 0, w / safe, a) for w, a in zip(across, aside, strict=True)]
-        if self.height is None:
-            return distance - self.radius, radial[0], radial[1], radial[2]
-        a, b = distance - self.radius, np.abs(along) - self.height / 2
-        value = _corner_distance(a, b)
-        outside = (a > 0) | (b > 0)
-        length = np.where(outside, value, 1.0)
-        share = np.where(outside, np.maximum(a, 0.0) / length, (a >= b).astype(float))
-        lift = np.where(along >= 0, 1.0, -1.0) * np.where(outside, np.maximum(b, 0.0) / length, (a < b).astype(float))
-        gradient = [share * r + lift * n for r, n in zip(radial, self.axis, strict=True)]
-        return value, gradient[0], gradient[1], gradient[2]
-
-    def _parts(self, x: Array, y: Array, z: Array) -> tuple[Array, tuple[Array, Array, Array], Array]:
-        """Coordinate along the axis, vector from the axis, and its length."""
-        (nx, ny, nz), (cx, cy, cz) = self.axis, self.center
-        dx, dy, dz = x - cx, y - cy, z - cz
-        along = dx * nx + dy * ny + dz * nz
-        wx, wy, wz = dx - along * nx, dy - along * ny, dz - along * nz
-        return along, (wx, wy, wz), np.sqrt(wx**2 + wy**2 + wz**2)
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        offset = [t - c for t, c in zip((x, y, z), self.center, strict=True)]
+        along = sum_nodes([d * n for d, n in zip(offset, self.axis, strict=True)])
+        across = [d - along * n for d, n in zip(offset, self.axis, strict=True)]
+        distance = norm(*across)
+        aside = sum_nodes([w * a for w, a in zip(across, _perpendicular_unit_vector(self.axis), strict=True)])
+        radial = select(distance > 0.0, distance, aside) - self.radius
+        return radial if self.height is None else _corner_distance(radial, absolute(along) - self.height / 2)
 
 
 @public()
@@ -256,19 +203,10 @@ def cylinder(center: Triple, radius: float, axis: Direction = "z", height: float
     return CylinderRegion(center, as_unit_vector(axis), radius, height)
 
 
-def _corner_distance(*excess: Array) -> Array:
+def _corner_distance(*excess: Node) -> Node:
     """Signed distance to the intersection {all excess <= 0} of perpendicular half-spaces."""
-    inside = excess[0]
-    outside = np.maximum(excess[0], 0.0) ** 2
-    for e in excess[1:]:
-        inside = np.maximum(inside, e)
-        outside = outside + np.maximum(e, 0.0) ** 2
-    return np.where(inside > 0, np.sqrt(outside), inside)
-
-
-def _slab_midpoint(lo: float, hi: float) -> float:
-    """Coordinate at which the nearer of two faces changes, infinite if one of the faces is."""
-    return (lo + hi) / 2 if np.isfinite(lo) or np.isfinite(hi) else 0.0
+    inside = reduce(lambda first, other: choose_extreme(+1, first, other), excess)
+    return select(inside > 0.0, norm(*(clamp(e, 0.0, math.inf) for e in excess)), inside)
 
 
 def _perpendicular_unit_vector(axis: Triple) -> Triple:

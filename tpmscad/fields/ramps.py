@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
 from tpmscad.fields.primitive_regions import HalfSpaceRegion
+from tpmscad.fields.tape_nodes import Node, clamp, sum_nodes
 from tpmscad.public_calls import public
 
 
@@ -23,18 +21,10 @@ class AffineFunction(Field):
     slope: Triple
     offset: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        value = np.full((1,) * x.ndim, self.offset)
-        for factor, t in zip(self.slope, (x, y, z), strict=True):
-            if factor != 0:
-                value = value + factor * t
-        return value
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        one = np.ones((1,) * x.ndim)
-        return self.at(x, y, z), self.slope[0] * one, self.slope[1] * one, self.slope[2] * one
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        terms = [factor * t for factor, t in zip(self.slope, (x, y, z), strict=True) if factor != 0]
+        return sum_nodes([x.recorder.constant(self.offset), *terms])
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,23 +41,11 @@ class RampField(Field):
     high: float
     smooth: bool
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return self._transition(self.parameter.at(x, y, z))[0]
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        parameter, px, py, pz = self.parameter.jet(x, y, z)
-        value, t = self._transition(parameter)
-        steep = 30.0 * (t * t) * ((1.0 - t) * (1.0 - t)) if self.smooth else ((t > 0) & (t < 1)).astype(float)
-        rate = ((self.high - self.low) / (self.end - self.start)) * steep
-        return value, rate * px, rate * py, rate * pz
-
-    def _transition(self, parameter: Array) -> tuple[Array, Array]:
-        """Value of the ramp and the clamped t."""
-        t = np.minimum(np.maximum((parameter - self.start) / (self.end - self.start), 0.0), 1.0)
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        t = clamp((self.parameter.trace(x, y, z) - self.start) / (self.end - self.start), 0.0, 1.0)
         s = t * t * t * (10.0 + t * (6.0 * t - 15.0)) if self.smooth else t
-        return (1.0 - s) * self.low + s * self.high, t
+        return (1.0 - s) * self.low + s * self.high
 
 
 @public()

@@ -21,8 +21,9 @@ from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldJet
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.tape_nodes import Node, piecewise_polynomial
 from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
 
@@ -270,28 +271,21 @@ class GradedThreshold(Field):
     level: float
     sign: float
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        fraction = self.fraction.at(x, y, z)
-        self._check_within_span(fraction)
-        return self.level + self.sign * np.asarray(self.threshold_of_fraction(fraction))
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        spline = self.threshold_of_fraction
+        low, high = spline.x[[0, -1]]
+        fraction = x.recorder.checked(
+            self.fraction.trace(x, y, z), low - FRACTION_ACCURACY, high + FRACTION_ACCURACY, self._refuse
+        )
+        return self.sign * piecewise_polynomial(spline.x, spline.c, fraction) + self.level
 
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        fraction, fx, fy, fz = self.fraction.jet(x, y, z)
-        self._check_within_span(fraction)
-        value = self.level + self.sign * np.asarray(self.threshold_of_fraction(fraction))
-        rate = self.sign * np.asarray(self.threshold_of_fraction(fraction, 1))
-        return value, rate * fx, rate * fy, rate * fz
-
-    def _check_within_span(self, fraction: Array) -> None:
+    def _refuse(self, fraction: float, _: Triple) -> InvalidRequest:
         low, high = self.threshold_of_fraction.x[[0, -1]]
-        minimum, maximum = fraction.min(initial=high), fraction.max(initial=low)
-        if minimum < low - FRACTION_ACCURACY or maximum > high + FRACTION_ACCURACY:
-            raise InvalidRequest(
-                f"the volume fraction takes the value {minimum if minimum < low else maximum:.4g}, outside the span from {low:g} "
-                f"to {high:g}: widen the span, or end the fraction's ramp within it"
-            )
+        return InvalidRequest(
+            f"the volume fraction takes the value {fraction:.4g}, outside the span from {low:g} to {high:g}: widen the span, or "
+            "end the fraction's ramp within it"
+        )
 
 
 @public()

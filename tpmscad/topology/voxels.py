@@ -35,8 +35,8 @@ CONNECTIVITY: Mapping[str, tuple[int, int]] = MappingProxyType(
 )
 """Numbers of neighbours of a solid and of a void voxel, by convention."""
 
-njit_cached = numba.njit(cache=True)
-"""Decorator of compiled loops: compiled on first use and cached on disk."""
+njit_cached = numba.njit(cache=True, error_model="numpy")
+"""Decorator of compiled loops: compiled on first use and cached on disk; a division by zero gives inf or nan, as in NumPy."""
 
 
 def as_sample_array(values: ArrayLike) -> Array:

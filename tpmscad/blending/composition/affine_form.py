@@ -17,6 +17,7 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.constraints import WeightConstraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
 from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.tape_nodes import Node
 
 GridWindow = tuple[slice, slice, slice]
 
@@ -109,6 +110,9 @@ class _ConstantWeight:
 
     def gradient(self, points: ArrayLike) -> Array:
         return np.zeros(np.shape(points))
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        return x.recorder.constant(self.value)
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
         return np.full((len(x), len(y), len(z)), self.value)

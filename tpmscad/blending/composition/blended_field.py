@@ -10,18 +10,18 @@ replace what it leaves there outside their own blending regions.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.blending.weights.volume_weight import VolumeWeight
-from tpmscad.blending.weights.weight_protocol import WeightFunction
+from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_weight
 from tpmscad.fields import Field
-from tpmscad.fields.field import FunctionField
+from tpmscad.fields.field import ConstantField
 from tpmscad.fields.sample_grid import BoxBounds
+from tpmscad.fields.tape_nodes import Node, clamp, select
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,41 +43,27 @@ class BlendedField(Field):
     level_shifts: tuple[WeightFunction | None, ...] = ()
     domain: BoxBounds | None = None
 
-    def __call__(self, points: ArrayLike) -> Array:
-        """Values (...) at points (..., 3)."""
-        points = np.asarray(points, float)
-        return self._blend(points, [_evaluate_structure(structure, points) for structure in self.structures])
-
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at broadcast coordinates x, y, z."""
-        shape = np.broadcast_shapes(x.shape, y.shape, z.shape)
-        values = [np.broadcast_to(structure.at(x, y, z), shape) for structure in self.structures]
-        return self._blend(np.stack(np.broadcast_arrays(x, y, z), axis=-1), values)
-
-    def jet(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array, Array]:
-        """Values and the derivatives by x, y and z at broadcast coordinates."""
-        points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-        clamped = self.clamp_to_domain(points)
-        is_inside_domain = clamped == points
-        value, slope = self.structures[0].value_and_gradient(points)
-        for stage, mixed, is_later in self._stages(clamped):
-            next_value, next_slope = self.structures[stage + 1].value_and_gradient(points)
-            w, dw = _weight_value_and_gradient(self.weights[stage], clamped[mixed])
-            dw = np.where(is_inside_domain[mixed], dw, 0.0)
-            mixed_slope = (
-                (1 - w)[:, None] * slope[mixed]
-                + w[:, None] * next_slope[mixed]
-                + (next_value - value)[mixed][:, None] * dw
-            )
-            mixed_value = (1 - w) * value[mixed] + w * next_value[mixed]
-            if (level_shift := self._level_shift(stage)) is not None:
-                shift, shift_slope = _weight_value_and_gradient(level_shift, clamped[mixed])
-                mixed_value = mixed_value + shift
-                mixed_slope = mixed_slope + np.where(is_inside_domain[mixed], shift_slope, 0.0)
-            value = np.where(is_later, next_value, value)
-            slope = np.where(is_later[..., None], next_slope, slope)
-            value[mixed], slope[mixed] = mixed_value, mixed_slope
-        return value, slope[..., 0], slope[..., 1], slope[..., 2]
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape; where only one structure counts, only that one is evaluated."""
+        recorder, clamped = x.recorder, [x, y, z]
+        if self.domain is not None:
+            clamped = [clamp(t, low, high) for t, low, high in zip(clamped, *self.domain, strict=True)]
+        region = _trace_region_index(self.regions, clamped)
+        blended = [each.trace(*clamped) <= 0.0 for each in self.blending_regions]
+        with recorder.where((region <= 0.0) | blended[0] | (region > 1.0)):
+            value = self.structures[0].trace(x, y, z)
+        for stage, weight in enumerate(self.weights):
+            is_later = region > float(stage)
+            is_mixed = blended[stage] | (region > stage + 1.0)
+            with recorder.where(is_later | is_mixed):
+                next_value = self.structures[stage + 1].trace(x, y, z)
+            with recorder.where(is_mixed):
+                w = trace_weight(weight, clamped)
+                mixed = (1.0 - w) * value + w * next_value
+                if (level_shift := self._level_shift(stage)) is not None:
+                    mixed = mixed + trace_weight(level_shift, clamped)
+            value = select(is_mixed, mixed, select(is_later, next_value, value))
+        return value
 
     def region_index(self, points: Array) -> IntArray:
         """Index of the region that holds each point (..., 3), or else of that with the least value: (...)."""
@@ -89,12 +75,11 @@ class BlendedField(Field):
 
     def structure_weights(self, points: ArrayLike) -> Array:
         """The weight that each of the n structures has in f at points (..., 3): (..., n), with sum 1."""
-        points = np.asarray(points, float)
         unit = np.eye(len(self.structures))
-        return np.stack(
-            [self._blend(points, [np.full(points.shape[:-1], c) for c in column], shifted=False) for column in unit],
-            axis=-1,
-        )
+        shares = [
+            replace(self, structures=tuple(map(ConstantField, column)), level_shifts=()) for column in unit.tolist()
+        ]
+        return np.stack([share(points) for share in shares], axis=-1)
 
     def with_weights(self, weights: Sequence[WeightFunction]) -> BlendedField:
         """The field with other weights, one for each stage."""
@@ -109,25 +94,6 @@ class BlendedField(Field):
 
     def _level_shift(self, stage: int) -> WeightFunction | None:
         return self.level_shifts[stage] if self.level_shifts else None
-
-    def _stages(self, clamped: Array) -> Iterator[tuple[int, BoolArray, BoolArray]]:
-        """Each stage with the masks of the points that it mixes and of those in later regions than its first."""
-        region = self._region_index(clamped)
-        for stage, (blending_region, _) in enumerate(zip(self.blending_regions, self.weights, strict=True)):
-            yield stage, is_inside(blending_region, clamped) | (region > stage + 1), region > stage
-
-    def _blend(self, points: Array, values: list[Array], shifted: bool = True) -> Array:
-        """The values (...) of all structures blended at points (..., 3)."""
-        clamped = self.clamp_to_domain(points)
-        value = values[0]
-        for stage, mixed, is_later in self._stages(clamped):
-            w = self.weights[stage](clamped[mixed])
-            mixed_value = (1 - w) * value[mixed] + w * values[stage + 1][mixed]
-            if shifted and (level_shift := self._level_shift(stage)) is not None:
-                mixed_value = mixed_value + level_shift(clamped[mixed])
-            value = np.where(is_later, values[stage + 1], value)
-            value[mixed] = mixed_value
-        return value
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,16 +129,12 @@ def is_inside(region: Field, points: Array) -> BoolArray:
     return np.asarray(region(points), float) <= 0
 
 
-def _weight_value_and_gradient(weight: WeightFunction, points: Array) -> tuple[Array, Array]:
-    if isinstance(weight, VolumeWeight):
-        return weight.value_and_gradient(points)
-    return weight(points), weight.gradient(points)
-
-
-def _evaluate_structure(structure: Field, points: Array) -> Array:
-    """Values as the caller would get them: a foreign function is called with all points at once, so that its bits are kept."""
-    if isinstance(structure, FunctionField) and not structure.takes_coordinates:
-        values = np.asarray(structure.function(points), float)
-        if values.shape == points.shape[:-1]:
-            return values
-    return structure(points)
+def _trace_region_index(regions: Sequence[Field], point: Sequence[Node]) -> Node:
+    """Index of the region with the least value, the first of equal ones, on the nodes of a tape."""
+    values = [region.trace(*point) for region in regions]
+    lowest, index = values[0], point[0].recorder.constant(0.0)
+    for k, value in enumerate(values[1:], start=1):
+        is_lower = value < lowest
+        index = select(is_lower, index.recorder.constant(k), index)
+        lowest = select(is_lower, value, lowest)
+    return index

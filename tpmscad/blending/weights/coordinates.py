@@ -12,6 +12,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.tape_nodes import Node, norm, sum_nodes
 from tpmscad.public_calls import public_constructor
 
 Vector = tuple[float, float, float]
@@ -65,6 +66,11 @@ class LinearCoordinate:
         """The unit direction at every point: (..., 3)."""
         return np.broadcast_to(_normalised_direction(self.direction), np.shape(points))
 
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The coordinate on the nodes of a tape."""
+        unit = _normalised_direction(self.direction).tolist()
+        return sum_nodes([d * t for d, t in zip(unit, (x, y, z), strict=True) if d != 0])
+
     @property
     def axis(self) -> int | None:
         """The axis 0, 1 or 2 if the direction is that of x, y or z; None for any other direction."""
@@ -112,6 +118,13 @@ class CylinderRadius:
         radial = self._radial_vector(points)
         return radial / np.maximum(np.sqrt(np.sum(radial**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
 
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The coordinate on the nodes of a tape."""
+        unit = _normalised_direction(self.direction).tolist()
+        offset = [t - o for t, o in zip((x, y, z), self.origin, strict=True)]
+        along = sum_nodes([d * n for d, n in zip(offset, unit, strict=True)])
+        return norm(*(d - n * along for d, n in zip(offset, unit, strict=True)))
+
     def _radial_vector(self, points: Array) -> Array:
         offset = np.asarray(points, float) - np.array(self.origin)
         unit = _normalised_direction(self.direction)
@@ -146,6 +159,10 @@ class SphereRadius:
         """The radial unit vector (..., 3); zero at the centre."""
         offset = np.asarray(points, float) - np.array(self.centre)
         return offset / np.maximum(np.sqrt(np.sum(offset**2, axis=-1, keepdims=True)), np.finfo(float).tiny)
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The coordinate on the nodes of a tape."""
+        return norm(*(t - c for t, c in zip((x, y, z), self.centre, strict=True)))
 
 
 def _normalised_direction(direction: Vector) -> Array:

@@ -14,13 +14,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, PPoly
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.sample_grid import grid_points
+from tpmscad.fields.tape_nodes import Node, clamp, piecewise_polynomial
 
 MIN_FREE_COEFFICIENTS = 8
 """Number of free coefficients that the optimiser needs at least."""
@@ -65,6 +66,26 @@ class LineWeight:
         """Exact gradients (..., 3) at points (..., 3)."""
         points = np.asarray(points, float)
         return self.evaluate(self.coordinate(points), 1)[..., None] * self.coordinate.gradient(points)
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node | None:
+        """The weight on the nodes of a tape; None for a foreign coordinate."""
+        formula = getattr(self.coordinate, "trace", None)
+        if formula is None:
+            return None
+        degree, coefficients = self.degree, self.coefficients
+        spans = np.flatnonzero(np.diff(self.knots) > 0)
+        pieces = PPoly.from_spline((self.knots, coefficients, degree)).c[:, spans]
+        # exactly constant where the coefficients are, without the round-off of the conversion
+        for piece, span in enumerate(spans):
+            own = coefficients[max(span - degree, 0) : span + 1]
+            if len(own) and (own == own[0]).all():
+                pieces[:, piece] = 0.0
+                pieces[-1, piece] = own[0]
+        low, high = self._domain
+        inside = (self.knots[spans] >= low) & (self.knots[spans] < high)
+        knots = np.append(self.knots[spans[inside]], high)
+        value = piecewise_polynomial(knots, pieces[:, inside], clamp(formula(x, y, z), float(low), float(high)))
+        return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
         """Values on the tensor-product grid of three axes; a read-only broadcast if the coordinate is one of them."""

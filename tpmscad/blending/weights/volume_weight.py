@@ -14,6 +14,7 @@ from scipy.interpolate import BSpline, NdBSpline
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.fields.tape_nodes import Node, clamp, tensor_spline
 from tpmscad.splines.tensor_product import evaluate_tensor_product
 
 IntTriple = tuple[int, int, int]
@@ -52,6 +53,13 @@ class VolumeWeight:
         value, slope = evaluate_tensor_product(self.coefficients, self.knots, self.degree, clamped.reshape(-1, 3))
         value = np.clip(value, 0.0, 1.0).reshape(points.shape[:-1])
         return value, np.where(points == clamped, slope.reshape(points.shape), 0.0)
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The weight on the nodes of a tape."""
+        ends = [(float(t[p]), float(t[-p - 1])) for t, p in zip(self.knots, self.degree, strict=True)]
+        u, v, w = (clamp(t, low, high) for t, (low, high) in zip((x, y, z), ends, strict=True))
+        value = tensor_spline(self.knots, self.degree, self.coefficients, (u, v, w))
+        return x.recorder.with_gradient(clamp(value, 0.0, 1.0), (value,), lambda: (1.0,))
 
     def on_grid(self, x: Array, y: Array, z: Array) -> Array:
         """Values on the tensor-product grid of three axes: (nx, ny, nz)."""

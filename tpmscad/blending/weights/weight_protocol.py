@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.fields.evaluation import FieldJet, stack_points
+from tpmscad.fields.tape_nodes import Node
 
 
 class WeightFunction(Protocol):
@@ -60,3 +64,29 @@ class SplineWeight(WeightFunction, Protocol):
     def with_coefficients(self, coefficients: Array) -> Self:
         """The weight with other coefficients."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class _WeightInput:
+    """A weight without a formula of nodes, as an input of the tapes that use it."""
+
+    weight: WeightFunction
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Weights at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        return self.weight(points).reshape(shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Weights and partial derivatives at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        gx, gy, gz = (column.reshape(shape) for column in self.weight.gradient(points).T)
+        return self.weight(points).reshape(shape), gx, gy, gz
+
+
+def trace_weight(weight: WeightFunction, point: Sequence[Node]) -> Node:
+    """A weight on the nodes of a tape: by its method `trace` if it has one that applies, otherwise as an input."""
+    x, y, z = point
+    formula = getattr(weight, "trace", None)
+    traced = None if formula is None else formula(x, y, z)
+    return x.recorder.external(_WeightInput(weight), (x, y, z)) if traced is None else traced

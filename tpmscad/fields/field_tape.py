@@ -1,0 +1,183 @@
+"""A field's tape: its formula recorded once, compiled for points and for grids, for values and for gradients.
+
+On a grid, whatever depends on one coordinate only is evaluated once for each plane, by a program of its own. Programs of points
+and of grids run the same operations in the same order, so that both give the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.fields.tape_kernel import LOAD_POINT, LOAD_X, LOAD_Z, run_tape
+from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors
+from tpmscad.fields.tape_program import Program, Source, compile_program, list_operands, resolve_alias
+
+MIN_LANE = 16
+"""Planes along z below which a grid is evaluated as points: its lines would leave most of a block empty."""
+
+MAX_POINTS_PER_CALL = 1 << 16
+"""Points at which foreign functions are evaluated at a time: half a megabyte per intermediate array."""
+
+NO_TABLE = np.zeros((0, 1))
+
+Axes = tuple[Array, Array, Array]
+
+
+class Traced(Protocol):
+    """What has a formula of nodes."""
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula at coordinates."""
+        ...
+
+
+class FieldTape:
+    """The tape of one field. Values have the shape (n,), jets (4, n): value and three derivatives."""
+
+    def __init__(self, source: Traced) -> None:
+        self.recorder = Recorder()
+        self.value = source.trace(*self.recorder.coordinates)
+        self._jet: list[Node] | None = None
+        self._evaluators: dict[bool, _Evaluator] = {}
+
+    def values_at(self, points: Array) -> Array:
+        """Values (n,) at points (n, 3)."""
+        return self._evaluate(points, False)[0]
+
+    def jets_at(self, points: Array) -> tuple[Array, Array]:
+        """Values (n,) and gradients (n, 3) at points (n, 3)."""
+        jets = self._evaluate(points, True)
+        return jets[0], np.ascontiguousarray(jets[1:].T)
+
+    def _evaluate(self, points: Array, with_gradient: bool) -> Array:
+        """Outputs (m, n) at points (n, 3), in batches if foreign functions are called."""
+        evaluator, columns = self.evaluator(with_gradient), np.ascontiguousarray(points.T)
+        if not evaluator.externals or len(points) <= MAX_POINTS_PER_CALL:
+            return evaluator.at_points(columns)
+        starts = range(0, len(points), MAX_POINTS_PER_CALL)
+        return np.hstack([evaluator.at_points(columns[:, i : i + MAX_POINTS_PER_CALL].copy()) for i in starts])
+
+    def evaluator(self, with_gradient: bool) -> _Evaluator:
+        """The evaluator of values, or of values and gradients."""
+        if with_gradient not in self._evaluators:
+            outputs = [self.value]
+            if with_gradient:
+                zero = self.recorder.constant(0.0)
+                partials = self.recorder.differentiate(self.value, self.recorder.coordinates)
+                outputs += [zero if p is None else p for p in partials]
+            self._evaluators[with_gradient] = _Evaluator(self.recorder, outputs)
+        return self._evaluators[with_gradient]
+
+
+class _Evaluator:
+    """Programs of the same outputs for points and for grids, compiled when they are needed."""
+
+    def __init__(self, recorder: Recorder, outputs: Sequence[Node], guarded: bool = True) -> None:
+        self.recorder, self.outputs, self.guarded = recorder, [resolve_alias(node) for node in outputs], guarded
+        self.nodes = find_ancestors(self.outputs, (), partial(list_operands, guarded=guarded))
+        self.inputs = [node for node in self.nodes if node.name == "input"]
+        self.loads: dict[int, Source] = {node.index: (LOAD_POINT, k) for k, node in enumerate(self.inputs)}
+        self.externals = sorted({node.numbers[0] for node in self.inputs})
+        self.needs_jet = {node.numbers[0] for node in self.inputs if node.output}
+        self._point_program: Program | None = None
+        self._grid: tuple[Program, list[_Evaluator | None]] | None = None
+        self._coordinates: dict[int, _Evaluator] = {}
+
+    def at_points(self, columns: Array) -> Array:
+        """Outputs (m, n) at points given as columns (3, n)."""
+        if self._point_program is None:
+            loads = {node.index: (LOAD_Z, axis) for axis, node in enumerate(self.recorder.coordinates)}
+            self._point_program = compile_program(self.outputs, self.loads | loads, self.guarded)
+        inputs = np.empty((len(self.inputs), columns.shape[1]))
+        for k in self.externals:
+            own = self._coordinate_evaluator(k)
+            self._fill(inputs, k, list(columns if own is None else own.at_points(columns)))
+        return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), inputs, columns)
+
+    def on_grid(self, axes: Axes) -> Array:
+        """Outputs (m, nx, ny, nz) on a grid."""
+        shape = tuple(len(axis) for axis in axes)
+        if shape[2] < MIN_LANE and not self.externals:
+            columns = np.stack([c.ravel() for c in np.meshgrid(*axes, indexing="ij")])
+            return self.at_points(columns).reshape(-1, *shape)
+        if self._grid is None:
+            self._grid = self._compile_for_grids()
+        program, of_axis = self._grid
+        tables = []
+        for k, (axis, evaluator) in enumerate(zip(axes, of_axis, strict=True)):
+            table = axis[None]
+            if evaluator is not None:
+                columns = np.zeros((3, len(axis)))
+                columns[k] = axis
+                table = np.concatenate([table, evaluator.at_points(columns)])
+            tables.append(table)
+        inputs = np.empty((len(self.inputs), int(np.prod(shape))))
+        for k in self.externals:
+            self._fill(inputs, k, self._map_grid(k, axes))
+        return self._run(program, (tables[0], tables[1], tables[2]), inputs, axes).reshape(-1, *shape)
+
+    def _compile_for_grids(self) -> tuple[Program, list[_Evaluator | None]]:
+        """The program of grids, and for each axis the evaluator of what depends on its coordinate only."""
+        loads = dict(self.loads)
+        evaluators: list[_Evaluator | None] = []
+        used = {each.index for node in self.nodes if node.depends not in (1, 2, 4) for each in list_operands(node)}
+        used |= {node.index for node in self.outputs}
+        for axis, coordinate in enumerate(self.recorder.coordinates):
+            loads[coordinate.index] = LOAD_X + axis, 0
+            hoisted = [
+                node
+                for node in self.nodes
+                if node.depends == 1 << axis and node.index in used and node is not coordinate and node.name != "alias"
+            ]
+            # without guards: their masks may depend on the other coordinates
+            evaluators.append(_Evaluator(self.recorder, hoisted, guarded=False) if hoisted else None)
+            loads |= {node.index: (LOAD_X + axis, k + 1) for k, node in enumerate(hoisted)}
+        return compile_program(self.outputs, loads), evaluators
+
+    def _run(self, program: Program, tables: Axes, inputs: Array, coordinates: Any) -> Array:
+        found = np.empty((len(self.outputs), tables[0].shape[1] * tables[1].shape[1] * tables[2].shape[1]))
+        place, point = run_tape(program.code, program.parameters, program.n_rows, *tables, inputs, found)
+        if place >= 0:
+            if isinstance(coordinates, tuple):
+                at = np.unravel_index(point, [len(axis) for axis in coordinates])
+                where = tuple(float(axis[i]) for axis, i in zip(coordinates, at, strict=True))
+            else:
+                where = tuple(coordinates[:, point].tolist())
+            raise self.recorder.refusals[program.refusals[place]](float(found[0, point]), where)
+        return found
+
+    def _coordinate_evaluator(self, external: int) -> _Evaluator | None:
+        """The evaluator of the coordinates of a foreign function; None if they are those of the points."""
+        coordinates = self.recorder.externals[external][1]
+        if coordinates == self.recorder.coordinates:
+            return None
+        if external not in self._coordinates:
+            self._coordinates[external] = _Evaluator(self.recorder, coordinates)
+        return self._coordinates[external]
+
+    def _map_grid(self, external: int, axes: Axes) -> list[Array]:
+        """Coordinates of a foreign function on a grid; those of a grid again if each depends on its own axis only."""
+        own = self._coordinate_evaluator(external)
+        parts = list(axes)
+        if own is not None:
+            if any(node.depends & ~(1 << axis) for axis, node in enumerate(own.outputs)):
+                return list(own.on_grid(axes))
+            for k, axis in enumerate(axes):
+                columns = np.zeros((3, len(axis)))
+                columns[k] = axis
+                parts[k] = own.at_points(columns)[k]
+        return [parts[0][:, None, None], parts[1][None, :, None], parts[2][None, None, :]]
+
+    def _fill(self, inputs: Array, external: int, coordinates: Sequence[Any]) -> None:
+        """Write the value, or value and derivatives, of a foreign function into its rows of the inputs."""
+        source = self.recorder.externals[external][0]
+        results = source.jet(*coordinates) if external in self.needs_jet else (source.at(*coordinates),)
+        shape = np.broadcast_shapes(*(c.shape for c in coordinates))
+        for row, node in enumerate(self.inputs):
+            if node.numbers[0] == external:
+                inputs[row] = np.broadcast_to(results[node.output], shape).ravel()

@@ -1,0 +1,441 @@
+"""Tapes as they are recorded: the elementary operations of a field as a graph of nodes, with derivatives by the chain rule.
+
+A field states its formula once, in `trace(x, y, z)`, on nodes instead of numbers: `+ - * /` and the functions of this module add
+operations. Equal operations are recorded once. Derivatives are nodes, too, so that values and gradients share what they have in
+common, and a formula may use the gradient of another field.
+
+`Recorder.where(mask)` encloses operations that are needed at some points only: blocks without such a point skip them. Results are
+to be used under a `select` with that mask.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import reduce
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+
+Partials = tuple["Node | None", "Node | None", "Node | None"]
+"""Derivatives by three coordinates; None is zero."""
+
+Refusal = Callable[[float, tuple[float, float, float]], InvalidRequest]
+"""The error for a value at a point."""
+
+EVERY_AXIS = 0b111
+"""The coordinates on which a node depends, a bit for each axis."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """Operations under a mask: recorded in `parent` and run in the blocks where the mask holds at a point."""
+
+    parent: Region | None
+    mask: Node
+    known: dict[Any, Node] = field(default_factory=dict)
+
+
+class Node:
+    """A number at every point: the result of an operation on other nodes."""
+
+    __slots__ = ("args", "depends", "index", "name", "numbers", "operation", "output", "recorder", "region", "rule")
+
+    def __init__(
+        self,
+        recorder: Recorder,
+        name: str,
+        args: tuple[Node, ...],
+        numbers: Any,
+        output: int,
+        depends: int,
+        operation: object,
+    ) -> None:
+        self.operation = operation
+        self.recorder, self.name, self.args, self.numbers, self.output = recorder, name, args, numbers, output
+        self.region, self.depends, self.index = recorder.region, depends, len(recorder.nodes)
+        self.rule: tuple[Sequence[Node], Callable[[], Sequence[Node | float]]] | None = None
+        recorder.nodes.append(self)
+
+    @property
+    def number(self) -> float | None:
+        """The value of a constant; None for other nodes."""
+        return float(self.numbers[0]) if self.name == "constant" else None
+
+    def __add__(self, other: Node | float) -> Node:
+        number = _number(other)
+        if number is not None:
+            own = self.number
+            if own is not None:
+                return self.recorder.constant(own + number)
+            return self if number == 0.0 else self.recorder.record("shift", (self,), (number,))
+        assert isinstance(other, Node)
+        if self.number is not None:
+            return other + self
+        return self.recorder.record("add", (self, other))
+
+    __radd__ = __add__
+
+    def __sub__(self, other: Node | float) -> Node:
+        number = _number(other)
+        if number is not None:
+            return self + (-number)
+        assert isinstance(other, Node)
+        return self.recorder.record("subtract", (self, other))
+
+    def __rtruediv__(self, other: float) -> Node:
+        return self.recorder.constant(other) / self
+
+    def __rsub__(self, other: float) -> Node:
+        return self.recorder.constant(other) - self
+
+    def __neg__(self) -> Node:
+        return -1.0 * self
+
+    def __mul__(self, other: Node | float) -> Node:
+        number = _number(other)
+        if number is not None:
+            own = self.number
+            if own is not None:
+                return self.recorder.constant(own * number)
+            return self if number == 1.0 else self.recorder.record("scale", (self,), (number,))
+        assert isinstance(other, Node)
+        if self.number is not None:
+            return other * self
+        return self.recorder.record("multiply", (self, other))
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: Node | float) -> Node:
+        return self.recorder.record("divide", (self, self.recorder.as_node(other)))
+
+    def __ge__(self, other: Node | float) -> Node:
+        return self.recorder.record("at_least", (self, self.recorder.as_node(other)))
+
+    def __gt__(self, other: Node | float) -> Node:
+        return self.recorder.record("greater", (self, self.recorder.as_node(other)))
+
+    def __le__(self, other: Node | float) -> Node:
+        return self.recorder.record("at_least", (self.recorder.as_node(other), self))
+
+    def __lt__(self, other: Node | float) -> Node:
+        return self.recorder.record("greater", (self.recorder.as_node(other), self))
+
+    def __or__(self, other: Node) -> Node:
+        """A mask that holds where one of two masks does."""
+        return select(self, self, other)
+
+    def __and__(self, other: Node) -> Node:
+        """A mask that holds where two masks do."""
+        return self * other
+
+
+class Recorder:
+    """The nodes of one tape, in the order of recording, and the foreign functions that it calls."""
+
+    def __init__(self) -> None:
+        self.nodes: list[Node] = []
+        self.region: Region | None = None
+        self.known: dict[Any, Node] = {}
+        self.externals: list[tuple[Any, tuple[Node, Node, Node]]] = []
+        self.refusals: list[Refusal] = []
+        x, y, z = (self.record("coordinate", (), (axis,), depends=1 << axis) for axis in range(3))
+        self.coordinates = x, y, z
+
+    def record(
+        self, name: str, args: tuple[Node, ...], numbers: Any = (), *, output: int = 0, depends: int = 0
+    ) -> Node:
+        """The node of an operation, recorded unless it is known."""
+        key = (name, tuple(arg.index for arg in args), _hashable(numbers)), output
+        region = self.region
+        while region is not None:
+            if key in region.known:
+                return region.known[key]
+            region = region.parent
+        if key in self.known:
+            return self.known[key]
+        for arg in args:
+            depends |= arg.depends
+        node = Node(self, name, args, numbers, output, depends, key[0])
+        (self.known if self.region is None else self.region.known)[key] = node
+        return node
+
+    def constant(self, value: float) -> Node:
+        """A constant, which belongs to no region."""
+        with self._inside(None):
+            return self.record("constant", (), (float(value),))
+
+    def as_node(self, value: Node | float) -> Node:
+        """A node, or the constant node of a number."""
+        return value if isinstance(value, Node) else self.constant(value)
+
+    @contextmanager
+    def where(self, mask: Node) -> Iterator[None]:
+        """Record operations that only points of the mask need."""
+        with self._inside(Region(self.region, mask)):
+            yield
+
+    def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
+        """The value of a foreign function of coordinates, which `source.at` and `source.jet` evaluate outside the tape."""
+        number = len(self.externals)
+        self.externals.append((source, coordinates))
+        with self._inside(None):
+            value = self.record("input", (), (number,), depends=EVERY_AXIS)
+            value.rule = (
+                coordinates,
+                lambda: [self.record("input", (), (number,), output=k, depends=EVERY_AXIS) for k in (1, 2, 3)],
+            )
+        return value
+
+    def checked(
+        self, node: Node, low: float, high: float, refuse: Refusal, refuse_slope: Refusal | None = None
+    ) -> Node:
+        """The node, with an error raised at points of the region where its value, or a derivative, is not within [low, high]."""
+        first = len(self.refusals)
+        self.refusals += [refuse] if refuse_slope is None else [refuse, refuse_slope]
+        return self._check(node, (low, high, first, -1 if refuse_slope is None else first + 1))
+
+    def with_gradient(
+        self, value: Node, coordinates: Sequence[Node], make_factors: Callable[[], Sequence[Node | float]]
+    ) -> Node:
+        """A node with the value of another whose derivatives by given coordinates are stated, not derived."""
+        node = Node(self, "alias", (value,), (), 0, value.depends, None)
+        node.rule = coordinates, make_factors
+        return node
+
+    def differentiate(self, node: Node, seeds: Sequence[Node]) -> Partials:
+        """Derivatives of a node by three nodes on which it depends."""
+        one = self.constant(1.0)
+        found: dict[int, Partials] = {
+            seed.index: (one if k == 0 else None, one if k == 1 else None, one if k == 2 else None)
+            for k, seed in enumerate(seeds)
+        }
+        for each in find_ancestors([node], found, lambda n: n.args if n.rule is None else n.rule[0]):
+            if each.index not in found:
+                with self._inside(each.region):
+                    found[each.index] = self._partials(each, found)
+        return found[node.index]
+
+    def _partials(self, node: Node, found: dict[int, Partials]) -> Partials:
+        arguments = node.args if node.rule is None else node.rule[0]
+        partials = [found[argument.index] for argument in arguments]
+        if node.name in ("at_least", "greater") or all(p is None for each in partials for p in each):
+            return None, None, None
+        if node.rule is None and node.name == "select":
+            return _triple(lambda k: self._select(node.args[0], partials[1][k], partials[2][k]))
+        if node.name == "check":
+            low, high, _, number = node.numbers
+            if number < 0:
+                return partials[0]
+            return _triple(lambda k: None if (p := partials[0][k]) is None else self._check(p, (low, high, number, -1)))
+        factors = FACTORS[node.name](node) if node.rule is None else node.rule[1]()
+        product = _chain if node.name in ELEMENTARY_FUNCTIONS or node.name == "root" else operator.mul
+        return _triple(lambda k: _sum_products(product, [each[k] for each in partials], factors))
+
+    def _check(self, node: Node, numbers: tuple[float, ...]) -> Node:
+        mask = self.constant(1.0) if self.region is None else self.region.mask
+        return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
+
+    def _select(self, mask: Node, yes: Node | None, no: Node | None) -> Node | None:
+        if yes is None and no is None:
+            return None
+        zero = self.constant(0.0)
+        return select(mask, zero if yes is None else yes, zero if no is None else no)
+
+    @contextmanager
+    def _inside(self, region: Region | None) -> Iterator[None]:
+        before, self.region = self.region, region
+        try:
+            yield
+        finally:
+            self.region = before
+
+
+def find_ancestors(
+    nodes: Sequence[Node], stop: Collection[int], operands: Callable[[Node], Sequence[Node]]
+) -> list[Node]:
+    """The nodes and all on which they depend, in the order of recording; the search ends at indices in `stop`, included."""
+    found = {node.index: node for node in nodes}
+    waiting = list(found.values())
+    while waiting:
+        node = waiting.pop()
+        if node.index in stop:
+            continue
+        for each in operands(node):
+            if each.index not in found:
+                found[each.index] = each
+                waiting.append(each)
+    return [found[index] for index in sorted(found)]
+
+
+def select(mask: Node, yes: Node, no: Node) -> Node:
+    """`yes` where the mask holds, else `no`."""
+    return yes if yes is no else mask.recorder.record("select", (mask, yes, no))
+
+
+def choose_extreme(sign: int, first: Node, second: Node) -> Node:
+    """The maximum (sign +1) or minimum (sign -1); the first, with its derivatives, where both are equal."""
+    return select(first >= second if sign > 0 else first <= second, first, second)
+
+
+def clamp(node: Node, low: float, high: float) -> Node:
+    """The value clamped to [low, high]; infinite limits are none."""
+    if low > -math.inf:
+        node = choose_extreme(+1, node, node.recorder.constant(low))
+    return node if high == math.inf else choose_extreme(-1, node, node.recorder.constant(high))
+
+
+def sine(node: Node) -> Node:
+    """Sine of an angle in radians."""
+    return node.recorder.record("sine_cosine", (node,))
+
+
+def cosine(node: Node) -> Node:
+    """Cosine of an angle in radians."""
+    return node.recorder.record("sine_cosine", (node,), output=1)
+
+
+def absolute(node: Node) -> Node:
+    """Absolute value; its derivative at 0 is 0."""
+    return node.recorder.record("absolute", (node,))
+
+
+def root(node: Node) -> Node:
+    """Square root."""
+    return node.recorder.record("root", (node,))
+
+
+def norm(*parts: Node) -> Node:
+    """Length of a vector."""
+    return root(sum_nodes([part * part for part in parts]))
+
+
+def sum_nodes(parts: Sequence[Node]) -> Node:
+    """Sum from the first to the last."""
+    return reduce(operator.add, parts)
+
+
+def apply_function(name: str, node: Node) -> Node:
+    """An elementary function of the list."""
+    return node.recorder.record(name, (node,), (0.0,))
+
+
+def angle(ordinate: Node, abscissa: Node) -> Node:
+    """atan2(ordinate, abscissa) in radians."""
+    return ordinate.recorder.record("angle", (ordinate, abscissa), (0.0,))
+
+
+def power(base: Node, exponent: float) -> Node:
+    """The base to the exponent; small whole exponents are products."""
+    if exponent == int(exponent) and 0 <= exponent <= 4:
+        return reduce(operator.mul, [base] * int(exponent), base.recorder.constant(1.0))
+    return base.recorder.record("power", (base,), (float(exponent),))
+
+
+def piecewise_polynomial(knots: Array, coefficients: Array, node: Node) -> Node:
+    """Polynomials between knots (n + 1,), of coefficients (order, n), highest power first (`scipy.interpolate.PPoly`).
+
+    The first and the last polynomial are continued beyond the knots.
+    """
+    order, pieces = coefficients.shape
+    numbers = np.concatenate([[pieces, order], knots, coefficients.T.ravel()])
+    return node.recorder.record("piecewise", (node,), numbers)
+
+
+def tensor_spline(
+    knots: Sequence[Array], degrees: Sequence[int], coefficients: Array, nodes: tuple[Node, Node, Node]
+) -> Node:
+    """The tensor-product B-spline of coefficients (l, m, n) on knot vectors; the nodes lie within the knots."""
+    numbers = np.concatenate([degrees, coefficients.shape, *knots, coefficients.ravel()])
+    return nodes[0].recorder.record("tensor", nodes, numbers)
+
+
+ELEMENTARY_FUNCTIONS = frozenset({"tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log"})
+"""Elementary functions of one argument that are computed point by point."""
+
+
+def _other_output(node: Node, output: int) -> Node:
+    if node.output:
+        raise NotImplementedError(f"second derivatives of {node.name} are not on the tape")
+    return node.recorder.record(node.name, node.args, node.numbers, output=output)
+
+
+def _factors_of_quotient(node: Node) -> tuple[Node, Node]:
+    inverse = 1.0 / node.args[1]
+    return inverse, -(node * inverse)
+
+
+def _factors_of_angle(node: Node) -> tuple[Node, Node]:
+    s, c = node.args
+    square = s * s + c * c
+    return c / square, -(s / square)
+
+
+FACTORS: Mapping[str, Callable[[Node], Sequence[Node | float]]] = MappingProxyType(
+    {
+        "scale": lambda n: n.numbers,
+        "shift": lambda n: (1.0,),
+        "add": lambda n: (1.0, 1.0),
+        "subtract": lambda n: (1.0, -1.0),
+        "multiply": lambda n: (n.args[1], n.args[0]),
+        "divide": _factors_of_quotient,
+        "chain": lambda n: (n.args[1], n.args[0]),
+        "absolute": lambda n: ((n.args[0] > 0.0) - (n.args[0] < 0.0),),
+        "root": lambda n: (0.5 / n,),
+        "sine_cosine": lambda n: (-sine(n.args[0]) if n.output else cosine(n.args[0]),),
+        "piecewise": lambda n: (_other_output(n, 1),),
+        "tensor": lambda n: tuple(_other_output(n, k) for k in (1, 2, 3)),
+        "tan": lambda n: (n * n + 1.0,),
+        "asin": lambda n: (1.0 / root(1.0 - n.args[0] * n.args[0]),),
+        "acos": lambda n: (-1.0 / root(1.0 - n.args[0] * n.args[0]),),
+        "atan": lambda n: (1.0 / (n.args[0] * n.args[0] + 1.0),),
+        "sinh": lambda n: (apply_function("cosh", n.args[0]),),
+        "cosh": lambda n: (apply_function("sinh", n.args[0]),),
+        "tanh": lambda n: (1.0 - n * n,),
+        "exp": lambda n: (n,),
+        "log": lambda n: (1.0 / n.args[0],),
+        "power": lambda n: (n.numbers[0] * power(n.args[0], n.numbers[0] - 1.0),),
+        "angle": _factors_of_angle,
+    }
+)
+"""Derivatives of each operation by its operands."""
+
+
+def _sum_products(
+    product: Callable[[Any, Any], Any], partials: Sequence[Node | None], factors: Sequence[Node | float]
+) -> Node | None:
+    """Sum of factor times partial derivative, without the terms that are zero."""
+    total: Node | None = None
+    for partial, factor in zip(partials, factors, strict=True):
+        if partial is None or _number(factor) == 0.0:
+            continue
+        if total is not None and _number(factor) == -1.0:
+            total = total - partial
+            continue
+        term = product(factor, partial)
+        total = term if total is None else total + term
+    return total
+
+
+def _chain(factor: Node, partial: Node) -> Node:
+    """Factor * partial, zero where the partial derivative is: on the axis the slope of sqrt(x^2 + y^2) is infinite."""
+    return factor * partial if partial.number is not None else factor.recorder.record("chain", (factor, partial))
+
+
+def _triple(make: Callable[[int], Node | None]) -> Partials:
+    return make(0), make(1), make(2)
+
+
+def _number(value: Node | float) -> float | None:
+    return value.number if isinstance(value, Node) else float(value)
+
+
+def _hashable(numbers: Any) -> Any:
+    return numbers.tobytes() if isinstance(numbers, np.ndarray) else numbers
