@@ -109,11 +109,11 @@ class FieldEvaluation:
     @property
     def tape(self) -> FieldTape:
         """The field's tape, recorded when it is first needed."""
-        try:
-            return self._tape
-        except AttributeError:
-            object.__setattr__(self, "_tape", FieldTape(self))
-            return self._tape
+        tape: FieldTape | None = getattr(self, "_tape", None)
+        if tape is None:
+            tape = FieldTape(self)
+            object.__setattr__(self, "_tape", tape)
+        return tape
 
     @property
     def _is_traced(self) -> bool:

@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.fields.tape_derivatives import differentiate
 from tpmscad.fields.tape_kernel import LOAD_POINT, LOAD_X, LOAD_Z, run_tape
 from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors
 from tpmscad.fields.tape_program import Program, Source, compile_program, list_operands, resolve_alias
@@ -68,7 +69,7 @@ class FieldTape:
             outputs = [self.value]
             if with_gradient:
                 zero = self.recorder.constant(0.0)
-                partials = self.recorder.differentiate(self.value, self.recorder.coordinates)
+                partials = differentiate(self.value, self.recorder.coordinates)
                 outputs += [zero if p is None else p for p in partials]
             self._evaluators[with_gradient] = _Evaluator(self.recorder, outputs)
         return self._evaluators[with_gradient]
@@ -143,12 +144,10 @@ class _Evaluator:
         found = np.empty((len(self.outputs), tables[0].shape[1] * tables[1].shape[1] * tables[2].shape[1]))
         place, point = run_tape(program.code, program.parameters, program.n_rows, *tables, inputs, found)
         if place >= 0:
-            if isinstance(coordinates, tuple):
-                at = np.unravel_index(point, [len(axis) for axis in coordinates])
-                where = tuple(float(axis[i]) for axis, i in zip(coordinates, at, strict=True))
-            else:
-                where = tuple(coordinates[:, point].tolist())
-            raise self.recorder.refusals[program.refusals[place]](float(found[0, point]), where)
+            shape = [len(axis) for axis in coordinates] if isinstance(coordinates, tuple) else None
+            at = (point, point, point) if shape is None else np.unravel_index(point, shape)
+            x, y, z = (float(t[k]) for t, k in zip(coordinates, at, strict=True))
+            raise self.recorder.refusals[program.refusals[place]](float(found[0, point]), (x, y, z))
         return found
 
     def _coordinate_evaluator(self, external: int) -> _Evaluator | None:

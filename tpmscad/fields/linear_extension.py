@@ -13,6 +13,7 @@ from functools import reduce
 from tpmscad._typing import Array
 from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, MinMaxField
+from tpmscad.fields.tape_derivatives import differentiate
 from tpmscad.fields.tape_nodes import Node, clamp, select, sum_nodes
 
 DIFFERENCE_STEP_FRACTION = 1e-4
@@ -64,7 +65,7 @@ class LinearExtension(Field):
         seeds = [recorder.with_gradient(t, (), tuple) for t in point]
         value = self.field.trace(*seeds)
         zero = recorder.constant(0.0)
-        return value, [zero if p is None else p for p in recorder.differentiate(value, seeds)]
+        return value, [zero if p is None else p for p in differentiate(value, seeds)]
 
 
 def extend_linearly(field: Field, lo: Array, hi: Array) -> LinearExtension:

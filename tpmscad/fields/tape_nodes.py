@@ -1,8 +1,8 @@
-"""Tapes as they are recorded: the elementary operations of a field as a graph of nodes, with derivatives by the chain rule.
+"""Tapes as they are recorded: the elementary operations of a field as a graph of nodes.
 
 A field states its formula once, in `trace(x, y, z)`, on nodes instead of numbers: `+ - * /` and the functions of this module add
-operations. Equal operations are recorded once. Derivatives are nodes, too, so that values and gradients share what they have in
-common, and a formula may use the gradient of another field.
+operations. Equal operations are recorded once. Derivatives (`tape_derivatives.py`) are nodes, too, so that values and gradients
+share what they have in common, and a formula may use the gradient of another field.
 
 `Recorder.where(mask)` encloses operations that are needed at some points only: blocks without such a point skip them. Results are
 to be used under a `select` with that mask.
@@ -12,20 +12,16 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import reduce
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-
-Partials = tuple["Node | None", "Node | None", "Node | None"]
-"""Derivatives by three coordinates; None is zero."""
 
 Refusal = Callable[[float, tuple[float, float, float]], InvalidRequest]
 """The error for a value at a point."""
@@ -70,7 +66,7 @@ class Node:
         return float(self.numbers[0]) if self.name == "constant" else None
 
     def __add__(self, other: Node | float) -> Node:
-        number = _number(other)
+        number = read_number(other)
         if number is not None:
             own = self.number
             if own is not None:
@@ -84,7 +80,7 @@ class Node:
     __radd__ = __add__
 
     def __sub__(self, other: Node | float) -> Node:
-        number = _number(other)
+        number = read_number(other)
         if number is not None:
             return self + (-number)
         assert isinstance(other, Node)
@@ -100,7 +96,7 @@ class Node:
         return -1.0 * self
 
     def __mul__(self, other: Node | float) -> Node:
-        number = _number(other)
+        number = read_number(other)
         if number is not None:
             own = self.number
             if own is not None:
@@ -169,7 +165,7 @@ class Recorder:
 
     def constant(self, value: float) -> Node:
         """A constant, which belongs to no region."""
-        with self._inside(None):
+        with self.inside(None):
             return self.record("constant", (), (float(value),))
 
     def as_node(self, value: Node | float) -> Node:
@@ -179,14 +175,14 @@ class Recorder:
     @contextmanager
     def where(self, mask: Node) -> Iterator[None]:
         """Record operations that only points of the mask need."""
-        with self._inside(Region(self.region, mask)):
+        with self.inside(Region(self.region, mask)):
             yield
 
     def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
         """The value of a foreign function of coordinates, which `source.at` and `source.jet` evaluate outside the tape."""
         number = len(self.externals)
         self.externals.append((source, coordinates))
-        with self._inside(None):
+        with self.inside(None):
             value = self.record("input", (), (number,), depends=EVERY_AXIS)
             value.rule = (
                 coordinates,
@@ -200,7 +196,7 @@ class Recorder:
         """The node, with an error raised at points of the region where its value, or a derivative, is not within [low, high]."""
         first = len(self.refusals)
         self.refusals += [refuse] if refuse_slope is None else [refuse, refuse_slope]
-        return self._check(node, (low, high, first, -1 if refuse_slope is None else first + 1))
+        return self.check(node, (low, high, first, -1 if refuse_slope is None else first + 1))
 
     def with_gradient(
         self, value: Node, coordinates: Sequence[Node], make_factors: Callable[[], Sequence[Node | float]]
@@ -210,47 +206,14 @@ class Recorder:
         node.rule = coordinates, make_factors
         return node
 
-    def differentiate(self, node: Node, seeds: Sequence[Node]) -> Partials:
-        """Derivatives of a node by three nodes on which it depends."""
-        one = self.constant(1.0)
-        found: dict[int, Partials] = {
-            seed.index: (one if k == 0 else None, one if k == 1 else None, one if k == 2 else None)
-            for k, seed in enumerate(seeds)
-        }
-        for each in find_ancestors([node], found, lambda n: n.args if n.rule is None else n.rule[0]):
-            if each.index not in found:
-                with self._inside(each.region):
-                    found[each.index] = self._partials(each, found)
-        return found[node.index]
-
-    def _partials(self, node: Node, found: dict[int, Partials]) -> Partials:
-        arguments = node.args if node.rule is None else node.rule[0]
-        partials = [found[argument.index] for argument in arguments]
-        if node.name in ("at_least", "greater") or all(p is None for each in partials for p in each):
-            return None, None, None
-        if node.rule is None and node.name == "select":
-            return _triple(lambda k: self._select(node.args[0], partials[1][k], partials[2][k]))
-        if node.name == "check":
-            low, high, _, number = node.numbers
-            if number < 0:
-                return partials[0]
-            return _triple(lambda k: None if (p := partials[0][k]) is None else self._check(p, (low, high, number, -1)))
-        factors = FACTORS[node.name](node) if node.rule is None else node.rule[1]()
-        product = _chain if node.name in ELEMENTARY_FUNCTIONS or node.name == "root" else operator.mul
-        return _triple(lambda k: _sum_products(product, [each[k] for each in partials], factors))
-
-    def _check(self, node: Node, numbers: tuple[float, ...]) -> Node:
+    def check(self, node: Node, numbers: tuple[float, ...]) -> Node:
+        """The node, checked in its region: the numbers are the limits, and of the refusals of its values and derivatives."""
         mask = self.constant(1.0) if self.region is None else self.region.mask
         return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
 
-    def _select(self, mask: Node, yes: Node | None, no: Node | None) -> Node | None:
-        if yes is None and no is None:
-            return None
-        zero = self.constant(0.0)
-        return select(mask, zero if yes is None else yes, zero if no is None else no)
-
     @contextmanager
-    def _inside(self, region: Region | None) -> Iterator[None]:
+    def inside(self, region: Region | None) -> Iterator[None]:
+        """Record operations in a region, or outside all."""
         before, self.region = self.region, region
         try:
             yield
@@ -361,79 +324,8 @@ ELEMENTARY_FUNCTIONS = frozenset({"tan", "asin", "acos", "atan", "sinh", "cosh",
 """Elementary functions of one argument that are computed point by point."""
 
 
-def _other_output(node: Node, output: int) -> Node:
-    if node.output:
-        raise NotImplementedError(f"second derivatives of {node.name} are not on the tape")
-    return node.recorder.record(node.name, node.args, node.numbers, output=output)
-
-
-def _factors_of_quotient(node: Node) -> tuple[Node, Node]:
-    inverse = 1.0 / node.args[1]
-    return inverse, -(node * inverse)
-
-
-def _factors_of_angle(node: Node) -> tuple[Node, Node]:
-    s, c = node.args
-    square = s * s + c * c
-    return c / square, -(s / square)
-
-
-FACTORS: Mapping[str, Callable[[Node], Sequence[Node | float]]] = MappingProxyType(
-    {
-        "scale": lambda n: n.numbers,
-        "shift": lambda n: (1.0,),
-        "add": lambda n: (1.0, 1.0),
-        "subtract": lambda n: (1.0, -1.0),
-        "multiply": lambda n: (n.args[1], n.args[0]),
-        "divide": _factors_of_quotient,
-        "chain": lambda n: (n.args[1], n.args[0]),
-        "absolute": lambda n: ((n.args[0] > 0.0) - (n.args[0] < 0.0),),
-        "root": lambda n: (0.5 / n,),
-        "sine_cosine": lambda n: (-sine(n.args[0]) if n.output else cosine(n.args[0]),),
-        "piecewise": lambda n: (_other_output(n, 1),),
-        "tensor": lambda n: tuple(_other_output(n, k) for k in (1, 2, 3)),
-        "tan": lambda n: (n * n + 1.0,),
-        "asin": lambda n: (1.0 / root(1.0 - n.args[0] * n.args[0]),),
-        "acos": lambda n: (-1.0 / root(1.0 - n.args[0] * n.args[0]),),
-        "atan": lambda n: (1.0 / (n.args[0] * n.args[0] + 1.0),),
-        "sinh": lambda n: (apply_function("cosh", n.args[0]),),
-        "cosh": lambda n: (apply_function("sinh", n.args[0]),),
-        "tanh": lambda n: (1.0 - n * n,),
-        "exp": lambda n: (n,),
-        "log": lambda n: (1.0 / n.args[0],),
-        "power": lambda n: (n.numbers[0] * power(n.args[0], n.numbers[0] - 1.0),),
-        "angle": _factors_of_angle,
-    }
-)
-"""Derivatives of each operation by its operands."""
-
-
-def _sum_products(
-    product: Callable[[Any, Any], Any], partials: Sequence[Node | None], factors: Sequence[Node | float]
-) -> Node | None:
-    """Sum of factor times partial derivative, without the terms that are zero."""
-    total: Node | None = None
-    for partial, factor in zip(partials, factors, strict=True):
-        if partial is None or _number(factor) == 0.0:
-            continue
-        if total is not None and _number(factor) == -1.0:
-            total = total - partial
-            continue
-        term = product(factor, partial)
-        total = term if total is None else total + term
-    return total
-
-
-def _chain(factor: Node, partial: Node) -> Node:
-    """Factor * partial, zero where the partial derivative is: on the axis the slope of sqrt(x^2 + y^2) is infinite."""
-    return factor * partial if partial.number is not None else factor.recorder.record("chain", (factor, partial))
-
-
-def _triple(make: Callable[[int], Node | None]) -> Partials:
-    return make(0), make(1), make(2)
-
-
-def _number(value: Node | float) -> float | None:
+def read_number(value: Node | float) -> float | None:
+    """The value of a number or constant; None for other nodes."""
     return value.number if isinstance(value, Node) else float(value)
 
 
