@@ -94,11 +94,15 @@ class _Evaluator:
         if self._point_program is None:
             loads = {node.index: (LOAD_Z, axis) for axis, node in enumerate(self.recorder.coordinates)}
             self._point_program = compile_program(self.outputs, self.loads | loads, self.guarded)
+        return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), self.read_inputs(columns), columns)
+
+    def read_inputs(self, columns: Array) -> Array:
+        """Values and derivatives (inputs, n) of the foreign functions at points given as columns (3, n)."""
         inputs = np.empty((len(self.inputs), columns.shape[1]))
         for k in self.externals:
             own = self._coordinate_evaluator(k)
             self._fill(inputs, k, list(columns if own is None else own.at_points(columns)))
-        return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), inputs, columns)
+        return inputs
 
     def on_grid(self, axes: Axes) -> Array:
         """Outputs (m, nx, ny, nz) on a grid."""
