@@ -48,6 +48,18 @@ def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
     return rank[ordered], first[order]
 
 
+def roll_up(points: Array, periods: Sequence[float]) -> Array:
+    """Points (n, 3) with each periodic coordinate rolled up to a circle as long as its period: translates are one point."""
+    columns = []
+    for x, period in zip(points.T, periods, strict=True):
+        if period:
+            angle, radius = 2 * np.pi * x / period, period / (2 * np.pi)
+            columns += [radius * np.cos(angle), radius * np.sin(angle)]
+        else:
+            columns.append(x)
+    return np.stack(columns, axis=1)
+
+
 def weld_patches(
     primitives: Sequence[BSplineSurface],
     carrier: NDArray[np.integer],

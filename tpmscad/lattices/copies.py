@@ -20,7 +20,7 @@ import numpy as np
 from tpmscad import surfaces
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points
+from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points, roll_up
 from tpmscad.lattices.cell_block import build_incidence, choose_manifold_block
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS, TOUCH_TOL_CELLS, OffsetSurfaces, PlacedFaces
 from tpmscad.rigid_motion import Motion
@@ -66,16 +66,21 @@ def cover_box_by_reflection(
     Open, and ragged outside unless the planes of the box are mirrors: then the pieces end in them. With `natural` the phase
     translates the box together with the lattice, so that its planes stay mirrors.
     """
-    shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
-    motion = _copies_around_box(symmetry.motions, cells, phase)
-    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), cells)]
-    motion = Motion(motion.rotation, motion.translation + shift)
+    motion = place_pieces(symmetry, cells, phase, natural=natural)
     parts = []
     for layer in offsets.layers():
         # A reflection reverses S_u x S_v against the image of the gradient, which it keeps.
         direction = layer.outward * orientation_sign(symmetry, offsets.primitives[layer.primitive])
         parts.append(_place_layer(layer.primitive, motion, direction * motion.handedness, layer.tag))
     return PlacedFaces.concatenate(parts).weld(offsets.primitives)
+
+
+def place_pieces(symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool) -> Motion:
+    """Motions of the piece into every tetrahedron with a part inside the box, or with `natural` inside the box moved by the phase."""
+    shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
+    motion = _copies_around_box(symmetry.motions, cells, phase)
+    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), cells)]
+    return Motion(motion.rotation, motion.translation + shift)
 
 
 def orientation_sign(symmetry: MirrorSymmetry, primitive: BSplineSurface) -> int:
@@ -109,7 +114,8 @@ def build_natural_lattice(symmetry: PatchSymmetry, offsets: OffsetSurfaces, plac
     """
     if offsets.lower is None or offsets.upper is None:
         raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
-    gaps = [_gap_surface(symmetry, offsets, side) for side in range(4)]
+    below, above = surfaces_over_mid_patch(symmetry, offsets)
+    gaps = [ruled_surface(below.side(side), above.side(side)) for side in range(4)]
     patch, side = find_open_sides(symmetry, placements)
     n = len(side)
     bridges = PlacedFaces(
@@ -131,21 +137,9 @@ def find_open_sides(
     """
     middle = placements[:, None].apply(symmetry.side_middles)
     size = float(np.linalg.norm(symmetry.side_middles[0] - symmetry.side_middles[2]))
-    label, _ = cluster_points(_roll_up(middle.reshape(-1, 3), periods), WELD_RADIUS_FRACTION * size)
+    label, _ = cluster_points(roll_up(middle.reshape(-1, 3), periods), WELD_RADIUS_FRACTION * size)
     alone = np.flatnonzero(np.bincount(label)[label] == 1)
     return alone // 4, alone % 4
-
-
-def _roll_up(points: Array, periods: Sequence[float]) -> Array:
-    """Points (n, 3) with each periodic coordinate rolled up to a circle as long as its period: translates are one point."""
-    columns = []
-    for x, period in zip(points.T, periods, strict=True):
-        if period:
-            angle, radius = 2 * np.pi * x / period, period / (2 * np.pi)
-            columns += [radius * np.cos(angle), radius * np.sin(angle)]
-        else:
-            columns.append(x)
-    return np.stack(columns, axis=1)
 
 
 def ruled_surface(below: BSplineCurve, above: BSplineCurve) -> BSplineSurface:
@@ -225,20 +219,19 @@ def _place_layer(primitive: int, motion: Motion, sense: IntArray, tag: int) -> P
     return PlacedFaces(np.full(n, primitive), motion, sense, np.full(n, tag))
 
 
-def _gap_surface(symmetry: PatchSymmetry, offsets: OffsetSurfaces, side: int) -> BSplineSurface:
-    """The ruled surface over one side of the mid patch, u along the side, v from the lower to the upper surface."""
-    below, above = (
-        _curve_over_side(symmetry, offsets.primitives[layer.primitive], layer.swapped, side)
-        for layer in offsets.layers()
-    )
-    return ruled_surface(below, above)
-
-
-def _curve_over_side(symmetry: PatchSymmetry, primitive: BSplineSurface, swapped: bool, side: int) -> BSplineCurve:
-    """The boundary curve of the placed primitive over a side of the mid patch, counter-clockwise in its (u, v)."""
+def _surface_over_mid_patch(symmetry: PatchSymmetry, primitive: BSplineSurface, swapped: bool) -> BSplineSurface:
+    """The surface that a layer lays over the mid patch, in the parameters of the mid patch."""
     if not swapped:
-        return primitive.side(side)
+        return primitive
     images = symmetry.swap.apply(symmetry.side_middles)
-    original = int(np.argmin(np.linalg.norm(images - symmetry.side_middles[side], axis=1)))
     # The swap is a quarter-turn in (u, v), so sides keep running counter-clockwise.
-    return primitive.side(original).moved(symmetry.swap)
+    original = int(np.argmin(np.linalg.norm(images - symmetry.side_middles[0], axis=1)))
+    return primitive.turned(original).moved(symmetry.swap)
+
+
+def surfaces_over_mid_patch(symmetry: PatchSymmetry, offsets: OffsetSurfaces) -> list[BSplineSurface]:
+    """The lower surface and the upper one, as far as they exist, in the parameters of the mid patch: normals join equal ones."""
+    return [
+        _surface_over_mid_patch(symmetry, offsets.primitives[layer.primitive], layer.swapped)
+        for layer in offsets.layers()
+    ]

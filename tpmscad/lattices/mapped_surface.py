@@ -139,6 +139,23 @@ def find_closed_axes(map: Map, cells: tuple[int, int, int], cell: float) -> tupl
     return x, y, z
 
 
+def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[float, float, float]:
+    """How far the map moves the lattice along x, y and z when it advances by its length there; 0 where it does anything else.
+
+    A stretch repeats the lattice so; a grading does not along its axis, a bend nowhere.
+    """
+    size = cell * np.array(cells, float)
+    points = size * np.random.default_rng(0).random((CLOSING_SAMPLES, 3))
+    periods = []
+    for axis in range(3):
+        moved = map(points + size * np.eye(3)[axis]) - map(points)
+        length = float(moved[0, axis])
+        miss = float(np.abs(moved - length * np.eye(3)[axis]).max())
+        periods.append(length if 0 < length and miss <= CLOSING_TOL_FRACTION * float(size.max()) else 0.0)
+    x, y, z = periods
+    return x, y, z
+
+
 def repeats_after(map: Map, step: Array, points: Array) -> bool:
     """Whether the map has the same images after a translation of lattice points (n, 3) by `step` (3,)."""
     miss = float(np.abs(map(points + step) - map(points)).max())

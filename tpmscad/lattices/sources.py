@@ -20,6 +20,7 @@ from tpmscad.lattices import copies
 from tpmscad.lattices.mirror_fit import fit_mirror_pieces
 from tpmscad.lattices.offset_surfaces import OffsetSurfaces
 from tpmscad.lattices.primitive import OffsetSurfacesFit, fit_offset_surfaces
+from tpmscad.lattices.spline_volumes import SplineVolumes, copy_wall, wall_of_piece, wall_over_mid_patch
 from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry
 
 Layers = tuple[float | None, float | None]
@@ -50,6 +51,9 @@ class LatticeSource(Protocol):
     def natural(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """The patches of whole cells, moved by `phase` (cells)."""
 
+    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
+        """The walls of whole cells as trivariate splines, in cells: they fill what `natural` bounds."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CopiedPrimitive:
@@ -76,6 +80,11 @@ class CopiedPrimitive:
         """Closed by ruled gap faces along the boundary of the block."""
         placements = copies.place_whole_cells(self.name, cells, phase)
         return PatchAssembly(copies.build_natural_lattice(self.symmetry, offsets, placements), None)
+
+    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
+        """Copies of the wall over the mid patch."""
+        placements = copies.place_whole_cells(self.name, cells, phase)
+        return copy_wall(wall_over_mid_patch(self.symmetry, offsets), placements, cells, "gap")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,6 +116,11 @@ class ReflectedPieces:
         """Bounded by the mirrors around the block, which move with the phase: the box to trim by is flat there."""
         brep = copies.cover_box_by_reflection(self.symmetry, offsets, cells, phase, natural=True)
         return PatchAssembly(brep, phase)
+
+    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
+        """Reflections of the wall of a piece."""
+        placements = copies.place_pieces(self.symmetry, cells, phase, natural=True)
+        return copy_wall(wall_of_piece(offsets), placements, cells, "cap")
 
 
 def lattice_source(name: str, reference: str) -> LatticeSource:

@@ -22,6 +22,7 @@ from tpmscad.splines.cpia import (
     fit_cpia,
     trapezoidal_grid,
 )
+from tpmscad.splines.bspline_volume import BSplineVolume, ruled_volume
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
     filip_bound,
@@ -48,6 +49,7 @@ __all__ = [
     "AffineSubspace",
     "BSplineCurve",
     "BSplineSurface",
+    "BSplineVolume",
     "ContinuityConditions",
     "CpiaResult",
     "DataGrid",
@@ -77,6 +79,7 @@ __all__ = [
     "pole_axis",
     "pole_metric",
     "restrict_surface",
+    "ruled_volume",
     "sampled_axis",
     "second_derivative_bounds",
     "solve_conditions",

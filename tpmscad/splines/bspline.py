@@ -189,6 +189,16 @@ class BSplineSurface:
         corners = self.corners
         return line_segment(corners[index], corners[(index + 1) % 4], self.side(index).domain)
 
+    def turned(self, turns: int) -> BSplineSurface:
+        """Surface of the same points whose side 0 is side `turns` of this one, on the same domain turned with it."""
+        surface = self
+        for _ in range(turns % 4):
+            low, high = surface.domain[0]
+            poles = surface.poles[::-1].swapaxes(0, 1).copy()
+            knots_v = (low + high) - surface.knots_u[::-1]
+            surface = BSplineSurface(poles, surface.knots_v, knots_v, surface.degree_v, surface.degree_u)
+        return surface
+
     def moved(self, motion: Motion) -> BSplineSurface:
         """Image under a rigid motion."""
         return BSplineSurface(motion.apply(self.poles), self.knots_u, self.knots_v, self.degree_u, self.degree_v)

@@ -25,6 +25,8 @@ from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.lattices.sources import lattice_source
+from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
 from tpmscad.splines.cpia import NetConvergence
@@ -195,6 +197,7 @@ def make_lattice(
         built,
         unit_cell,
         distance_to_reference=lattice_distance(request, mapping),
+        make_spline_volumes=None if dropped.volumes else made.make_spline_volumes,
     )
 
 
@@ -233,6 +236,7 @@ class LatticePatches:
     convergence: NetConvergence
     notes: tuple[str, ...]
     unit_cell: UnitCell | None = None
+    make_spline_volumes: Callable[[], SplineVolumes] | None = None
 
 
 def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
@@ -276,9 +280,21 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
             partial(_copy_one_cell, request, fit.sheet),
             np.array(request.cell) * _cell_origins(request.cells),
         )
-        return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell)
+        fill = partial(_fill_whole_cells, request, fit.sheet) if _ends_in_whole_walls(request) and not notes else None
+        return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
 
     return _fit_until_traced(request, fit_and_copy)
+
+
+def _ends_in_whole_walls(request: LatticeRequest) -> bool:
+    """Whether the solid lies between whole patches of two surfaces, so that trivariate splines fill it."""
+    return request.boundary == "natural" and request.kind == "sheet"
+
+
+def _fill_whole_cells(request: LatticeRequest, sheet: Any) -> SplineVolumes:
+    """The trivariate splines of a lattice of whole cells, in model units."""
+    source = lattice_source(request.surface, request.reference)
+    return source.fill(sheet, request.cells, np.array(request.phase)).scaled(request.cell[0])
 
 
 def _copy_one_cell(request: LatticeRequest, sheet: Any) -> Brep:
@@ -324,7 +340,11 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
         if cover.body is not None:
             with stages("trim"):
                 brep, notes = _trim_by_body(brep, cover.body, cell)
-        return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes)
+        fill = None
+        if cover.body is None and fit.lower is not None and fit.upper is not None:
+            periods = mapped_surface.find_translation_periods(mapping, request.cells, cell)
+            fill = partial(mapped_walls, fit.lower, fit.upper, periods)
+        return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes, make_spline_volumes=fill)
 
     return _fit_until_traced(request, fit_and_trim)
 

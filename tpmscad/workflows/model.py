@@ -15,6 +15,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import BuiltSolids, KernelSolids, NamedSolid
+from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
@@ -69,11 +70,14 @@ class Model:
         Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
     is_fluid : bool
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
+    make_spline_volumes : callable or None
+        Makes the trivariate splines that fill the solid; None if it does not end in whole patches of two surfaces.
 
     Notes
     -----
-    A model can be pickled: its shapes travel in OCCT's binary format, to the last bit. A pickle leaves `unit_cell` and
-    `distance_to_reference` out if they hold functions that Python cannot pickle, such as a lambda in a map.
+    A model can be pickled: its shapes travel in OCCT's binary format, to the last bit. A pickle leaves `unit_cell`,
+    `distance_to_reference` and `make_spline_volumes` out if they hold functions that Python cannot pickle, such as a lambda in
+    a map.
     """
 
     name: str
@@ -85,6 +89,7 @@ class Model:
     outer_faces: str = "cap"
     distance_to_reference: Callable[[Array], Array] | None = None
     is_fluid: bool = False
+    make_spline_volumes: Callable[[], SplineVolumes] | None = None
 
     @property
     def solid(self) -> Any:
@@ -312,7 +317,7 @@ class Model:
     def __getstate__(self) -> dict[str, Any]:
         return {
             **self.__dict__,
-            **{key: _portable(self.__dict__[key]) for key in ("unit_cell", "distance_to_reference")},
+            **{key: _portable(self.__dict__[key]) for key in ("unit_cell", "distance_to_reference", "make_spline_volumes")},
         }
 
     def __repr__(self) -> str:

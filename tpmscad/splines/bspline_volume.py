@@ -1,0 +1,142 @@
+"""Trivariate tensor-product B-splines: bodies with parameters u, v, w, as isogeometric analysis takes them.
+
+Like curves and surfaces they hold poles, knots with repetition and degrees, and nothing else. A body is right-handed if
+(V_u x V_v) . V_w is positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tpmscad._typing import Array
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.basis import design_matrix, knot_domain
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.knots import bezier_knots, insert_knot
+from tpmscad.splines.quadrature import composite_gauss_legendre
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BSplineVolume:
+    """Trivariate tensor-product B-spline in three dimensions.
+
+    Parameters
+    ----------
+    poles : ndarray, shape (U, V, W, 3)
+        Control net.
+    knots : tuple of three ndarrays
+        Knot vectors with repetition: U + degree + 1 knots along u, and so on.
+    degrees : tuple of three ints
+        Polynomial degrees.
+
+    Raises
+    ------
+    ValueError
+        If the number of knots does not fit the poles and the degrees.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineVolume, bezier_knots
+    >>> corners = np.stack(np.meshgrid([0.0, 2.0], [0.0, 1.0], [0.0, 1.0], indexing="ij"), axis=-1)
+    >>> block = BSplineVolume(corners, (bezier_knots(1),) * 3, (1, 1, 1))
+    >>> block.integrate_volume()
+    2.0
+    """
+
+    poles: Array
+    knots: tuple[Array, Array, Array]
+    degrees: tuple[int, int, int]
+
+    def __post_init__(self) -> None:
+        for axis, (knots, degree) in enumerate(zip(self.knots, self.degrees, strict=True)):
+            if self.poles.ndim != 4 or len(knots) != self.poles.shape[axis] + degree + 1:
+                raise ValueError(
+                    f"poles {self.poles.shape} of degree {degree} along {'uvw'[axis]} need "
+                    f"{self.poles.shape[axis] + degree + 1} knots, not {len(knots)}"
+                )
+
+    @property
+    def domain(self) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+        """Parameter box ((u0, u1), (v0, v1), (w0, w1))."""
+        u, v, w = (knot_domain(knots, degree) for knots, degree in zip(self.knots, self.degrees, strict=True))
+        return u, v, w
+
+    def grid(self, u: ArrayLike, v: ArrayLike, w: ArrayLike, orders: tuple[int, int, int] = (0, 0, 0)) -> Array:
+        """Points, or the mixed derivative of the given orders, on the grid of all u, v and w: (len(u), len(v), len(w), 3)."""
+        result = self.poles
+        for axis, (t, order) in enumerate(zip((u, v, w), orders, strict=True)):
+            rows = design_matrix(self.knots[axis], self.degrees[axis], np.asarray(t, float), order)
+            result = np.moveaxis(np.tensordot(rows, result, axes=(1, axis)), 0, axis)
+        return result
+
+    def jacobian(self, u: ArrayLike, v: ArrayLike, w: ArrayLike) -> Array:
+        """(V_u x V_v) . V_w on the grid of all u, v and w: (len(u), len(v), len(w))."""
+        du, dv, dw = (self.grid(u, v, w, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        return np.einsum("...i,...i->...", np.cross(du, dv), dw)
+
+    def integrate_volume(self) -> float:
+        """The integral of the Jacobian determinant, by a Gauss rule that is exact for it; negative if left-handed."""
+        rules = [
+            composite_gauss_legendre(np.unique(knots[p : len(knots) - p]), (3 * p + 1) // 2)
+            for knots, p in zip(self.knots, self.degrees, strict=True)
+        ]
+        (u, weights_u), (v, weights_v), (w, weights_w) = rules
+        return float(np.einsum("ijk,i,j,k->", self.jacobian(u, v, w), weights_u, weights_v, weights_w))
+
+    def end(self, axis: int, last: bool) -> BSplineSurface:
+        """The boundary surface at the first or last parameter of an axis; the other two parameters stay in order."""
+        i, j = (k for k in range(3) if k != axis)
+        poles = np.take(self.poles, -1 if last else 0, axis=axis)
+        return BSplineSurface(poles, self.knots[i], self.knots[j], self.degrees[i], self.degrees[j])
+
+    def reversed_w(self) -> BSplineVolume:
+        """The same body with w reversed: of the other handedness."""
+        low, high = self.domain[2]
+        u, v, w = self.knots
+        return BSplineVolume(self.poles[:, :, ::-1].copy(), (u, v, (low + high) - w[::-1]), self.degrees)
+
+    def moved(self, motion: Motion) -> BSplineVolume:
+        """Image under a rigid motion."""
+        return BSplineVolume(motion.apply(self.poles), self.knots, self.degrees)
+
+    def scaled(self, factor: float) -> BSplineVolume:
+        """Body x -> factor x."""
+        return BSplineVolume(factor * self.poles, self.knots, self.degrees)
+
+    def bezier_nets(self) -> Array:
+        """Control nets of the polynomial spans: (spans, degree_u + 1, degree_v + 1, degree_w + 1, 3), u slowest."""
+        nets = self.poles
+        for axis, (knots, p) in enumerate(zip(self.knots, self.degrees, strict=True)):
+            rows = np.moveaxis(nets, axis, 0)
+            for t in np.unique(knots[p + 1 : -p - 1]):
+                rows, knots = insert_knot(rows, knots, p, float(t), p - int(np.count_nonzero(knots == t)))
+            nets = np.moveaxis(rows, 0, axis)
+        spans = [(nets.shape[axis] - 1) // p for axis, p in enumerate(self.degrees)]
+        p, q, r = self.degrees
+        return np.stack(
+            [
+                nets[i * p : (i + 1) * p + 1, j * q : (j + 1) * q + 1, k * r : (k + 1) * r + 1]
+                for i, j, k in np.ndindex(*spans)
+            ]
+        )
+
+
+def ruled_volume(lower: BSplineSurface, upper: BSplineSurface) -> BSplineVolume:
+    """The body of the segments between points of equal parameters: w from `lower` to `upper` on [0, 1].
+
+    Both need one spline space. Between two offsets of one surface the segments are normals of that surface.
+    """
+    same = lower.poles.shape == upper.poles.shape and all(
+        np.array_equal(a, b) for a, b in ((lower.knots_u, upper.knots_u), (lower.knots_v, upper.knots_v))
+    )
+    if not same:
+        raise ValueError("a ruled volume needs two surfaces of one spline space")
+    return BSplineVolume(
+        np.stack([lower.poles, upper.poles], axis=2),
+        (lower.knots_u, lower.knots_v, bezier_knots(1)),
+        (lower.degree_u, lower.degree_v, 1),
+    )
