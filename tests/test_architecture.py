@@ -46,7 +46,7 @@ ROOMS: dict[str, set[str]] = {
     "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
-    "meshing": {"brep", "splines", "gmsh", *MATHEMATICS},
+    "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
     "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
 }

@@ -104,6 +104,18 @@ def _read_axis_number(value: object) -> int:
     return number
 
 
+def _read_refinement(value: object) -> int | tuple[int, int]:
+    """Halvings in all directions, or along a wall and through it."""
+    if isinstance(value, list | tuple) and len(value) == 2:
+        along, through = (read_whole(v) for v in value)
+        least, result = min(along, through), (along, through)
+    else:
+        least = result = read_whole(value)
+    if least < 0:
+        raise Refusal("must be at least 0")
+    return result
+
+
 def _read_domain(value: object) -> object:
     """The corners of a box, or a body."""
     return read_corners(value) if isinstance(value, list | tuple | np.ndarray) else read_shape(value)
@@ -191,6 +203,9 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "picture": PATH.but(example='"part.png"'),
         "schema": TEXT.but(example='"ap242"'),
         "verify": choice_of("kernel"),
+        "hexahedra.order": COUNT,
+        "refine": ArgumentKind("a whole number of at least 0, or two of them", "1", _read_refinement),
+        "serendipity": FLAG,
         "deviation": NUMBER.but(example="0.02"),
         "angle": NUMBER.but(example="20"),
         "chord_error": POSITIVE.but(example="0.01"),

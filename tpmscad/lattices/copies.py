@@ -76,7 +76,7 @@ def cover_box_by_reflection(
 
 
 def place_pieces(symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: Array, *, natural: bool) -> Motion:
-    """Motions of the piece into every tetrahedron with a part inside the box, or with `natural` inside the box moved by the phase."""
+    """Motions of the piece into every tetrahedron with a part inside the box; with `natural` the box moves with the phase."""
     shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
     motion = _copies_around_box(symmetry.motions, cells, phase)
     motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), cells)]

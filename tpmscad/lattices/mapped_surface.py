@@ -151,7 +151,7 @@ def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float)
         moved = map(points + size * np.eye(3)[axis]) - map(points)
         length = float(moved[0, axis])
         miss = float(np.abs(moved - length * np.eye(3)[axis]).max())
-        periods.append(length if 0 < length and miss <= CLOSING_TOL_FRACTION * float(size.max()) else 0.0)
+        periods.append(length if length > 0 and miss <= CLOSING_TOL_FRACTION * float(size.max()) else 0.0)
     x, y, z = periods
     return x, y, z
 

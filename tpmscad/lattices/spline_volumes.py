@@ -33,8 +33,8 @@ SHARED_BODY_TOL_FRACTION = 1e-10
 class SideConnectivity:
     """What the quadrilaterals that the bodies stand on share: numbers of corners and sides (n, 4), and directions (n, 4).
 
-    Corner i is the start of side i, counter-clockwise in (u, v). `direction` is +1 for the body that has a side first and for those
-    that run along it in the same sense, -1 for the others.
+    Corner i is the start of side i, counter-clockwise in (u, v). `direction` is +1 for the body that has a side first and for
+    those that run along it in the same sense, -1 for the others.
     """
 
     corner: IntArray

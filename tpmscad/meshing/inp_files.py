@@ -85,7 +85,7 @@ def _periodic_lines(mesh: VolumeMesh) -> Iterator[str]:
         yield f"*NSET, NSET=N_PERIOD_{name.upper()}\n{count + 1 + axis}\n"
     for name, pairs in mesh.periodic.items():
         for column, side in enumerate(("NEAR", "FAR")):
-            yield f"*NSET, NSET=N_PERIODIC_{name.upper()}_{side}, UNSORTED\n" + _list(pairs[:, column] + 1)
+            yield f"*NSET, NSET=N_PERIODIC_{format_name(name)}_{side}, UNSORTED\n" + _list(pairs[:, column] + 1)
     repeated, shift = mesh.periodic_ties()
     yield "*EQUATION\n"
     for node in np.flatnonzero(repeated != np.arange(count)).tolist():

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
-from tpmscad.meshing.volume_mesh import AXES, VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 GMSH_KINDS: Mapping[str, tuple[int, tuple[int, ...]]] = MappingProxyType(
     {
@@ -100,8 +100,8 @@ def _format_4(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
     yield "$EndElements\n"
     if mesh.periodic:
         yield f"$Periodic\n{len(mesh.periodic)}\n"
-        for axis, pairs in mesh.periodic.items():
-            yield f"3 1 1\n16 {_affine(mesh, axis)}\n{len(pairs)}\n"
+        for translation, pairs in mesh.periodic.items():
+            yield f"3 1 1\n16 {_affine(mesh, translation)}\n{len(pairs)}\n"
             yield _rows(pairs[:, ::-1] + 1)
         yield "$EndPeriodic\n"
 
@@ -124,16 +124,16 @@ def _format_2(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
     yield "$EndElements\n"
     if mesh.periodic:
         yield f"$Periodic\n{len(mesh.periodic)}\n"
-        for axis, pairs in mesh.periodic.items():
-            yield f"3 1 1\nAffine {_affine(mesh, axis)}\n{len(pairs)}\n"
+        for translation, pairs in mesh.periodic.items():
+            yield f"3 1 1\nAffine {_affine(mesh, translation)}\n{len(pairs)}\n"
             yield _rows(pairs[:, ::-1] + 1)
         yield "$EndPeriodic\n"
 
 
-def _affine(mesh: VolumeMesh, axis: str) -> str:
-    """The translation along an axis as gmsh's matrix of 16 numbers."""
+def _affine(mesh: VolumeMesh, translation: str) -> str:
+    """The translation as gmsh's matrix of 16 numbers."""
     matrix = np.eye(4)
-    matrix[AXES.index(axis), 3] = mesh.periods[AXES.index(axis)]
+    matrix[:3, 3] = mesh.translation(translation)
     return " ".join(map(repr, matrix.ravel().tolist()))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -9,6 +10,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray
@@ -74,6 +77,7 @@ class VolumeMesh:
         Numbers of the elements and facets of each named group.
     periodic : mapping of str to (p, 2) array
         For each axis "x", "y", "z" along which the mesh is periodic: nodes of the near side, and their images at the far side.
+        At borders that are not flat also for combined translations, such as "x-z": pairs that those along the axes leave apart.
     periods : (3,) array
         Distances of the opposite sides along the axes, model units; nan where the mesh is not periodic.
     name : str
@@ -163,24 +167,25 @@ class VolumeMesh:
     def mismatch(self) -> float:
         """Greatest distance of a periodic node's image from the node moved by the period, model units; 0 without any."""
         worst = 0.0
-        for axis, pairs in self.periodic.items():
-            gap = self.points[pairs[:, 1]] - self.points[pairs[:, 0]]
-            gap[:, AXES.index(axis)] -= self.periods[AXES.index(axis)]
+        for name, pairs in self.periodic.items():
+            gap = self.points[pairs[:, 1]] - self.points[pairs[:, 0]] - self.translation(name)
             worst = max(worst, float(np.abs(gap).max(initial=0.0)))
         return worst
 
+    def translation(self, name: str) -> Array:
+        """The vector (3,) of a translation of `periodic`, model units."""
+        steps = read_translation(name)
+        return np.where(steps != 0, steps * np.nan_to_num(self.periods), 0.0)
+
     def periodic_ties(self) -> tuple[IntArray, IntArray]:
         """For each node the node that it repeats (n,), itself if none, and by how many periods (n, 3) it lies from that node."""
-        repeated = np.arange(len(self.points))
-        shift = np.zeros((len(self.points), 3), np.int64)
-        for axis, pairs in self.periodic.items():
-            near, far = pairs.T
-            repeated[far] = near
-            shift[far] = np.eye(3, dtype=np.int64)[AXES.index(axis)]
-        while (repeated[repeated] != repeated).any():  # a corner of the box repeats the nodes of three axes in turn
-            shift += shift[repeated]
-            repeated = repeated[repeated]
-        return repeated, shift
+        n = len(self.points)
+        pairs = np.concatenate([np.zeros((0, 2), np.int64), *self.periodic.values()])
+        _, label = connected_components(coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n)), directed=False)
+        _, first = np.unique(label, return_index=True)
+        repeated = first[label]
+        gap = (self.points - self.points[repeated]) / self.periods
+        return repeated, np.rint(np.nan_to_num(gap)).astype(np.int64)
 
     def to_meshio(self) -> Any:
         """The mesh as a `meshio.Mesh`, with groups as its cell sets; needs meshio (pip install "tpmscad[mesh]").
@@ -265,6 +270,24 @@ class VolumeMesh:
         return f"{head}\n{self.quality}\ngroups {groups}{periodic}"
 
 
+def name_translation(steps: IntArray) -> str:
+    """Name of a translation by whole periods (3,) along the axes: "x", "x-z", "-y+z"."""
+    letters = [
+        ("+" if step > 0 else "-") + axis
+        for axis, step in zip(AXES, steps.tolist(), strict=True)
+        for _ in range(abs(step))
+    ]
+    return "".join(letters).removeprefix("+")
+
+
+def read_translation(name: str) -> IntArray:
+    """The whole periods (3,) along the axes that a name stands for."""
+    steps = np.zeros(3, np.int64)
+    for sign, axis in re.findall(r"([+-]?)([xyz])", name):
+        steps[AXES.index(axis)] += -1 if sign == "-" else 1
+    return steps
+
+
 def _edge_lengths(kind: str, points: Array, cells: IntArray) -> Array:
     """Mean distance (m,) between the corners at the ends of each element's edges."""
     shape = SHAPES[kind]
@@ -305,7 +328,7 @@ def sort_nodes(mesh: VolumeMesh) -> VolumeMesh:
         points=mesh.points[order],
         cells={k: new[v] for k, v in mesh.cells.items()},
         facets={k: new[v] for k, v in mesh.facets.items()},
-        periodic={k: new[v] for k, v in mesh.periodic.items()},
+        periodic={k: new[v[is_used[v].all(axis=1)]] for k, v in mesh.periodic.items()},
     )
 
 

@@ -13,6 +13,7 @@ from tpmscad.splines.adaptive_fit import BEZIER_SPACES, AdaptiveFit, FitTrial, S
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
+from tpmscad.splines.bspline_volume import BSplineVolume, ruled_volume
 from tpmscad.splines.continuity_conditions import ContinuityConditions, Joint, joint_conditions
 from tpmscad.splines.cpia import (
     CpiaResult,
@@ -22,7 +23,6 @@ from tpmscad.splines.cpia import (
     fit_cpia,
     trapezoidal_grid,
 )
-from tpmscad.splines.bspline_volume import BSplineVolume, ruled_volume
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
     filip_bound,

@@ -220,6 +220,13 @@ def bernstein_elevation_matrix(low: int, high: int) -> Array:
 
 
 @lru_cache(maxsize=256)
+def halving_matrix(degree: int, half: int) -> Array:
+    """Matrix from the Bernstein coefficients on [0, 1] to those on the first (1) or the second (2) half, by de Casteljau."""
+    first = np.array([[comb(i, j) * 0.5**i if j <= i else 0.0 for j in range(degree + 1)] for i in range(degree + 1)])
+    return first if half == 1 else first[::-1, ::-1]
+
+
+@lru_cache(maxsize=256)
 def side_pole_matrix(low: int, high: int, half: int, direction: int) -> Array | None:
     """Matrix from the poles of a Bezier curve to those of a part of it, elevated in degree and possibly reversed.
 
@@ -227,11 +234,6 @@ def side_pole_matrix(low: int, high: int, half: int, direction: int) -> Array | 
     """
     if low == high and half == 0 and direction > 0:
         return None
-    matrix = np.eye(low + 1)
-    if half:
-        first = [[comb(i, j) * 0.5**i if j <= i else 0.0 for j in range(low + 1)] for i in range(low + 1)]
-        matrix = np.array(first)
-        if half == 2:
-            matrix = matrix[::-1, ::-1]
+    matrix = halving_matrix(low, half) if half else np.eye(low + 1)
     matrix = bernstein_elevation_matrix(low, high) @ matrix
     return matrix if direction > 0 else matrix[::-1]

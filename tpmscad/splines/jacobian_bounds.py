@@ -21,7 +21,7 @@ from math import comb
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.splines.basis import side_pole_matrix
+from tpmscad.splines.basis import halving_matrix
 
 MAX_HALVINGS = 12
 """Times that a box of parameters is halved along each axis until the sign of the determinant is decided."""
@@ -127,8 +127,7 @@ def _halve(coefficients: Array, body: IntArray, corner: Array, size: float) -> t
         part = coefficients
         for axis, half in enumerate(halves, start=1):
             degree = part.shape[axis] - 1
-            matrix = side_pole_matrix(degree, degree, half, 1)
-            part = np.moveaxis(np.tensordot(matrix, part, axes=(1, axis)), 0, axis)
+            part = np.moveaxis(np.tensordot(halving_matrix(degree, half), part, axes=(1, axis)), 0, axis)
         parts.append(part)
         corners.append(corner + (np.array(halves) - 1) * size / 2)
     return np.concatenate(parts), np.tile(body, 8), np.concatenate(corners)
