@@ -6,6 +6,7 @@ A map is *regular* where its Jacobian keeps its orientation and is well conditio
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,38 +123,36 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
 
 
 def find_closed_axes(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[bool, bool, bool]:
-    """Whether the map repeats after the length of the lattice along each axis, so that the lattice meets itself.
-
-    A map is compared with itself on a cell around both ends, where it has to be defined anyway.
-    """
-    unit = np.random.default_rng(0).random((CLOSING_SAMPLES, 3))
-    size = cell * np.array(cells, float)
-    closed = []
-    for axis in range(3):
-        points = unit * size
-        points[:, axis] = cell * (unit[:, axis] - 0.5)
-        step = size * np.eye(3)[axis]
-        miss = float(np.abs(map(points + step) - map(points)).max())
-        closed.append(miss <= CLOSING_TOL_FRACTION * float(size.max()))
-    x, y, z = closed
+    """Whether the map repeats after the length of the lattice along each axis, so that the lattice meets itself."""
+    x, y, z = (float(np.abs(moved).max()) <= limit for moved, limit in _compare_ends(map, cells, cell))
     return x, y, z
 
 
 def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[float, float, float]:
-    """How far the map moves the lattice along x, y and z when it advances by its length there; 0 where it does anything else.
+    """How far along x, y and z the far end of the mapped lattice is a translate of the near end; 0 where it is none.
 
     A stretch repeats the lattice so; a grading does not along its axis, a bend nowhere.
     """
-    size = cell * np.array(cells, float)
-    points = size * np.random.default_rng(0).random((CLOSING_SAMPLES, 3))
     periods = []
-    for axis in range(3):
-        moved = map(points + size * np.eye(3)[axis]) - map(points)
+    for axis, (moved, limit) in enumerate(_compare_ends(map, cells, cell)):
         length = float(moved[0, axis])
         miss = float(np.abs(moved - length * np.eye(3)[axis]).max())
-        periods.append(length if length > 0 and miss <= CLOSING_TOL_FRACTION * float(size.max()) else 0.0)
+        periods.append(length if length > limit and miss <= limit else 0.0)
     x, y, z = periods
     return x, y, z
+
+
+def _compare_ends(map: Map, cells: tuple[int, int, int], cell: float) -> Iterator[tuple[Array, float]]:
+    """For each axis the steps (n, 3) between images of points around both ends of the lattice, and the greatest miss allowed.
+
+    The points lie within half a cell of the ends, where the map has to be defined anyway.
+    """
+    unit = np.random.default_rng(0).random((CLOSING_SAMPLES, 3))
+    size = cell * np.array(cells, float)
+    for axis in range(3):
+        points = unit * size
+        points[:, axis] = cell * (unit[:, axis] - 0.5)
+        yield map(points + size * np.eye(3)[axis]) - map(points), CLOSING_TOL_FRACTION * float(size.max())
 
 
 def repeats_after(map: Map, step: Array, points: Array) -> bool:
