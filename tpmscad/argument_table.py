@@ -105,7 +105,7 @@ def _read_axis_number(value: object) -> int:
 
 
 def _read_refinement(value: object) -> int | tuple[int, int]:
-    """Halvings in all directions, or along a wall and through it."""
+    """Cuts in all directions, or along a wall and through it."""
     if isinstance(value, list | tuple) and len(value) == 2:
         along, through = (read_whole(v) for v in value)
         least, result = min(along, through), (along, through)

@@ -50,14 +50,14 @@ class NodeGrid:
 
 
 def mesh_hexahedra(
-    volumes: SplineVolumes, order: int, halvings: tuple[int, int], *, serendipity: bool = False, name: str = "part"
+    volumes: SplineVolumes, order: int, cuts: tuple[int, int], *, serendipity: bool = False, name: str = "part"
 ) -> VolumeMesh:
-    """The mesh of a wall; each body is halved so many times along both sides, and through the wall.
+    """The mesh of a wall; each body is cut so many times along both sides, and through the wall.
 
     Its groups of facets are "surface +", "surface -", and the border of the wall: "gap", or caps with their axes.
     """
     kind = KINDS[order, serendipity]
-    along, through = (2**n for n in halvings)
+    along, through = (n + 1 for n in cuts)
     grid = place_nodes(volumes, order * along, order * through)
     elements = _list_elements(grid.numbers, kind, volumes.sense)  # (bodies, along, along, through, nodes)
     shared = volumes.connect()

@@ -126,9 +126,32 @@ class BSplineVolume:
 
 
 def ruled_volume(lower: BSplineSurface, upper: BSplineSurface) -> BSplineVolume:
-    """The body of the segments between points of equal parameters: w from `lower` to `upper` on [0, 1].
+    """The body of the segments between points of equal parameters of two surfaces.
 
-    Both need one spline space. Between two offsets of one surface the segments are normals of that surface.
+    Parameters
+    ----------
+    lower, upper : BSplineSurface
+        Surfaces of one spline space. Between two offsets of one surface the segments are normals of that surface.
+
+    Returns
+    -------
+    BSplineVolume
+        Linear along w, from `lower` at 0 to `upper` at 1.
+
+    Raises
+    ------
+    ValueError
+        If the surfaces have different spline spaces.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad.splines import BSplineSurface, bezier_knots, ruled_volume
+    >>> knots = bezier_knots(1)
+    >>> square = np.array([[[0.0, 0, 0], [0, 2, 0]], [[2, 0, 0], [2, 2, 0]]])
+    >>> lower, upper = (BSplineSurface(square + [0, 0, z], knots, knots, 1, 1) for z in (0, 3))
+    >>> ruled_volume(lower, upper).integrate_volume()
+    12.0
     """
     same = lower.poles.shape == upper.poles.shape and all(
         np.array_equal(a, b) for a, b in ((lower.knots_u, upper.knots_u), (lower.knots_v, upper.knots_v))

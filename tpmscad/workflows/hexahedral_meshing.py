@@ -56,7 +56,7 @@ def mesh_by_splines(
     if serendipity and order == 1:
         raise InvalidRequest("hexahedra of 8 nodes have none inside: leave serendipity out, or ask for order=2")
     volumes = fill_with_splines(source, name)
-    count = len(volumes) * 4.0 ** refine[0] * 2.0 ** refine[1]
+    count = len(volumes) * (refine[0] + 1.0) ** 2 * (refine[1] + 1.0)
     if count > MAX_HEXAHEDRA:
         raise InvalidRequest(f"refine = {refine} makes {count:.3g} hexahedra, more than {MAX_HEXAHEDRA}: refine less")
     mesh = mesh_hexahedra(volumes, order, refine, serendipity=serendipity, name=name)

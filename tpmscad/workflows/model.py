@@ -304,15 +304,15 @@ class Model:
     def hexahedra(self, order: int = 2, refine: int | tuple[int, int] = 0, *, serendipity: bool = False) -> VolumeMesh:
         """Hexahedra of a lattice's wall straight from its patches, without a mesher.
 
-        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall; the
-        elements are its halves, halved again. Nodes lie on the exact faces.
+        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall, which
+        is one element or cut into some. Nodes lie on the exact faces.
 
         Parameters
         ----------
         order : {2, 1}, optional
             2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.
         refine : int or (int, int), optional
-            How often the elements are halved: in all three directions, or along the wall and through it.
+            Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 elements.
         serendipity : bool, optional
             Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it.
 
