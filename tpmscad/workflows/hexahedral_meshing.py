@@ -29,8 +29,8 @@ def fill_with_splines(source: SplineSource, name: str) -> SplineVolumes:
     """
     if source is None:
         raise InvalidRequest(
-            f"the {name} is not made of whole walls between two surfaces: it is trimmed, one-sided, or has lost loose pieces; make "
-            'a sheet with boundary="natural" and loose="keep", or use model.mesh(size)'
+            f"the {name} is not made of whole walls between two surfaces: it is trimmed, one-sided, or has lost loose pieces: "
+            'make a sheet with boundary="natural" and loose="keep", or use model.mesh(size)'
         )
     volumes = source()
     for number, body in enumerate(volumes.right_handed_primitives()):

@@ -304,8 +304,8 @@ class Model:
     def hexahedra(self, order: int = 2, refine: int | tuple[int, int] = 0, *, serendipity: bool = False) -> VolumeMesh:
         """Hexahedra of a lattice's wall straight from its patches, without a mesher.
 
-        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall, which
-        is one element or cut into some. Nodes lie on the exact faces.
+        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall:
+        one element, or cut into several. Nodes lie on the exact faces.
 
         Parameters
         ----------
