@@ -54,6 +54,7 @@ CHEAP: Mapping[str, Mapping[str, Any]] = {
     "solidify": {"field": 1.0, "tol": 0.5},
     "preview_solid": {"field": 1.0, "tol": 0.5},
     "blend": {"structures": [1.0, -1.0], "resolution": (4, 4, 4)},
+    "sweep": {"table": []},
     "threshold_for": {"samples": 8},
     "graded_threshold": {"phi": 1.0},
     "volume_fraction": {"samples": 8},

@@ -56,7 +56,8 @@ ROOMS["workflows"] = {*ROOMS, *MATHEMATICS}
 
 FACES = {
     "recipe": {"workflows", "fields", "blending", "numpy"},
-    "cli": {"workflows", "recipe", "lattices", "__version__", "typer", "rich"},
+    "sweeps": {"workflows", "recipe", "numpy", "pyarrow"},
+    "cli": {"workflows", "recipe", "sweeps", "lattices", "__version__", "typer", "rich"},
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},
@@ -68,7 +69,7 @@ ALLOWED = {
     "progress_display": {"rich", "IPython"},
     **ROOMS,
     **FACES,
-    "__init__": {*ROOMS},
+    "__init__": {*ROOMS, "sweeps"},
 }
 
 FLOORS = {
@@ -90,6 +91,7 @@ ONLY_IN = {
     "gudhi": {"tpmscad/topology/gudhi_complex.py"},
     "matplotlib": {"tpmscad/topology/diagrams.py"},
     "IPython": {"tpmscad/progress_display.py"},
+    "pyarrow": {"tpmscad/sweeps/parameter_table.py"},
     "PIL": {"tpmscad/kernel/render/labels.py"},
 }
 """Packages that a single file may import, finer than its room's row above."""

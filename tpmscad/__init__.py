@@ -24,6 +24,7 @@ if TYPE_CHECKING:
         TrimmingError,
     )
     from tpmscad.lattices import maps
+    from tpmscad.sweeps import sweep
     from tpmscad.workflows import (
         Certificate,
         Metrics,
@@ -68,6 +69,7 @@ __all__ = [
     "render_step",
     "solidify",
     "surfaces",
+    "sweep",
     "topology",
 ]
 
@@ -99,6 +101,7 @@ _MODULE_OF_NAME = {
     "render_step": "tpmscad.workflows",
     "solidify": "tpmscad.workflows",
     "surfaces": "tpmscad.surfaces",
+    "sweep": "tpmscad.sweeps",
     "topology": "tpmscad.topology",
 }
 

@@ -34,12 +34,16 @@ def run_serial(function: Callable[..., Any], arguments: Sequence[tuple[Any, ...]
 
 
 def run_as_completed(
-    executor: Executor | None, function: Callable[..., T], arguments: Sequence[tuple[Any, ...]]
+    executor: Executor | None,
+    function: Callable[..., T],
+    arguments: Sequence[tuple[Any, ...]],
+    on_failure: Callable[[Exception], T] | None = None,
 ) -> Iterator[tuple[int, T]]:
     """The results of the tasks with their numbers, each as soon as it is there: from the executor, or one by one without it.
 
-    If the caller stops early or a task fails, the tasks that have not begun are cancelled. TpmscadError if a process of the
-    executor ends before its task does.
+    `on_failure` gives the result of a task that fails, or that the executor gives up, as Dask does if its workers die of it. If
+    the caller stops early, or a task fails without it, the tasks that have not begun are cancelled. TpmscadError if a process of
+    a pool ends before its task does, as the pool then loses all tasks.
     """
     if executor is None:
         yield from ((number, function(*each)) for number, each in enumerate(arguments))
@@ -47,7 +51,7 @@ def run_as_completed(
     number_of: dict[Future[T], int] = {executor.submit(function, *each): n for n, each in enumerate(arguments)}
     try:
         for future in as_completed(number_of):
-            yield number_of[future], future.result()
+            yield number_of[future], _result_of(future, on_failure)
     except BrokenExecutor as error:
         raise TpmscadError(
             f"a process of the executor ended before its task ({error}), for want of memory perhaps: take fewer processes, or "
@@ -56,6 +60,18 @@ def run_as_completed(
     finally:
         for future in number_of:
             future.cancel()
+
+
+def _result_of(future: Future[T], on_failure: Callable[[Exception], T] | None) -> T:
+    """The result of a finished task, or what stands for it."""
+    try:
+        return future.result()
+    except BrokenExecutor:
+        raise
+    except Exception as error:
+        if on_failure is None:
+            raise
+        return on_failure(error)
 
 
 def start_processes(jobs: int) -> AbstractContextManager[Executor | None]:

@@ -318,7 +318,15 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
 def test_an_example_in_readme_or_help_is_good_usage(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     line = line.split(" > ")[0]  # into a file
-    for name in ("gyroid.step", "bracket.step", "filled.step", "body.step", "exchanger.step", "density.npy"):
+    for name in (
+        "gyroid.step",
+        "bracket.step",
+        "filled.step",
+        "body.step",
+        "exchanger.step",
+        "density.npy",
+        "designs.csv",
+    ):
         Path(name).touch()
     Path("examples").symlink_to(ROOT / "examples")
     group: Any = typer.main.get_command(cli.app)

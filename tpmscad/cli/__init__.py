@@ -22,6 +22,7 @@ from tpmscad.cli import (
     recipe_commands,
     reference_commands,
     step_file_commands,
+    sweep_command,
 )
 from tpmscad.cli.option_language import in_option_language
 from tpmscad.errors import InvalidRequest, TpmscadError
@@ -74,6 +75,12 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
         infill_command.domains,
         "Divide a body into the wall and two channels of a heat exchanger.",
         ("domains body.step gyroid --cell 8 --thickness 0.8 -o exchanger.step",),
+    ),
+    (
+        MAKE,
+        sweep_command.sweep,
+        "Make and measure every design of a table.",
+        ("sweep designs.csv -o results.csv", "sweep designs.csv --jobs 2 --metrics -o results.csv"),
     ),
     (
         RECIPES,

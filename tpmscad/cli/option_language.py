@@ -22,7 +22,7 @@ _KEYWORD = re.compile(
     re.VERBOSE,
 )
 COMMAND_OF_FUNCTION: Mapping[str, str] = {
-    **{name: name for name in ("lattice", "infill", "solidify", "blend")},
+    **{name: name for name in ("lattice", "infill", "solidify", "blend", "sweep")},
     "fluid_domains": "domains",
     "check_step": "check",
     "render_step": "render",

@@ -83,7 +83,7 @@ SlabOption = Annotated[
 ]
 JobsOption = Annotated[
     int,
-    typer.Option(min=1, metavar="N", help="Processes that make the slabs.", rich_help_panel=OUTPUT_PANEL),
+    typer.Option(min=1, metavar="N", help="Processes that share the work.", rich_help_panel=OUTPUT_PANEL),
 ]
 KeepLooseOption = Annotated[
     bool,

@@ -22,7 +22,7 @@ The other keys are keywords of `tpmscad.blend`, with its defaults.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from inspect import signature
 from pathlib import Path
@@ -89,9 +89,9 @@ class BlendRecipe:
             raise _locate_error(self.recipe, str(error)) from error
 
 
-def read_blend_recipe(path: Path) -> BlendRecipe:
-    """The recipe of a TOML file; RecipeError with the line of what is invalid."""
-    recipe = read_document(path)
+def read_blend_recipe(path: Path, changes: Mapping[str, Any] | None = None) -> BlendRecipe:
+    """The recipe of a TOML file, with other values for some keys; RecipeError with the line of what is invalid."""
+    recipe = read_document(path, changes)
     if "field" in recipe.value and "structures" not in recipe.value:
         raise recipe.error("this recipe has one field and no structures to join: hand it to `tpmscad solidify`")
     values = BLEND_KEYS.read(recipe, make_field_reader(recipe))

@@ -6,7 +6,7 @@ comes before the fits, and computes the volume fraction of its field.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,6 +19,7 @@ from tpmscad.errors import NotMet
 from tpmscad.fields import Field
 from tpmscad.recipe.blend_recipe import BlendRecipe, read_blend_recipe
 from tpmscad.recipe.solid_recipe import SolidDomain, SolidRecipe, read_solid_recipe
+from tpmscad.recipe.toml_entry import read_document
 
 if TYPE_CHECKING:
     from tpmscad.workflows import Model
@@ -35,6 +36,12 @@ class RecipeRun(Protocol):
 
     def make(self, progress: Progress | None) -> tuple[Model, dict[str, Any]]:
         """The solid and its report."""
+
+
+def read_recipe(path: Path, changes: Mapping[str, Any]) -> BlendRecipe | SolidRecipe:
+    """The recipe of a blend or of a solid, whichever the file holds, with other values for some keys."""
+    is_blend = "structures" in read_document(path).value
+    return read_blend_recipe(path, changes) if is_blend else read_solid_recipe(path, changes)
 
 
 def run_blend_recipe(

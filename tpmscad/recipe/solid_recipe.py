@@ -12,7 +12,7 @@ level = { kind = "ramp", by = "z", span = [0, 20], values = [-0.6, 0.2] }
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,9 +82,9 @@ SOLID_KEYS = KeyTable(
 """The keys of a recipe for `tpmscad solidify`."""
 
 
-def read_solid_recipe(path: Path) -> SolidRecipe:
-    """The recipe of a TOML file; RecipeError with the line of what is invalid."""
-    recipe = read_document(path)
+def read_solid_recipe(path: Path, changes: Mapping[str, Any] | None = None) -> SolidRecipe:
+    """The recipe of a TOML file, with other values for some keys; RecipeError with the line of what is invalid."""
+    recipe = read_document(path, changes)
     if "structures" in recipe.value and "field" not in recipe.value:
         raise recipe.error("this recipe joins structures: hand it to `tpmscad blend`")
     values: dict[str, Any] = SOLID_KEYS.read(recipe, make_field_reader(recipe))

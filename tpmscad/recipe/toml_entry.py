@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 
 from tpmscad.argument_kinds import GREATEST, show_value
 from tpmscad.errors import RecipeError
+from tpmscad.recipe.key_changes import replace_values
 from tpmscad.recipe.key_lines import KeyPath, find_key_lines
 
 SUGGESTION_CUTOFF = 0.5
@@ -147,8 +148,8 @@ def suggest_word(word: str, known: Sequence[str]) -> str:
     return f"did you mean {near[0]!r}?" if near else f"choose one of {', '.join(known)}"
 
 
-def read_document(file: Path) -> Entry:
-    """The top table of a TOML file; RecipeError if the file is not valid TOML."""
+def read_document(file: Path, changes: Mapping[str, Any] | None = None) -> Entry:
+    """The top table of a TOML file, with other values for some keys; RecipeError if the file is not valid TOML."""
     try:
         text = file.read_text("utf-8-sig")  # editors of Windows begin a file with a byte order mark
         values = tomllib.loads(text)
@@ -161,4 +162,4 @@ def read_document(file: Path) -> Entry:
         raise RecipeError(f"{file.name} has arrays or tables nested too deeply: a recipe needs a few levels") from None
     except ValueError as error:  # such as a whole number of more digits than Python reads
         raise RecipeError(f"{file.name} holds a value that cannot be read: {error}") from error
-    return Entry(file, lines, (), values)
+    return Entry(file, lines, (), replace_values(values, changes) if changes else values)

@@ -1,0 +1,179 @@
+"""Sweeps: the same results whoever makes them, resumed after an interruption, with failures as rows."""
+
+from __future__ import annotations
+
+import csv
+import math
+import shlex
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import pytest
+
+import tpmscad
+from tpmscad import cli, surfaces
+from tpmscad.errors import InvalidRequest, TpmscadError
+from tpmscad.sweeps.results_table import FIGURES
+
+pytestmark = pytest.mark.kernel
+
+TOL, CELL = 0.3, 10.0
+TABLE: list[dict[str, Any]] = [
+    {"surface": "schwarz_p", "cell": CELL, "tol": TOL, "thickness": thickness, "boundary": "natural", "file": file}
+    for thickness, file in ((1.0, "p_{thickness}.step"), (9.0, None), (2.0, None))
+]
+"""Three designs of half a second: one with a file, one that is too thick, and one without a file."""
+
+
+def read_lines(path: Path) -> list[list[str]]:
+    """The results without the seconds, which are the last column."""
+    with path.open(newline="") as file:
+        return [line[:-1] for line in csv.reader(file)]
+
+
+class Interrupted(Executor):
+    """Runs tasks at once, and is interrupted at one of them."""
+
+    def __init__(self, last: int, error: BaseException) -> None:
+        self.left, self.error = last, error
+
+    def submit(self, fn: Any, /, *args: Any, **kwargs: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        if self.left == 0:
+            future.set_exception(self.error)
+        else:
+            future.set_result(fn(*args, **kwargs))
+        self.left -= 1
+        return future
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_row_holds_what_was_measured_and_a_failure_is_a_row(folder: Path) -> None:
+    results = tpmscad.sweep(TABLE)
+    thin, thick, wall = results.rows
+    for row, thickness in ((thin, 1.0), (wall, 2.0)):
+        exact = surfaces.volume_fraction("schwarz_p", "minimal", -thickness / 20, thickness / 20)
+        assert row["met"]
+        assert 1 - row["porosity"] == pytest.approx(exact, rel=3e-3)
+        assert row["volume"] == pytest.approx((1 - row["porosity"]) * CELL**3)
+        assert (row["pieces"], row["cavities"], row["error"], row["smallest_wall"]) == (1, 0, None, None)
+        assert 0 < row["max_deviation"] <= TOL
+    assert (thick["met"], thick["error"], thick["volume"]) == (False, "InvalidRequest", None)
+    assert "4.63711" in thick["message"]
+    assert results.failures == (thick,)
+    assert [row["file"] for row in results.rows] == ["p_1.0.step", None, None]
+    assert tpmscad.check_step("p_1.0.step").shape.volume == pytest.approx(thin["volume"])
+    assert results.column("thickness") == [1.0, 9.0, 2.0]
+    assert "3 designs: 2 met" in str(results)
+    assert read_lines(folder / "results.csv")[0][-3:] == ["file", "error", "message"]
+
+
+def test_an_interrupted_sweep_goes_on_and_ends_in_the_same_table(folder: Path) -> None:
+    tpmscad.sweep(TABLE, output="whole.csv")
+    whole = read_lines(folder / "whole.csv")
+    for error in (KeyboardInterrupt(), SystemExit(143)):
+        (folder / "cut.csv").unlink(missing_ok=True)
+        with pytest.raises(type(error)):
+            tpmscad.sweep(TABLE, Interrupted(2, error), "cut.csv")
+        found = read_lines(folder / "cut.csv")
+        assert 1 <= len(found) <= 3
+        assert all(line in whole for line in found)
+        resumed = tpmscad.sweep(TABLE, output="cut.csv")
+        assert resumed.reused == len(found) - 1
+        assert read_lines(folder / "cut.csv") == whole
+
+
+def test_a_lost_file_is_made_again_and_other_rows_are_kept(folder: Path) -> None:
+    tpmscad.sweep(TABLE)
+    before = read_lines(folder / "results.csv")
+    (folder / "p_1.0.step").unlink()
+    assert tpmscad.sweep(TABLE).reused == 2
+    assert read_lines(folder / "results.csv") == before
+    fewer = tpmscad.sweep([*TABLE[2:], {**TABLE[2], "phase": (0, 0, 0)}])
+    assert fewer.reused == 1
+    after = read_lines(folder / "results.csv")
+    assert [line[3] for line in after[1:]] == [
+        "2",
+        "2",
+        "1",
+        "9",
+    ]  # the table's rows first, then those of the earlier table
+
+
+def test_a_task_that_its_executor_gives_up_is_a_failure_of_its_row_and_a_dead_pool_is_an_error(folder: Path) -> None:
+    results = tpmscad.sweep(TABLE[1:], Interrupted(1, RuntimeError("the worker died")))
+    assert [(row["error"], row["met"]) for row in results.rows][1] == ("RuntimeError", False)
+    with pytest.raises(TpmscadError, match="ended before its task"):
+        tpmscad.sweep(TABLE, Interrupted(0, BrokenProcessPool("the pool died")), "dead.csv")
+
+
+def test_nothing_is_made_or_written_of_a_bad_table(folder: Path) -> None:
+    with pytest.raises(InvalidRequest, match="row 2, column cell"):
+        tpmscad.sweep([TABLE[0], {**TABLE[0], "cell": -1}])
+    with pytest.raises(InvalidRequest, match=r"\.csv"):
+        tpmscad.sweep(TABLE, output="results.txt")
+    assert not list(folder.iterdir())
+
+
+def test_a_recipe_is_made_with_the_changed_keys(folder: Path) -> None:
+    (folder / "ball.toml").write_text(
+        'tol = 0.2\ndomain = [[-6, -6, -6], [6, 6, 6]]\n[field]\nkind = "sphere"\ncenter = [0, 0, 0]\nradius = 4\n'
+    )
+    (ball,) = tpmscad.sweep([{"recipe": "ball.toml", "field.radius": 5, "tol": None}]).rows
+    assert ball["volume"] == pytest.approx(4 / 3 * math.pi * 125, rel=5e-3)
+    assert ball["porosity"] == pytest.approx(1 - ball["volume"] / 12**3)
+
+
+@pytest.mark.slow
+def test_an_infill_has_the_porosity_and_the_metrics_of_its_body(folder: Path) -> None:
+    tpmscad.export_step(bd.Box(6, 6, 6), folder / "box.step")
+    row = {"body": "box.step", "surface": "schwarz_p", "cell": 6, "thickness": 0.6, "tol": 0.2}
+    (filled,) = tpmscad.sweep([row], metrics=True).rows
+    assert filled["porosity"] == pytest.approx(1 - filled["volume"] / 6**3)
+    assert filled["smallest_wall"] == pytest.approx(0.6, abs=0.05)
+    assert tpmscad.sweep([row], metrics=True).reused == 1
+
+
+def test_the_command_line_writes_the_results_and_tells_failures(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "t.csv").write_text("surface,cell,tol,thickness,boundary\nP,10,0.3,1,natural\nP,10,0.3,9,natural\n")
+    for line, status in (("sweep t.csv -o out.csv --report r.json", 1), ("sweep absent.csv", 2)):
+        with pytest.raises(SystemExit) as stop:
+            cli.main(shlex.split(line))
+        assert stop.value.code == status
+    said = capsys.readouterr()
+    assert "2 designs: 1 met" in said.out
+    assert "1 of 2 designs miss the request: see out.csv" in said.err
+    assert len(read_lines(folder / "out.csv")) == 3
+    assert '"reused": 0' in (folder / "r.json").read_text()
+    (folder / "t.csv").write_text("surface,cell,thickness\nP,10,thick\n")
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["sweep", "t.csv"])
+    assert stop.value.code == 2
+    assert "row 1, column thickness" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_process_pool_and_dask_write_the_same_table(folder: Path) -> None:
+    distributed = pytest.importorskip("distributed", reason="Dask is not installed")
+    tpmscad.sweep(TABLE, output="serial.csv")
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        tpmscad.sweep(TABLE, pool, "pool.csv")
+    with (
+        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        tpmscad.sweep(TABLE, client.get_executor(), "dask.csv")
+    serial, pooled, dask = (read_lines(folder / f"{name}.csv") for name in ("serial", "pool", "dask"))
+    assert serial == pooled == dask
+    assert serial[0] == ["surface", "cell", "tol", "thickness", "boundary", *list(FIGURES)[:-1]]

@@ -1,0 +1,59 @@
+"""tpmscad sweep: a table of designs made and measured, into a table of results."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tpmscad import sweeps
+from tpmscad.cli.options import OUTPUT_PANEL, JobsOption, QuietOption, ReportOption
+from tpmscad.cli.output import check_report, progress_bar, write_report
+from tpmscad.errors import NotMet
+
+TableArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar="TABLE",
+        exists=True,
+        dir_okay=False,
+        help="A .csv or .parquet file, one design a line. Columns: the keywords of lattice and infill (surface, cell, thickness, "
+        "..., body), or recipe and its keys; file names the solid's file: gyroid_{thickness}.step.",
+    ),
+]
+ResultsOption = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE.csv",
+        help="The results. Designs that it holds already are not made again.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+WidthsOption = Annotated[
+    bool, typer.Option("--metrics", help="Measure smallest wall, smallest pore and hydraulic diameter, too.")
+]
+
+
+def sweep(
+    table: TableArgument,
+    *,
+    output: ResultsOption = Path("results.csv"),
+    metrics: WidthsOption = False,
+    jobs: JobsOption = 1,
+    report: ReportOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Make and measure every design of a table; after an interruption the same command goes on."""
+    from tpmscad.parallel import start_processes  # loads NumPy
+
+    check_report(report)
+    with progress_bar(f"sweep of {table.name}", quiet) as progress, start_processes(jobs) as executor:
+        results = sweeps.sweep(table, executor, output, metrics=metrics, progress=progress)
+    write_report(report, results.to_dict())
+    if not quiet:
+        print(results)
+    if not results.met:
+        raise NotMet(f"{len(results.failures)} of {len(results.rows)} designs miss the request: see {output}")

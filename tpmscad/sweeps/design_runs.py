@@ -1,0 +1,144 @@
+"""The work on one row of a sweep, as a task that an executor runs: make the design, measure it, write its file.
+
+A task gets plain values and returns the figures of the design as plain values. It raises nothing: what goes wrong is a figure,
+too.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad.errors import NotMet
+from tpmscad.recipe.blend_recipe import BlendRecipe
+from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
+from tpmscad.workflows.lattice_infill import infill
+from tpmscad.workflows.lattice_request import lattice_size
+from tpmscad.workflows.lattice_solid import lattice
+from tpmscad.workflows.metrics import measure
+from tpmscad.workflows.model import Model
+from tpmscad.workflows.step_files import check_step
+
+FIGURES: Mapping[str, type] = {
+    "met": bool,
+    "volume": float,
+    "area": float,
+    "porosity": float,
+    "faces": int,
+    "max_deviation": float,
+    "rms_deviation": float,
+    "pieces": int,
+    "tunnels": int,
+    "cavities": int,
+    "smallest_wall": float,
+    "smallest_pore": float,
+    "hydraulic_diameter": float,
+    "file": str,
+    "error": str,
+    "message": str,
+    "seconds": float,
+}
+"""The columns of results after those of the parameters, and their types; one that was not measured is empty."""
+
+METRICS = ("smallest_wall", "smallest_pore", "hydraulic_diameter")
+"""The figures that are measured on demand only, as they take longer than most lattices."""
+
+Corners = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def run_design(function: str, parameters: Mapping[str, Any], file: Path | None, metrics: bool) -> dict[str, Any]:
+    """The figures of a design, or the type and the message of the error that it ended in."""
+    begun = time.perf_counter()
+    figures: dict[str, Any] = {"met": False}
+    try:
+        model, envelope = MAKERS[function](parameters)
+        figures |= _measure(model, envelope, metrics)
+        certificate = model.certificate
+        if not certificate.met:
+            raise NotMet("; ".join(certificate.shortfalls), certificate)
+        if file is not None:
+            model.export(file)
+            figures["file"] = str(file)
+        figures["met"] = True
+    except Exception as error:  # whatever it is, it is the result of this row, and the others go on
+        figures |= describe_failure(error)
+    return figures | {"seconds": round(time.perf_counter() - begun, 3)}
+
+
+def describe_failure(error: Exception) -> dict[str, Any]:
+    """The figures of a design that ended in an error."""
+    return {"met": False, "error": type(error).__name__, "message": " ".join(str(error).split())}
+
+
+def _measure(model: Model, envelope: Corners | Path | None, metrics: bool) -> dict[str, Any]:
+    """What the certificate says of a model, its porosity, and its metrics on demand."""
+    certificate = model.certificate
+    pieces, tunnels, cavities = certificate.betti
+    volume = None if envelope is None else _volume_of(envelope)
+    figures = {
+        "volume": certificate.volume,
+        "area": certificate.area,
+        "porosity": None if volume is None else 1.0 - certificate.volume / volume,
+        "faces": certificate.n_faces,
+        "max_deviation": certificate.max_deviation,
+        "rms_deviation": certificate.rms_deviation,
+        "pieces": pieces,
+        "tunnels": tunnels,
+        "cavities": cavities,
+    }
+    if metrics:
+        found = measure(model, within=envelope)
+        widths = (found.smallest_wall, found.smallest_pore)
+        figures |= dict(
+            zip(METRICS, [*(None if w is None else w.width for w in widths), found.hydraulic_diameter], strict=True)
+        )
+    return figures
+
+
+def _volume_of(envelope: Corners | Path) -> float:
+    """The volume of a box, or of the solid in a STEP file."""
+    if isinstance(envelope, Path):
+        return check_step(envelope).shape.volume
+    return math.prod(np.subtract(envelope[1], envelope[0]).tolist())
+
+
+def _make_lattice(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
+    options = {name: value for name, value in parameters.items() if name != "surface"}
+    model = lattice(parameters["surface"], progress=False, **options)
+    return model, ((0.0, 0.0, 0.0), lattice_size(parameters["surface"], options))
+
+
+def _make_infill(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
+    options = {name: value for name, value in parameters.items() if name != "body"}
+    return infill(parameters["body"], progress=False, **options), Path(parameters["body"])
+
+
+def _make_from_recipe(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
+    changes = {name: value for name, value in parameters.items() if name != "recipe"}
+    recipe = read_recipe(Path(parameters["recipe"]), changes)
+    run: BlendRun | SolidRun
+    if isinstance(recipe, BlendRecipe):
+        run = BlendRun(run_blend_recipe(recipe, progress=_be_silent), recipe.tol)
+        domain: Any = run.result.domain
+    else:
+        run = SolidRun(recipe.field, recipe.domain, recipe.tol, recipe)
+        domain = recipe.domain
+    return run.make(_be_silent)[0], domain if isinstance(domain, tuple | Path) else None
+
+
+def _be_silent(stage: str, done: float) -> None:
+    """A progress that shows nothing."""
+
+
+MAKERS: Mapping[str, Callable[[Mapping[str, Any]], tuple[Model, Corners | Path | None]]] = {
+    "lattice": _make_lattice,
+    "infill": _make_infill,
+    "blend": _make_from_recipe,
+    "solidify": _make_from_recipe,
+}
+"""By function: what makes the model of a row, and the envelope that its porosity refers to, if it is known."""
