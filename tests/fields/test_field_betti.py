@@ -66,13 +66,36 @@ def test_minima_and_maxima_are_counted_by_their_operands(field: fields.Field, ex
     assert compute_betti_numbers(field, LO, HI) == expected
 
 
+UNIT_CUBE = np.zeros(3), np.ones(3)
+SADDLE_IN_FACE = "(y - 0.4812)^2 - (z - 0.5317)^2"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("formula", "expected"),
+    [
+        (f"{SADDLE_IN_FACE} + 1e-6 + 0.3*x", (2, 0, 0)),
+        (f"{SADDLE_IN_FACE} - 1e-6 + 0.3*x", (1, 0, 0)),
+        (f"{SADDLE_IN_FACE} + 1e-6 + 0.3*(1 - x)", (2, 0, 0)),
+        ("(z - 0.5317)^2 - 1e-7 + 0.3*(x + y)", (1, 0, 0)),
+        ("(x - 0.4411)^2 + (y - 0.4812)^2 + (z - 0.5317)^2 - 1e-7", (1, 0, 0)),
+        ("1e-7 - (x - 0.4411)^2 - (y - 0.4812)^2 - (z - 0.5317)^2", (1, 0, 1)),
+    ],
+    ids=["gap", "neck", "gap in the other face", "speck on an edge", "speck", "pore"],
+)
+def test_what_is_narrow_in_a_face_or_an_edge_of_the_box_is_seen_though_the_field_has_no_critical_point_there(
+    formula: str, expected: tuple[int, int, int]
+) -> None:
+    assert compute_betti_numbers(fields.expression(formula), *UNIT_CUBE) == expected
+
+
 def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     starts = []
     search = saddles._find_critical_points
 
-    def count(field: fields.Field, points: np.ndarray, spacing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def count(field: fields.Field, points: np.ndarray, *options: object) -> np.ndarray:
         starts.append(len(points))
-        return search(field, points, spacing)
+        return search(field, points, *options)
 
     monkeypatch.setattr(saddles, "_find_critical_points", count)
     grid = SampleGrid((0.0, 0.0, 0.0), (2.2, 2.2, 2.2), (25, 25, 25))

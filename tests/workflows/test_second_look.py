@@ -19,8 +19,8 @@ pytestmark = pytest.mark.kernel  # the room imports it
 BALL = fields.sphere((1.0, 1.1, 0.9), 0.7)
 
 
-def fit(monkeypatch: pytest.MonkeyPatch, betti: tuple[int, int, int] | None) -> tuple[FieldPatches, list[bool]]:
-    """The ball's patches, with Betti numbers said of the field, and whether each fit looked for hidden crossings."""
+def fit(monkeypatch: pytest.MonkeyPatch, betti: Any) -> tuple[FieldPatches, list[bool]]:
+    """The ball's patches, with Betti numbers said of the field (value or function), and which fits sought hidden crossings."""
     looks: list[bool] = []
     fit_field_solid = field_patches.fit_field_solid
 
@@ -29,7 +29,7 @@ def fit(monkeypatch: pytest.MonkeyPatch, betti: tuple[int, int, int] | None) -> 
         return fit_field_solid(*args, **options)
 
     monkeypatch.setattr(field_patches, "fit_field_solid", record)
-    monkeypatch.setattr(field_patches, "compute_betti_numbers", lambda *_: betti)
+    monkeypatch.setattr(field_patches, "compute_betti_numbers", betti if callable(betti) else lambda *_: betti)
     return fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
 
 
@@ -55,6 +55,20 @@ def test_numbers_that_differ_lead_to_a_second_look_and_a_shortfall(monkeypatch: 
         "Betti numbers (1, 0, 0) differ from the field's, (2, 0, 0): use a finer `tol`; "
         "of a blend, specks=True removes isolated parts that lie between its samples"
     ]
+
+
+def test_a_finer_grid_that_agrees_with_the_patches_spares_the_second_look(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(field_patches, "FINER_LINES", 40.0)
+    count = field_patches.compute_betti_numbers
+    said = iter([(2, 0, 0), None])
+
+    def mislead(*args: Any) -> Any:
+        return next(said) or count(*args)
+
+    found, looks = fit(monkeypatch, mislead)
+    assert looks == [False]
+    assert found.field_betti == (1, 0, 0)
+    assert failed(found) == []
 
 
 def test_every_figure_beyond_its_limit_is_a_shortfall(monkeypatch: pytest.MonkeyPatch) -> None:

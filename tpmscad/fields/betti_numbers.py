@@ -1,8 +1,8 @@
 """Betti numbers of a field's solid in a box by successively refined sampling, with grid lines graded towards its necks.
 
-Uniform grids miss walls that are thinner than their spacing, and two of them can agree on a wrong count. The saddle points of the
-field in narrow places are therefore located, and grid lines are added at geometrically decreasing distances from each: near a
-saddle the level set is a cone, the same at every scale.
+Uniform grids miss walls that are thinner than their spacing, and two of them can agree on a wrong count. The critical points in
+narrow places are therefore located, those of the field and of its restrictions to the faces and edges of the box, and grid lines
+are added at geometrically decreasing distances from each: near a saddle the level set is a cone, the same at every scale.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from tpmscad import topology
 from tpmscad._typing import Array
 from tpmscad.fields.field import Field, MinMaxField
-from tpmscad.fields.saddles import find_saddles
+from tpmscad.fields.saddles import find_narrow_points
 from tpmscad.fields.sample_grid import SampleGrid
 
 INITIAL_LINES, REFINEMENT_RATIO = 96, 1.4
@@ -22,34 +22,40 @@ MAX_NODES = 2**24
 """Greatest number of nodes of a grid, 128 MB of values."""
 
 NARROW_HALF_WIDTH_SPACINGS = 0.75
-"""Half width of a neck, in grid spacings, below which grid lines are added through its saddle."""
+"""Half width of a neck, in grid spacings, below which grid lines are added through it."""
 
 SADDLE_LINE_OFFSETS_SPACINGS = 1.5 ** -np.arange(13.0)
-"""Offsets of the added lines on each side of a saddle, in grid spacings; they resolve necks of a hundredth of a spacing."""
+"""Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of a hundredth of a spacing."""
 
 
-def compute_betti_numbers(field: Field, lo: Array, hi: Array) -> tuple[int, int, int] | None:
-    """Betti numbers of {field < 0} in the box from the first two successive grids that agree; None if no two do.
+FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
+"""Grid lines of a third grid, beyond two that agree."""
+
+
+def compute_betti_numbers(
+    field: Field, lo: Array, hi: Array, lines: float = INITIAL_LINES, n_agreeing: int = 2
+) -> tuple[int, int, int] | None:
+    """Betti numbers of {field < 0} in the box from the first successive grids that agree; None if too few do.
 
     The operands of a minimum or maximum must be solids whose level sets do not meet. Solids A and B that cover the box then
     satisfy b(A and B) = b(A) + b(B) except for one component (Mayer-Vietoris), so that walls thinner than any grid are counted
     correctly.
     """
     if isinstance(field, MinMaxField):
-        first, second = (compute_betti_numbers(f, lo, hi) for f in (field.first, field.second))
+        first, second = (compute_betti_numbers(f, lo, hi, lines, n_agreeing) for f in (field.first, field.second))
         if first is None or second is None:
             return None
         components = first[0] + second[0] - (1 if field.sign > 0 else 0)
         return components, first[1] + second[1], first[2] + second[2]
-    lines = float(INITIAL_LINES)
-    previous = None
+    previous, n_equal = None, 0
     while True:
         counts = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
         if np.prod(counts + 1.0) > MAX_NODES:
             return None
         betti = topology.betti(_sample_on_graded_grid(field, lo, hi, counts))
         current = (betti.b0, betti.b1, betti.b2)
-        if current == previous:
+        n_equal = n_equal + 1 if current == previous else 1
+        if n_equal == n_agreeing:
             return current
         previous = current
         lines = REFINEMENT_RATIO * lines
@@ -60,11 +66,11 @@ def _sample_on_graded_grid(field: Field, lo: Array, hi: Array, counts: Array) ->
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
     samples = field.value_and_gradient_on_grid(*grid.axes)
     half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
-    saddles = find_saddles(field, grid, np.ones(grid.shape, bool), half_width, samples)
+    narrow = find_narrow_points(field, grid, half_width, samples)
     steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
     axes = []
     for axis, uniform in enumerate(grid.axes):
-        added = (saddles.points[:, axis, None] + grid.spacing[axis] * steps).ravel()
+        added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
         axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
     too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
-    return samples[0] if too_many or not len(saddles) else field.on_grid(*axes)
+    return samples[0] if too_many or not len(narrow) else field.on_grid(*axes)

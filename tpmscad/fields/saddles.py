@@ -7,7 +7,9 @@ the surface {f = 0}.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -26,6 +28,12 @@ NEWTON_TOL_SPACINGS = 1e-6
 
 COINCIDENCE_TOL_SPACINGS = 1e-2
 """Distance, in grid spacings, within which two critical points are the same."""
+
+MAX_TRAVEL_SPACINGS = 1.5
+"""Distance from its start along each axis, in grid spacings, at which a search is given up: the point has another start."""
+
+MIN_DETERMINANT = 1e-9
+"""Determinant, relative to the cube of the greatest entry, below which a Hessian counts as singular."""
 
 REACH_FACTOR = 2.0
 """Safety of the estimates, from a cell's corners, of how far f changes within the cell and of its curvature there."""
@@ -63,6 +71,20 @@ class Saddles:
         return len(self.values)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CriticalPoints:
+    """Points at which the derivatives of f along some axes are zero: `points` (n, 3), `values` (n,).
+
+    `across` (n,) is the greatest curvature by which f tends to 0 away from the point: the quadratic estimate of the half width of
+    what is narrow there is sqrt(2 |f| / across). `is_saddle` (n,): f rises along one direction and falls along another.
+    """
+
+    points: Array
+    values: Array
+    across: Array
+    is_saddle: BoolArray
+
+
 def find_saddles(
     field: Field, grid: SampleGrid, where: BoolArray, closest: float, samples: tuple[Array, Array] | None = None
 ) -> Saddles:
@@ -73,35 +95,72 @@ def find_saddles(
     enough to 0 for such a neck. A neck is kept if |f| <= k closest^2 / 2 with the curvature k across it, the quadratic estimate
     of its half width.
     """
-    value, gradient = field.value_and_gradient_on_grid(*grid.axes) if samples is None else samples
-    cells = _any_corner(where)
-    for axis in range(3):
-        cells &= _any_corner(gradient[..., axis] >= 0) & _any_corner(gradient[..., axis] <= 0)
+    samples = field.value_and_gradient_on_grid(*grid.axes) if samples is None else samples
+    found = _find_on_stratum(field, grid, (None, None, None), where, closest, samples)
+    return Saddles(found.points[found.is_saddle], found.values[found.is_saddle])
+
+
+def find_narrow_points(field: Field, grid: SampleGrid, closest: float, samples: tuple[Array, Array]) -> Array:
+    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, in the box and on its faces and edges.
+
+    On a face or an edge they are those of the field's restriction: as a level passes their values, the part of the solid in the
+    box changes its topology there, though the field itself has no critical point (stratified Morse theory). Besides saddles they
+    include minima of the solid and maxima of the void, which are specks.
+    """
+    everywhere = np.ones(grid.shape, bool)
+    return np.concatenate(
+        [
+            _find_on_stratum(field, grid, sides, everywhere, closest, samples).points
+            for sides in product((None, 0, -1), repeat=3)
+            if None in sides
+        ]
+    )
+
+
+def _find_on_stratum(
+    field: Field,
+    grid: SampleGrid,
+    sides: Sequence[int | None],
+    where: BoolArray,
+    closest: float,
+    samples: tuple[Array, Array],
+) -> CriticalPoints:
+    """Critical points of the field's restriction to the box, a face or an edge, at which something may be that narrow.
+
+    `sides` are the grid planes 0 or -1 of the axes that are fixed, None for those that are free.
+    """
+    plane = tuple(slice(None) if side is None else side for side in sides)
+    free = [axis for axis, side in enumerate(sides) if side is None]
+    value, gradient = samples[0][plane], samples[1][plane][..., free]
+    low, high, spacing = np.array(grid.low), np.array(grid.high), grid.spacing
+    cells = _any_corner(where[plane])
+    for k in range(len(free)):
+        cells &= _any_corner(gradient[..., k] >= 0) & _any_corner(gradient[..., k] <= 0)
     chosen = np.argwhere(cells)
-    chosen = chosen[_may_hold_neck(value, gradient, chosen, grid.spacing, closest)]
-    start = chosen + 0.5
-    low, spacing = np.array(grid.low), grid.spacing
-    points, converged = _find_critical_points(field, low + start * spacing, spacing)
-    inside = np.all((points >= low - 1e-9 * spacing) & (points <= np.array(grid.high) + 1e-9 * spacing), axis=1)
-    near = np.all(np.abs(points - (low + start * spacing)) <= 1.5 * spacing, axis=1)
-    points = np.clip(points[converged & inside & near], low, np.array(grid.high))
+    chosen = chosen[_may_hold_neck(value, gradient, chosen, spacing[free], closest)]
+    start = np.tile([low[axis] if side == 0 else high[axis] for axis, side in enumerate(sides)], (len(chosen), 1))
+    start[:, free] = low[free] + (chosen + 0.5) * spacing[free]
+    points = _find_critical_points(field, start, spacing, free)
+    points = points[np.all((points >= low - 1e-9 * spacing) & (points <= high + 1e-9 * spacing), axis=1)]
+    points = np.clip(points, low, high)
     _, first = np.unique(np.round((points - low) / (spacing * COINCIDENCE_TOL_SPACINGS)), axis=0, return_index=True)
     points = points[np.sort(first)]
     if len(points) == 0:
-        return Saddles(points, np.zeros(0))
-    values, eigenvalues = field(points), np.linalg.eigvalsh(_difference_hessian(field, points, spacing))
-    saddle = (eigenvalues[:, 0] < 0) & (eigenvalues[:, 2] > 0)
-    across = np.where(values < 0, eigenvalues[:, 2], -eigenvalues[:, 0])
+        return CriticalPoints(points, np.zeros(0), np.zeros(0), np.zeros(0, bool))
+    values = field(points)
+    eigenvalues = np.linalg.eigvalsh(_difference_hessian(field, points, spacing, free)[:, free][:, :, free])
+    across = np.where(values < 0, eigenvalues[:, -1], -eigenvalues[:, 0])
     narrow = np.abs(values) <= across * closest**2 / 2
-    return Saddles(points[saddle & narrow], values[saddle & narrow])
+    is_saddle = (eigenvalues[:, 0] < 0) & (eigenvalues[:, -1] > 0)
+    return CriticalPoints(points[narrow], values[narrow], across[narrow], is_saddle[narrow])
 
 
 def _may_hold_neck(value: Array, gradient: Array, cells: IntArray, spacing: Array, closest: float) -> BoolArray:
-    """Whether |f| at a neck in a cell (n, 3) can be as small as k closest^2 / 2, from values and gradients at its corners.
+    """Whether |f| at a neck in a cell (n, d) can be as small as k closest^2 / 2, from values and gradients at its corners.
 
     This spares the creases of distance fields, where the gradient jumps far from {f = 0} and Newton's method does not converge.
     """
-    corners = cells[:, None] + np.argwhere(np.ones((2, 2, 2)))
+    corners = cells[:, None] + np.argwhere(np.ones((2,) * cells.shape[1]))
     at = tuple(np.moveaxis(corners, -1, 0))
     least, slopes = np.abs(value[at]).min(axis=1), gradient[at]
     change = np.linalg.norm(slopes, axis=2).max(axis=1) * np.linalg.norm(spacing)
@@ -109,34 +168,58 @@ def _may_hold_neck(value: Array, gradient: Array, cells: IntArray, spacing: Arra
     return np.asarray(least <= REACH_FACTOR * (change + curvature * closest**2 / 2))
 
 
-def _find_critical_points(field: Field, points: Array, spacing: Array) -> tuple[Array, BoolArray]:
-    """Critical points by Newton's method with clipped steps from points (n, 3), and whether each has converged (n,)."""
-    converged = np.zeros(len(points), bool)
+def _find_critical_points(field: Field, start: Array, spacing: Array, free: Sequence[int] = (0, 1, 2)) -> Array:
+    """Critical points along the free axes by Newton's method with clipped steps from points (n, 3): those that it finds near."""
+    found = np.zeros(len(start), bool)
+    active = np.arange(len(start))
+    points = start.copy()
     for _ in range(MAX_NEWTON_STEPS):
-        if len(points) == 0:
+        if len(active) == 0:
             break
-        gradient, hessian = field.gradient(points), _difference_hessian(field, points, spacing)
-        step = -np.einsum("nij,nj->ni", np.linalg.pinv(hessian, hermitian=True), gradient)
+        at = points[active]
+        gradient = np.zeros(at.shape)
+        gradient[:, free] = field.gradient(at)[:, free]
+        step = -_solve_symmetric(_difference_hessian(field, at, spacing, free), gradient)
         step = np.clip(step, -0.5 * spacing, 0.5 * spacing)
-        points = points + step
-        converged = np.all(np.abs(step) <= NEWTON_TOL_SPACINGS * spacing, axis=1)
-    return points, converged
+        points[active] = at + step
+        is_at_rest = np.all(np.abs(step) <= NEWTON_TOL_SPACINGS * spacing, axis=1)
+        is_near = np.all(np.abs(points[active] - start[active]) <= MAX_TRAVEL_SPACINGS * spacing, axis=1)
+        found[active[is_at_rest & is_near]] = True
+        active = active[~is_at_rest & is_near]
+    return points[found]
 
 
-def _difference_hessian(field: Field, points: Array, spacing: Array) -> Array:
-    """Symmetric Hessians (n, 3, 3) by central differences of the exact gradient."""
-    rows = []
-    for axis in range(3):
-        move = np.zeros(3)
-        move[axis] = DIFFERENCE_STEP_SPACINGS * spacing[axis]
-        rows.append((field.gradient(points + move) - field.gradient(points - move)) / (2 * move[axis]))
-    full = np.stack(rows, axis=1)
-    return (full + np.swapaxes(full, 1, 2)) / 2
+def _solve_symmetric(matrices: Array, right: Array) -> Array:
+    """Solutions (n, 3) of symmetric systems (n, 3, 3): by the adjugate, and of least norm where a matrix is nearly singular."""
+    a, b, c = matrices[:, 0], matrices[:, 1], matrices[:, 2]
+    adjugate = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+    determinant = np.einsum("ni,ni->n", a, adjugate[:, 0])
+    scale = np.abs(matrices).max(axis=(1, 2)) ** 3
+    is_regular = np.abs(determinant) > MIN_DETERMINANT * scale
+    solution = np.einsum("nij,nj->ni", adjugate, right) / np.where(is_regular, determinant, 1.0)[:, None]
+    others = np.flatnonzero(~is_regular)
+    if len(others):
+        solution[others] = np.einsum("nij,nj->ni", np.linalg.pinv(matrices[others], hermitian=True), right[others])
+    return solution
+
+
+def _difference_hessian(field: Field, points: Array, spacing: Array, free: Sequence[int] = (0, 1, 2)) -> Array:
+    """Symmetric Hessians (n, 3, 3) by central differences of the exact gradient, with the unit matrix for axes that are fixed."""
+    moves = np.zeros((2 * len(free), 1, 3))
+    for k, axis in enumerate(free):
+        moves[2 * k, 0, axis] = DIFFERENCE_STEP_SPACINGS * spacing[axis]
+        moves[2 * k + 1, 0, axis] = -moves[2 * k, 0, axis]
+    slopes = field.gradient(points + moves)
+    hessian = np.tile(np.eye(3), (len(points), 1, 1))
+    for k, axis in enumerate(free):
+        row = (slopes[2 * k] - slopes[2 * k + 1]) / (2 * moves[2 * k, 0, axis])
+        hessian[:, axis, free] = row[:, free]
+    return (hessian + np.swapaxes(hessian, 1, 2)) / 2
 
 
 def _any_corner(mask: BoolArray) -> BoolArray:
-    """Cells (nx - 1, ny - 1, nz - 1) of which any corner is in a mask (nx, ny, nz)."""
-    for axis in range(3):
+    """Cells of which any corner is in a mask, one fewer along each axis."""
+    for axis in range(mask.ndim):
         mask = np.take(mask, range(mask.shape[axis] - 1), axis) | np.take(mask, range(1, mask.shape[axis]), axis)
     return mask
 

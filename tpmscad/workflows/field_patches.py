@@ -26,7 +26,7 @@ from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
 from tpmscad.errors import LevelSetError
 from tpmscad.fields import volume_quadrature
-from tpmscad.fields.betti_numbers import compute_betti_numbers
+from tpmscad.fields.betti_numbers import FINER_LINES, compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
@@ -106,6 +106,12 @@ def fit_field_patches(
                 betti = compute_betti_numbers(fitted.field, lo, hi)
             if betti is None or properties.betti == betti:
                 break
+            if not detect_hidden:
+                # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
+                finer = compute_betti_numbers(fitted.field, lo, hi, FINER_LINES, 1)
+                if finer == properties.betti:
+                    betti = finer
+                    break
     with stages("check"):
         if moved and betti is not None:
             unrounded = compute_betti_numbers(field, lo, hi)
