@@ -25,7 +25,7 @@ NARROW_HALF_WIDTH_SPACINGS = 0.75
 """Half width of a neck, in grid spacings, below which grid lines are added through it."""
 
 SADDLE_LINE_OFFSETS_SPACINGS = 1.5 ** -np.arange(13.0)
-"""Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of a hundredth of a spacing."""
+"""Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings."""
 
 
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
