@@ -12,7 +12,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing import boundary_facets
-from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes
+from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes, space_parameters
 from tpmscad.splines.jacobian_bounds import bound_jacobian
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.hexahedral_meshing import fill_with_splines, mesh_by_splines
@@ -74,6 +74,17 @@ def test_translates_are_tied_and_the_repeated_solid_has_no_border(name: str, cel
     (kind,) = mesh.cells
     (boundary,) = boundary_facets({kind: repeated[mesh.cells[kind]]}).values()
     assert len(boundary) == 2 * 4 * len(volumes)  # the two surfaces, four facets for each body
+
+
+def test_parameters_are_spaced_by_length_and_fit_together() -> None:
+    for case, symmetric in ((CASES[0], True), (MIRRORED[0], False)):
+        volumes, _ = make(*case)
+        u, v = space_parameters(volumes, volumes.connect(), 4)
+        assert (u[0], u[-1], v[0], v[-1]) == (0, 1, 0, 1)
+        assert (np.abs(u + u[::-1] - 1).max() < 1e-14) or not symmetric
+        line = volumes.primitives[0].grid(u, np.linspace(0, 1, 33), [0.5])[:, :, 0]
+        lengths = np.linalg.norm(np.diff(line, axis=0), axis=-1).mean(axis=1)
+        assert lengths.max() < 1.15 * lengths.min()  # chords of a curved line
 
 
 def test_refined_quadratic_hexahedra_tend_to_the_volume_of_the_splines() -> None:

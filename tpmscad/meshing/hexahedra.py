@@ -1,4 +1,4 @@
-"""Hexahedra of a wall straight from its trivariate splines: nodes at equal steps of the parameters, numbered by connectivity.
+"""Hexahedra of a wall straight from its trivariate splines: nodes at chosen parameters, numbered by connectivity.
 
 The bodies of a wall stand on quadrilaterals that share corners and sides. A node of the lowest layer belongs to a corner, to a
 side, at a step along it, or to the inside of a quadrilateral; the same holds for the layers above it. So nodes are shared because
@@ -21,10 +21,12 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.lattices.spline_volumes import SideConnectivity, SplineVolumes
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.volume_mesh import VolumeMesh, name_translation, sort_nodes
-from tpmscad.splines.bspline_volume import BSplineVolume
 
 KINDS = {(1, False): "hexahedron", (2, False): "hexahedron27", (2, True): "hexahedron20"}
 """Kinds of elements by order and whether they are serendipity elements, without nodes inside faces and elements."""
+
+SPEED_SAMPLES = 65
+"""Samples of the speed along each parameter from which lengths are taken."""
 
 BOTTOM, TOP, FIRST_SIDE = 0, 1, 2
 """Numbers of the faces of an element."""
@@ -92,20 +94,47 @@ def number_nodes(shared: SideConnectivity, steps: int, steps_through: int) -> In
     return layer[..., None] + (first_inside + n * inner**2) * np.arange(steps_through + 1)
 
 
+def space_parameters(volumes: SplineVolumes, shared: SideConnectivity, steps: int) -> tuple[Array, Array]:
+    """Fractions (steps + 1,) of the ranges of u and v at equal lengths along the wall, on the mean over all its lines.
+
+    All bodies take the same ones. They are symmetric if neighbours run along a side in opposite senses, and the same for u and v
+    if a line u = const of one body is a line v = const of its neighbour.
+    """
+    speed = np.zeros((2, SPEED_SAMPLES))
+    for body in volumes.primitives:
+        (u0, u1), (v0, v1), (w0, w1) = body.domain
+        u, v = (np.linspace(*ends, SPEED_SAMPLES) for ends in body.domain[:2])
+        middle = [(w0 + w1) / 2]
+        speed[0] += (u1 - u0) * np.linalg.norm(body.grid(u, v, middle, (1, 0, 0)), axis=-1).mean(axis=(1, 2))
+        speed[1] += (v1 - v0) * np.linalg.norm(body.grid(u, v, middle, (0, 1, 0)), axis=-1).mean(axis=(0, 2))
+    kinds = np.broadcast_to(np.arange(4) % 2, shared.side.shape)
+    if len(np.unique(np.stack([shared.side, kinds], axis=-1).reshape(-1, 2), axis=0)) > shared.side.max() + 1:
+        speed[:] = speed.mean(axis=0)
+    if (shared.direction < 0).any():
+        speed = speed + speed[:, ::-1]
+    t, wanted = np.linspace(0.0, 1.0, SPEED_SAMPLES), np.linspace(0.0, 1.0, steps + 1)
+    length = np.pad(np.cumsum(speed[:, 1:] + speed[:, :-1], axis=1), ((0, 0), (1, 0)))
+    along_u, along_v = (np.interp(wanted, line / line[-1], t) for line in length)
+    return along_u, along_v
+
+
 def place_nodes(volumes: SplineVolumes, steps: int, steps_through: int) -> NodeGrid:
-    """The nodes at equal steps of the parameters, those of neighbours shared."""
-    numbers = number_nodes(volumes.connect(), steps, steps_through)
-    grids = np.stack([_sample(body, steps, steps_through) for body in volumes.primitives])
+    """The nodes at steps of equal mean length along the wall and through it, those of neighbours shared."""
+    shared = volumes.connect()
+    numbers = number_nodes(shared, steps, steps_through)
+    u, v = space_parameters(volumes, shared, steps)
+    w = np.linspace(0.0, 1.0, steps_through + 1)
+    grids = np.stack(
+        [
+            body.grid(u0 + (u1 - u0) * u, v0 + (v1 - v0) * v, w0 + (w1 - w0) * w)
+            for body in volumes.primitives
+            for (u0, u1), (v0, v1), (w0, w1) in [body.domain]
+        ]
+    )
     placed = volumes.motion[:, None].apply(grids.reshape(len(grids), -1, 3)[volumes.carrier]).reshape(-1, 3)
     points = np.empty((int(numbers.max()) + 1, 3))
     points[numbers.ravel()[::-1]] = placed[::-1]  # the first body that has a node places it
     return NodeGrid(points, numbers, float(np.abs(points[numbers.ravel()] - placed).max()))
-
-
-def _sample(body: BSplineVolume, steps: int, steps_through: int) -> Array:
-    """Points at equal steps of the parameters."""
-    u, v, w = (np.linspace(*ends, n + 1) for ends, n in zip(body.domain, (steps, steps, steps_through), strict=True))
-    return body.grid(u, v, w)
 
 
 def _list_elements(numbers: IntArray, kind: str, sense: IntArray) -> IntArray:
