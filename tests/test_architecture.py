@@ -47,6 +47,7 @@ ROOMS: dict[str, set[str]] = {
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
+    "simulation": {"meshing", "skfem", *MATHEMATICS},
     "blending": {"fields", "topology", "splines", *MATHEMATICS},
     "kernel": {"brep", "trimming", "fields", "splines", "OCP", "PIL", "build123d", "numba", *MATHEMATICS},
 }

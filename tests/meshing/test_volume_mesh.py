@@ -15,6 +15,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.meshing import VolumeMesh, boundary_facets, owners_of_facets, sort_nodes
 from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
 from tpmscad.meshing.inp_files import format_name
+from tpmscad.meshing.untangling import untangle
 
 meshio = pytest.importorskip("meshio")
 skfem = pytest.importorskip("skfem")
@@ -115,6 +116,23 @@ def test_an_inverted_element_is_counted_though_its_corners_are_right() -> None:
     assert spoilt.quality.smallest < 0.0
 
 
+def test_inverted_elements_are_mended_by_straight_edges_and_images_follow() -> None:
+    mesh = block("tetra10")
+    points = mesh.points.copy()
+    near, far = mesh.periodic["x"].T
+    middle = np.flatnonzero((mesh.points[near] % 1.0 > 0.1).any(axis=1))[0]
+    points[near[middle]] += (0.0, 0.7, 0.3)
+    points[far[middle]] += (0.0, 0.7, 0.3)
+    spoilt = replace(mesh, points=points)
+    mended = untangle(spoilt)
+    assert spoilt.quality.inverted > 0
+    assert mended.quality.inverted == 0
+    assert mended.mismatch < 1e-14
+    assert mended.straightened >= 2
+    np.testing.assert_allclose(mended.points, mesh.points, atol=1e-14)
+    assert untangle(mesh).straightened == 0
+
+
 def test_regular_elements_have_quality_one() -> None:
     regular = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], float)[[0, 2, 1, 3]]
     found = VolumeMesh(regular, {"tetra": np.arange(4)[None]}).quality
@@ -201,4 +219,4 @@ def test_formats_refuse_what_they_cannot_hold(tmp_path: Path) -> None:
 def test_facets_that_no_element_has_are_refused() -> None:
     mesh = block("tetra")
     with pytest.raises(InvalidRequest, match="faces of no element"):
-        owners_of_facets(replace(mesh, facets={"triangle": mesh.facets["triangle"][:, ::-1]}))
+        owners_of_facets(mesh.cells, {"triangle": mesh.facets["triangle"][:, ::-1]})

@@ -21,6 +21,7 @@ from tpmscad.cli import (
     lattice_command,
     recipe_commands,
     reference_commands,
+    simulation_commands,
     step_file_commands,
     sweep_command,
 )
@@ -46,6 +47,7 @@ app = typer.Typer(
 )
 
 MAKE, RECIPES, LOOK = "Make solids", "Solids of fields", "Look at results and at what there is"
+SIMULATE = "Simulate"
 
 COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
     (
@@ -131,6 +133,24 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
         (
             "slice gyroid.step --height 0.05 -o gyroid.cli",
             "slice exchanger.step --height 0.03 --chord-error 0.005 -o exchanger.3mf",
+        ),
+    ),
+    (
+        SIMULATE,
+        simulation_commands.mesh,
+        "Mesh a STEP file with tetrahedra.",
+        (
+            "mesh gyroid.step --size 0.5 --periodic -o gyroid.msh",
+            "mesh bracket.step --size 1 --order 1 -o bracket.inp",
+        ),
+    ),
+    (
+        SIMULATE,
+        simulation_commands.homogenize,
+        "Compute stiffness and conductivity of a lattice.",
+        (
+            "homogenize gyroid --volume-fraction 0.2",
+            "homogenize P --volume-fraction 0.3 --youngs-modulus 210e3 -o p.inp",
         ),
     ),
     (LOOK, reference_commands.surfaces, "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),

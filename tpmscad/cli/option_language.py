@@ -27,6 +27,8 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     "check_step": "check",
     "render_step": "render",
     "slice_step": "slice",
+    "mesh_step": "mesh",
+    "homogenize": "homogenize",
 }
 """Commands by the public functions that they call."""
 

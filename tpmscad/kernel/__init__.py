@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.layer_files import LAYER_WRITERS
     from tpmscad.kernel.export.mesh_parts import group_faces
     from tpmscad.kernel.export.shape_file import write_shape, write_solids
+    from tpmscad.kernel.export.shared_faces import number_distinct_faces, write_plain_brep
     from tpmscad.kernel.export.solid_mesh import mesh_solids
     from tpmscad.kernel.export.stl_file import write_stl
     from tpmscad.kernel.export.threemf_file import write_3mf
@@ -78,6 +79,7 @@ if TYPE_CHECKING:
         NamedSolid,
         find_label_colour,
         label_faces,
+        label_outer_faces,
         label_shape_faces,
         order_labels,
     )
@@ -138,6 +140,7 @@ __all__ = [
     "is_brep_valid",
     "is_valid",
     "label_faces",
+    "label_outer_faces",
     "label_shape_faces",
     "lie_on_surface",
     "make_compound",
@@ -145,6 +148,7 @@ __all__ = [
     "measure_skin_thickness",
     "mesh_solids",
     "name_solids",
+    "number_distinct_faces",
     "offset_by_occt",
     "order_labels",
     "pack_results",
@@ -173,6 +177,7 @@ __all__ = [
     "write_brep_file",
     "write_glb",
     "write_picture",
+    "write_plain_brep",
     "write_shape",
     "write_solids",
     "write_step",
@@ -257,6 +262,9 @@ _MODULE_OF_NAME = {
     "select_solids": "tpmscad.kernel.build.solids",
     "sequential_scale": "tpmscad.kernel.render.palette",
     "shape_bounds": "tpmscad.kernel.measure.shape_extents",
+    "label_outer_faces": "tpmscad.kernel.step.face_labels",
+    "number_distinct_faces": "tpmscad.kernel.export.shared_faces",
+    "write_plain_brep": "tpmscad.kernel.export.shared_faces",
     "slice_solids": "tpmscad.kernel.slicing.contours",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",

@@ -15,7 +15,8 @@ import numpy as np
 from tpmscad._typing import IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing.volume_mesh import AXES, VolumeMesh, owners_of_facets
+from tpmscad.meshing.facet_search import owners_of_facets
+from tpmscad.meshing.volume_mesh import AXES, VolumeMesh
 
 ABAQUS_KINDS: Mapping[str, str] = MappingProxyType(
     {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
@@ -64,7 +65,7 @@ def _set_lines(mesh: VolumeMesh) -> Iterator[str]:
         yield f"*NSET, NSET=N_{format_name(name)}\n" + _list(nodes + 1)
     for name, numbers in mesh.cell_groups.items():
         yield f"*ELSET, ELSET=E_{format_name(name)}\n" + _list(numbers + 1)
-    owners = owners_of_facets(mesh) if mesh.facet_groups else np.zeros((0, 2), np.int64)
+    owners = owners_of_facets(mesh.cells, mesh.facets) if mesh.facet_groups else np.zeros((0, 2), np.int64)
     for name, numbers in mesh.facet_groups.items():
         yield f"*SURFACE, NAME=S_{format_name(name)}, TYPE=ELEMENT\n"
         yield "".join(f"{cell + 1}, S{face + 1}\n" for cell, face in owners[numbers].tolist())

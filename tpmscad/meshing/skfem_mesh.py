@@ -12,7 +12,8 @@ from tpmscad._lazy_import import import_extra
 from tpmscad._typing import IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES
-from tpmscad.meshing.volume_mesh import VolumeMesh, owners_of_facets
+from tpmscad.meshing.facet_search import owners_of_facets
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 SKFEM_CLASSES: Mapping[str, str] = MappingProxyType(
     {"tetra": "MeshTet1", "tetra10": "MeshTet2", "hexahedron": "MeshHex1", "hexahedron27": "MeshHex2"}
@@ -42,7 +43,7 @@ def make_skfem_mesh(mesh: VolumeMesh) -> Any:
     )
     if not mesh.facet_groups:
         return made.with_subdomains(dict(mesh.cell_groups))
-    owners = owners_of_facets(mesh)
+    owners = owners_of_facets(mesh.cells, mesh.facets)
     faces = made.t2f[skfem_faces(kind)[owners[:, 1]], owners[:, 0]]
     boundaries = {}
     for name, numbers in mesh.facet_groups.items():

@@ -82,6 +82,9 @@ class VolumeMesh:
         Distances of the opposite sides along the axes, model units; nan where the mesh is not periodic.
     name : str
         Name of the part in files.
+    straightened : int
+        Curved edges on faces that are straight instead, as an element beside them would be inverted; their middles are not on the
+        exact surface.
     """
 
     points: Array
@@ -92,6 +95,7 @@ class VolumeMesh:
     periodic: Mapping[str, IntArray] = field(default_factory=dict)
     periods: Array = field(default_factory=lambda: np.full(3, np.nan))
     name: str = "part"
+    straightened: int = 0
 
     def __post_init__(self) -> None:
         for key in ("cells", "facets", "cell_groups", "facet_groups", "periodic"):
@@ -267,7 +271,8 @@ class VolumeMesh:
         groups = ", ".join([*self.cell_groups, *self.facet_groups]) or "none"
         periodic = f"\nperiodic along {', '.join(self.periodic)}" if self.periodic else ""
         head = f"{self.name}: {counts}, {len(self.points)} nodes, volume {self.volume:.9g}"
-        return f"{head}\n{self.quality}\ngroups {groups}{periodic}"
+        straight = f"\n{self.straightened} edges on faces are straight instead of curved" if self.straightened else ""
+        return f"{head}\n{self.quality}\ngroups {groups}{periodic}{straight}"
 
 
 def name_translation(steps: IntArray) -> str:
@@ -330,54 +335,3 @@ def sort_nodes(mesh: VolumeMesh) -> VolumeMesh:
         facets={k: new[v] for k, v in mesh.facets.items()},
         periodic={k: new[v[is_used[v].all(axis=1)]] for k, v in mesh.periodic.items()},
     )
-
-
-def boundary_facets(cells: Mapping[str, IntArray]) -> dict[str, IntArray]:
-    """Faces of elements that one element alone has, with outward normals, by kind."""
-    found: dict[str, list[IntArray]] = {}
-    for kind, nodes in cells.items():
-        shape = SHAPES[kind]
-        found.setdefault(shape.face_kind, []).extend(nodes[:, list(face)] for face in shape.faces)
-    result = {}
-    for kind, parts in found.items():
-        faces = np.concatenate(parts)
-        corners = np.sort(faces[:, : SHAPES[kind].corners], axis=1)
-        _, first, count = np.unique(corners, axis=0, return_index=True, return_counts=True)
-        result[kind] = faces[np.sort(first[count == 1])]
-    return result
-
-
-def owners_of_facets(mesh: VolumeMesh) -> IntArray:
-    """(n, 2): for each facet the element that it is a face of, and which; at an interface, of the two that whose normal agrees.
-
-    Raises InvalidRequest if a facet is no face of an element.
-    """
-    result = []
-    starts = dict(zip(mesh.cells, np.cumsum([0, *map(len, mesh.cells.values())]), strict=False))
-    for facet_kind, facets in mesh.facets.items():
-        n_corners = SHAPES[facet_kind].corners
-        faces, owners = [], []
-        for kind, nodes in mesh.cells.items():
-            if SHAPES[kind].face_kind == facet_kind:
-                for number, face in enumerate(SHAPES[kind].faces):
-                    faces.append(nodes[:, list(face[:n_corners])])
-                    owners.append(np.column_stack([starts[kind] + np.arange(len(nodes)), np.full(len(nodes), number)]))
-        table, owner = _cycle_to_least(np.concatenate(faces)), np.concatenate(owners)
-        wanted = _cycle_to_least(facets[:, :n_corners])
-        keys, of = np.unique(np.concatenate([table, wanted]), axis=0, return_inverse=True)
-        row = np.full(len(keys), -1)
-        row[of[: len(table)]] = np.arange(len(table))
-        chosen = row[of[len(table) :]]
-        if (chosen < 0).any():
-            raise InvalidRequest(
-                f"{(chosen < 0).sum()} facets are faces of no element, or have the opposite orientation"
-            )
-        result.append(owner[chosen])
-    return np.concatenate(result) if result else np.zeros((0, 2), np.int64)
-
-
-def _cycle_to_least(corners: IntArray) -> IntArray:
-    """Corners (m, k) in their cyclic order, the least first."""
-    first = corners.argmin(axis=1)
-    around = (first[:, None] + np.arange(corners.shape[1])) % corners.shape[1]
-    return np.asarray(np.take_along_axis(corners, around, axis=1))

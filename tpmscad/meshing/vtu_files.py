@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from tpmscad._typing import IntArray
 from tpmscad.atomic_file import atomic_write
+from tpmscad.meshing.facet_search import owners_of_facets
 from tpmscad.meshing.skfem_mesh import SKFEM_CLASSES, skfem_faces
-from tpmscad.meshing.volume_mesh import VolumeMesh, owners_of_facets
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 VTK_KINDS: Mapping[str, int] = MappingProxyType(
     {
@@ -81,7 +82,7 @@ def _skfem_columns(mesh: VolumeMesh) -> dict[str, NDArray[Any]]:
     for name, numbers in mesh.cell_groups.items():
         columns[f"skfem:s:{name}"][numbers] = 1
     if mesh.facet_groups:
-        owners, bit = owners_of_facets(mesh), 1 << skfem_faces(next(iter(mesh.cells)))
+        owners, bit = owners_of_facets(mesh.cells, mesh.facets), 1 << skfem_faces(next(iter(mesh.cells)))
         for name, numbers in mesh.facet_groups.items():
             np.bitwise_or.at(columns[f"skfem:b:{name}"], owners[numbers, 0], bit[owners[numbers, 1]].astype(np.int32))
     return columns

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.certificate import Certificate
     from tpmscad.workflows.domain_results import FaceContact, FluidDomains
     from tpmscad.workflows.fluid_volumes import fluid_domains
+    from tpmscad.workflows.homogenization import homogenize
     from tpmscad.workflows.implicit_solid import solidify
     from tpmscad.workflows.lattice_infill import infill
     from tpmscad.workflows.lattice_slabs import SlabFiles, export_slabs
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step, slice_step
     from tpmscad.workflows.surface_limits import thickest_wall
+    from tpmscad.workflows.volume_meshing import mesh_step
 
 __all__ = [
     "Certificate",
@@ -45,9 +47,11 @@ __all__ = [
     "export_slabs",
     "export_step",
     "fluid_domains",
+    "homogenize",
     "infill",
     "lattice",
     "measure",
+    "mesh_step",
     "preview_solid",
     "render",
     "render_bytes",
@@ -74,6 +78,8 @@ _MODULE_OF_NAME = {
     "infill": "tpmscad.workflows.lattice_infill",
     "lattice": "tpmscad.workflows.lattice_solid",
     "measure": "tpmscad.workflows.metrics",
+    "homogenize": "tpmscad.workflows.homogenization",
+    "mesh_step": "tpmscad.workflows.volume_meshing",
     "preview_solid": "tpmscad.workflows.solid_preview",
     "render": "tpmscad.workflows.pictures",
     "render_bytes": "tpmscad.workflows.pictures",

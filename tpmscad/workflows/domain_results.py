@@ -10,9 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners
+from tpmscad._typing import BoxCorners, ProgressOption
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Colour, NamedSolid, make_compound, pack_results, unpack_results
+from tpmscad.meshing import VolumeMesh
 from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import write_checked_solids
@@ -26,6 +27,7 @@ from tpmscad.workflows.file_formats import (
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
 from tpmscad.workflows.result_summary import count_pieces, format_html, format_size
+from tpmscad.workflows.volume_meshing import mesh_named_solids, read_request
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -187,6 +189,45 @@ class FluidDomains:
         >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
         """
         render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
+
+    @public()
+    def mesh(
+        self, size: float, order: int = 2, *, per_turn: int | None = None, progress: ProgressOption = None
+    ) -> VolumeMesh:
+        """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
+
+        Parameters
+        ----------
+        size, order, per_turn, progress
+            As in `Model.mesh`.
+
+        Returns
+        -------
+        VolumeMesh
+            The elements are the groups "wall", "channel +" and "channel -"; facets between two of them "wall | channel +" and
+            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body X-" and the like.
+
+        Raises
+        ------
+        InvalidRequest
+            If gmsh is not installed, the order is neither 1 nor 2, or there would be too many elements.
+        KernelError
+            If gmsh fails, or elements stay inverted.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.mesh(0.8).write("exchanger.msh")  # doctest: +SKIP
+        """
+        regions = [name for name, model in self.domains.items() for _ in model.built.solids]
+        return mesh_named_solids(
+            self.named_solids(),
+            regions,
+            self.bounding_box,
+            read_request(size, order, False, per_turn),
+            name=self.name,
+            progress=progress,
+        )
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names, colours and the labels of their faces, as files store them.

@@ -16,7 +16,6 @@ from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import BuiltSolids, KernelSolids, NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
 from tpmscad.workflows.checked_write import (
@@ -32,8 +31,8 @@ from tpmscad.workflows.file_formats import (
     number_names,
     write_mesh_or_brep_file,
 )
-from tpmscad.workflows.hexahedral_meshing import mesh_by_splines, write_splines
 from tpmscad.workflows.layer_slices import Slices, slice_shape
+from tpmscad.workflows.meshable_solid import MeshableSolid
 from tpmscad.workflows.pictures import render
 from tpmscad.workflows.result_summary import format_html, format_summary
 
@@ -47,7 +46,7 @@ class UnitCell:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model:
+class Model(MeshableSolid):
     """A solid with its certificate, whatever made it.
 
     Attributes
@@ -299,63 +298,6 @@ class Model:
         """
         low, high = self.bounding_box
         return slice_shape(self.wrapped, self.name, height, chord_error, (low[2], high[2]))
-
-    @public()
-    def hexahedra(self, order: int = 2, refine: int | tuple[int, int] = 0, *, serendipity: bool = False) -> VolumeMesh:
-        """Hexahedra of a lattice's wall straight from its patches, without a mesher.
-
-        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall:
-        one element, or cut into several. Nodes lie on the exact faces.
-
-        Parameters
-        ----------
-        order : {2, 1}, optional
-            2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.
-        refine : int or (int, int), optional
-            Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 elements.
-        serendipity : bool, optional
-            Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it.
-
-        Returns
-        -------
-        VolumeMesh
-            Nodes, elements, facets in the groups "surface +", "surface -" and "gap" or "cap X+", and periodic pairs of nodes.
-
-        Raises
-        ------
-        InvalidRequest
-            If the solid is not made of whole walls, a wall folds, or elements are too large for its curvature.
-
-        Examples
-        --------
-        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
-        >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
-        >>> mesh.write("gyroid.msh")  # doctest: +SKIP
-        """
-        along, through = refine if isinstance(refine, tuple) else (refine, refine)
-        return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
-
-    @public()
-    def export_splines(self, path: str | Path) -> None:
-        """Write the lattice's wall as trivariate splines for isogeometric analysis, with their interfaces.
-
-        Parameters
-        ----------
-        path : str or Path
-            An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, with exact poles,
-            the interfaces of the bodies, and their outer sides in the groups "surface +", "surface -" and "gap" or "cap".
-
-        Raises
-        ------
-        InvalidRequest
-            If the solid is not made of whole walls, a wall folds, or the suffix is another one.
-
-        Examples
-        --------
-        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
-        >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
-        """
-        write_splines(self.make_spline_volumes, self.name, path)
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.

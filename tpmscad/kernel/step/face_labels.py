@@ -105,28 +105,32 @@ def order_labels(shape: Any, faces: Sequence[TopoDS_Face], labels: Sequence[str]
     return tuple(of_face[ShapeKey(face)] for face in faces_of(shape))
 
 
+def label_outer_faces(shape: Any, outer: str) -> tuple[str, ...]:
+    """`outer` for each face of `faces_of(shape)`, with the axis that it faces if it is planar and along one: "body X+"."""
+    labels = []
+    for face in faces_of(shape):
+        surface, axis = BRepAdaptor_Surface(face, False), None
+        if surface.GetType() == GeomAbs_Plane:
+            frame = surface.Plane().Position()
+            axis = name_axis(np.cross(frame.XDirection().Coord(), frame.YDirection().Coord()) * orientation_sign(face))
+        labels.append(outer if axis is None else f"{outer} {axis}")
+    return tuple(labels)
+
+
 def label_shape_faces(shape: Any, patches: Brep, outer: str = "body") -> tuple[str, ...]:
     """Label of each face of `faces_of(shape)`: that of the lattice patch on which it lies, else `outer` with its axis.
 
     `patches` are those of the lattice of which OCCT made the shape.
     """
     faces = faces_of(shape)
-    labels, places, free = [], [], []
+    labels, places, free = list(label_outer_faces(shape, outer)), [], []
     for i, face in enumerate(faces):
-        surface = BRepAdaptor_Surface(face, False)
-        u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
-        point = gp_Pnt()
-        surface.D0(0.5 * (u0 + u1), 0.5 * (v0 + v1), point)
-        label = outer
-        if surface.GetType() == GeomAbs_Plane:
-            frame = surface.Plane().Position()
-            normal = np.cross(frame.XDirection().Coord(), frame.YDirection().Coord()) * orientation_sign(face)
-            axis = name_axis(normal)
-            label = outer if axis is None else f"{outer} {axis}"
-        elif BRep_Tool.Surface_s(face).DynamicType().Name() == "Geom_BSplineSurface":
+        if BRep_Tool.Surface_s(face).DynamicType().Name() == "Geom_BSplineSurface":
+            u0, u1, v0, v1 = BRepTools.UVBounds_s(face)
+            point = gp_Pnt()
+            BRepAdaptor_Surface(face, False).D0(0.5 * (u0 + u1), 0.5 * (v0 + v1), point)
             free.append(i)
             places.append(point.Coord())
-        labels.append(label)
     if free:
         for i, tag in zip(free, find_patch_tags(patches, np.array(places)), strict=True):
             if tag is not None:

@@ -1,0 +1,157 @@
+"""Meshes of ten results: inverted elements, quality, size, volume, groups, periodic pairs, and who reads their files.
+
+    python -m benchmarks.meshes [NAME ...] [--size FACTOR]
+
+Needs gmsh, meshio and scikit-fem; CalculiX is asked too if `ccx` is on the path (Debian: apt-get install calculix-ccx).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import logging
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+
+import tpmscad
+from tpmscad import fields
+from tpmscad.meshing import VolumeMesh
+
+
+def make_bracket() -> Any:
+    """A bracket with a hole, filled with gyroid."""
+    body = bd.Pos(15, 10, 5) * bd.Box(30, 20, 10) - bd.Pos(22, 10, 5) * bd.Cylinder(4, 10)
+    return tpmscad.infill(body, "gyroid", cell=10, thickness=1.5, tol=0.02)
+
+
+def make_ring() -> Any:
+    """A lattice wrapped around a cylinder."""
+    return tpmscad.lattice(
+        "gyroid", cell=10, cells=(12, 1, 1), thickness=1.5, map=tpmscad.maps.cylinder(19.1), tol=0.02
+    )
+
+
+def make_graded() -> Any:
+    """A gyroid wall that is thicker at the top."""
+    phi = fields.tpms("gyroid", period=10.0)
+    return tpmscad.solidify(fields.wall(phi, lambda p: 1.2 + 0.08 * p[..., 2]), ((0, 0, 0), (10, 10, 10)), tol=0.02)
+
+
+def make_blend() -> Any:
+    """A gyroid rod that becomes a Schwarz P rod."""
+    rods = [fields.rod(fields.tpms(name, period=10.0), 0.0) for name in ("gyroid", "schwarz_p")]
+    weight = fields.ramp("x", span=(5.0, 15.0), values=(0.0, 1.0), smooth=True)
+    first, second = rods
+    mixed = fields.from_function(lambda p: (1.0 - weight(p)) * first(p) + weight(p) * second(p))
+    return tpmscad.solidify(mixed, ((0, 0, 0), (20, 10, 10)), tol=0.03)
+
+
+def make_cell(surface: str) -> Callable[[], Any]:
+    """A cell of a sheet."""
+    return lambda: tpmscad.lattice(surface, cell=10, volume_fraction=0.25, tol=0.02)
+
+
+CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
+    **{
+        name: (make_cell(name), size, True)
+        for name, size in (
+            *(("gyroid", 0.8), ("diamond", 0.65), ("schwarz_p", 1.0)),
+            *(("iwp", 0.7), ("neovius", 0.7), ("frd", 0.55)),
+        )
+    },
+    "bracket": (make_bracket, 1.0, False),
+    "ring": (make_ring, 1.2, False),
+    "graded": (make_graded, 0.9, False),
+    "blend": (make_blend, 0.9, False),
+}
+"""Name, maker, size and whether the mesh is periodic."""
+
+
+def count_warnings(read: Callable[[], Any]) -> int:
+    """Warnings and lines of a log or on standard output while a file is read; -1 if it cannot be read."""
+    stream, handler = io.StringIO(), logging.StreamHandler(log := io.StringIO())
+    logging.getLogger().addHandler(handler)
+    try:
+        with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(stream):
+            warnings.simplefilter("always")
+            read()
+    except Exception:
+        return -1
+    finally:
+        logging.getLogger().removeHandler(handler)
+    return len(caught) + len(log.getvalue().splitlines()) + len(stream.getvalue().split())
+
+
+def read_by_calculix(path: Path) -> int | None:
+    """Warnings and errors of CalculiX as it checks a mesh with a material and a step; None without CalculiX."""
+    if shutil.which("ccx") is None:
+        return None
+    job = path.with_name("job.inp")
+    job.write_text(
+        f"*INCLUDE, INPUT={path.name}\n*MATERIAL, NAME=M\n*ELASTIC\n1., 0.3\n*SOLID SECTION, ELSET=EALL, MATERIAL=M\n"
+        "*STEP\n*NO ANALYSIS\n*END STEP\n"
+    )
+    done = subprocess.run(["ccx", "-i", "job"], cwd=path.parent, capture_output=True, text=True, check=False)
+    found = re.findall(r"\*(?:WARNING|ERROR)", done.stdout + done.stderr)
+    return len(found) + int(done.returncode != 0)
+
+
+def readers(mesh: VolumeMesh) -> dict[str, int | None]:
+    """Warnings of each reader of the files of a mesh."""
+    import meshio
+    import skfem
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder)
+        for name in ("mesh.msh", "mesh.vtu", "mesh.inp"):
+            mesh.write(path / name)
+        return {
+            "meshio .msh": count_warnings(lambda: meshio.read(path / "mesh.msh")),
+            "meshio .vtu": count_warnings(lambda: meshio.read(path / "mesh.vtu")),
+            "skfem .vtu": count_warnings(lambda: skfem.Mesh.load(str(path / "mesh.vtu"))),
+            "skfem": count_warnings(mesh.to_skfem),
+            "ccx": read_by_calculix(path / "mesh.inp"),
+        }
+
+
+def main() -> None:
+    """Mesh the cases and print a row for each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", default=list(CASES))
+    parser.add_argument("--size", type=float, default=1.0, help="factor of all sizes")
+    options = parser.parse_args()
+    print(
+        "case          size   elements inverted straight SICN    SJ       mean size  volume off  groups pairs    mismatch  s    "
+        "warnings"
+    )
+    for name in options.names:
+        make, size, periodic = CASES[name]
+        model = make()
+        begun = time.process_time()
+        mesh = model.mesh(size * options.size, periodic=periodic)
+        seconds = time.process_time() - begun
+        quality = mesh.quality
+        pairs = sum(map(len, mesh.periodic.values()))
+        covered = np.unique(np.concatenate(list(mesh.facet_groups.values()))).size == mesh.n_facets
+        print(
+            f"{name:12} {size * options.size:5.2f} {mesh.n_cells:10d} {quality.inverted:8d} {mesh.straightened:8d} "
+            f"{quality.smallest:7.4f} {quality.smallest_scaled_jacobian:8.5f} {quality.size / size / options.size:6.3f} of it "
+            f"{mesh.volume / model.volume - 1.0:10.1e} {len(mesh.facet_groups):5d}{'' if covered else '!'} {pairs:6d} "
+            f"{mesh.mismatch:10.1e} {seconds:5.0f}  {readers(mesh)}",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()

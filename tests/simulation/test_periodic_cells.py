@@ -1,0 +1,119 @@
+"""Effective properties against closed forms: laminates, uniform solids, bounds; the solver against a direct one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import sparse
+
+from tests.meshing.test_volume_mesh import block
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.meshing import VolumeMesh, sort_nodes
+from tpmscad.simulation import HomogenizedProperties, IsotropicMaterial, multigrid, solve_cell
+from tpmscad.simulation.multigrid import solve
+
+pytest.importorskip("skfem")
+
+STEEL = IsotropicMaterial(210.0, 0.3)
+
+
+def plate() -> VolumeMesh:
+    """Two of three layers of a periodic box: a plate in the planes x = const, which repeats along y and z only as a solid."""
+    mesh = block("tetra10")
+    keep = mesh.points[mesh.cells["tetra10"][:, :4]].mean(axis=1)[:, 0] < 2.0
+    cells = mesh.cells["tetra10"][keep]
+    used = np.zeros(len(mesh.points), bool)
+    used[cells] = True
+    pairs = {axis: found[used[found].all(axis=1)] for axis, found in mesh.periodic.items()}
+    return sort_nodes(
+        replace(mesh, cells={"tetra10": cells}, facets={}, cell_groups={}, facet_groups={}, periodic=pairs)
+    )
+
+
+def test_a_full_box_has_the_stiffness_of_the_solid() -> None:
+    found = solve_cell(block("tetra10"), STEEL)
+    np.testing.assert_allclose(found.stiffness, STEEL.stiffness, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(found.conductivity, np.eye(3), atol=1e-9)
+    assert found.volume_fraction == pytest.approx(1.0)
+
+
+def test_a_plate_has_the_stiffness_of_plane_stress() -> None:
+    """Across the plate nothing carries; in its plane E / (1 - nu^2) and E nu / (1 - nu^2), and G in shear, times its fraction."""
+    found = solve_cell(plate(), STEEL)
+    e, nu, part = 210.0, 0.3, 2.0 / 3.0
+    expected = np.zeros((6, 6))
+    expected[1, 1] = expected[2, 2] = part * e / (1.0 - nu**2)
+    expected[1, 2] = expected[2, 1] = part * e * nu / (1.0 - nu**2)
+    expected[3, 3] = part * e / (2.0 * (1.0 + nu))
+    np.testing.assert_allclose(found.stiffness, expected, atol=1e-6)
+    np.testing.assert_allclose(found.conductivity, np.diag([0.0, part, part]), atol=1e-9)
+
+
+def test_meshes_that_do_not_repeat_are_refused() -> None:
+    with pytest.raises(InvalidRequest, match="periodic along x, y and z"):
+        solve_cell(replace(block("tetra10"), periodic={}), STEEL)
+    with pytest.raises(InvalidRequest, match="second order"):
+        solve_cell(block("tetra"), STEEL)
+
+
+def test_the_solver_agrees_with_a_direct_one_and_says_when_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    count = 60
+    line = sparse.diags([-np.ones(count - 1), np.full(count, 2.001), -np.ones(count - 1)], [-1, 0, 1], format="csr")
+    prolongation = sparse.csr_matrix(np.maximum(0.0, 1.0 - np.abs(np.arange(count)[:, None] / 2 - np.arange(30))))
+    loads = np.random.default_rng(2).standard_normal((count, 3))
+    found = solve(line, loads, prolongation, 1.0)
+    np.testing.assert_allclose(found.values, np.linalg.solve(line.toarray(), loads), rtol=1e-6, atol=1e-6)
+    assert found.iterations < 15
+    monkeypatch.setattr(multigrid, "MAX_ITERATIONS", 2)
+    with pytest.raises(KernelError, match="after 2 iterations"):
+        solve(line, loads, prolongation, 1.0)
+
+
+def properties(stiffness: Array) -> HomogenizedProperties:
+    return HomogenizedProperties(
+        *("test part", stiffness, 0.25 * np.eye(3), 0.4, 0.001, stiffness, 0.25 * np.eye(3), 1.0, 0.3, 1, 1, 0.0)
+    )
+
+
+def test_constants_of_an_isotropic_stiffness_are_its_own() -> None:
+    found = properties(IsotropicMaterial(3.0, 0.25).stiffness)
+    assert found.engineering_constants == pytest.approx(
+        {"E1": 3.0, "E2": 3.0, "E3": 3.0, "nu12": 0.25, "nu13": 0.25, "nu23": 0.25, "G12": 1.2, "G13": 1.2, "G23": 1.2}
+    )
+    assert found.zener_ratio == pytest.approx(1.0)
+    assert found.bulk_modulus == pytest.approx(2.0)
+    assert found.cubic_deviation < 1e-15
+    np.testing.assert_allclose(found.directional_modulus([[1, 0, 0], [1, 1, 0], [1, 2, 3]]), 3.0)
+
+
+def test_a_cubic_stiffness_has_its_modulus_along_the_diagonal() -> None:
+    stiffness = np.diag([5.0] * 3 + [2.0] * 3)
+    stiffness[:3, :3] += 1.0
+    c11, c12, c44 = 6.0, 1.0, 2.0
+    s11, s12 = (c11 + c12) / ((c11 - c12) * (c11 + 2 * c12)), -c12 / ((c11 - c12) * (c11 + 2 * c12))
+    expected = 1.0 / (s11 - 2.0 / 3.0 * (s11 - s12 - 0.5 / c44))
+    assert properties(stiffness).directional_modulus([1, 1, 1]) == pytest.approx(expected)
+    assert properties(stiffness).cubic_constants == pytest.approx((c11, c12, c44))
+
+
+def test_material_cards_hold_the_constants(tmp_path: Path) -> None:
+    stiffness = np.arange(36.0).reshape(6, 6)
+    stiffness = stiffness + stiffness.T + 100.0 * np.eye(6)
+    found = properties(stiffness)
+    found.write(tmp_path / "card.inp")
+    lines = (tmp_path / "card.inp").read_text().splitlines()
+    start = lines.index("*ELASTIC, TYPE=ANISO")
+    numbers = [float(x) for line in lines[start + 1 : start + 4] for x in line.strip(",").split(",")]
+    assert len(numbers) == 22
+    assert numbers[9] == stiffness[5, 5]  # D1212
+    assert numbers[14] == stiffness[4, 4]  # D1313
+    assert numbers[20] == stiffness[3, 3]  # D2323
+    assert lines[start - 1] == "*MATERIAL, NAME=TEST_PART"
+    found.write(tmp_path / "card.csv")
+    assert "C11," in (tmp_path / "card.csv").read_text()
+    with pytest.raises(InvalidRequest):
+        found.write(tmp_path / "card.txt")

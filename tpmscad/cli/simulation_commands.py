@@ -1,0 +1,153 @@
+"""tpmscad mesh and homogenize: the volume mesh of a STEP file, and the properties of a lattice that repeats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from tpmscad import workflows
+from tpmscad.atomic_file import validate_output_path
+from tpmscad.cli.lattice_options import SurfaceArgument
+from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
+from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
+
+ElementSizeOption = Annotated[
+    float, typer.Option("--size", metavar="MM", help="Mean length of the elements' edges, mm.")
+]
+OrderOption = Annotated[
+    int, typer.Option(metavar="1|2", help="1: straight edges; 2: curved ones, with a node in their middle.")
+]
+PeriodicOption = Annotated[
+    bool, typer.Option("--periodic", help="Give opposite sides of the box around the solid the same nodes.")
+]
+PerTurnOption = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Elements along a full turn of curvature at least.",
+        show_default="the same size everywhere",
+    ),
+]
+VersionOption = Annotated[
+    Literal["4.1", "2.2"],
+    typer.Option("--msh-version", help="Version of gmsh's format .msh.", rich_help_panel=OUTPUT_PANEL),
+]
+MeshFileOption = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="The file to write: .msh (gmsh), .inp (Abaqus, CalculiX) or .vtu (VTK).",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+FractionOption = Annotated[
+    float, typer.Option("--volume-fraction", metavar="F", help="Volume of the solid over that of the cell.")
+]
+KindOption = Annotated[
+    Literal["sheet", "skeletal"], typer.Option(help="A wall, or the solid on one side of the surface.")
+]
+ReferenceOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="The minimal surface, or the nodal one.", show_default="minimal where there is one"
+    ),
+]
+YoungsModulusOption = Annotated[float, typer.Option(metavar="E", help="Young's modulus of the solid, in any unit.")]
+PoissonRatioOption = Annotated[float, typer.Option(metavar="NU", help="Poisson's ratio of the solid, 0 to 0.49.")]
+CellElementSizeOption = Annotated[
+    float | None,
+    typer.Option(
+        "--size",
+        metavar="L",
+        help="Mean edge length of the elements of the finer mesh, in cells.",
+        show_default="0.8 of the wall",
+    ),
+]
+CardOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="A material card to write: .inp (Abaqus, CalculiX) or .csv.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
+
+
+def mesh(
+    file: StepFileArgument,
+    size: ElementSizeOption,
+    output: MeshFileOption,
+    order: OrderOption = 2,
+    periodic: PeriodicOption = False,
+    per_turn: PerTurnOption = None,
+    version: VersionOption = "4.1",
+    report: ReportOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Mesh the solids of a STEP file with tetrahedra whose nodes lie on the exact faces, with named groups; needs gmsh."""
+    validate_output_path(output, (".msh", ".inp", ".vtu"))
+    check_report(report)
+    with report_unmet_request(report):
+        with progress_bar(f"meshing {file.name}", quiet):
+            found = workflows.mesh_step(file, size, order, periodic, per_turn=per_turn, progress=False)
+            found.write(output, version=version)
+        quality = found.quality
+        write_report(
+            report,
+            {
+                "file": str(file),
+                "mesh": str(output),
+                "cells": {kind: len(nodes) for kind, nodes in found.cells.items()},
+                "nodes": len(found.points),
+                "volume": found.volume,
+                "size": quality.size,
+                "inverted": quality.inverted,
+                "smallest_quality": quality.smallest,
+                "groups": [*found.cell_groups, *found.facet_groups],
+                "periodic": list(found.periodic),
+                "mismatch": found.mismatch,
+            },
+        )
+    if not quiet:
+        print(found)
+
+
+def homogenize(
+    surface: SurfaceArgument,
+    volume_fraction: FractionOption,
+    kind: KindOption = "sheet",
+    reference: ReferenceOption = None,
+    youngs_modulus: YoungsModulusOption = 1.0,
+    poisson_ratio: PoissonRatioOption = 0.3,
+    size: CellElementSizeOption = None,
+    output: CardOption = None,
+    report: ReportOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs gmsh and scikit-fem."""
+    if output is not None:
+        validate_output_path(output, (".inp", ".csv"))
+    check_report(report)
+    with report_unmet_request(report):
+        with progress_bar(f"homogenising {surface}", quiet) as progress:
+            found = workflows.homogenize(
+                surface,
+                volume_fraction=volume_fraction,
+                kind=kind,
+                reference=reference,
+                youngs_modulus=youngs_modulus,
+                poisson_ratio=poisson_ratio,
+                size=size,
+                progress=progress,
+            )
+        if output is not None:
+            found.write(output)
+        write_report(report, found.to_dict())
+    if not quiet:
+        print(found)

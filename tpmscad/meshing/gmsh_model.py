@@ -1,0 +1,120 @@
+"""gmsh's model of a BREP file: its options, its periodic faces, and its nodes and elements as arrays.
+
+gmsh holds one model of the whole process. A model of the caller stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad._lazy_import import import_extra
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import InvalidRequest, KernelError
+
+MODEL_NAME = "tpmscad"
+
+ON_PLANE = 1e-5
+"""Model units: how exactly gmsh's kernel knows where a face is."""
+
+GMSH_TETRAHEDRA = {1: 4, 2: 11}
+GMSH_TRIANGLES = {1: 2, 2: 9}
+"""gmsh's numbers of the elements of each order."""
+
+
+@contextmanager
+def open_model(brep_file: Path, options: Mapping[str, float]) -> Iterator[Any]:
+    """Gmsh with the shape of a BREP file as its model and with the options; both are taken back at the end."""
+    gmsh = import_extra("gmsh", "meshes of tetrahedra", "mesh")
+    is_ours = not gmsh.isInitialized()
+    if is_ours:
+        gmsh.initialize(interruptible=False)
+    former = None if is_ours else gmsh.model.getCurrent()
+    options = {"General.Terminal": 0, "General.Verbosity": 1, **options}
+    values = {name: gmsh.option.getNumber(name) for name in options}
+    try:
+        for name, value in options.items():
+            gmsh.option.setNumber(name, value)
+        gmsh.model.add(MODEL_NAME)
+        gmsh.model.occ.importShapes(str(brep_file), format="brep")
+        gmsh.model.occ.synchronize()
+        yield gmsh
+    finally:
+        gmsh.model.remove()
+        if is_ours:
+            gmsh.finalize()
+        else:
+            for name, value in values.items():
+                gmsh.option.setNumber(name, value)
+            gmsh.model.setCurrent(former)
+
+
+def check_faces(gmsh: Any, places: Array) -> list[int]:
+    """Gmsh's faces in the order of `places`, (n, 3) means of each face's vertices; KernelError if they are not there."""
+    tags = sorted(tag for _, tag in gmsh.model.getEntities(2))
+    found = np.array([_corners(gmsh, tag).mean(axis=0) for tag in tags]).reshape(-1, 3)
+    if len(found) != len(places) or np.abs(found - places).max(initial=0.0) > ON_PLANE:
+        raise KernelError(
+            "mesh", f"gmsh reads {len(found)} faces where the solid has {len(places)}, or in another order"
+        )
+    return tags
+
+
+def _corners(gmsh: Any, face: int) -> Array:
+    """The vertices (n, 3) of a face, each once."""
+    vertices = {tag for _, tag in gmsh.model.getBoundary([(2, face)], combined=False, oriented=False, recursive=True)}
+    return np.array([gmsh.model.getValue(0, tag, []) for tag in vertices]).reshape(-1, 3)
+
+
+def match_sides(gmsh: Any, axis: int, low: float, high: float) -> bool:
+    """Have the planar faces at one side of a box meshed like those at the other side; False if there are none.
+
+    Raises InvalidRequest if the sides have not the same faces.
+    """
+    shift = np.eye(3)[axis] * (high - low)
+    near: dict[int, Array] = {}
+    far: dict[int, Array] = {}
+    for _, face in gmsh.model.getEntities(2):
+        if gmsh.model.getType(2, face) != "Plane":
+            continue
+        centre = np.array(gmsh.model.occ.getCenterOfMass(2, face))
+        across = np.append(_corners(gmsh, face)[:, axis], centre[axis])
+        for side, level in ((near, low), (far, high)):
+            if np.abs(across - level).max() < ON_PLANE:
+                side[face] = np.append(centre, gmsh.model.occ.getMass(2, face))
+    pairs = [
+        (face, other)
+        for face, here in near.items()
+        for other, there in far.items()
+        if np.abs(there - here - np.append(shift, 0.0)).max() < ON_PLANE
+    ]
+    if not len(pairs) == len(near) == len(far):
+        raise InvalidRequest(
+            f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are not the {len(far)} at the other; mesh a "
+            "lattice of whole cells in a box, or leave periodic out"
+        )
+    if pairs:
+        affine = np.eye(4)
+        affine[:3, 3] = shift
+        masters, slaves = (list(tags) for tags in zip(*pairs, strict=True))
+        gmsh.model.mesh.setPeriodic(2, slaves, masters, affine.ravel().tolist())
+    return bool(pairs)
+
+
+def read_nodes(gmsh: Any) -> tuple[Array, IntArray]:
+    """All nodes (n, 3), and the row of each node's number."""
+    numbers, coordinates, _ = gmsh.model.mesh.getNodes()
+    row = np.full(int(numbers.max(initial=0)) + 1, -1, np.int64)
+    row[numbers.astype(np.int64)] = np.arange(len(numbers))
+    return coordinates.reshape(-1, 3), row
+
+
+def read_elements(gmsh: Any, dimension: int, tag: int, kind: int, row: IntArray) -> IntArray:
+    """Nodes (m, k) of one entity's elements, in gmsh's order."""
+    _, nodes = gmsh.model.mesh.getElementsByType(kind, tag)
+    size = gmsh.model.mesh.getElementProperties(kind)[3]
+    return np.asarray(row[nodes.astype(np.int64)].reshape(-1, size))

@@ -1,0 +1,166 @@
+"""Tetrahedra of first or second order in solids, by gmsh.
+
+Corners lie on the exact surface, and so do the middles of edges of second order. gmsh's HXT makes the elements. A flat element
+with four corners on a face would be turned over by the curvature of the face, so such elements are removed before curving;
+elements that curving turns over are mended by the elastic analogy, and at last by straight edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import KernelError
+from tpmscad.meshing.facet_search import find_facets
+from tpmscad.meshing.gmsh_model import (
+    GMSH_TETRAHEDRA,
+    GMSH_TRIANGLES,
+    check_faces,
+    match_sides,
+    open_model,
+    read_elements,
+    read_nodes,
+)
+from tpmscad.meshing.msh_files import GMSH_KINDS
+from tpmscad.meshing.untangling import untangle
+from tpmscad.meshing.volume_mesh import AXES, VolumeMesh, sort_nodes
+
+SURFACE_SIZE = 0.83
+"""Of the element size wanted, what gmsh is told: it keeps to that on faces and makes elements inside 1.4 times as long."""
+
+ON_SIDE = 1e-5
+"""Model units: distance of a node from the side of the box, or from its image, up to which it is moved there."""
+
+HXT, ELASTIC_ANALOGY = 10, 3
+"""gmsh's numbers of algorithms for elements and for curving."""
+
+
+@dataclass(frozen=True, slots=True)
+class MeshRequest:
+    """What mesh is wanted.
+
+    size : mean edge length, model units
+    order : 1 or 2
+    periodic : whether opposite sides of the box have the same nodes
+    per_turn : elements along a full turn of curvature at least, or None
+    """
+
+    size: float
+    order: int = 2
+    periodic: bool = False
+    per_turn: int | None = None
+
+    def options(self) -> dict[str, float]:
+        """Gmsh's options."""
+        return {
+            "Mesh.MeshSizeMax": SURFACE_SIZE * self.size,
+            "Mesh.MeshSizeFromPoints": 0,
+            "Mesh.MeshSizeFromCurvature": self.per_turn or 0,
+            "Mesh.MeshSizeExtendFromBoundary": 0 if self.per_turn is None else 1,
+            "Mesh.Algorithm3D": HXT,  # its worst element is ten times better than that of the default here
+            "Mesh.OptimizeThreshold": 0.5,  # more than the default: removes flat elements on faces
+            "Mesh.ElementOrder": self.order,
+            "Mesh.HighOrderOptimize": ELASTIC_ANALOGY if self.order == 2 else 0,
+            # nodes stay on the surface, and periodic ones at their images; optimisation would move them, and takes minutes
+            "Mesh.HighOrderFixBoundaryNodes": 1,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SolidFaces:
+    """What gmsh does not know of the solids of a BREP file.
+
+    solids : group of each solid, in the order of the file
+    groups : groups of each distinct face, in the order of the file
+    places : (n, 3) mean of each distinct face's vertices
+    low, high : (3,) corners of the box around the solids
+    """
+
+    solids: tuple[str, ...]
+    groups: tuple[tuple[str, ...], ...]
+    places: Array
+    low: Array
+    high: Array
+
+
+def mesh_tetrahedra(brep_file: Path, faces: SolidFaces, request: MeshRequest, name: str = "part") -> VolumeMesh:
+    """Mesh the solids of a BREP file.
+
+    Raises InvalidRequest if gmsh is missing or opposite sides differ; KernelError if gmsh fails or elements stay inverted.
+    """
+    mesh = untangle(_generate(brep_file, faces, request))
+    inverted = mesh.quality.inverted
+    if inverted:
+        raise KernelError(
+            "mesh",
+            f"{inverted} of {mesh.n_cells} elements are inverted at size = {request.size:g}: ask for smaller ones",
+        )
+    return replace(mesh, name=name)
+
+
+def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> VolumeMesh:
+    """The mesh as gmsh makes it, with its groups and periodic pairs."""
+    kinds = ("tetra", "triangle") if request.order == 1 else ("tetra10", "triangle6")
+    with open_model(brep_file, request.options()) as gmsh:
+        face_tags = check_faces(gmsh, faces.places)
+        axes = [
+            axis
+            for axis in range(3)
+            if request.periodic and match_sides(gmsh, axis, float(faces.low[axis]), float(faces.high[axis]))
+        ]
+        try:
+            gmsh.model.mesh.generate(3)
+        except Exception as error:  # gmsh raises Exception itself
+            raise KernelError("mesh", f"gmsh fails at size = {request.size:g}: {error}") from error
+        points, row = read_nodes(gmsh)
+        volumes = sorted(tag for _, tag in gmsh.model.getEntities(3))
+        blocks = [read_elements(gmsh, 3, tag, GMSH_TETRAHEDRA[request.order], row) for tag in volumes]
+        sides = [read_elements(gmsh, 2, tag, GMSH_TRIANGLES[request.order], row)[:, :3] for tag in face_tags]
+    cells = {kinds[0]: np.concatenate(blocks)[:, np.argsort(GMSH_KINDS[kinds[0]][1])]}
+    facets = {kinds[1]: find_facets(cells, kinds[1], np.concatenate(sides))}
+    mesh = VolumeMesh(
+        points,
+        cells,
+        facets,
+        _number_groups([(name,) for name in faces.solids], list(map(len, blocks))),
+        _number_groups(faces.groups, list(map(len, sides))),
+    )
+    return pair_sides(sort_nodes(mesh), axes, faces.low, faces.high)
+
+
+def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> dict[str, IntArray]:
+    """Numbers of the elements in each group, given the groups and the number of elements of each entity in turn."""
+    starts = np.cumsum([0, *counts])
+    found: dict[str, list[IntArray]] = {}
+    for names, start, end in zip(groups, starts[:-1], starts[1:], strict=True):
+        for name in names:
+            found.setdefault(name, []).append(np.arange(start, end))
+    return {name: np.concatenate(found[name]) for name in sorted(found)}
+
+
+def pair_sides(mesh: VolumeMesh, axes: Sequence[int], low: Array, high: Array) -> VolumeMesh:
+    """The mesh with its periodic pairs along the axes, and with nodes on far sides exactly at the images of those on near ones.
+
+    Raises KernelError if a node on one side has no image on the other.
+    """
+    periodic, points, periods = {}, mesh.points.copy(), np.full(3, np.nan)
+    for axis in axes:
+        near, far = (np.flatnonzero(np.abs(points[:, axis] - level) < ON_SIDE) for level in (low[axis], high[axis]))
+        periods[axis] = high[axis] - low[axis]
+        shift = np.eye(3)[axis] * periods[axis]
+        if len(near) != len(far):
+            raise KernelError("mesh", f"{len(near)} nodes at one side along {AXES[axis]}, {len(far)} at the other")
+        distance, other = cKDTree(points[far]).query(points[near] + shift)
+        if len(np.unique(other)) != len(near) or distance.max(initial=0.0) > ON_SIDE:
+            raise KernelError("mesh", f"nodes along {AXES[axis]} are {distance.max():.1e} off their images")
+        points[near, axis] = low[axis]
+        periodic[AXES[axis]] = np.column_stack([near, far[other]])
+    paired = replace(mesh, periodic=periodic, periods=periods)
+    repeated, count = paired.periodic_ties()
+    points = points[repeated] + count * np.where(np.isnan(periods), 0.0, periods)
+    return replace(paired, points=points)
