@@ -196,6 +196,22 @@ def test_skfem_integrates_over_the_groups(kind: str, route: str, tmp_path: Path)
     assert len(found.subdomains["first"]) == 2
 
 
+@pytest.mark.parametrize("version", ["2.2", "4.1"])
+def test_gmsh_reads_periodic_meshes(version: str, tmp_path: Path) -> None:
+    gmsh = pytest.importorskip("gmsh")
+    mesh, path = block("hexahedron27"), tmp_path / "block.msh"
+    mesh.write(path, version=version)
+    gmsh.initialize(interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.open(str(path))
+        _, tags, _ = gmsh.model.mesh.getElements(3)
+        assert len(tags[0]) == mesh.n_cells
+        assert gmsh.model.mesh.getElementQualities(tags[0], "volume").sum() == pytest.approx(mesh.volume)
+    finally:
+        gmsh.finalize()
+
+
 def test_inp_files_name_sets_surfaces_and_ties(tmp_path: Path) -> None:
     mesh, path = block("tetra10"), tmp_path / "block.inp"
     mesh.write(path)

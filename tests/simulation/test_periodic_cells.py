@@ -12,7 +12,9 @@ from scipy import sparse
 from tests.meshing.test_volume_mesh import block
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.lattices.sources import lattice_source
 from tpmscad.meshing import VolumeMesh, sort_nodes
+from tpmscad.meshing.hexahedra import mesh_hexahedra
 from tpmscad.simulation import HomogenizedProperties, IsotropicMaterial, multigrid, solve_cell
 from tpmscad.simulation.multigrid import solve
 
@@ -34,8 +36,9 @@ def plate() -> VolumeMesh:
     )
 
 
-def test_a_full_box_has_the_stiffness_of_the_solid() -> None:
-    found = solve_cell(block("tetra10"), STEEL)
+@pytest.mark.parametrize("kind", ["tetra10", "hexahedron27"])
+def test_a_full_box_has_the_stiffness_of_the_solid(kind: str) -> None:
+    found = solve_cell(block(kind), STEEL)
     np.testing.assert_allclose(found.stiffness, STEEL.stiffness, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(found.conductivity, np.eye(3), atol=1e-9)
     assert found.volume_fraction == pytest.approx(1.0)
@@ -51,6 +54,22 @@ def test_a_plate_has_the_stiffness_of_plane_stress() -> None:
     expected[3, 3] = part * e / (2.0 * (1.0 + nu))
     np.testing.assert_allclose(found.stiffness, expected, atol=1e-6)
     np.testing.assert_allclose(found.conductivity, np.diag([0.0, part, part]), atol=1e-9)
+
+
+@pytest.mark.slow
+def test_hexahedra_of_a_natural_gyroid_agree_with_the_thin_sheet() -> None:
+    """Its bulk modulus tends to 2 rho E / (9 (1 - nu)), its conductivity to 2 rho / 3; the constants of the cell are cubic."""
+    source = lattice_source("gyroid", "minimal")
+    sheet = source.fit((-0.008, 0.008), 1.0, 1e-3).sheet
+    volumes = source.fill(sheet, (1, 1, 1), np.zeros(3))
+    found = solve_cell(mesh_hexahedra(volumes, 2, (2, 0)), IsotropicMaterial())
+    rho, c = found.volume_fraction, found.stiffness
+    assert rho == pytest.approx(volumes.integrate_volume(), rel=2e-4)
+    assert (c[0, 0] + 2 * c[0, 1]) / 3 == pytest.approx(2 * rho / (9 * 0.7), rel=0.02)
+    np.testing.assert_allclose(found.conductivity, 2 / 3 * rho * np.eye(3), atol=0.01 * rho)
+    cubic = np.diag([c[0, 0] - c[0, 1]] * 3 + [c[3, 3]] * 3)
+    cubic[:3, :3] += c[0, 1]
+    np.testing.assert_allclose(c, cubic, atol=1e-9)
 
 
 def test_meshes_that_do_not_repeat_are_refused() -> None:

@@ -48,6 +48,10 @@ class ElementShape:
         """Volume of the reference element: 1/2, 1/6 or 1."""
         return {2: 0.5, 3: 1.0 / 6.0}[self.nodes.shape[1]] if self.is_simplex else 1.0
 
+    def values(self, at: Array) -> Array:
+        """Values (p, n) of the n shape functions at reference coordinates (p, d)."""
+        return _monomials(at, self.exponents) @ np.linalg.inv(_monomials(self.nodes, self.exponents))
+
     def gradients(self, at: Array) -> Array:
         """Gradients (p, n, d) of the n shape functions at reference coordinates (p, d)."""
         coefficients = np.linalg.inv(_monomials(self.nodes, self.exponents))

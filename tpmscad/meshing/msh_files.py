@@ -1,5 +1,7 @@
 """gmsh's MSH files, versions 4.1 and 2.2, as text: elements, physical groups and periodic nodes.
 
+gmsh knows no periodic volumes: the nodes of all translations are those of the first surface.
+
 Source: "MSH file format", Gmsh reference manual.
 """
 
@@ -101,7 +103,7 @@ def _format_4(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
     if mesh.periodic:
         yield f"$Periodic\n{len(mesh.periodic)}\n"
         for translation, pairs in mesh.periodic.items():
-            yield f"3 1 1\n16 {_affine(mesh, translation)}\n{len(pairs)}\n"
+            yield f"2 1 1\n16 {_affine(mesh, translation)}\n{len(pairs)}\n"
             yield _rows(pairs[:, ::-1] + 1)
         yield "$EndPeriodic\n"
 
@@ -125,7 +127,7 @@ def _format_2(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
     if mesh.periodic:
         yield f"$Periodic\n{len(mesh.periodic)}\n"
         for translation, pairs in mesh.periodic.items():
-            yield f"3 1 1\nAffine {_affine(mesh, translation)}\n{len(pairs)}\n"
+            yield f"2 1 1\nAffine {_affine(mesh, translation)}\n{len(pairs)}\n"
             yield _rows(pairs[:, ::-1] + 1)
         yield "$EndPeriodic\n"
 

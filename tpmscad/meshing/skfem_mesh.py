@@ -37,7 +37,7 @@ def make_skfem_mesh(mesh: VolumeMesh) -> Any:
     if len(mesh.cells) != 1 or next(iter(mesh.cells)) not in SKFEM_CLASSES:
         raise InvalidRequest(f"scikit-fem takes one kind of {', '.join(SKFEM_CLASSES)}, not {' and '.join(mesh.cells)}")
     ((kind, nodes),) = mesh.cells.items()
-    order = _skfem_order(kind)
+    order = skfem_order(kind)
     made = getattr(skfem, SKFEM_CLASSES[kind])(
         np.ascontiguousarray(mesh.points.T), np.ascontiguousarray(nodes[:, order].T)
     )
@@ -56,14 +56,14 @@ def make_skfem_mesh(mesh: VolumeMesh) -> Any:
 def skfem_faces(kind: str) -> IntArray:
     """Number in scikit-fem of each face of an element."""
     shape = SHAPES[kind]
-    order = _skfem_order(kind)
+    order = skfem_order(kind)
     theirs = SKFEM_TETRA_FACES if shape.is_simplex else SKFEM_HEXAHEDRON_FACES
     number = {frozenset(order[i] for i in face): i for i, face in enumerate(theirs)}
     n_corners = SHAPES[shape.face_kind].corners
     return np.array([number[frozenset(face[:n_corners])] for face in shape.faces])
 
 
-def _skfem_order(kind: str) -> list[int]:
+def skfem_order(kind: str) -> list[int]:
     """Node of VTK of each node of scikit-fem's element."""
     count = len(SHAPES[kind].nodes)
     return list(range(count)) if SHAPES[kind].is_simplex else list(SKFEM_HEXAHEDRON[:count])

@@ -8,7 +8,9 @@ Source: Michel, Moulinec and Suquet, Comput. Methods Appl. Mech. Engrg. 172 (199
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,18 @@ from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing import VolumeMesh
+from tpmscad.meshing.element_shapes import SHAPES, ElementShape
+from tpmscad.meshing.skfem_mesh import skfem_order
 from tpmscad.simulation.multigrid import solve
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))
 """Indices of each component."""
 
-QUADRATURE_ORDER = 4
-"""Degree of polynomials integrated exactly: twice that of the gradients, and two more for curved elements."""
+ELEMENTS: Mapping[str, tuple[str, int, str]] = MappingProxyType(
+    {"tetra10": ("ElementTetP2", 4, "tetra"), "hexahedron27": ("ElementHex2", 5, "hexahedron")}
+)
+"""For each kind of element scikit-fem's, the degree of polynomials integrated exactly (twice that of the gradients, and more for
+curved elements), and the kind of first order on the same corners."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +83,13 @@ class _Equations:
 
 
 def solve_cell(mesh: VolumeMesh, material: IsotropicMaterial) -> CellProperties:
-    """Stiffness and conductivity of the cell that a periodic mesh of second-order tetrahedra fills.
+    """Stiffness and conductivity of the cell that a periodic mesh of second-order tetrahedra or hexahedra of 27 nodes fills.
 
     Raises InvalidRequest if the mesh is not one; KernelError if the solver does not converge.
     """
-    if list(mesh.cells) != ["tetra10"] or not set("xyz") <= set(mesh.periodic):
+    if len(mesh.cells) != 1 or not set(mesh.cells) <= set(ELEMENTS) or not set("xyz") <= set(mesh.periodic):
         raise InvalidRequest(
-            "a cell is solved on tetrahedra of second order, periodic along x, y and z: mesh(size, 2, True)"
+            "a cell is solved on elements of second order, periodic along x, y and z: mesh(size, 2, True) or hexahedra(2)"
         )
     equations = _assemble(mesh)
     box = float(np.prod(mesh.periods))
@@ -96,10 +103,11 @@ def solve_cell(mesh: VolumeMesh, material: IsotropicMaterial) -> CellProperties:
 def _assemble(mesh: VolumeMesh) -> _Equations:
     """The integrals, by scikit-fem, with nodes numbered as in the mesh."""
     skfem = import_extra("skfem", "homogenised properties", "simulation")
-    basis = skfem.Basis(mesh.to_skfem(), skfem.ElementTetP2(), intorder=QUADRATURE_ORDER)
-    nodes = mesh.cells["tetra10"]
+    ((kind, nodes),) = mesh.cells.items()
+    element, degree, first_order = ELEMENTS[kind]
+    basis = skfem.Basis(mesh.to_skfem(), getattr(skfem, element)(), intorder=degree)
     node_of = np.empty(basis.N, np.int64)
-    node_of[basis.element_dofs] = nodes.T  # both have the corners first, then the edges 01, 12, 20, 03, 13, 23
+    node_of[basis.element_dofs] = nodes[:, skfem_order(kind)].T
     products: list[list[Any]] = [[None] * 3 for _ in range(3)]
     for a in range(3):
         for b in range(a, 3):
@@ -112,7 +120,13 @@ def _assemble(mesh: VolumeMesh) -> _Equations:
     for a in range(3):
         means[a, node_of] = skfem.LinearForm(lambda v, w, a=a: v.grad[a]).assemble(basis)
     reduction, column = _reduction(mesh)
-    return _Equations(products, means, float(basis.dx.sum()), reduction, _prolongation(nodes, column))
+    return _Equations(
+        products,
+        means,
+        float(basis.dx.sum()),
+        reduction,
+        _prolongation(nodes, column, SHAPES[kind], SHAPES[first_order]),
+    )
 
 
 def _reduction(mesh: VolumeMesh) -> tuple[Any, IntArray]:
@@ -123,18 +137,18 @@ def _reduction(mesh: VolumeMesh) -> tuple[Any, IntArray]:
     return sparse.csr_matrix((np.ones(count), (np.arange(count), column))), column
 
 
-def _prolongation(nodes: IntArray, column: IntArray) -> Any:
-    """The matrix from corners to all periodic nodes: a node on an edge has the mean of its ends."""
-    ends = nodes[:, [[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]]].reshape(-1, 2)
-    corners = np.unique(column[nodes[:, :4]])
+def _prolongation(nodes: IntArray, column: IntArray, shape: ElementShape, first_order: ElementShape) -> Any:
+    """The matrix from corners to all periodic nodes: the shape functions of first order at the nodes of the second."""
+    corners = np.unique(column[nodes[:, : shape.corners]])
     number = np.full(column.max() + 1, -1, np.int64)
     number[corners] = np.arange(len(corners))
-    middles, first = np.unique(column[nodes[:, 4:].ravel()], return_index=True)
-    pairs = number[column[ends[first]]]
-    rows = np.concatenate([corners, middles, middles])
-    columns = np.concatenate([np.arange(len(corners)), pairs[:, 0], pairs[:, 1]])
-    values = np.concatenate([np.ones(len(corners)), np.full(2 * len(middles), 0.5)])
-    return sparse.csr_matrix((values, (rows, columns)), (len(number), len(corners)))
+    rows, first = np.unique(column[nodes], return_index=True)
+    element, local = np.divmod(first, nodes.shape[1])
+    weights = first_order.values(shape.nodes)[local]
+    columns = number[column[nodes[element, : shape.corners]]]
+    own, at = np.nonzero(np.abs(weights) > 1e-12)
+    entries = (weights[own, at], (rows[own], columns[own, at]))
+    return sparse.csr_matrix(entries, (len(number), len(corners)))
 
 
 def _solve_conduction(equations: _Equations, material: IsotropicMaterial, box: float) -> tuple[Array, int]:
