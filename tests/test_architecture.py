@@ -84,6 +84,7 @@ FLOORS = {
         ("measure",),
         ("body_import", "render", "export"),
         ("boolean", "slicing"),
+        ("printability",),
     ),
 }
 """Subfolders of a room from the lowest floor up: one imports its own modules and those of the floors below."""

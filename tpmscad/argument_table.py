@@ -116,6 +116,14 @@ def _read_refinement(value: object) -> int | tuple[int, int]:
     return result
 
 
+def _read_overhang(value: object) -> float:
+    """An angle from vertical to horizontal."""
+    angle = read_not_negative(value)
+    if angle > 90:
+        raise Refusal("is more than 90 degrees, a horizontal ceiling")
+    return angle
+
+
 def _read_domain(value: object) -> object:
     """The corners of a box, or a body."""
     return read_corners(value) if isinstance(value, list | tuple | np.ndarray) else read_shape(value)
@@ -222,6 +230,11 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "deviation": NUMBER.but(example="0.02"),
         "angle": NUMBER.but(example="20"),
         "chord_error": POSITIVE.but(example="0.01"),
+        "min_wall": POSITIVE.but(example="0.3"),
+        "min_gap": POSITIVE.but(example="0.3"),
+        "max_overhang": ArgumentKind("an angle of 0 to 90 degrees", "45", _read_overhang),
+        "build_direction": DIRECTION,
+        "limits": ANYTHING,
         "instanced": FLAG,
         "view": TEXT.or_else(POINT).but(example='"iso"'),
         "section": ANYTHING,

@@ -94,10 +94,13 @@ def measure_opposite_widths(
     max_radius: float,
     sample_indices: IntArray,
     tree: cKDTree,
+    max_cosine: float = MAX_OPPOSITE_NORMALS_COSINE,
+    max_overlap: float = MAX_OVERLAP_FRACTION,
 ) -> OppositeWidths:
     """Widths between opposite sides at the chosen samples, up to 2 max_radius.
 
-    smooth_face (n,): number of the smooth face of each sample.
+    smooth_face (n,): number of the smooth face of each sample. max_cosine: largest cosine between the normals of opposite sides.
+    max_overlap: of a ball with other samples, relative to its radius.
     """
     radius, contact = shrink_tangent_balls(points, normals, max_radius, sample_indices, tree)
     at_max_radius = sample_indices[contact < 0]
@@ -105,7 +108,7 @@ def measure_opposite_widths(
     _, q = tree.query(points[p] - 2.0 * radius[:, None] * normals[p])
     facing = (normals[p] * normals[q]).sum(axis=1)
     plane = ((points[q] - points[p]) * normals[q]).sum(axis=1) / (1.0 - np.minimum(facing, 0.0))
-    kept = (facing < MAX_OPPOSITE_NORMALS_COSINE) & (np.abs(plane / radius - 1.0) < MAX_OVERLAP_FRACTION)
+    kept = (facing < max_cosine) & (np.abs(plane / radius - 1.0) < max_overlap)
     p, q, radius = p[kept], q[kept], plane[kept]
     centre = points[p] - radius[:, None] * normals[p]
     wedge = _in_wedge(centre, radius, np.sort(smooth_face[np.stack([p, q], axis=1)], axis=1), edges)

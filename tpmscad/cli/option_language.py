@@ -25,6 +25,7 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     **{name: name for name in ("lattice", "infill", "solidify", "blend", "sweep")},
     "fluid_domains": "domains",
     "check_step": "check",
+    "check_print": "check --print",
     "render_step": "render",
     "slice_step": "slice",
     "mesh_step": "mesh",

@@ -17,6 +17,7 @@ from tpmscad.cli.options import (
     ReportOption,
     StepFileArgument,
     WithinOption,
+    parse_numbers,
 )
 from tpmscad.cli.output import (
     check_report,
@@ -34,6 +35,14 @@ def parse_size(text: str) -> tuple[int, int]:
     if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
         raise typer.BadParameter(f"{text!r} is no size in pixels: write 1600x1200")
     return int(width), int(height)
+
+
+def parse_direction(text: str) -> str | tuple[float, ...]:
+    """An axis such as -x, or the numbers of a vector."""
+    if "," not in text:
+        return text
+    vector = parse_numbers(text)
+    return vector if isinstance(vector, tuple) else text
 
 
 VerboseCheckOption = Annotated[
@@ -72,6 +81,43 @@ ColorByOption = Annotated[
     ),
 ]
 
+PRINT_PANEL = "Check before printing"
+PrintOption = Annotated[
+    bool,
+    typer.Option(
+        "--print",
+        help="Check the part before printing, too: smallest wall and gap, overhang, closed cavities.",
+        rich_help_panel=PRINT_PANEL,
+    ),
+]
+MinWallOption = Annotated[
+    float | None,
+    typer.Option(metavar="MM", help="Least wall, mm.", show_default="measured only", rich_help_panel=PRINT_PANEL),
+]
+MinGapOption = Annotated[
+    float | None,
+    typer.Option(metavar="MM", help="Least gap, mm.", show_default="measured only", rich_help_panel=PRINT_PANEL),
+]
+MaxOverhangOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DEGREES",
+        help="Greatest overhang from the build direction: 0 is a vertical wall, 90 a ceiling.",
+        show_default="measured only",
+        rich_help_panel=PRINT_PANEL,
+    ),
+]
+BuildDirectionOption = Annotated[
+    Any,
+    typer.Option(
+        parser=parse_direction,
+        metavar="AXIS|X,Y,Z",
+        help="From the build plate upwards: z, -x, or a vector.",
+        show_default="z",
+        rich_help_panel=PRINT_PANEL,
+    ),
+]
+
 HeightOption = Annotated[
     float,
     typer.Option(
@@ -103,12 +149,26 @@ def check(
     file: StepFileArgument,
     metrics: MetricsOption = False,
     within: WithinOption = None,
+    printing: PrintOption = False,
+    min_wall: MinWallOption = None,
+    min_gap: MinGapOption = None,
+    max_overhang: MaxOverhangOption = None,
+    build_direction: BuildDirectionOption = None,
     report: ReportOption = None,
     verbose: VerboseCheckOption = False,
     quiet: QuietOption = False,
 ) -> None:
-    """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances."""
+    """Read a STEP file with the kernel: solids, shells, faces, validity, closedness, volume, area, units, tolerances.
+
+    With --print, check it before printing, too; exit status 1 if a limit is not kept.
+    """
     check_report(report)
+    limits = given_options(
+        min_wall=min_wall, min_gap=min_gap, max_overhang=max_overhang, build_direction=build_direction
+    )
+    if limits and not printing:
+        given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
+        raise typer.BadParameter(f"{given} limits the check before printing: add --print")
     with progress_bar(f"reading {file.name}", quiet):
         found = workflows.check_step(file)
     content, text = found.to_dict(), found.summary(verbose=verbose)
@@ -117,11 +177,20 @@ def check(
             measured = workflows.measure(file, within=within)
         content["metrics"] = measured.to_dict()
         text += f"\n{measured}"
+    faults: list[str] = []
+    if found.ok and printing:
+        with progress_bar(f"checking {file.name} before printing", quiet):
+            judged = workflows.check_print(file, **limits)
+        content["print"] = judged.to_dict()
+        text += f"\n{judged}"
+        faults = [str(fault) for fault in judged.faults]
     write_report(report, content)
     if not quiet:
         print(text)
     if not found.ok:
         raise TpmscadError(f"{file} does not hold valid closed solids: {found}" if quiet else f"{file} fails the check")
+    if faults:
+        raise TpmscadError(f"{file} cannot be printed within the limits: " + "; ".join(faults))
 
 
 def render(

@@ -68,8 +68,16 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
-    from tpmscad.kernel.occt.exploration import faces_of
+    from tpmscad.kernel.occt.exploration import faces_of, solids_of
     from tpmscad.kernel.occt.shape_bundles import pack_results, unpack_results
+    from tpmscad.kernel.printability.cavities import Cavity, find_cavities
+    from tpmscad.kernel.printability.opposite_sides import (
+        SampledSurface,
+        Width,
+        find_least_solid_gap,
+        find_least_width,
+    )
+    from tpmscad.kernel.printability.overhang import Overhang, measure_overhang
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
     from tpmscad.kernel.render.scene import Scene, pieces_of
@@ -94,6 +102,7 @@ __all__ = [
     "SURFACE_COLOUR",
     "BuiltSolids",
     "CadBody",
+    "Cavity",
     "Colour",
     "Creases",
     "FaceSamples",
@@ -102,6 +111,8 @@ __all__ = [
     "KernelSolids",
     "NamedSolid",
     "NotQuadric",
+    "Overhang",
+    "SampledSurface",
     "Scene",
     "ShapeReport",
     "SkinDepth",
@@ -109,6 +120,7 @@ __all__ = [
     "SplitSolid",
     "StepContent",
     "StepReport",
+    "Width",
     "betti_numbers",
     "body_field",
     "bounding_box",
@@ -130,8 +142,11 @@ __all__ = [
     "estimate_volume",
     "face_moments",
     "faces_of",
+    "find_cavities",
     "find_creases",
     "find_label_colour",
+    "find_least_solid_gap",
+    "find_least_width",
     "find_skin_faces",
     "group_faces",
     "have_touching_solids",
@@ -145,6 +160,7 @@ __all__ = [
     "lie_on_surface",
     "make_compound",
     "measure_accuracy",
+    "measure_overhang",
     "measure_skin_thickness",
     "mesh_solids",
     "name_solids",
@@ -168,6 +184,7 @@ __all__ = [
     "sequential_scale",
     "shape_bounds",
     "slice_solids",
+    "solids_of",
     "split_body",
     "subtract_solid",
     "subtract_voids",
@@ -220,6 +237,7 @@ _MODULE_OF_NAME = {
     "estimate_volume": "tpmscad.kernel.boolean.boolean_operations",
     "face_moments": "tpmscad.kernel.measure.mass_properties",
     "faces_of": "tpmscad.kernel.occt.exploration",
+    "solids_of": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
     "pack_results": "tpmscad.kernel.occt.shape_bundles",
     "unpack_results": "tpmscad.kernel.occt.shape_bundles",
@@ -278,6 +296,14 @@ _MODULE_OF_NAME = {
     "write_solids": "tpmscad.kernel.export.shape_file",
     "write_step": "tpmscad.kernel.step.brep_writer",
     "write_stl": "tpmscad.kernel.export.stl_file",
+    "Cavity": "tpmscad.kernel.printability.cavities",
+    "find_cavities": "tpmscad.kernel.printability.cavities",
+    "SampledSurface": "tpmscad.kernel.printability.opposite_sides",
+    "Width": "tpmscad.kernel.printability.opposite_sides",
+    "find_least_solid_gap": "tpmscad.kernel.printability.opposite_sides",
+    "find_least_width": "tpmscad.kernel.printability.opposite_sides",
+    "Overhang": "tpmscad.kernel.printability.overhang",
+    "measure_overhang": "tpmscad.kernel.printability.overhang",
 }
 
 __getattr__, __dir__ = lazy_attributes(__name__, _MODULE_OF_NAME)

@@ -1,9 +1,9 @@
 """The public functions: each turns a surface, a field, a body or a file into a certified result.
 
 `lattice` fills a box with a minimal surface, `infill` a CAD body; `solidify` makes a solid of any field; `fluid_domains`
-makes the wall and the two channels of a heat exchanger. `measure` gives the figures that parts are designed by.
-`export_step`, `check_step` and `render_step` write, verify and draw STEP files; `render` draws any result. The modules are loaded
-at their first use, because they need the CAD kernel.
+makes the wall and the two channels of a heat exchanger. `measure` gives the figures that parts are designed by, and `check_print`
+judges a part before printing. `export_step`, `check_step` and `render_step` write, verify and draw STEP files; `render` draws any
+result. The modules are loaded at their first use, because they need the CAD kernel.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.metrics import LocatedWidth, Metrics, measure
     from tpmscad.workflows.model import Model
     from tpmscad.workflows.pictures import render, render_bytes
+    from tpmscad.workflows.print_check import PrintFinding, PrintReport, check_print
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step, slice_step
     from tpmscad.workflows.surface_limits import thickest_wall
@@ -39,10 +40,13 @@ __all__ = [
     "LocatedWidth",
     "Metrics",
     "Model",
+    "PrintFinding",
+    "PrintReport",
     "SlabFiles",
     "Slices",
     "SolidPreview",
     "body_field",
+    "check_print",
     "check_step",
     "export_slabs",
     "export_step",
@@ -68,9 +72,12 @@ _MODULE_OF_NAME = {
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",
+    "PrintFinding": "tpmscad.workflows.print_check",
+    "PrintReport": "tpmscad.workflows.print_check",
     "SlabFiles": "tpmscad.workflows.lattice_slabs",
     "SolidPreview": "tpmscad.workflows.solid_preview",
     "body_field": "tpmscad.kernel.measure.signed_distance",
+    "check_print": "tpmscad.workflows.print_check",
     "check_step": "tpmscad.workflows.step_files",
     "export_slabs": "tpmscad.workflows.lattice_slabs",
     "export_step": "tpmscad.workflows.step_files",

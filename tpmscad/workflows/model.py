@@ -34,6 +34,7 @@ from tpmscad.workflows.file_formats import (
 from tpmscad.workflows.layer_slices import Slices, slice_shape
 from tpmscad.workflows.meshable_solid import MeshableSolid
 from tpmscad.workflows.pictures import render
+from tpmscad.workflows.print_check import PrintReport, check_print
 from tpmscad.workflows.result_summary import format_html, format_summary
 
 
@@ -298,6 +299,49 @@ class Model(MeshableSolid):
         """
         low, high = self.bounding_box
         return slice_shape(self.wrapped, self.name, height, chord_error, (low[2], high[2]))
+
+    @public()
+    def check_print(
+        self,
+        *,
+        min_wall: float | None = None,
+        min_gap: float | None = None,
+        max_overhang: float | None = None,
+        build_direction: str | Sequence[float] = "z",
+    ) -> PrintReport:
+        """Check the model before printing: smallest wall, smallest gap, overhang and closed cavities.
+
+        Parameters
+        ----------
+        min_wall, min_gap : float, optional
+            Least wall and least gap in mm. Without a limit, a figure is measured but not judged.
+        max_overhang : float, optional
+            Greatest overhang in degrees from the build direction.
+        build_direction : str or (3,) floats, optional
+            As in `tpmscad.check_print`.
+
+        Returns
+        -------
+        PrintReport
+            Four findings, each with value, limit and place; `met` is True if all limits are kept and there is no closed cavity.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood, or solids of the model touch each other.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> model.check_print(min_wall=0.3, min_gap=0.3)["wall"].value  # doctest: +SKIP
+        """
+        return check_print(
+            self.built.shape,
+            min_wall=min_wall,
+            min_gap=min_gap,
+            max_overhang=max_overhang,
+            build_direction=build_direction,
+        )
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.
