@@ -234,7 +234,6 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "min_gap": POSITIVE.but(example="0.3"),
         "max_overhang": ArgumentKind("an angle of 0 to 90 degrees", "45", _read_overhang),
         "build_direction": DIRECTION,
-        "limits": ANYTHING,
         "instanced": FLAG,
         "view": TEXT.or_else(POINT).but(example='"iso"'),
         "section": ANYTHING,
