@@ -155,7 +155,7 @@ def compare(field: fields.Field, points: Array) -> tuple[float, float]:
 def _seconds(call: Callable[[], object], n: int) -> float:
     """Least CPU time of a call in several runs."""
     call()
-    repeats, times = max(3, 20_000 // n), []
+    repeats, times = max(1, 20_000 // n), []
     for _ in range(REPEATS):
         start = time.process_time()
         for _ in range(repeats):
