@@ -16,7 +16,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from scipy.interpolate import NdBSpline, PPoly
+from scipy.interpolate import CubicSpline, NdBSpline, PPoly
 
 from tpmscad import fields
 from tpmscad._typing import Array
@@ -28,6 +28,7 @@ from tpmscad.blending.weights.volume_weight import VolumeWeight, make_clamped_un
 from tpmscad.fields.linear_extension import extend_linearly
 from tpmscad.fields.tape_nodes import Node, find_ancestors
 from tpmscad.fields.tape_program import list_operands, resolve_alias
+from tpmscad.fields.volume_fraction_thresholds import GradedThreshold
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 2.5)
 REPEATS = 3
@@ -115,6 +116,9 @@ def make_kinds() -> dict[str, fields.Field]:
     knots = tuple(make_clamped_uniform_knots(-2.0, 2.5, 9, 3) for _ in range(3))
     volume = VolumeWeight(rng.random((9, 9, 9)), knots, (3, 3, 3), np.ones((9, 9, 9), bool))  # type: ignore[arg-type]
     blend = BlendedField((rod, rounded), (left, right), (middle,), (line,), (), domain)  # type: ignore[arg-type]
+    threshold = GradedThreshold(
+        fields.ramp("x", (-2, 2), (0.25, 0.45)), CubicSpline([0.2, 0.3, 0.4, 0.5], [-0.85, -0.6, -0.3, 0.0]), 0.0, 1.0
+    )
     shell = fields.difference(fields.sphere((0, 0, 0), 2.0), fields.sphere((0, 0, 0), 1.0))
     radial = make_line_weight(SphereRadius(), (1.0, 2.0), (0.0, 7.0))
     return {
@@ -122,9 +126,7 @@ def make_kinds() -> dict[str, fields.Field]:
         "octo": fields.tpms("octo", 1.7),
         "sheet": sheet,
         "graded sheet": fields.sheet(gyroid, -0.3, fields.ramp("x", (-1, 2), (0.1, 0.5))),
-        "graded threshold": fields.rod(
-            gyroid, fields.graded_threshold(gyroid, fields.ramp("x", (-2, 2), (0.25, 0.45)), (0.2, 0.5))
-        ),
+        "graded threshold": fields.rod(gyroid, threshold),
         "cell sizes": fields.cell_sizes(gyroid, x=((-1, 0.5, 2), (1.7, 1.7, 1.2))),
         "box": fields.box((0, -1, 0.5), (2, 1, 3)),
         "sphere": ball,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from threading import Lock
 from typing import Any, Protocol
 
 import numpy as np
@@ -43,8 +44,8 @@ class FieldTape:
     def __init__(self, source: Traced) -> None:
         self.recorder = Recorder()
         self.value = source.trace(*self.recorder.coordinates)
-        self._jet: list[Node] | None = None
         self._evaluators: dict[bool, _Evaluator] = {}
+        self._lock = Lock()
 
     def values_at(self, points: Array) -> Array:
         """Values (n,) at points (n, 3)."""
@@ -65,14 +66,19 @@ class FieldTape:
 
     def evaluator(self, with_gradient: bool) -> _Evaluator:
         """The evaluator of values, or of values and gradients."""
-        if with_gradient not in self._evaluators:
-            outputs = [self.value]
-            if with_gradient:
-                zero = self.recorder.constant(0.0)
-                partials = differentiate(self.value, self.recorder.coordinates)
-                outputs += [zero if p is None else p for p in partials]
-            self._evaluators[with_gradient] = _Evaluator(self.recorder, outputs)
-        return self._evaluators[with_gradient]
+        found = self._evaluators.get(with_gradient)
+        return self._make_evaluator(with_gradient) if found is None else found
+
+    def _make_evaluator(self, with_gradient: bool) -> _Evaluator:
+        with self._lock:  # threads may evaluate one field, and recording is in steps
+            if with_gradient not in self._evaluators:
+                outputs = [self.value]
+                if with_gradient:
+                    zero = self.recorder.constant(0.0)
+                    partials = differentiate(self.value, self.recorder.coordinates)
+                    outputs += [zero if p is None else p for p in partials]
+                self._evaluators[with_gradient] = _Evaluator(self.recorder, outputs)
+            return self._evaluators[with_gradient]
 
 
 class _Evaluator:
