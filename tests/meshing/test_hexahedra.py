@@ -33,7 +33,9 @@ def make(name: str, cells: tuple[int, int, int]) -> tuple[SplineVolumes, float]:
     brep = assembly.brep
     if assembly.trim_corner is not None:
         brep = trim(brep, box(np.zeros(3), np.array(cells, float)), 5e-10).brep
-    return source.fill(sheet, cells, np.zeros(3)), measure_solid(brep).volume
+    volumes = source.fill(sheet, cells, np.zeros(3), natural=True)
+    assert volumes is not None
+    return volumes, measure_solid(brep).volume
 
 
 @pytest.mark.parametrize(("name", "cells"), ALL)

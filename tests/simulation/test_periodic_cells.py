@@ -61,7 +61,7 @@ def test_hexahedra_of_a_natural_gyroid_agree_with_the_thin_sheet() -> None:
     """Its bulk modulus tends to 2 rho E / (9 (1 - nu)), its conductivity to 2 rho / 3; the constants of the cell are cubic."""
     source = lattice_source("gyroid", "minimal")
     sheet = source.fit((-0.008, 0.008), 1.0, 1e-3).sheet
-    volumes = source.fill(sheet, (1, 1, 1), np.zeros(3))
+    volumes = source.fill(sheet, (1, 1, 1), np.zeros(3), natural=True)
     found = solve_cell(mesh_hexahedra(volumes, 2, (2, 0)), IsotropicMaterial())
     rho, c = found.volume_fraction, found.stiffness
     assert rho == pytest.approx(volumes.integrate_volume(), rel=2e-4)

@@ -49,6 +49,19 @@ def test_mapped_lattices_are_filled_too(options: dict, periods: tuple[float, flo
     assert set(mesh.periodic) >= {axis for axis, period in zip("xyz", periods, strict=True) if period}
 
 
+@pytest.mark.slow
+def test_a_box_between_mirrors_cuts_no_wall() -> None:
+    model = tpmscad.lattice("iwp", cell=10, thickness=0.6, tol=0.05, phase=(0.5, 0, 1))
+    volumes = model.make_spline_volumes()
+    assert volumes.integrate_volume() == pytest.approx(model.volume, rel=1e-11)
+    (low, high), points = model.bounding_box, model.hexahedra(refine=(1, 0)).points
+    np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [low, high], atol=1e-6)
+    cut = tpmscad.lattice("iwp", cell=10, thickness=0.6, tol=0.05, phase=(0.3, 0, 0), loose="keep")
+    assert cut.make_spline_volumes() is None
+    with pytest.raises(InvalidRequest, match="natural"):
+        cut.hexahedra()
+
+
 def test_solids_that_are_no_whole_walls_say_what_to_use_instead() -> None:
     cut = tpmscad.lattice("schwarz_p", cell=10, thickness=1, tol=0.05)
     with pytest.raises(InvalidRequest, match=r'boundary="natural".*model\.mesh'):

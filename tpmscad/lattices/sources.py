@@ -18,7 +18,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.lattices import copies
 from tpmscad.lattices.mirror_fit import fit_mirror_pieces
-from tpmscad.lattices.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.offset_surfaces import TOUCH_TOL_CELLS, OffsetSurfaces
 from tpmscad.lattices.primitive import OffsetSurfacesFit, fit_offset_surfaces
 from tpmscad.lattices.spline_volumes import SplineVolumes, copy_wall, wall_of_piece, wall_over_mid_patch
 from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry
@@ -51,8 +51,10 @@ class LatticeSource(Protocol):
     def natural(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """The patches of whole cells, moved by `phase` (cells)."""
 
-    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
-        """The walls of whole cells as trivariate splines, in cells: they fill what `natural` bounds."""
+    def fill(
+        self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array, *, natural: bool
+    ) -> SplineVolumes | None:
+        """Trivariate splines, in cells, that fill what `natural` or `cover` and the box bound; None if the box cuts walls."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,8 +83,12 @@ class CopiedPrimitive:
         placements = copies.place_whole_cells(self.name, cells, phase)
         return PatchAssembly(copies.build_natural_lattice(self.symmetry, offsets, placements), None)
 
-    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
+    def fill(
+        self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array, *, natural: bool
+    ) -> SplineVolumes | None:
         """Copies of the wall over the mid patch."""
+        if not natural:
+            return None
         placements = copies.place_whole_cells(self.name, cells, phase)
         return copy_wall(wall_over_mid_patch(self.symmetry, offsets), placements, cells, "gap")
 
@@ -117,9 +123,14 @@ class ReflectedPieces:
         brep = copies.cover_box_by_reflection(self.symmetry, offsets, cells, phase, natural=True)
         return PatchAssembly(brep, phase)
 
-    def fill(self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> SplineVolumes:
-        """Reflections of the wall of a piece."""
-        placements = copies.place_pieces(self.symmetry, cells, phase, natural=True)
+    def fill(
+        self, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array, *, natural: bool
+    ) -> SplineVolumes | None:
+        """Reflections of the wall of a piece; a box fits them if its planes are mirrors."""
+        placements = copies.place_pieces(self.symmetry, cells, phase, natural=natural)
+        corners = placements[:, None].apply(self.symmetry.edges.reshape(4, 3)) - natural * phase
+        if corners.min() < -TOUCH_TOL_CELLS or (corners > np.array(cells) + TOUCH_TOL_CELLS).any():
+            return None
         return copy_wall(wall_of_piece(offsets), placements, cells, "cap")
 
 

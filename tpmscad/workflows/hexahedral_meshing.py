@@ -18,7 +18,7 @@ from tpmscad.splines.jacobian_bounds import bound_jacobian
 MAX_HEXAHEDRA = 2_000_000
 """Elements of a mesh: their nodes and measures take some gigabytes."""
 
-SplineSource = Callable[[], SplineVolumes] | None
+SplineSource = Callable[[], SplineVolumes | None] | None
 """What makes the trivariate splines of a solid; None if none fill it."""
 
 
@@ -27,12 +27,12 @@ def fill_with_splines(source: SplineSource, name: str) -> SplineVolumes:
 
     InvalidRequest if none fill it, or if the normals of the wall cross: the message says where.
     """
-    if source is None:
+    volumes = None if source is None else source()
+    if volumes is None:
         raise InvalidRequest(
             f"the {name} is not made of whole walls between two surfaces: it is trimmed, one-sided, or has lost loose pieces: "
             'make a sheet with boundary="natural" and loose="keep", or use model.mesh(size)'
         )
-    volumes = source()
     for number, body in enumerate(volumes.right_handed_primitives()):
         bound = bound_jacobian(body.bezier_nets())
         if not bound.positive:

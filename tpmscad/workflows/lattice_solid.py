@@ -236,7 +236,7 @@ class LatticePatches:
     convergence: NetConvergence
     notes: tuple[str, ...]
     unit_cell: UnitCell | None = None
-    make_spline_volumes: Callable[[], SplineVolumes] | None = None
+    make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
 
 def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
@@ -280,21 +280,23 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
             partial(_copy_one_cell, request, fit.sheet),
             np.array(request.cell) * _cell_origins(request.cells),
         )
-        fill = partial(_fill_whole_cells, request, fit.sheet) if _ends_in_whole_walls(request) and not notes else None
+        fill = partial(_fill_cells, request, fit.sheet) if _has_patches_on_both_sides(request) and not notes else None
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
 
     return _fit_until_traced(request, fit_and_copy)
 
 
-def _ends_in_whole_walls(request: LatticeRequest) -> bool:
-    """Whether the solid lies between whole patches of two surfaces, so that trivariate splines fill it."""
-    return request.boundary == "natural" and request.kind == "sheet"
+def _has_patches_on_both_sides(request: LatticeRequest) -> bool:
+    """Whether the solid lies between copies of two patches, so that trivariate splines may fill it."""
+    return request.kind == "sheet" and not is_level_set_surface(request.surface)
 
 
-def _fill_whole_cells(request: LatticeRequest, sheet: Any) -> SplineVolumes:
-    """The trivariate splines of a lattice of whole cells, in model units."""
+def _fill_cells(request: LatticeRequest, sheet: Any) -> SplineVolumes | None:
+    """The trivariate splines of a lattice, in model units; None if its boundary cuts walls."""
     source = lattice_source(request.surface, request.reference)
-    return source.fill(sheet, request.cells, np.array(request.phase)).scaled(request.cell[0])
+    natural = request.boundary == "natural"
+    volumes = source.fill(sheet, request.cells, np.array(request.phase), natural=natural)
+    return None if volumes is None else volumes.scaled(request.cell[0])
 
 
 def _copy_one_cell(request: LatticeRequest, sheet: Any) -> Brep:

@@ -73,7 +73,7 @@ class Model(MeshableSolid):
     is_fluid : bool
         Whether the solid is a channel full of fluid, which `measure` then takes it for.
     make_spline_volumes : callable or None
-        Makes the trivariate splines that fill the solid; None if it does not end in whole patches of two surfaces.
+        Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls.
 
     Notes
     -----
@@ -91,7 +91,7 @@ class Model(MeshableSolid):
     outer_faces: str = "cap"
     distance_to_reference: Callable[[Array], Array] | None = None
     is_fluid: bool = False
-    make_spline_volumes: Callable[[], SplineVolumes] | None = None
+    make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
 
     @property
     def solid(self) -> Any:
