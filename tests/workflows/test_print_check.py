@@ -104,17 +104,17 @@ def test_a_cone_within_its_angle_stands_on_its_tip_without_overhang() -> None:
 
 def test_powder_is_trapped_in_a_hollow_ball_but_not_with_a_drain() -> None:
     hollow = bd.Sphere(4) - bd.Sphere(3)
-    report = check(hollow, max_overhang=None)
+    report = check(hollow, max_overhang=None, min_wall=0.9)
     assert faults(report) == {"cavities"}
     assert report["cavities"].value == 1
     assert report["cavities"].volume == pytest.approx(36 * np.pi)
     assert np.linalg.norm(report["cavities"].place or ()) < 3.0
-    assert check(hollow - bd.Pos(0, 0, 3) * bd.Cylinder(0.5, 4), max_overhang=None).met
+    assert check(hollow - bd.Pos(0, 0, 3) * bd.Cylinder(0.5, 4), max_overhang=None, min_gap=0.9, min_wall=0.9).met
 
 
 def test_a_loose_ball_in_a_cavity_takes_up_its_volume() -> None:
     rattle = bd.Compound([bd.Sphere(4) - bd.Sphere(3), bd.Sphere(2) - bd.Sphere(1)])
-    report = check(rattle, max_overhang=None)
+    report = check(rattle, max_overhang=None, min_wall=0.9, min_gap=0.9)
     assert report["cavities"].value == 2
     assert report["cavities"].volume == pytest.approx(4 / 3 * np.pi * (27 - 8 + 1))
 

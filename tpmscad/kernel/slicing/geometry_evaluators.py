@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_BSplineSurface, GeomAbs_Line, GeomAbs_Plane
@@ -67,20 +68,64 @@ def _plane_frame(plane: Any) -> tuple[Any, Any, Any]:
 
 
 def _spline_evaluator(surface: BSplineSurface) -> SurfaceEvaluator:
-    poles = surface.poles
+    knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (surface.knots_u, surface.knots_v, surface.poles))
 
     def evaluate(uv: Array) -> tuple[Array, Array, Array]:
-        u, du = design_matrices(surface.knots_u, surface.degree_u, uv[:, 0], (0, 1))
-        v, dv = design_matrices(surface.knots_v, surface.degree_v, uv[:, 1], (0, 1))
-        flat = poles.reshape(len(poles), -1)
-        rows, slopes = ((m @ flat).reshape(len(uv), poles.shape[1], 3) for m in (u, du))
-        return (
-            np.einsum("nvd,nv->nd", rows, v),
-            np.einsum("nvd,nv->nd", slopes, v),
-            np.einsum("nvd,nv->nd", rows, dv),
-        )
+        found = np.empty((3, len(uv), 3))
+        _evaluate_surface(knots_u, surface.degree_u, knots_v, surface.degree_v, poles, np.ascontiguousarray(uv), found)
+        return found[0], found[1], found[2]
 
     return evaluate
+
+
+@numba.njit(cache=True)
+def _evaluate_surface(
+    knots_u: Array, degree_u: int, knots_v: Array, degree_v: int, poles: Array, uv: Array, found: Array
+) -> None:  # pragma: no cover - compiled
+    """Points and derivatives by u and by v at parameters (n, 2), into found (3, n, 3); the last spans go on beyond the domain."""
+    basis_u, slope_u = np.empty(degree_u + 1), np.empty(degree_u + 1)
+    basis_v, slope_v = np.empty(degree_v + 1), np.empty(degree_v + 1)
+    for i in range(len(uv)):
+        first_u = _evaluate_basis(knots_u, degree_u, uv[i, 0], basis_u, slope_u)
+        first_v = _evaluate_basis(knots_v, degree_v, uv[i, 1], basis_v, slope_v)
+        for axis in range(3):
+            x, xu, xv = 0.0, 0.0, 0.0
+            for a in range(degree_u + 1):
+                along, across = 0.0, 0.0
+                for b in range(degree_v + 1):
+                    pole = poles[first_u + a, first_v + b, axis]
+                    along += pole * basis_v[b]
+                    across += pole * slope_v[b]
+                x += basis_u[a] * along
+                xu += slope_u[a] * along
+                xv += basis_u[a] * across
+            found[0, i, axis], found[1, i, axis], found[2, i, axis] = x, xu, xv
+
+
+@numba.njit(cache=True)
+def _evaluate_basis(
+    knots: Array, degree: int, t: float, basis: Array, slope: Array
+) -> int:  # pragma: no cover - compiled
+    """The degree + 1 basis functions that do not vanish at t, and their slopes; returns the number of the first (Cox-de Boor)."""
+    span = int(np.searchsorted(knots, t, side="right")) - 1
+    span = min(max(span, degree), len(knots) - degree - 2)
+    basis[0] = 1.0
+    for order in range(1, degree + 1):
+        if order == degree:
+            for r in range(degree + 1):
+                slope[r] = 0.0
+                if r > 0:
+                    slope[r] += degree * basis[r - 1] / (knots[span + r] - knots[span + r - degree])
+                if r < degree:
+                    slope[r] -= degree * basis[r] / (knots[span + r + 1] - knots[span + r + 1 - degree])
+        carried = 0.0
+        for r in range(order):
+            right, left = knots[span + r + 1] - t, t - knots[span + 1 - order + r]
+            ratio = basis[r] / (right + left)
+            basis[r] = carried + right * ratio
+            carried = left * ratio
+        basis[order] = carried
+    return span - degree
 
 
 def _evaluate_curve(curve: BSplineCurve, t: Array) -> tuple[Array, Array]:
