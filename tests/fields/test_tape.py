@@ -91,3 +91,16 @@ def test_a_foreign_function_in_turned_coordinates_is_an_input_of_the_tape() -> N
     points = np.random.default_rng(2).uniform(-2, 2, (500, 3))
     assert np.abs(turned(points) - own(points)).max() < 1e-14
     assert np.abs(turned.gradient(points) - own.gradient(points)).max() < 1e-9
+
+
+def test_a_foreign_function_that_is_used_twice_is_called_once() -> None:
+    calls = []
+
+    def foreign(p: np.ndarray) -> np.ndarray:
+        calls.append(len(p))
+        return p[:, 0] * p[:, 1]
+
+    wall = fields.sheet(fields.from_function(foreign), -0.1, 0.1)
+    calls.clear()
+    wall(np.ones((50, 3)))
+    assert calls == [50]

@@ -180,8 +180,10 @@ class Recorder:
 
     def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
         """The value of a foreign function of coordinates, which `source.at` and `source.jet` evaluate outside the tape."""
-        number = len(self.externals)
-        self.externals.append((source, coordinates))
+        known = [k for k, each in enumerate(self.externals) if each[0] is source and each[1] == coordinates]
+        number = known[0] if known else len(self.externals)
+        if not known:
+            self.externals.append((source, coordinates))
         with self.inside(None):
             value = self.record("input", (), (number,), depends=EVERY_AXIS)
             value.rule = (
@@ -208,7 +210,9 @@ class Recorder:
 
     def check(self, node: Node, numbers: tuple[float, ...]) -> Node:
         """The node, checked in its region: the numbers are the limits, and of the refusals of its values and derivatives."""
-        mask = self.constant(1.0) if self.region is None else self.region.mask
+        mask, region = self.constant(1.0), self.region
+        while region is not None:
+            mask, region = mask * region.mask, region.parent
         return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
 
     @contextmanager
