@@ -173,6 +173,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "progress": FLAG.or_else(ArgumentKind("a function of a stage and a fraction", "", read_callable)),
         "slab": one_or_three(read_count, "a whole number of at least 1", "(20, 20, 1)"),
         "homogenize.surface": TEXT.or_else(ANYTHING),
+        "elements": choice_of("hexahedra", "tetrahedra"),
         "homogenize.size": POSITIVE.but(example="0.05"),
         "youngs_modulus": POSITIVE.but(example="1.0"),
         "poisson_ratio": NOT_NEGATIVE.but(example="0.3"),

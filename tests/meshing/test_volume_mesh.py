@@ -220,6 +220,9 @@ def test_inp_files_name_sets_surfaces_and_ties(tmp_path: Path) -> None:
     assert text.count("*SURFACE, NAME=S_CAP_X_MINUS") == 1
     assert text.split("*EQUATION\n")[1].count(", 1, 1.") == (repeated != np.arange(len(repeated))).sum()
     assert all(len(line.split(",")) <= 17 for line in text.splitlines())
+    replace(mesh, points=mesh.points - 1e-17 / 3).write(path)
+    nodes = path.read_text().split("*NODE, NSET=NALL\n")[1].split("*ELEMENT")[0]
+    assert max(len(number) for line in nodes.splitlines() for number in line.split(", ")) <= 20
     assert format_name("cap X+") == "CAP_X_PLUS"
 
 

@@ -58,12 +58,18 @@ ReferenceOption = Annotated[
 ]
 YoungsModulusOption = Annotated[float, typer.Option(metavar="E", help="Young's modulus of the solid, in any unit.")]
 PoissonRatioOption = Annotated[float, typer.Option(metavar="NU", help="Poisson's ratio of the solid, 0 to 0.49.")]
+ElementsOption = Annotated[
+    Literal["hexahedra", "tetrahedra"] | None,
+    typer.Option(
+        help="Hexahedra straight from the patches, or tetrahedra of gmsh.", show_default="hexahedra where possible"
+    ),
+]
 CellElementSizeOption = Annotated[
     float | None,
     typer.Option(
         "--size",
         metavar="L",
-        help="Mean edge length of the elements of the finer mesh, in cells.",
+        help="Mean edge length of the tetrahedra of the finer mesh, in cells.",
         show_default="0.8 of the wall",
     ),
 ]
@@ -125,12 +131,13 @@ def homogenize(
     reference: ReferenceOption = None,
     youngs_modulus: YoungsModulusOption = 1.0,
     poisson_ratio: PoissonRatioOption = 0.3,
+    elements: ElementsOption = None,
     size: CellElementSizeOption = None,
     output: CardOption = None,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs gmsh and scikit-fem."""
+    """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
     if output is not None:
         validate_output_path(output, (".inp", ".csv"))
     check_report(report)
@@ -143,6 +150,7 @@ def homogenize(
                 reference=reference,
                 youngs_modulus=youngs_modulus,
                 poisson_ratio=poisson_ratio,
+                elements=elements,
                 size=size,
                 progress=progress,
             )

@@ -23,6 +23,9 @@ ABAQUS_KINDS: Mapping[str, str] = MappingProxyType(
 )
 """Name of each kind of element; the order of nodes is VTK's."""
 
+COORDINATE = ".13g"
+"""Format of a coordinate: CalculiX reads 20 characters of a number, and would cut the exponent of a longer one."""
+
 NUMBERS_IN_A_LINE = 12
 """Numbers in a line of a set or an element, of 16 that are allowed."""
 
@@ -50,7 +53,7 @@ def _mesh_lines(mesh: VolumeMesh) -> Iterator[str]:
     """Nodes and elements, numbered from 1."""
     yield "*NODE, NSET=NALL\n"
     points = enumerate(mesh.points.tolist(), 1)
-    yield "".join(f"{i}, {x:.15g}, {y:.15g}, {z:.15g}\n" for i, (x, y, z) in points)
+    yield "".join(f"{i}, {x:{COORDINATE}}, {y:{COORDINATE}}, {z:{COORDINATE}}\n" for i, (x, y, z) in points)
     first = 1
     for kind, nodes in mesh.cells.items():
         yield f"*ELEMENT, TYPE={ABAQUS_KINDS[kind]}, ELSET=EALL\n"
@@ -72,7 +75,7 @@ def _set_lines(mesh: VolumeMesh) -> Iterator[str]:
 
 
 def _periodic_lines(mesh: VolumeMesh) -> Iterator[str]:
-    """Sets of paired nodes, three reference nodes, and an equation for each displacement of each node that repeats another.
+    """Sets of the nodes of each side, three reference nodes, and an equation for each displacement of each node that repeats another.
 
     The displacement of a node less that of the node it repeats is the sum over the axes of the periods between them times the
     displacement of the axis' reference node, which is thus the displacement gradient of the cell times its period.
@@ -86,7 +89,7 @@ def _periodic_lines(mesh: VolumeMesh) -> Iterator[str]:
         yield f"*NSET, NSET=N_PERIOD_{name.upper()}\n{count + 1 + axis}\n"
     for name, pairs in mesh.periodic.items():
         for column, side in enumerate(("NEAR", "FAR")):
-            yield f"*NSET, NSET=N_PERIODIC_{format_name(name)}_{side}, UNSORTED\n" + _list(pairs[:, column] + 1)
+            yield f"*NSET, NSET=N_PERIODIC_{format_name(name)}_{side}\n" + _list(pairs[:, column] + 1)
     repeated, shift = mesh.periodic_ties()
     yield "*EQUATION\n"
     for node in np.flatnonzero(repeated != np.arange(count)).tolist():
