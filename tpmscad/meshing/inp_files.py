@@ -52,8 +52,8 @@ def write_inp(mesh: VolumeMesh, path: Path) -> None:
 def _mesh_lines(mesh: VolumeMesh) -> Iterator[str]:
     """Nodes and elements, numbered from 1."""
     yield "*NODE, NSET=NALL\n"
-    points = enumerate(mesh.points.tolist(), 1)
-    yield "".join(f"{i}, {x:{COORDINATE}}, {y:{COORDINATE}}, {z:{COORDINATE}}\n" for i, (x, y, z) in points)
+    for number, point in enumerate(mesh.points.tolist(), 1):
+        yield f"{number}, {', '.join(f'{x:{COORDINATE}}' for x in point)}\n"
     first = 1
     for kind, nodes in mesh.cells.items():
         yield f"*ELEMENT, TYPE={ABAQUS_KINDS[kind]}, ELSET=EALL\n"
