@@ -75,7 +75,7 @@ def _set_lines(mesh: VolumeMesh) -> Iterator[str]:
 
 
 def _periodic_lines(mesh: VolumeMesh) -> Iterator[str]:
-    """Sets of the nodes of each side, three reference nodes, and an equation for each displacement of each node that repeats another.
+    """Sets of the nodes of each side, three reference nodes, an equation for each displacement of a node that repeats another.
 
     The displacement of a node less that of the node it repeats is the sum over the axes of the periods between them times the
     displacement of the axis' reference node, which is thus the displacement gradient of the cell times its period.
