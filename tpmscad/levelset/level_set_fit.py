@@ -209,17 +209,19 @@ def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous
     match = _drop_failing(match_networks(network, previous.network), network, previous)
     keep_curves, keep_patches = match.previous_curve >= 0, match.previous_patch >= 0
     network, copies = find_translated_copies(network, field, tree, (keep_curves, keep_patches))
-    curves, patches = [np.empty(0)] * len(keep_curves), [np.empty(0)] * len(keep_patches)
+    curves, normals = ([np.empty(0)] * len(keep_curves) for _ in range(2))
+    patches = [np.empty(0)] * len(keep_patches)
     curve_degree = np.full(len(curves), PATCH_DEGREES[0])
     patch_degree = np.full(len(patches), PATCH_DEGREES[0])
     for i in np.flatnonzero(keep_curves):
         curves[i] = previous.fit.curves[match.previous_curve[i]]
+        normals[i] = previous.fit.normals[match.previous_curve[i]]
         curve_degree[i] = len(curves[i]) - 1
     for i in np.flatnonzero(keep_patches):
         patches[i] = previous.fit.patches[match.previous_patch[i]]
         patch_degree[i] = min(patches[i].shape[:2]) - 1
     curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
-    warm_start = WarmStart(NetworkFit(curves, patches, copies), ~keep_curves, ~keep_patches)
+    warm_start = WarmStart(NetworkFit(curves, normals, patches, copies), ~keep_curves, ~keep_patches)
     fit = fit_network(network, field, curve_degree, patch_degree, warm_start, run_tasks)
     known = PreviousQuality(previous.quality, ~keep_patches, match.previous_patch, match.previous_curve)
     return _FittedNetwork(network, fit, measure_fit(network, fit, field, known, run_tasks), curve_degree, patch_degree)

@@ -219,6 +219,16 @@ def bernstein_elevation_matrix(low: int, high: int) -> Array:
     )
 
 
+@lru_cache(maxsize=64)
+def bernstein_product(p: int, q: int) -> Array:
+    """Tensor (p + q + 1, p + 1, q + 1) from the Bernstein coefficients of two polynomials to those of their product."""
+    product = np.zeros((p + q + 1, p + 1, q + 1))
+    for i in range(p + 1):
+        for j in range(q + 1):
+            product[i + j, i, j] = comb(p, i) * comb(q, j) / comb(p + q, i + j)
+    return product
+
+
 @lru_cache(maxsize=256)
 def halving_matrix(degree: int, half: int) -> Array:
     """Matrix from the Bernstein coefficients on [0, 1] to those on the first (1) or the second (2) half, by de Casteljau."""

@@ -8,6 +8,8 @@ solved together.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
@@ -26,6 +28,41 @@ MAX_STEP_OF_CHORD = 0.3
 
 PROJECTION_STEPS = 8
 """Newton steps towards the level set."""
+
+
+MIN_SINGULAR_VALUE = 1e-9
+"""Singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow
+from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HardRows:
+    """Linear conditions rows @ x = target on the unknowns of n problems, redundant ones among them, by their singular values.
+
+    `inverse` (n, unknowns, m) is the pseudo-inverse of the rows, `row_space` (n, r, unknowns) an orthonormal basis of the space
+    that they span, with zero rows where that has fewer dimensions.
+    """
+
+    inverse: Array
+    row_space: Array
+
+    @staticmethod
+    def factorise(rows: Array) -> HardRows:
+        """The factors of rows (n, m, unknowns)."""
+        left, values, right = np.linalg.svd(rows, full_matrices=False)
+        kept = values > MIN_SINGULAR_VALUE * values[:, :1]
+        factor = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        right = right * kept[..., None]
+        return HardRows((np.swapaxes(right, 1, 2) * factor[:, None]) @ np.swapaxes(left, 1, 2), right)
+
+    def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
+        """The solutions (n, unknowns) of rows @ x = target (n, m) that minimise x' matrix x / 2 - rhs' x."""
+        start = self.inverse @ target[..., None]
+        across = np.swapaxes(self.row_space, 1, 2) @ self.row_space
+        free = np.eye(matrix.shape[-1]) - across
+        size = np.trace(matrix, axis1=1, axis2=2)[:, None, None] / matrix.shape[-1]
+        step = np.linalg.solve(free @ matrix @ free + size * across, free @ (rhs[..., None] - matrix @ start))
+        return np.asarray((start + free @ step)[..., 0], float)
 
 
 class NormalEquations:
@@ -53,6 +90,12 @@ class NormalEquations:
         full = self.matrix.transpose(0, 1, 3, 2, 4).reshape(count, 3 * k, 3 * k)
         rhs = self.rhs.transpose(0, 2, 1).reshape(count, 3 * k, 1)
         return np.asarray(np.linalg.solve(full, rhs).reshape(count, 3, k).transpose(0, 2, 1), float)
+
+    def solve_subject_to(self, conditions: HardRows, target: Array) -> Array:
+        """Poles (n, unknowns, 3) that minimise the sum of squares and meet conditions on the unknowns, pole by pole."""
+        count, _, _, k, _ = self.matrix.shape
+        full = self.matrix.transpose(0, 3, 1, 4, 2).reshape(count, 3 * k, 3 * k)
+        return conditions.minimise(full, self.rhs.reshape(count, 3 * k), target).reshape(count, k, 3)
 
     def _add(self, basis: Array, metric: Array, weighted_target: Array, weight: float) -> None:
         m, k = basis.shape

@@ -7,11 +7,13 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
+from tpmscad.levelset.fit.joint_normals import EndShapes, fix_curve_ends
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
     MAX_STEP_OF_CHORD,
     PROJECTION_STEPS,
     TANGENTIAL_WEIGHT,
+    HardRows,
     NormalEquations,
     project_curves_to_level_set,
     unit_normals,
@@ -29,8 +31,11 @@ MIN_CLEARANCE_FRACTION = 0.3
 grazes a face, the shortest way between two vertices leads beyond the face."""
 
 
-def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree: int) -> Array:
-    """Poles (n, p + 1, 3) of curves on the level set from `start` to `end` (n, 3), in planes of the box where `fixed` (n, 3)."""
+def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, shapes: EndShapes, degree: int) -> Array:
+    """Poles (n, p + 1, 3) of curves on the level set from `start` to `end` (n, 3), in planes of the box where `fixed` (n, 3).
+
+    They have tangents in the tangent planes and the normal curvatures of the level set at their ends, whose shapes are given.
+    """
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(end - start, axis=1)
     chord = start[:, None] + t[:, None] * (end - start)[:, None]
@@ -55,6 +60,17 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
         system.add_normal_rows(derivatives[ends][:, inner], normal[:, ends], -tangent[:, ends], END_TANGENT_WEIGHT)
         poles[:, inner] += system.solve()
     rows, axis = np.nonzero(fixed)
+    poles[rows, :, axis] = start[rows, axis][:, None]
+    poles = fix_curve_ends(poles, shapes, fixed)
+    points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
+    inner = slice(2, degree - 1)
+    system = NormalEquations(degree - 3, len(start))
+    normal = unit_normals(field, points, fixed)
+    system.add_point_rows(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
+    held = np.zeros((len(start), 2, degree - 3, 3))
+    held[:, 0, 0], held[:, 1, -1] = (shapes.normal * ~fixed[:, None]).swapaxes(0, 1)
+    conditions = HardRows.factorise(held.reshape(len(start), 2, -1))
+    poles[:, inner] += system.solve_subject_to(conditions, np.zeros((len(start), 2)))
     poles[rows, :, axis] = start[rows, axis][:, None]
     return poles
 

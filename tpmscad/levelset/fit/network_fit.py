@@ -17,10 +17,12 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
+from tpmscad.levelset.fit.joint_normals import EndShapes, SpokeStarts, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
     MAX_STEP_OF_CHORD,
     TANGENTIAL_WEIGHT,
+    HardRows,
     NormalEquations,
     project_curves_to_level_set,
     unit_normals,
@@ -28,11 +30,9 @@ from tpmscad.levelset.fit.least_squares import (
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
+from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.parallel import TaskRunner, run_serial, split_batches
-from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches, side_pole_matrix
-
-CROSS_TANGENT_WEIGHT = 1.0
-"""Weight of the cross-boundary derivative's component along the normal."""
+from tpmscad.splines.basis import bernstein_basis, bernstein_product, evaluate_bezier_patches, side_pole_matrix
 
 ITEMS_PER_TASK = 256
 """Curves or patches fitted in one task: a few tenths of a second."""
@@ -40,9 +40,13 @@ ITEMS_PER_TASK = 256
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NetworkFit:
-    """Bezier poles of all curves, (p + 1, 3) each, and patches, (p + 1, q + 1, 3) each; copies are translated originals."""
+    """Bezier poles of all curves, (p + 1, 3) each, and patches, (p + 1, q + 1, 3) each; copies are translated originals.
+
+    `normals`: poles of the normal along each curve, of its degree; zeros for those in faces of the box, which join nothing.
+    """
 
     curves: list[Array]
+    normals: list[Array]
     patches: list[Array]
     copies: TranslatedCopies
 
@@ -72,66 +76,71 @@ def fit_network(
     n_curves, n_patches = len(network.ends), len(network.curve)
     if warm_start is None:
         copies = copies or no_copies(n_curves, n_patches)
-        nothing = NetworkFit([np.empty(0)] * n_curves, [np.empty(0)] * n_patches, copies)
+        nothing = NetworkFit([np.empty(0)] * n_curves, [np.empty(0)] * n_curves, [np.empty(0)] * n_patches, copies)
         warm_start = WarmStart(nothing, np.ones(n_curves, bool), np.ones(n_patches, bool))
     copies = copies or warm_start.fit.copies
-    curves = _fit_network_curves(network, field, curve_degree, warm_start, copies, run_tasks)
-    patches = _fit_network_patches(network, field, curves, curve_degree, patch_degree, warm_start, copies, run_tasks)
-    return NetworkFit(curves, patches, copies)
+    curves, normals = _fit_network_curves(network, field, curve_degree, warm_start, copies, run_tasks)
+    joined = (curves, normals)
+    patches = _fit_network_patches(network, field, joined, curve_degree, patch_degree, warm_start, copies, run_tasks)
+    return NetworkFit(curves, normals, patches, copies)
 
 
-def fit_patches(field: Field, border: list[Array], joined: BoolArray) -> Array:
+def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Array:
     """Poles (n, p + 1, q + 1, 3) of patches with four given sides, each (n, degree + 1, 3), counter-clockwise.
 
-    `joined` (n, 4): sides with a patch beyond. On the others, in the faces of the box, the cross-boundary derivative is free.
+    `normals`: poles of the normals along the sides, each (n, k + 1, 3), to which the derivatives across them are orthogonal to
+    round-off. Where they are zero, in the faces of the box, the derivative is free.
     """
     poles = _interpolate_coons(border)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
     inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
-    sides = [_cross_boundary_bases(p, q, side) for side in range(4)]
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
     free = np.zeros((len(poles), 3), bool)
+    products = [_normal_products(p, q, side, along) for side, along in enumerate(normals)]
+    rows = np.concatenate([_rows_of_inner_poles(p, q, side, each) for side, each in enumerate(products)], axis=1)
+    conditions = HardRows.factorise(rows)
     for _ in range(FIT_PASSES):
         # the unknowns are corrections of the poles: small next to the coordinates, they keep all their digits
         points = evaluate_bezier_patches(bu, poles, bv)
         target = project_curves_to_level_set(field, points, free, max_step)
         system = NormalEquations((p - 1) * (q - 1), len(poles))
         system.add_point_rows(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
-        for side, has_neighbour in zip(sides, joined.T, strict=True):
-            derivative = evaluate_bezier_patches(side.derivative[0], poles, side.derivative[1])
-            normal = unit_normals(field, evaluate_bezier_patches(side.point[0], poles, side.point[1]))
-            normal = normal * has_neighbour[:, None, None]
-            system.add_normal_rows(side.inner, normal, -derivative, CROSS_TANGENT_WEIGHT / np.sqrt(len(side.inner)))
-        poles[:, 1:-1, 1:-1] += system.solve().reshape(len(poles), p - 1, q - 1, 3)
+        across = [np.einsum("nkix,nix->nk", each, cross_poles(poles, side)) for side, each in enumerate(products)]
+        step = system.solve_subject_to(conditions, -np.concatenate(across, axis=1))
+        poles[:, 1:-1, 1:-1] += step.reshape(len(poles), p - 1, q - 1, 3)
     return poles
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _SideBases:
-    """Bernstein bases at parameters along one side of patches, between its ends.
+def cross_poles(poles: Array, side: int) -> Array:
+    """Poles (n, degree + 1, 3) of the derivative across a side of patches, inwards, divided by the degree across it.
 
-    `derivative`, `point`: the pair of bases along u and v of the cross-boundary derivative and of the point; `inner` (m,
-    unknowns): the part of the inner poles in the derivative.
+    They run along the side counter-clockwise; sides are numbered so from v = 0.
     """
-
-    inner: Array
-    derivative: tuple[Array, Array]
-    point: tuple[Array, Array]
+    turned = (poles, poles[:, ::-1].swapaxes(1, 2), poles[:, ::-1, ::-1], poles[:, :, ::-1].swapaxes(1, 2))[side]
+    return np.asarray(turned[:, :, 1] - turned[:, :, 0])
 
 
-def _cross_boundary_bases(p: int, q: int, side: int) -> _SideBases:
-    """The bases of a side of patches of degrees p and q; sides are numbered counter-clockwise from v = 0."""
-    along, across = (p, q) if side in (0, 2) else (q, p)
-    t = np.linspace(0.0, 1.0, along + 5)[1:-1]
-    end = np.array([1.0 if side in (1, 2) else 0.0])
-    values, slope, value = bernstein_basis(along, t), bernstein_basis(across, end, 1), bernstein_basis(across, end)
-    if side in (0, 2):
-        inner = np.einsum("ai,bj->abij", values[:, 1:-1], slope[:, 1:-1])
-        return _SideBases(inner.reshape(len(t), -1), (values, slope), (values, value))
-    inner = np.einsum("bi,aj->abij", slope[:, 1:-1], values[:, 1:-1])
-    return _SideBases(inner.reshape(len(t), -1), (slope, values), (value, values))
+def _normal_products(p: int, q: int, side: int, normals: Array) -> Array:
+    """Matrices (n, k + d + 1, d + 1, 3) from `cross_poles` D of a side to the Bernstein coefficients of normals . D."""
+    along = p if side in (0, 2) else q
+    return np.einsum("kij,nix->nkjx", bernstein_product(normals.shape[1] - 1, along), normals)
+
+
+def _rows_of_inner_poles(p: int, q: int, side: int, product: Array) -> Array:
+    """The part (n, m, unknowns) of the inner poles in the products of a side with its normals."""
+    inner = np.zeros((*product.shape[:2], p - 1, q - 1, 3))
+    within = product[:, :, 1:-1]
+    if side == 0:
+        inner[:, :, :, 0] = within
+    elif side == 1:
+        inner[:, :, -1] = within
+    elif side == 2:
+        inner[:, :, :, -1] = within[:, :, ::-1]
+    else:
+        inner[:, :, 0] = within[:, :, ::-1]
+    return inner.reshape(*product.shape[:2], -1)
 
 
 def _fit_network_curves(
@@ -141,9 +150,9 @@ def _fit_network_curves(
     warm_start: WarmStart,
     copies: TranslatedCopies,
     run_tasks: TaskRunner,
-) -> list[Array]:
-    """All curves: the sides of polygons first, then the spokes, which begin at midpoints of sides."""
-    curves = list(warm_start.fit.curves)
+) -> tuple[list[Array], list[Array]]:
+    """All curves and the normals along them: the sides of polygons first, then the spokes, which begin at midpoints of sides."""
+    curves, normals = list(warm_start.fit.curves), list(warm_start.fit.normals)
     refit, is_spoke = copies.original_curves & warm_start.refit_curves, np.arange(len(curves)) >= network.n_sides
     start, end = network.vertices[network.ends[:, 0]], network.vertices[network.ends[:, 1]]
     on_box = np.flatnonzero(network.plane >= 0)
@@ -151,43 +160,76 @@ def _fit_network_curves(
     fixed[on_box, network.plane[on_box] // 2] = True
     for group in (~is_spoke, is_spoke):
         numbers = np.flatnonzero(refit & group)
-        for c in numbers[is_spoke[numbers]]:
-            start[c] = _curve_midpoint(curves[network.split_curve[c - network.n_sides]])
+        starts = None
+        if is_spoke[numbers].any():
+            split = network.split_curve[numbers - network.n_sides]
+            start[numbers], starts = _start_spokes([curves[c] for c in split], [normals[c] for c in split])
         batches = [
             (batch, int(d))
             for d in np.unique(degree[numbers])
-            for batch in split_batches(numbers[degree[numbers] == d], ITEMS_PER_TASK)
+            for batch in split_batches(np.flatnonzero(degree[numbers] == d), ITEMS_PER_TASK)
         ]
-        tasks = [(field, start[batch], end[batch], fixed[batch], d) for batch, d in batches]
-        for i, poles in _numbered_results([batch for batch, _ in batches], run_tasks(fit_curves, tasks)):
-            curves[i] = poles
+        tasks = [
+            (field, start[numbers[rows]], end[numbers[rows]], fixed[numbers[rows]], d, starts and starts.take(rows))
+            for rows, d in batches
+        ]
+        results = run_tasks(fit_joined_curves, tasks)
+        for i, (poles, along) in _numbered_results([numbers[rows] for rows, _ in batches], results):
+            curves[i], normals[i] = poles, along
         for i in np.flatnonzero(~copies.original_curves & group):
-            curves[i] = curves[copies.curve[i]] + copies.curve_shift[i]
-    return curves
+            curves[i], normals[i] = curves[copies.curve[i]] + copies.curve_shift[i], normals[copies.curve[i]]
+    return curves, normals
+
+
+def fit_joined_curves(
+    field: Field, start: Array, end: Array, fixed: BoolArray, degree: int, starts: SpokeStarts | None
+) -> Array:
+    """Poles (n, 2, p + 1, 3) of curves and of the normals along them; the normals are zero where coordinates are `fixed`."""
+    normal, form = measure_second_forms(field, np.stack([start, end], axis=1))
+    if starts is not None:
+        normal[:, 0] = normalize(starts.normal)
+    ends = EndShapes(normal, form)
+    curves = fit_curves(field, start, end, fixed, ends, degree)
+    normals = fit_normals(field, curves, ends, starts)
+    normals[fixed.any(axis=1)] = 0.0
+    return np.stack([curves, normals], axis=1)
+
+
+def _start_spokes(curves: list[Array], normals: list[Array]) -> tuple[Array, SpokeStarts]:
+    """The midpoints (n, 3) of curves, and what the spokes that begin there take from them."""
+    middle = np.array([0.5])
+    rows = []
+    for poles, along in zip(curves, normals, strict=True):
+        value, slope = (bernstein_basis(len(poles) - 1, middle, order)[0] for order in (0, 1))
+        rows.append([value @ poles, value @ along, slope @ along, slope @ poles])
+    points, normal, normal_derivative, derivative = np.array(rows).transpose(1, 0, 2)
+    return points, SpokeStarts(normal, normal_derivative, derivative)
 
 
 def _fit_network_patches(
     network: PatchNetwork,
     field: Field,
-    curves: list[Array],
+    joined: tuple[list[Array], list[Array]],
     curve_degree: IntArray,
     patch_degree: IntArray,
     warm_start: WarmStart,
     copies: TranslatedCopies,
     run_tasks: TaskRunner,
 ) -> list[Array]:
-    """All patches between fitted curves, with degrees no lower than those of their sides."""
+    """All patches between fitted curves with normals along them, with degrees no lower than those of their sides."""
+    curves, normals = joined
     side_degree = curve_degree[network.curve]
     degree_u = np.maximum(patch_degree, side_degree[:, 0::2].max(1))
     degree_v = np.maximum(patch_degree, side_degree[:, 1::2].max(1))
-    degrees = np.stack([degree_u, degree_v], 1)
+    degrees = np.concatenate([np.stack([degree_u, degree_v], 1), side_degree], axis=1)
     patches = list(warm_start.fit.patches)
     numbers = np.flatnonzero(copies.original_patches & warm_start.refit_patches)
     tasks, batches = [], []
-    for pair in np.unique(degrees[numbers], axis=0):
-        for batch in split_batches(numbers[(degrees[numbers] == pair).all(axis=1)], ITEMS_PER_TASK):
-            border = [_collect_side_poles(network, curves, batch, s, int(pair[s % 2])) for s in range(4)]
-            tasks.append((field, border, network.plane[network.curve[batch]] < 0))
+    for group in np.unique(degrees[numbers], axis=0):
+        for batch in split_batches(numbers[(degrees[numbers] == group).all(axis=1)], ITEMS_PER_TASK):
+            border = [_collect_side_poles(network, curves, batch, s, int(group[s % 2])) for s in range(4)]
+            along = [_collect_side_poles(network, normals, batch, s, int(group[2 + s])) for s in range(4)]
+            tasks.append((field, border, along))
             batches.append(batch)
     for i, poles in _numbered_results(batches, run_tasks(fit_patches, tasks)):
         patches[i] = poles
@@ -225,7 +267,3 @@ def _collect_side_poles(network: PatchNetwork, curves: list[Array], patches: Int
         matrix = side_pole_matrix(len(poles) - 1, degree, piece, sense)
         result[row] = poles if matrix is None else matrix @ poles
     return result
-
-
-def _curve_midpoint(poles: Array) -> Array:
-    return np.asarray(bernstein_basis(len(poles) - 1, np.array([0.5]))[0] @ poles)
