@@ -7,6 +7,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.levelset.fit.joint_normals import EndShapes, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.splines.basis import bernstein_basis
 
@@ -33,7 +34,8 @@ def test_a_curve_between_points_of_the_box_stays_in_it_where_the_surface_bulges_
         ends.append(centre + around - inward * np.sqrt(RADIUS**2 - around @ around))
     field = extend_linearly(fields.sphere(tuple(centre), RADIUS), LO, HI)
     start, end = (np.array([p]) for p in ends)
-    poles = fit_curves(field, start, end, np.zeros((1, 3), bool), degree)[0]
+    shapes = EndShapes(*measure_second_forms(field, np.stack([start, end], axis=1), 10.0))
+    poles = fit_curves(field, start, end, np.zeros((1, 3), bool), degree, shapes)[0]
     points = bernstein_basis(degree, T) @ poles
     assert np.allclose(points[[0, -1]], [start[0], end[0]], atol=1e-12)
     assert ((points >= LO) & (points <= HI)).all()
@@ -45,7 +47,8 @@ def test_a_curve_in_the_box_is_the_same_with_the_box_and_without() -> None:
     ball = fields.sphere(tuple(centre), RADIUS)
     start, end = (centre + RADIUS * np.array([d]) for d in ([0.6, 0.8, 0.0], [0.0, 0.6, 0.8]))
     free = np.zeros((1, 3), bool)
+    shapes = EndShapes(*measure_second_forms(ball, np.stack([start, end], axis=1), 10.0))
     assert np.array_equal(
-        fit_curves(ball, start, end, free, 5),
-        fit_curves(extend_linearly(ball, LO - 9.0, HI + 9.0), start, end, free, 5),
+        fit_curves(ball, start, end, free, 5, shapes),
+        fit_curves(extend_linearly(ball, LO - 9.0, HI + 9.0), start, end, free, 5, shapes),
     )

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import BoolArray, IntArray
-from tpmscad.levelset.level_set_fit import P95_TANGENT_JUMP_DEG, LevelSetFit, fit_level_set
+from tpmscad.levelset.level_set_fit import LevelSetFit, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
@@ -54,8 +54,7 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
         mesh, numbers = history.mesh()
         refit = fit_level_set(request, tree, mesh, refit)
         if not len(refit.bad_leaves):
-            jump = refit.quality.tangent_jump_deg
-            return refit if not len(jump) or np.percentile(jump, 95) <= P95_TANGENT_JUMP_DEG else fit
+            return refit
         if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
             break
     return fit

@@ -28,14 +28,8 @@ from tpmscad.parallel import TaskRunner, run_serial
 PATCH_DEGREES = (5, 7, 9)
 """Degrees of curves and patches, the first for all and the others for those that fail."""
 
-MAX_TANGENT_JUMP_DEG = 2.0
-"""Largest angle between the normals of two patches along their joint."""
-
-P95_TANGENT_JUMP_DEG = 0.5
-"""Tangent jump that at most one joint in twenty may exceed; the degrees of patches at joints beyond it are raised."""
-
-P95_MARGIN = 0.8
-"""Fraction of P95_TANGENT_JUMP_DEG above which degrees are raised."""
+MAX_TANGENT_JUMP_DEG = 0.01
+"""Largest angle between the normals of two patches along their joint, which the fit makes zero but for round-off."""
 
 MIN_NORMAL_COSINE = 0.95
 """Least cosine of the angle between a patch's normal and the gradient. Two sides of a wall that both satisfy it cannot cross."""
@@ -228,12 +222,10 @@ def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous
 
 
 def _select_weak_patches(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> BoolArray:
-    """Patches (Q,) whose degrees are worth raising: those that fail or have steep joints, and none if too many fail."""
+    """Patches (Q,) whose degrees are worth raising: those that fail, and none if too many do."""
     network, quality = fitted.network, fitted.quality
     failing = classify_failures(network, fitted.fit, quality, tree, request.tol).failing
-    if failing.mean() > MAX_FAILING_FRACTION:
-        return np.zeros(len(failing), bool)
-    return failing | _find_patches_at_steep_joints(network, quality)
+    return failing & (failing.mean() <= MAX_FAILING_FRACTION)
 
 
 def _raise_degree(request: FitRequest, fitted: _FittedNetwork, weak: BoolArray, degree: int) -> _FittedNetwork:
@@ -285,14 +277,6 @@ def _drop_failing(match: NetworkMatch, network: PatchNetwork, previous: LevelSet
     curve = np.where(spoilt[match.previous_curve], -1, match.previous_curve)
     curve[network.n_sides + np.flatnonzero(curve[network.split_curve] < 0)] = -1
     return NetworkMatch(curve, np.where((curve[network.curve] < 0).any(axis=1), -1, match.previous_patch))
-
-
-def _find_patches_at_steep_joints(network: PatchNetwork, quality: FitQuality) -> BoolArray:
-    """Patches (Q,) at joints beyond the typical tangent jump, if the 95th percentile of all joints is near or beyond it."""
-    steep, jump = np.zeros(len(network.ends), bool), quality.tangent_jump_deg
-    if len(jump) and np.percentile(jump, 95) > P95_MARGIN * P95_TANGENT_JUMP_DEG:
-        steep[quality.curve[jump > P95_TANGENT_JUMP_DEG]] = True
-    return np.asarray(steep[network.curve].any(axis=1))
 
 
 def _find_turning_box_sides(mesh: QuadMesh, gradient: Array) -> IntArray:

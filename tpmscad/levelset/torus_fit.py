@@ -1,8 +1,9 @@
 """Bezier patches of a periodic level set, or of its normal offset: one patch of each orbit, fitted and measured.
 
 The patches lie over the polygons of a `TorusMesh`. All curves and patches have one degree, the lowest at which every patch is
-within the tolerance and smooth with its neighbours. Curves and patches that an isometry maps to themselves are given that
-symmetry to the last bits, so that copies meet to round-off.
+within the tolerance. Curves, the normals along them, and patches that an isometry maps to themselves are given that symmetry to
+the last bits, so that copies meet to round-off. Conditions of tangent continuity (`fit.joint_normals`) hold for means of patches
+that meet them, and the isometries keep the gradient's side, so that a normal moves with its curve.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.fields.field import Field
 from tpmscad.fields.normal_distance import NormalDistance
 from tpmscad.levelset.fit.fit_quality import PatchSamples, foot_point_distances, sample_patches
+from tpmscad.levelset.fit.joint_normals import EndShapes, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.network_fit import fit_patches
 from tpmscad.levelset.quadmesh.vectors import normalize
@@ -27,8 +29,8 @@ from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 DEGREES = (5, 6, 7, 8, 9, 10, 11, 12)
 """Candidate degrees. Beyond 12 the normal equations of the fit lose the digits that smooth joints need."""
 
-MAX_TANGENT_JUMP_DEG = 1.0
-"""Greatest angle between the normals of two patches along their common side."""
+MAX_TANGENT_JUMP_DEG = 0.01
+"""Greatest angle between the normals of two patches along their common side, which the fit makes zero but for round-off."""
 
 MIN_NORMAL_COSINE = 0.95
 """Least cosine of the angle between a patch's normal and that of the level set: above it no patch folds."""
@@ -158,34 +160,39 @@ def _fit_poles(
     """Poles of the patches over the representatives of the mesh."""
     ends = offset_points(field, sides.ends, offset)
     free = np.zeros((len(ends), 3), bool)
-    curves = fit_curves(distance, ends[:, 0], ends[:, 1], free, degree)
-    curves = _symmetrise_curves(curves, isometries, mesh.period)
+    shapes = EndShapes(*measure_second_forms(distance, ends, float(mesh.period.max())))
+    curves = fit_curves(distance, ends[:, 0], ends[:, 1], free, degree, shapes)
+    curves, _ = _symmetrise_curves(curves, curves, isometries, mesh.period)
+    curves, normals = _symmetrise_curves(curves, fit_normals(distance, curves, shapes), isometries, mesh.period)
     chosen = mesh.representatives
-    border = []
+    border, along = [], []
     for i in range(4):
-        motion = sides.motion[chosen, i]
-        poles = motion[:, None].apply(curves[sides.curve[chosen, i]])
-        border.append(np.where(sides.sense[chosen, i, None, None] > 0, poles, poles[:, ::-1]))
-    patches = fit_patches(distance, border, np.ones((len(chosen), 4), bool))
+        motion, curve = sides.motion[chosen, i][:, None], sides.curve[chosen, i]
+        forwards = sides.sense[chosen, i, None, None] > 0
+        poles, vectors = motion.apply(curves[curve]), motion.apply_to_vectors(normals[curve])
+        border.append(np.where(forwards, poles, poles[:, ::-1]))
+        along.append(np.where(forwards, vectors, vectors[:, ::-1]))
+    patches = fit_patches(distance, border, along)
     return _symmetrise_patches(patches, isometries, mesh.period)
 
 
-def _symmetrise_curves(curves: Array, isometries: Motion, period: Array) -> Array:
-    """Curves (C, p + 1, 3) averaged over the isometries that map them to themselves, forwards or backwards."""
+def _symmetrise_curves(curves: Array, normals: Array, isometries: Motion, period: Array) -> tuple[Array, Array]:
+    """Curves and normals along them (C, p + 1, 3) averaged over the isometries that map a curve to itself, either way round."""
     tolerance = 1e-6 * float(period.min())
-    result = np.zeros(curves.shape)
-    for k, poles in enumerate(curves):
+    result = np.zeros((2, *curves.shape))
+    for k, (poles, vectors) in enumerate(zip(curves, normals, strict=True)):
         count = 0
-        for candidate in (poles, poles[::-1]):
-            images = isometries[:, None].apply(candidate)
+        for step in (1, -1):
+            images = isometries[:, None].apply(poles[::step])
             shift = np.rint((poles[[0, -1]].mean(axis=0) - images[:, [0, -1]].mean(axis=1)) / period) * period
             images = images + shift[:, None]
             same = np.abs(images[:, [0, -1]] - poles[[0, -1]]).max(axis=(1, 2)) < tolerance
             same &= np.abs(images - poles).max(axis=(1, 2)) < 1e3 * tolerance
-            result[k] += images[same].sum(axis=0)
+            turned = isometries[:, None].apply_to_vectors(vectors[::step])
+            result[:, k] += images[same].sum(axis=0), turned[same].sum(axis=0)
             count += int(same.sum())
-        result[k] /= count
-    return result
+        result[:, k] /= count
+    return result[0], result[1]
 
 
 def _symmetrise_patches(patches: Array, isometries: Motion, period: Array) -> Array:

@@ -30,15 +30,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.fit.least_squares import HardRows, NormalEquations, unit_normals
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bernstein_basis, bernstein_product
 
-FORM_STEP_FRACTION = 1e-5
-"""Step of the differences for second forms, as a fraction of the longest edge of the box or of the longest period."""
+FORM_STEP_FRACTION = 1e-4
+"""Step of the differences for second forms, as a fraction of the box or period. Joints need forms that agree where curves meet,
+not accurate ones: a longer step has less noise, which the conditions on patches amplify."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,13 +66,15 @@ class SpokeStarts:
         return SpokeStarts(self.normal[rows], self.normal_derivative[rows], self.derivative[rows])
 
 
-def measure_second_forms(field: Field, points: Array) -> tuple[Array, Array]:
-    """Unit normals (..., 3) and second forms (..., 3, 3) at points (..., 3) of a level set, by differences inside its box."""
+def measure_second_forms(field: Field, points: Array, size: float) -> tuple[Array, Array]:
+    """Unit normals (..., 3) and second forms (..., 3, 3) at points (..., 3) of a level set, by differences of the gradient.
+
+    `size` is that of the whole level set; of a `LinearExtension` the size of its box counts, and the points tried are inside.
+    """
+    low, high = np.full(3, -np.inf), np.full(3, np.inf)
     if isinstance(field, LinearExtension):
         low, high = np.array(field.lo), np.array(field.hi)
         size = float((high - low).max())
-    else:
-        low, high, size = np.full(3, -np.inf), np.full(3, np.inf), max(field.periods() or (1.0,))
     axes = np.arange(3)
     shift = FORM_STEP_FRACTION * size * np.eye(3)
     after = np.clip(points[..., None, :] + shift, low, high)
@@ -119,19 +122,17 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     return normals
 
 
-def fix_curve_ends(curves: Array, ends: EndShapes, fixed: Array) -> Array:
-    """Curves (n, d + 1, 3) with their end tangents in the tangent planes and the level set's normal curvature at their ends.
+def match_end_curvatures(curves: Array, ends: EndShapes, fixed: BoolArray) -> Array:
+    """Curves (n, d + 1, 3), tangent to the level set at their ends, with its normal curvature there.
 
-    The two poles next to each end move along the normal, or its part in the plane where coordinates `fixed` (n, 3) are kept.
+    The second pole from each end moves along the normal, or its part in the plane where coordinates `fixed` (n, 3) are kept.
     """
     result = curves.copy()
     degree = curves.shape[1] - 1
     for end, (a, b, c) in enumerate(((0, 1, 2), (-1, -2, -3))):
         normal, form = ends.normal[:, end], ends.form[:, end]
         way = normal * ~fixed
-        way = way / np.maximum(np.einsum("ni,ni->n", way, normal), MIN_DIVISOR)[:, None]
-        first = result[:, b] - result[:, a]
-        result[:, b] -= way * np.einsum("ni,ni->n", normal, first)[:, None]
+        way /= np.maximum(np.einsum("ni,ni->n", way, normal), MIN_DIVISOR)[:, None]
         first = degree * (result[:, b] - result[:, a])
         second = degree * (degree - 1) * (result[:, c] - 2 * result[:, b] + result[:, a])
         lack = -np.einsum("ni,nij,nj->n", first, form, first) - np.einsum("ni,ni->n", normal, second)

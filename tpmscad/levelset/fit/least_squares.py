@@ -30,7 +30,7 @@ PROJECTION_STEPS = 8
 """Newton steps towards the level set."""
 
 
-MIN_SINGULAR_VALUE = 1e-9
+MIN_SINGULAR_VALUE = 1e-8
 """Singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow
 from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
 

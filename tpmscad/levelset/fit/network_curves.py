@@ -7,7 +7,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.levelset.fit.joint_normals import EndShapes, fix_curve_ends
+from tpmscad.levelset.fit.joint_normals import EndShapes, match_end_curvatures
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
     MAX_STEP_OF_CHORD,
@@ -23,15 +23,14 @@ from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bernstein_basis
 
 CURVE_TANGENT_WEIGHT = 1.0
-END_TANGENT_WEIGHT = 1e3
-"""Weights of the residuals by which tangents leave the level set: along the curve, and at its ends."""
+"""Weight of the residuals by which tangents along the curve leave the level set."""
 
 MIN_CLEARANCE_FRACTION = 0.3
 """A curve that would leave the box keeps at least this fraction of its chord's distance from the faces. Where the level set
 grazes a face, the shortest way between two vertices leads beyond the face."""
 
 
-def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, shapes: EndShapes, degree: int) -> Array:
+def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree: int, shapes: EndShapes) -> Array:
     """Poles (n, p + 1, 3) of curves on the level set from `start` to `end` (n, 3), in planes of the box where `fixed` (n, 3).
 
     They have tangents in the tangent planes and the normal curvatures of the level set at their ends, whose shapes are given.
@@ -47,32 +46,37 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, shapes:
     values, derivatives = bernstein_basis(degree, t), bernstein_basis(degree, t, 1)
     fraction = np.arange(degree + 1)[:, None] / degree
     poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
-    inner = slice(1, degree)
+    end_normals = shapes.normal * ~fixed[:, None]
     for turn in range(FIT_PASSES):
         if turn:
             points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
         normal = unit_normals(field, points, fixed)
-        tangent = derivatives @ poles
+        inner = slice(1, degree)
         system = NormalEquations(degree - 1, len(start))
         system.add_point_rows(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
+        tangent = derivatives @ poles
         system.add_normal_rows(derivatives[:, inner], normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
-        ends = [0, -1]
-        system.add_normal_rows(derivatives[ends][:, inner], normal[:, ends], -tangent[:, ends], END_TANGENT_WEIGHT)
-        poles[:, inner] += system.solve()
+        lack = np.einsum("nei,nei->ne", end_normals, poles[:, [0, -1]] - poles[:, [1, -2]])
+        poles[:, inner] += system.solve_subject_to(_hold_end_poles(end_normals, degree - 1), lack)
+    poles = match_end_curvatures(poles, shapes, fixed)
+    for _ in range(FIT_PASSES):
+        points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
+        inner = slice(2, degree - 1)
+        system = NormalEquations(degree - 3, len(start))
+        system.add_point_rows(
+            values[:, inner], unit_normals(field, points, fixed), points - values @ poles, TANGENTIAL_WEIGHT
+        )
+        poles[:, inner] += system.solve_subject_to(_hold_end_poles(end_normals, degree - 3), np.zeros((len(start), 2)))
     rows, axis = np.nonzero(fixed)
     poles[rows, :, axis] = start[rows, axis][:, None]
-    poles = fix_curve_ends(poles, shapes, fixed)
-    points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
-    inner = slice(2, degree - 1)
-    system = NormalEquations(degree - 3, len(start))
-    normal = unit_normals(field, points, fixed)
-    system.add_point_rows(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
-    held = np.zeros((len(start), 2, degree - 3, 3))
-    held[:, 0, 0], held[:, 1, -1] = (shapes.normal * ~fixed[:, None]).swapaxes(0, 1)
-    conditions = HardRows.factorise(held.reshape(len(start), 2, -1))
-    poles[:, inner] += system.solve_subject_to(conditions, np.zeros((len(start), 2)))
-    poles[rows, :, axis] = start[rows, axis][:, None]
     return poles
+
+
+def _hold_end_poles(normals: Array, count: int) -> HardRows:
+    """Conditions on the components of the first and the last of `count` poles along normals (n, 2, 3)."""
+    rows = np.zeros((len(normals), 2, count, 3))
+    rows[:, 0, 0], rows[:, 1, -1] = normals.swapaxes(0, 1)
+    return HardRows.factorise(rows.reshape(len(normals), 2, -1))
 
 
 def _resample_by_arc_length(points: Array, t: Array) -> Array:

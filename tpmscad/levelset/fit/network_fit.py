@@ -158,6 +158,7 @@ def _fit_network_curves(
     on_box = np.flatnonzero(network.plane >= 0)
     fixed = np.zeros((len(curves), 3), bool)
     fixed[on_box, network.plane[on_box] // 2] = True
+    size = float(np.ptp(network.vertices, axis=0).max())
     for group in (~is_spoke, is_spoke):
         numbers = np.flatnonzero(refit & group)
         starts = None
@@ -170,7 +171,7 @@ def _fit_network_curves(
             for batch in split_batches(np.flatnonzero(degree[numbers] == d), ITEMS_PER_TASK)
         ]
         tasks = [
-            (field, start[numbers[rows]], end[numbers[rows]], fixed[numbers[rows]], d, starts and starts.take(rows))
+            (field, *(each[numbers[rows]] for each in (start, end, fixed)), size, d, starts and starts.take(rows))
             for rows, d in batches
         ]
         results = run_tasks(fit_joined_curves, tasks)
@@ -182,14 +183,17 @@ def _fit_network_curves(
 
 
 def fit_joined_curves(
-    field: Field, start: Array, end: Array, fixed: BoolArray, degree: int, starts: SpokeStarts | None
+    field: Field, start: Array, end: Array, fixed: BoolArray, size: float, degree: int, starts: SpokeStarts | None
 ) -> Array:
-    """Poles (n, 2, p + 1, 3) of curves and of the normals along them; the normals are zero where coordinates are `fixed`."""
-    normal, form = measure_second_forms(field, np.stack([start, end], axis=1))
+    """Poles (n, 2, p + 1, 3) of curves and of the normals along them; the normals are zero where coordinates are `fixed`.
+
+    `size` is that of the network (`measure_second_forms`); `starts` belong to spokes.
+    """
+    normal, form = measure_second_forms(field, np.stack([start, end], axis=1), size)
     if starts is not None:
         normal[:, 0] = normalize(starts.normal)
     ends = EndShapes(normal, form)
-    curves = fit_curves(field, start, end, fixed, ends, degree)
+    curves = fit_curves(field, start, end, fixed, degree, ends)
     normals = fit_normals(field, curves, ends, starts)
     normals[fixed.any(axis=1)] = 0.0
     return np.stack([curves, normals], axis=1)
