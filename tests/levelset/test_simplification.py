@@ -42,7 +42,7 @@ def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> Non
     assert not len(small.bad_leaves)
     assert len(small.fit.patches) < 0.7 * len(whole.fit.patches)
     assert small.quality.distance.max() <= TOL
-    assert small.quality.tangent_jump_deg.max() <= 2.0
+    assert small.quality.tangent_jump_deg.max() <= 0.01
 
 
 def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,9 +36,8 @@ MAX_MAPPED_TANGENT_JUMP_DEG = 1e-4
 MAX_MAPPED_RELATIVE_CURVATURE_JUMP = 1e-4
 """Continuity of patches under a map, whose derivatives are differences of the user's function."""
 
-MAX_FIELD_TANGENT_JUMP_DEG = 2.0
-MAX_FIELD_TANGENT_JUMP_P95_DEG = 0.5
-"""Continuity of patches that are fitted to a field: the greatest tangent jump, and the 95th percentile over all edges."""
+MAX_FIELD_TANGENT_JUMP_DEG = 0.01
+"""Greatest tangent jump of patches that are fitted to a field, whose joints are tangent by construction."""
 
 FIELD_VOLUME_RTOL = 1e-3
 """Relative difference allowed between the volume that the patches bound and the quadrature of the field."""
@@ -105,13 +104,6 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
             fitted.jump_deg,
             MAX_FIELD_TANGENT_JUMP_DEG,
             f"tangent jump {fitted.jump_deg:.3g} degrees exceeds {MAX_FIELD_TANGENT_JUMP_DEG:g}",
-        ),
-        Check(
-            "tangent jump at the 95th percentile",
-            fitted.jump_p95_deg,
-            MAX_FIELD_TANGENT_JUMP_P95_DEG,
-            f"tangent jump {fitted.jump_p95_deg:.3g} degrees at the 95th percentile "
-            f"exceeds {MAX_FIELD_TANGENT_JUMP_P95_DEG:g}",
         ),
         require(
             found.field_betti in (None, properties.betti),

@@ -6,22 +6,22 @@ A curve c of degree d between two points of a level set carries a vector polynom
 
 **Joints.** Let D be the derivative across a common side c of a patch. If n . D = 0 identically for both patches, n vanishes
 nowhere, and neither D is parallel to c' anywhere, then the tangent plane of both is the plane orthogonal to n, at every point of
-the curve. `network_fit` imposes n . D = 0 on each patch by itself, as linear conditions on its inner poles; both sides of a half
-of a curve, at a T-vertex, take n on that half.
+the curve. `network_fit` imposes n . D = 0 on each patch by itself, as linear conditions on its inner poles. At a T-vertex the
+patch across takes n on the whole curve and the patches of the cut triangle take it on its halves: the same polynomial.
 
-**Corners.** At a corner of a patch X with sides a and b, derivatives a' and b' there, D of side a is b', and its derivative along a is
-the twist X_uv. The conditions of the two sides say there
+**Corners.** At a corner of a patch X two sides a and b begin. There D of side a is b', and its derivative along a is the twist
+X_uv; likewise for b. The conditions of the two sides and their derivatives are there
 
     n . b' = 0,   n_a' . b' + n . X_uv = 0,        n . a' = 0,   n_b' . a' + n . X_uv = 0,
 
-where n is the common value of n_a and n_b. They agree if n_a' . b' = n_b' . a'. The normals have therefore the field's unit normal
-at all curves' ends at a vertex, and the derivatives of one symmetric form, the field's second form S:
+where n is the common value of n_a and n_b. They are consistent if n_a' . b' = n_b' . a'. The normals of all curves that end at a
+vertex have therefore the field's unit normal there, and derivatives by one symmetric form, the field's second form S:
 
     n_a' . b' = a' S b'       for all b' in the tangent plane,
 
-so that the conditions agree in any number of patches round a vertex. Along the curve itself n' . c' = -n . c'' follows from the identity
-above: the curves are fitted with n . c'' = -c' S c' at their ends. Where a spoke s begins in the middle of a curve c, its normal
-has the value n of that curve, and n_s' . c' = n_c' . s' in place of the field's form.
+so that the conditions are consistent in any number of patches round a vertex. For b' = a' the identity above requires
+n_a' . a' = -n . a'': the curves are fitted with n . c'' = -c' S c' at their ends. Where a spoke s begins in the middle of a
+curve c, its normal has the value of n_c there, and n_s' . c' = n_c' . s' takes the place of the field's form.
 """
 
 from __future__ import annotations
@@ -109,9 +109,7 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     sloped[:, 0, 1], sloped[:, 1, -2] = direction[:, 0], -direction[:, 1]
     rows = np.concatenate([product, sloped], axis=1)[:, :, 1:-1]
     at_ends = np.einsum("nex,nex->ne", direction, degree * (normals[:, [1, -1]] - normals[:, [0, -2]]))
-    target = np.concatenate(
-        [-np.einsum("nkix,nix->nk", product, normals), (change - at_ends) / degree], axis=1
-    )
+    target = np.concatenate([-np.einsum("nkix,nix->nk", product, normals), (change - at_ends) / degree], axis=1)
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
     basis = bernstein_basis(degree, t)
     wanted = unit_normals(field, basis @ curves)

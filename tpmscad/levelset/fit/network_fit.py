@@ -1,9 +1,9 @@
-"""Bezier curves and patches of a network fitted to a level set, joined with tangent continuity (G1) through the field's gradient.
+"""Bezier curves and patches of a network fitted to a level set, with joints that are tangent continuous (G1) to round-off.
 
-1. Each curve is fitted with the field's normals along it: its tangent is orthogonal to the normals, most strictly at its ends.
+1. Each curve is fitted, and a normal along it, a polynomial to which its tangent is orthogonal identically (`joint_normals`).
 2. Each patch takes the poles of its four curves as its sides. Its inner poles minimise the distance of the patch from the level
-   set and the component along the same normals of the derivative across each side. Two patches thus have the same tangent planes
-   along a common curve, although neither depends on the other.
+   set under the linear conditions that the derivative across each side is orthogonal to the normal of its curve identically. Two
+   patches thus have the same tangent planes along a common curve, although neither depends on the other.
 
 All items of one degree are fitted in batches, which may run in parallel.
 """
