@@ -170,7 +170,7 @@ def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     Returns
     -------
     Field
-        The minimum minus width / 6 * (1 - |f - g| / width)^3 in the crease; elsewhere exactly the minimum.
+        The minimum minus ``width / 6 * (1 - abs(f - g) / width) ** 3`` in the crease; elsewhere exactly the minimum.
 
     Raises
     ------
@@ -201,7 +201,7 @@ def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Fi
     Returns
     -------
     Field
-        The maximum plus width / 6 * (1 - |f - g| / width)^3 at the edge; elsewhere exactly the maximum.
+        The maximum plus ``width / 6 * (1 - abs(f - g) / width) ** 3`` at the edge; elsewhere exactly the maximum.
 
     Raises
     ------

@@ -57,7 +57,7 @@ class SurfacePatch:
         Raises
         ------
         InvalidRequest
-            If a parameter is outside the domain, or |offset| >= `max_offset`, where offset surfaces have cusps.
+            If a parameter is outside the domain, or ``abs(offset) >= max_offset``, where offset surfaces have cusps.
         """
         u, v = np.broadcast_arrays(np.asarray(u, float), np.asarray(v, float))
         for value in (u, v):

@@ -214,7 +214,7 @@ def persistence_diagram(
     convention : {"vertices", "top_cells"}
         Cubical complex of the samples: as vertices, or as cubes; see `tpmscad.topology.CONNECTIVITY`.
     min_persistence : float
-        Features with |death - birth| <= min_persistence are left out.
+        Features with ``abs(death - birth) <= min_persistence`` are left out.
 
     Returns
     -------
