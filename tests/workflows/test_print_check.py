@@ -57,6 +57,7 @@ def test_a_narrow_slot_is_found_where_it_is() -> None:
     assert faults(report) == {"gap"}
     assert report["gap"].value == pytest.approx(0.3, abs=1e-9)
     assert (report["gap"].place or ())[0] == pytest.approx(1.0)
+    assert report["wall"].value == pytest.approx(1.85)
 
 
 def test_the_gap_between_edges_of_two_solids_is_found() -> None:
@@ -100,6 +101,10 @@ def test_a_cone_within_its_angle_stands_on_its_tip_without_overhang() -> None:
     assert faults(report) == {"overhang"}
     assert report["overhang"].value == pytest.approx(angle)
     assert report["overhang"].area == pytest.approx(np.pi * 3.5 * np.hypot(6, 2.5), rel=1e-6)
+
+
+def test_a_face_at_the_limit_itself_keeps_it() -> None:
+    assert check(bd.Cone(1, 4, 3), max_overhang=45.0).met
 
 
 def test_powder_is_trapped_in_a_hollow_ball_but_not_with_a_drain() -> None:

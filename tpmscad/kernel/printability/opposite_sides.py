@@ -44,7 +44,7 @@ COARSE_SPACING = 0.2
 ring are as near as each other, and the search goes through all of them."""
 
 MAX_CANDIDATES = 48
-"""Pairs of places that are refined, those with the smallest widths first, at most one for each pair of faces."""
+"""Pairs of places that are refined, the nearest ones first, one for each pair of faces."""
 
 NEWTON_STEPS = 12
 """Steps towards the stationary distance; four or five reach round-off."""
@@ -213,9 +213,11 @@ def _measure_face_distance(one: TopoDS_Face, two: TopoDS_Face) -> Width:
 
 def _refine(surface: SampledSurface, found: OppositeWidths) -> Width:
     """The least of the widths, each between the places where the distance of its two faces is stationary, or else the samples."""
-    _, first = np.unique(np.sort(surface.face[found.contacts], axis=1), axis=0, return_index=True)
+    distance = np.linalg.norm(surface.points[found.contacts[:, 0]] - surface.points[found.contacts[:, 1]], axis=1)
+    contacts = found.contacts[np.argsort(distance, kind="stable")]
+    _, first = np.unique(np.sort(surface.face[contacts], axis=1), axis=0, return_index=True)
     best: Width | None = None
-    for contact in found.contacts[np.sort(first)[:MAX_CANDIDATES]].tolist():
+    for contact in contacts[np.sort(first)[:MAX_CANDIDATES]].tolist():
         ends = _FacePair(surface, *contact).find_stationary()
         ends = surface.points[contact] if ends is None else ends
         width = Width(float(np.linalg.norm(ends[1] - ends[0])), ends.mean(axis=0))

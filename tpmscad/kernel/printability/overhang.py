@@ -27,6 +27,9 @@ MESH_ANGLE = 0.25
 MESH_DEVIATION_DIAGONALS = 1e-3
 """Distance of the triangulation from the faces in diagonals of the shape; the angle decides on curved faces."""
 
+LIMIT_SINE = 1e-9
+"""Added to the sine of the limit: a face that leans by the limit itself keeps it, whatever the round-off."""
+
 SUBDIVISIONS = 3
 """Times that a triangle is divided in four where the limit crosses it."""
 
@@ -69,7 +72,7 @@ def measure_overhang(shape: Any, build_direction: Array, limit: float) -> Overha
     points = np.concatenate([mesh.mesh.points for mesh in meshes])
     height = points @ build_direction
     plate = float(height.min()) + PLATE_DIAGONALS * float(np.linalg.norm(np.ptp(points, axis=0)))
-    found = [_measure_solid(mesh, build_direction, np.sin(np.radians(limit)), plate) for mesh in meshes]
+    found = [_measure_solid(mesh, build_direction, np.sin(np.radians(limit)) + LIMIT_SINE, plate) for mesh in meshes]
     steepest = max(found, key=lambda one: one.angle)
     return Overhang(
         sum(one.area for one in found), steepest.angle, steepest.place, sum(one.plate_area for one in found)
