@@ -45,7 +45,7 @@ def test_tetrahedra_and_hexahedra_agree() -> None:
     tetrahedra = tpmscad.homogenize(model, size=0.16)
     hexahedra = tpmscad.homogenize("P", volume_fraction=0.4)
     assert tetrahedra.cells > 4 * hexahedra.cells
-    np.testing.assert_allclose(tetrahedra.stiffness, hexahedra.stiffness, atol=0.01 * hexahedra.stiffness[0, 0])
+    np.testing.assert_allclose(tetrahedra.stiffness, hexahedra.stiffness, atol=0.02 * hexahedra.stiffness[0, 0])
     np.testing.assert_allclose(tetrahedra.conductivity, hexahedra.conductivity, atol=0.003)
 
 
