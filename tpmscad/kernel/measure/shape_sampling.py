@@ -36,7 +36,7 @@ from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, orient
 from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
-"""Cosine of the angle between face normals beyond which an edge is sharp; smooth joints differ by less than 2 degrees."""
+"""Cosine of the angle between face normals beyond which an edge is sharp; smooth joints of solids made here differ by 0.01."""
 
 EXTENT_SAMPLES = 17
 """Grid lines along u and along v on which a face's extent is measured."""
