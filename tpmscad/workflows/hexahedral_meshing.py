@@ -64,7 +64,7 @@ def mesh_by_splines(
     if inverted:
         raise InvalidRequest(
             f"{inverted} of {mesh.n_cells} hexahedra of order {order} are not shown to be regular: the wall curves too much for "
-            f"elements of their size: use refine={refine[0] + 1}{', or order=2' if order == 1 else ''}"
+            f"elements of their size: refine {refine[0] + 1} times{', or take order 2' if order == 1 else ''}"
         )
     return mesh
 
