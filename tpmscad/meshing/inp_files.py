@@ -41,7 +41,8 @@ def write_inp(mesh: VolumeMesh, path: Path) -> None:
     unknown = [kind for kind in mesh.cells if kind not in ABAQUS_KINDS]
     if unknown:
         raise InvalidRequest(
-            f"CalculiX has no {unknown[0]}: make a mesh of {', '.join(ABAQUS_KINDS)}, or write .msh or .vtu"
+            f"CalculiX and Abaqus have no {unknown[0]}: make a mesh of {', '.join(ABAQUS_KINDS)} (hexahedra of 20 nodes are "
+            "those with serendipity), or write .msh or .vtu"
         )
     with atomic_write(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"*HEADING\n{format_name(mesh.name)}\n")

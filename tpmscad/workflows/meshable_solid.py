@@ -30,8 +30,8 @@ class MeshedResult(Protocol):
         """Corners of the box around the solids."""
 
     @property
-    def make_spline_volumes(self) -> Callable[[], SplineVolumes] | None:
-        """What makes the wall as trivariate splines; None if the solid has no whole walls."""
+    def make_spline_volumes(self) -> Callable[[], SplineVolumes | None] | None:
+        """Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls."""
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with the labels of their faces."""
