@@ -31,7 +31,7 @@ class MeshedResult(Protocol):
 
     @property
     def make_spline_volumes(self) -> Callable[[], SplineVolumes | None] | None:
-        """Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls."""
+        """Makes the trivariate splines that fill the solid; it, or what it makes, is None if there are no whole walls."""
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with the labels of their faces."""
