@@ -120,7 +120,7 @@ def test_walls_that_fold_coarse_elements_and_other_solids_are_refused() -> None:
     volumes, _ = make(*CASES[0])
     with pytest.raises(InvalidRequest, match=r'boundary="natural"'):
         fill_with_splines(None, "gyroid sheet")
-    with pytest.raises(InvalidRequest, match="refine=1"):
+    with pytest.raises(InvalidRequest, match="refine 1 times"):
         mesh_by_splines(lambda: volumes, "gyroid", 1, (0, 0), False)
     with pytest.raises(InvalidRequest, match="order = 3"):
         mesh_by_splines(lambda: volumes, "gyroid", 3, (0, 0), False)
