@@ -86,7 +86,7 @@ def count_warnings(read: Callable[[], Any]) -> int:
         with warnings.catch_warnings(record=True) as caught, contextlib.redirect_stdout(stream):
             warnings.simplefilter("always")
             read()
-    except Exception:
+    except Exception:  # whatever another library raises: the file was not read
         return -1
     finally:
         logging.getLogger().removeHandler(handler)

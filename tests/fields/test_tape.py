@@ -67,7 +67,7 @@ def test_operations_that_no_point_of_a_block_needs_are_not_run() -> None:
     def formula(x: Node, y: Node, z: Node) -> Node:
         recorder = x.recorder
         with recorder.where(y > 0.0):
-            checked = recorder.checked(x, -1.0, 1.0, refuse)
+            checked = recorder.require_within(x, -1.0, 1.0, refuse)
         return select(y > 0.0, checked, z)
 
     field = TracedFormula(formula)

@@ -133,7 +133,7 @@ class ExpressionField(Field):
         """The formula on the nodes of a tape."""
         limit = sys.float_info.max
         value = self.tree.trace(x, y, z)
-        return x.recorder.checked(
+        return x.recorder.require_within(
             value, -limit, limit, partial(self._refuse, "value"), partial(self._refuse, "gradient")
         )
 

@@ -192,7 +192,7 @@ class Recorder:
             )
         return value
 
-    def checked(
+    def require_within(
         self, node: Node, low: float, high: float, refuse: Refusal, refuse_slope: Refusal | None = None
     ) -> Node:
         """The node, with an error raised at points of the region where its value, or a derivative, is not within [low, high]."""

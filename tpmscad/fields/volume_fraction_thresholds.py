@@ -275,7 +275,7 @@ class GradedThreshold(Field):
         """The formula on the nodes of a tape."""
         spline = self.threshold_of_fraction
         low, high = spline.x[[0, -1]]
-        fraction = x.recorder.checked(
+        fraction = x.recorder.require_within(
             self.fraction.trace(x, y, z), low - FRACTION_ACCURACY, high + FRACTION_ACCURACY, self._refuse
         )
         return self.sign * piecewise_polynomial(spline.x, spline.c, fraction) + self.level

@@ -183,7 +183,7 @@ def _find_end_vertex(a: Arrangement, end: ArcEnd, face: int, surface: int, first
     if kind == "point":
         return first_point + i
     if kind == "corner":
-        return int(sides.corner[face, i])
+        return int(sides.vertex[sides.uses_on(face, i)[0]])
     for use in sides.uses_on(face, i):
         pair = roots.row_of_pair[sides.edge[use], surface]
         count = int(roots.root_start[pair + 1] - roots.root_start[pair]) if pair >= 0 else 0
