@@ -6,6 +6,7 @@ import gc
 import importlib.util
 import os
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -31,8 +32,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return True if KERNEL.search(collection_path.read_text(encoding="utf-8")) else None
 
 
-def pytest_collection_finish() -> None:
-    """What is loaded by now stays to the end: without this the collector goes through all of it, again and again."""
+def pytest_collection_finish(session: pytest.Session) -> None:
+    """The part without the kernel has not loaded it; what is loaded by now stays to the end.
+
+    Without the freeze the garbage collector goes through all of it, again and again.
+    """
+    if "not kernel" in session.config.option.markexpr and "OCP" in sys.modules:
+        raise pytest.UsageError(
+            "a test file without the mark `kernel` imports OCP: mark it, or import from a room below the kernel"
+        )
     gc.collect()
     gc.freeze()
 

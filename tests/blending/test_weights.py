@@ -193,6 +193,7 @@ def test_distance_transforms_give_the_targets_of_trees():
     assert np.array_equal(used, every | bounds[0] | bounds[1])
 
 
+@pytest.mark.slow
 def test_local_lspia_converges_to_the_least_squares_fit_of_the_free_coefficients():
     area = stage_masks(GRID)
     start = choose_knots(stage_masks(GRID.double_samples()), (13, 11, 9), (3, 2, 3))

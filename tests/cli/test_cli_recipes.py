@@ -54,6 +54,7 @@ def test_a_dry_run_blends_and_writes_the_report_only(capsys: pytest.CaptureFixtu
     assert report["errors"]["n0"]["final"] == [0, 0]
 
 
+@pytest.mark.slow
 def test_a_dry_run_of_a_field_tells_how_solid_it_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("solidify graded.toml --dry-run --report out.json") == 0
     assert "% of it solid" in capsys.readouterr().out

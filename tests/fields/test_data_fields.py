@@ -121,6 +121,7 @@ class TestImageFiles:
         self.check(tmp_path / "a.nrrd")
 
     @pytest.mark.parametrize("suffix", ["vti", "vtk"])
+    @pytest.mark.slow
     def test_vtk(self, tmp_path: Path, suffix: str) -> None:
         pytest.importorskip("vtkmodules")
         from vtkmodules.util.numpy_support import numpy_to_vtk
@@ -189,6 +190,7 @@ class TestScatteredField:
         assert errors[1] < 0.2 * errors[0]
         assert errors[1] < 0.05
 
+    @pytest.mark.slow
     def test_nearest_points_are_enough_where_there_are_many(self, monkeypatch: pytest.MonkeyPatch) -> None:
         values = fields.tpms("schwarz_p", 20.0)(self.POINTS)
         whole = fields.scattered(self.POINTS, values)

@@ -62,6 +62,7 @@ BALL, FAR = fields.sphere((0.1, 0.0, 0.1), 1.0), fields.sphere((-1.4, -1.0, -0.9
     ],
     ids=["sheet", "hollow ball", "two hollows", "two balls"],
 )
+@pytest.mark.slow
 def test_minima_and_maxima_are_counted_by_their_operands(field: fields.Field, expected: tuple[int, int, int]) -> None:
     assert compute_betti_numbers(field, LO, HI) == expected
 

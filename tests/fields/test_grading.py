@@ -55,6 +55,7 @@ def test_bad_requests_are_refused(span: object, kind: str, message: str) -> None
         fields.graded_threshold(GYROID, FRACTION, span, kind)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_fractions_beyond_the_span_are_refused_not_clipped() -> None:
     graded = fields.graded_threshold(GYROID, FRACTION, (0.25, 0.5))
     with pytest.raises(InvalidRequest, match=r"takes the value 0\.2, outside the span"):

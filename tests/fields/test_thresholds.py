@@ -49,6 +49,7 @@ def test_what_is_no_field_is_refused() -> None:
 
 
 @given(st.lists(st.sampled_from([GYROID, DIAMOND, fields.sphere((0, 1, 0), 3.0), -0.2]), min_size=1, max_size=4))
+@pytest.mark.slow
 def test_booleans_of_fields_are_those_of_their_solids(parts: list[fields.Field]) -> None:
     points = POINTS[:300]
     solids = np.stack([fields.as_field(part)(points) < 0 for part in parts])
@@ -120,6 +121,7 @@ def test_volume_fractions_are_those_of_half_exact_integration(phi: fields.Field,
     assert fields.volume_fraction(fields.pore(phi, c), samples=64) == pytest.approx(1 - exact, abs=3e-5)
 
 
+@pytest.mark.slow
 def test_a_threshold_is_as_accurate_as_stated() -> None:
     c = fields.threshold_for(GYROID, 0.3)
     assert fraction_below("gyroid", c, 1200) == pytest.approx(0.3, abs=FRACTION_ACCURACY)

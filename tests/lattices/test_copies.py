@@ -44,6 +44,7 @@ def test_every_block_of_cells_is_one_closed_shell(name: str, cells: tuple[int, i
 
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("cells", [(1, 1, 1), (2, 1, 3)])
+@pytest.mark.slow
 def test_the_volume_per_cell_is_the_swept_one_whatever_the_block(name: str, cells: tuple[int, int, int]) -> None:
     expected = surfaces.volume_fraction(name, "minimal", *OFFSETS[name]) * np.prod(cells)
     # The gap faces are ruled between borders that lie on normals: what is left is the fit's error, 4e-5 here and 1e-6 at a tenth
@@ -69,6 +70,7 @@ def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str)
 
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("reference", ["minimal", "nodal"])
+@pytest.mark.slow
 def test_a_fit_meets_its_tolerance_and_one_pole_row_less_does_not(name: str, reference: str) -> None:
     from tpmscad.lattices.primitive import fit_primitive
 
@@ -115,6 +117,7 @@ def test_schwarz_p_is_quartered_where_its_mirrors_are_the_box_and_only_there() -
 
 
 @pytest.mark.parametrize("cells", [(1, 1, 1), (4, 3, 2), (5, 5, 5)])
+@pytest.mark.slow
 def test_a_block_takes_each_patch_class_once(cells: tuple[int, int, int]) -> None:
     motions = surfaces.patch_symmetry("gyroid")
     corners = surfaces.primitive_patch("gyroid").jet(*copies.UNIT_SQUARE_CORNERS.T).position

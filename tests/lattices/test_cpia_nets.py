@@ -54,6 +54,7 @@ def test_the_net_of_a_mirror_surface_is_the_direct_solution_within_the_proven_bo
     assert after < before
 
 
+@pytest.mark.slow
 def test_the_last_step_of_a_mirror_fit_does_not_increase_the_sum_of_squared_distances() -> None:
     chart, offset = compute_harmonic_chart("iwp"), 0.03
     space = mirror_fit._make_piece_space(chart, 9)

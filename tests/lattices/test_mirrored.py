@@ -95,6 +95,7 @@ def test_the_measured_deviation_sees_a_shift_a_dent_and_a_fold() -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow
 def test_borders_lie_in_the_mirrors_poles_and_all(name: str) -> None:
     mirrors = surfaces.mirror_symmetry(name)
     patch = fit_mirror_piece(name, OFFSETS[name][0], 1e-4).patch
@@ -105,6 +106,7 @@ def test_borders_lie_in_the_mirrors_poles_and_all(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow
 def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: str) -> None:
     sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-4)
     found = measure_edge_continuity(
@@ -137,6 +139,7 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow
 def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: str) -> None:
     sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-3)
     phase = np.array([0.1, -0.7, 3.3])

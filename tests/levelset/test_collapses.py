@@ -58,6 +58,7 @@ class TestEverySimplifiedMesh:
     def test_has_fewer_patches(self, name: str) -> None:
         assert patches(smaller(name)) < 0.95 * patches(full_mesh(name))
 
+    @pytest.mark.slow
     def test_is_the_same_surface(self, name: str) -> None:
         mesh = smaller(name)
         assert euler(mesh) == euler(full_mesh(name))

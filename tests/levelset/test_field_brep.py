@@ -44,6 +44,7 @@ class TestEverySolid:
         assert is_closed(solid.brep)
         assert shape.betti == FIELDS[name][1]
 
+    @pytest.mark.slow
     def test_has_the_volume_of_the_field(self, name: str) -> None:
         volume, uncertainty = volume_quadrature.integrate_volume(FIELDS[name][0], LO, HI, 0.25)
         assert abs(made(name)[1].volume - volume) < 1e-3 * volume + uncertainty
@@ -114,6 +115,7 @@ def test_moving_a_level_off_a_corner_hardly_changes_the_volume_at_any_tolerance(
         ),
     ],
 )
+@pytest.mark.slow
 def test_a_field_that_cannot_be_fitted_says_why(field: fields.Field, tol: float, message: str) -> None:
     with pytest.raises(LevelSetError, match=message):
         fit_field_solid(field, LO, HI, tol)
@@ -163,6 +165,7 @@ def test_a_field_seen_from_a_box_is_itself_inside_and_continuously_differentiabl
     assert np.allclose((seen(points + step) - seen(points - step)) / 2e-5, GYROID.gradient(points)[:, 1], atol=1e-4)
 
 
+@pytest.mark.slow
 def test_workers_make_the_same_solid_face_by_face() -> None:
     field = FIELDS["rod"][0]
     with ProcessPoolExecutor(2) as pool, task_runner(pool, field) as run_tasks:

@@ -115,6 +115,7 @@ def test_a_solid_of_copies_is_the_one_whose_patches_are_all_fitted() -> None:
         assert getattr(one, name) == pytest.approx(getattr(other, name), rel=1e-4), name
 
 
+@pytest.mark.slow
 def test_copies_are_neither_fitted_nor_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     fitted, measured = [], []
     fit, sample = network_fit.fit_patches, fit_quality.sample_patches

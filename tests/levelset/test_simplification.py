@@ -35,6 +35,7 @@ def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
     return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
+@pytest.mark.slow
 def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> None:
     whole, _samples = full_fit()
     assert not len(whole.bad_leaves)
@@ -45,6 +46,7 @@ def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> Non
     assert small.quality.tangent_jump_deg.max() <= 0.01
 
 
+@pytest.mark.slow
 def test_a_fit_stays_where_nothing_simplified_passes(monkeypatch: pytest.MonkeyPatch) -> None:
     whole, _samples = full_fit()
     tried = []
@@ -107,6 +109,7 @@ def test_periods_stay_alike() -> None:
     assert simplify_fit(periodic) is periodic
 
 
+@pytest.mark.slow
 def test_triangles_with_a_side_on_the_box_leave_the_solid_closed() -> None:
     whole, _samples = full_fit()
     mesh = whole.mesh
@@ -153,6 +156,7 @@ def test_a_fit_passes_after_polygons_of_its_few_bad_leaves_are_merged(monkeypatc
     assert merge_failing_polygons(one) is one
 
 
+@pytest.mark.slow
 def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
     whole, _samples = full_fit()
     inner = ~whole.mesh.fixed.any(axis=1)
@@ -179,6 +183,7 @@ def test_polygons_of_two_places_are_merged_one_after_the_other() -> None:
 
 
 @pytest.mark.parametrize(("part", "bad"), [(1e-4, True), (0.05, False)])
+@pytest.mark.slow
 def test_vertices_that_come_to_rest_on_others_are_bad(part: float, bad: bool) -> None:
     whole, _samples = full_fit()
     mesh = whole.mesh

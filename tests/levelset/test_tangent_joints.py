@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.shapes.ball_level_sets import ball_fit
 from tpmscad import fields
@@ -47,6 +48,7 @@ def test_the_network_has_what_makes_joints_hard() -> None:
     assert {3, 4, 5} <= valences
 
 
+@pytest.mark.slow
 def test_the_derivative_across_a_side_is_orthogonal_to_the_normal_of_its_curve_identically() -> None:
     fit = fit_with_hanging_vertices()
     worst = 0.0
@@ -88,6 +90,7 @@ def test_patches_on_both_sides_of_a_joint_have_the_same_normals_at_random_parame
     assert np.degrees(worst) < 1e-5
 
 
+@pytest.mark.slow
 def test_patches_of_a_periodic_level_set_meet_their_copies_tangentially() -> None:
     fit = fit_periodic_offset(fields.tpms("gyroid", 10.0), 0.4, 1e-2)
     assert fit.met

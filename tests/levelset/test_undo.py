@@ -74,6 +74,7 @@ def test_any_edits_undone_leave_a_two_manifold_of_the_same_topology_on_the_field
     assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_left_to_undo_vertices_go_back_to_where_they_were_to_the_last_bit() -> None:
     wanted, original = history(), full_mesh()
     while wanted.undo(wanted.mesh()[1].tolist(), 3):

@@ -39,6 +39,7 @@ def make(name: str, cells: tuple[int, int, int]) -> tuple[SplineVolumes, float]:
 
 
 @pytest.mark.parametrize(("name", "cells"), ALL)
+@pytest.mark.slow
 def test_the_splines_fill_the_solid_and_are_regular(name: str, cells: tuple[int, int, int]) -> None:
     volumes, volume = make(name, cells)
     assert volumes.integrate_volume() == pytest.approx(volume, rel=1e-11)
@@ -89,6 +90,7 @@ def test_parameters_are_spaced_by_length_and_fit_together() -> None:
         assert lengths.max() < 1.15 * lengths.min()  # chords of a curved line
 
 
+@pytest.mark.slow
 def test_refined_quadratic_hexahedra_tend_to_the_volume_of_the_splines() -> None:
     volumes, volume = make(*CASES[0])
     coarse, fine = (abs(mesh_hexahedra(volumes, 2, (n, 0)).volume / volume - 1) for n in (3, 7))
@@ -97,6 +99,7 @@ def test_refined_quadratic_hexahedra_tend_to_the_volume_of_the_splines() -> None
 
 
 @pytest.mark.parametrize(("order", "serendipity", "kind"), [(1, False, 8), (2, True, 20), (2, False, 27)])
+@pytest.mark.slow
 def test_every_kind_of_element_has_its_nodes_and_its_count(order: int, serendipity: bool, kind: int) -> None:
     volumes, volume = make(*CASES[0])
     mesh = mesh_by_splines(lambda: volumes, "gyroid", order, (3, 1), serendipity)
@@ -138,6 +141,7 @@ def test_walls_that_fold_coarse_elements_and_other_solids_are_refused() -> None:
         fill_with_splines(lambda: folded, "gyroid sheet")
 
 
+@pytest.mark.slow
 def test_splinepy_reads_the_same_splines_interfaces_and_boundaries(tmp_path) -> None:
     splinepy = pytest.importorskip("splinepy")
     from tpmscad.meshing.gismo_files import write_gismo

@@ -390,6 +390,7 @@ TORN = SCAFFOLD.replace("period = 5", "period = 2.5").replace("[26, 24, 24]", "[
 
 
 @pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.toml")), ids=lambda path: path.stem)
+@pytest.mark.slow
 def test_an_example_holds_what_it_says(path: Path) -> None:
     if "structures" in tomllib.loads(path.read_text()):
         assert run_blend_recipe(read_blend_recipe(path)).converged

@@ -152,6 +152,7 @@ def exact(name: str, reference: str, u: mp.mpf, v: mp.mpf, offset: mp.mpf) -> mp
     return position + offset * normal
 
 
+@pytest.mark.slow
 def test_the_tables_are_the_rational_series_to_the_last_bit() -> None:
     for table, digits in zip((spinor_series.SPINOR_A, spinor_series.SPINOR_B), spinor_digits(), strict=True):
         np.testing.assert_array_equal(table, [float(x) for x in digits[: len(table)]])

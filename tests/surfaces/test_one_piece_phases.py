@@ -122,6 +122,7 @@ def test_the_mid_surface_in_a_box_is_one_piece_so_the_thinnest_sheet_is(name: st
 
 
 @pytest.mark.parametrize(("name", "expected"), [("gyroid", 3), ("diamond", 3)])
+@pytest.mark.slow
 def test_at_the_phase_of_the_nodal_formula_corners_come_off(name: str, expected: int) -> None:
     """The count above can fail."""
     sheet = np.abs(distances(name, (0.0, 0.0, 0.0))) <= 0.05

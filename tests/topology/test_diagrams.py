@@ -61,6 +61,7 @@ def test_a_ball_shell_is_born_with_its_wall_and_its_cavity_fills_at_the_centre()
     assert death == pytest.approx(0.9 - 0.2, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_torus_has_one_tunnel_that_closes_on_its_axis() -> None:
     torus = np.hypot(np.hypot(X, Y) - 0.7, Z) - 0.22
     diagram = persistence_diagram(torus, min_persistence=0.1)

@@ -80,6 +80,7 @@ def turned_tetrahedron() -> Brep:
     return polyhedron(corners @ turn.T + 0.3, [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)])
 
 
+@pytest.mark.slow
 def test_any_convex_polyhedron_cuts_and_its_volume_matches_a_count_of_points() -> None:
     tool = turned_tetrahedron()
     cut = trim(bumpy_block(), tool, 1e-9).brep

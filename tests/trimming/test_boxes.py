@@ -93,6 +93,7 @@ def test_boxes_in_planes_of_symmetry_are_cut_in_place(
     assert volume(trimmed.brep) == pytest.approx(theory(name, layers), rel=3e-5)
 
 
+@pytest.mark.slow
 def test_cells_cost_faces_but_no_new_curves(cover: Callable[..., Brep]) -> None:
     one, many = (
         trim(cover("gyroid", cells, (0.1, 0.2, 0.3), SKELETAL), box(np.zeros(3), CELL * np.array(cells)), TOL)
@@ -198,6 +199,7 @@ def test_a_box_that_meets_no_surface_is_all_solid_or_nothing(
     assert len(trim_box(lattice, lo, hi, TOL, lambda points: np.zeros(len(points), bool)).faces) == 0
 
 
+@pytest.mark.slow
 def test_a_lattice_that_does_not_cover_the_box_is_refused(cover: Callable[..., Brep]) -> None:
     lattice = cover("gyroid", (1, 1, 1), AT_HOME, SKELETAL)
     with pytest.raises(TrimmingError, match="open border"):

@@ -55,6 +55,7 @@ def test_domains_are_closed_and_fill_the_body(trimmed: tuple) -> None:
     assert sum(volume(brep) for brep in found.breps) == pytest.approx(expected, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_faces_on_the_lattice_are_shared_by_the_wall_and_one_channel(trimmed: tuple) -> None:
     *_, found, _ = trimmed
     cap = found.shared.tags.index("cap")

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
+
 from tpmscad.workflows.result_summary import round_corners
+
+pytestmark = pytest.mark.kernel
 
 
 def test_corners_are_told_without_round_off_and_zero_has_no_sign() -> None:
