@@ -44,7 +44,7 @@ ROOMS: dict[str, set[str]] = {
     "surfaces": {"splines", *MATHEMATICS},
     "brep": {"splines", *MATHEMATICS},
     "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
-    "levelset": {"fields", "brep", "splines", *MATHEMATICS},
+    "levelset": {"fields", "brep", "splines", "topology", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
     "simulation": {"meshing", "skfem", *MATHEMATICS},

@@ -64,13 +64,12 @@ def compute_betti_numbers(
 def _sample_on_graded_grid(field: Field, lo: Array, hi: Array, counts: Array) -> Array:
     """Values on a uniform grid, or on one with lines graded towards necks as well unless its nodes would exceed MAX_NODES."""
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
-    samples = field.value_and_gradient_on_grid(*grid.axes)
     half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
-    narrow = find_narrow_points(field, grid, half_width, samples)
+    narrow, values = find_narrow_points(field, grid, half_width)
     steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
     axes = []
     for axis, uniform in enumerate(grid.axes):
         added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
         axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
     too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
-    return samples[0] if too_many or not len(narrow) else field.on_grid(*axes)
+    return values if too_many or not len(narrow) else field.on_grid(*axes)

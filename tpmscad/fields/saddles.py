@@ -16,6 +16,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields import Field
 from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.topology.voxels import njit_cached
 
 MAX_NEWTON_STEPS = 12
 """Steps of Newton's method for a critical point, each at most half a grid spacing."""
@@ -34,6 +35,9 @@ MAX_TRAVEL_SPACINGS = 1.5
 
 MIN_DETERMINANT = 1e-9
 """Determinant, relative to the cube of the greatest entry, below which a Hessian counts as singular."""
+
+POINTS_PER_SLAB = 1 << 17
+"""Points of a grid that are evaluated and searched at a time: 4 MB of values and gradients."""
 
 REACH_FACTOR = 2.0
 """Safety of the estimates, from a cell's corners, of how far f changes within the cell and of its curvature there."""
@@ -96,50 +100,49 @@ def find_saddles(
     of its half width.
     """
     samples = field.value_and_gradient_on_grid(*grid.axes) if samples is None else samples
-    found = _find_on_stratum(field, grid, (None, None, None), where, closest, samples)
+    cells = _find_cells(samples, where, grid.spacing, closest)
+    found = _find_in_cells(field, grid, (None, None, None), cells, closest)
     return Saddles(found.points[found.is_saddle], found.values[found.is_saddle])
 
 
-def find_narrow_points(field: Field, grid: SampleGrid, closest: float, samples: tuple[Array, Array]) -> Array:
-    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, in the box and on its faces and edges.
+def find_narrow_points(field: Field, grid: SampleGrid, closest: float) -> tuple[Array, Array]:
+    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, and the field's values on the grid.
 
-    On a face or an edge they are those of the field's restriction: as a level passes their values, the part of the solid in the
-    box changes its topology there, though the field itself has no critical point (stratified Morse theory). Besides saddles they
-    include minima of the solid and maxima of the void, which are specks.
+    They lie in the box and on its faces and edges. On a face or an edge they are those of the field's restriction: as a level
+    passes their values, the part of the solid in the box changes its topology there, though the field itself has no critical
+    point (stratified Morse theory). Besides saddles they include minima of the solid and maxima of the void, which are specks.
     """
-    everywhere = np.ones(grid.shape, bool)
-    return np.concatenate(
-        [
-            _find_on_stratum(field, grid, sides, everywhere, closest, samples).points
-            for sides in product((None, 0, -1), repeat=3)
-            if None in sides
-        ]
-    )
+    x, y, z = grid.axes
+    values = np.empty(grid.shape)
+    inside = []
+    planes = max(1, POINTS_PER_SLAB // (len(y) * len(z)))
+    for first in range(0, len(x) - 1, planes):
+        slab = slice(first, first + planes + 1)
+        samples = field.value_and_gradient_on_grid(x[slab], y, z)
+        values[slab] = samples[0]
+        cells = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
+        inside.append(cells + np.array([first, 0, 0]))
+    points = [_find_in_cells(field, grid, (None, None, None), np.concatenate(inside), closest).points]
+    for sides in product((None, 0, -1), repeat=3):
+        if None in sides and sides != (None, None, None):
+            axes = [axis if side is None else axis[[side]] for axis, side in zip(grid.axes, sides, strict=True)]
+            samples = field.value_and_gradient_on_grid(*axes)
+            cells = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
+            points.append(_find_in_cells(field, grid, sides, cells, closest).points)
+    return np.concatenate(points), values
 
 
-def _find_on_stratum(
-    field: Field,
-    grid: SampleGrid,
-    sides: Sequence[int | None],
-    where: BoolArray,
-    closest: float,
-    samples: tuple[Array, Array],
+def _find_in_cells(
+    field: Field, grid: SampleGrid, sides: Sequence[int | None], cells: IntArray, closest: float
 ) -> CriticalPoints:
-    """Critical points of the field's restriction to the box, a face or an edge, at which something may be that narrow.
+    """Critical points in grid cells (n, 3) of the field's restriction to the box, a face or an edge, where it may be that narrow.
 
     `sides` are the grid planes 0 or -1 of the axes that are fixed, None for those that are free.
     """
-    plane = tuple(slice(None) if side is None else side for side in sides)
     free = [axis for axis, side in enumerate(sides) if side is None]
-    value, gradient = samples[0][plane], samples[1][plane][..., free]
     low, high, spacing = np.array(grid.low), np.array(grid.high), grid.spacing
-    cells = _any_corner(where[plane])
-    for k in range(len(free)):
-        cells &= _any_corner(gradient[..., k] >= 0) & _any_corner(gradient[..., k] <= 0)
-    chosen = np.argwhere(cells)
-    chosen = chosen[_may_hold_neck(value, gradient, chosen, spacing[free], closest)]
-    start = np.tile([low[axis] if side == 0 else high[axis] for axis, side in enumerate(sides)], (len(chosen), 1))
-    start[:, free] = low[free] + (chosen + 0.5) * spacing[free]
+    start = np.tile([low[axis] if side == 0 else high[axis] for axis, side in enumerate(sides)], (len(cells), 1))
+    start[:, free] = low[free] + (cells[:, free] + 0.5) * spacing[free]
     points = _find_critical_points(field, start, spacing, free)
     points = points[np.all((points >= low - 1e-9 * spacing) & (points <= high + 1e-9 * spacing), axis=1)]
     points = np.clip(points, low, high)
@@ -155,17 +158,67 @@ def _find_on_stratum(
     return CriticalPoints(points[narrow], values[narrow], across[narrow], is_saddle[narrow])
 
 
-def _may_hold_neck(value: Array, gradient: Array, cells: IntArray, spacing: Array, closest: float) -> BoolArray:
-    """Whether |f| at a neck in a cell (n, d) can be as small as k closest^2 / 2, from values and gradients at its corners.
+def _find_cells(samples: tuple[Array, Array], where: BoolArray, spacing: Array, closest: float) -> IntArray:
+    """Cells (n, 3) with a corner in the mask in which each derivative changes sign and a neck may be narrower than 2 * `closest`.
 
-    This spares the creases of distance fields, where the gradient jumps far from {f = 0} and Newton's method does not converge.
+    An axis with one plane is fixed: its derivative does not count.
     """
-    corners = cells[:, None] + np.argwhere(np.ones((2,) * cells.shape[1]))
-    at = tuple(np.moveaxis(corners, -1, 0))
-    least, slopes = np.abs(value[at]).min(axis=1), gradient[at]
-    change = np.linalg.norm(slopes, axis=2).max(axis=1) * np.linalg.norm(spacing)
-    curvature = np.ptp(slopes, axis=1).max(axis=1) / spacing.min()
-    return np.asarray(least <= REACH_FACTOR * (change + curvature * closest**2 / 2))
+    value, gradient = samples
+    free = np.array(value.shape) > 1
+    found = np.zeros(np.maximum(1, np.array(value.shape) - 1), bool)
+    diagonal, least = float(np.linalg.norm(spacing[free])), float(spacing[free].min())
+    _mark_cells(value, gradient, np.ascontiguousarray(where), free, diagonal, least, closest, found)
+    return np.argwhere(found)
+
+
+@njit_cached
+def _mark_cells(
+    value: Array,
+    gradient: Array,
+    where: BoolArray,
+    free: BoolArray,
+    diagonal: float,
+    least_spacing: float,
+    closest: float,
+    found: BoolArray,
+) -> None:  # pragma: no cover
+    """Mark cells where each free derivative changes sign and |f| at a neck can be as small as k closest^2 / 2.
+
+    The second test spares the creases of distance fields, where the gradient jumps far from {f = 0} and Newton's method does not
+    converge.
+    """
+    di, dj, dk = int(free[0]), int(free[1]), int(free[2])
+    for i in range(found.shape[0]):
+        for j in range(found.shape[1]):
+            for k in range(found.shape[2]):
+                is_candidate = True
+                curvature = 0.0
+                for axis in range(3):
+                    if free[axis] and is_candidate:
+                        low, high = np.inf, -np.inf
+                        for a in range(di + 1):
+                            for b in range(dj + 1):
+                                for c in range(dk + 1):
+                                    slope = gradient[i + a, j + b, k + c, axis]
+                                    low, high = min(low, slope), max(high, slope)
+                        is_candidate = low <= 0.0 <= high
+                        curvature = max(curvature, (high - low) / least_spacing)
+                if not is_candidate:
+                    continue
+                is_inside, least, steepest = False, np.inf, 0.0
+                for a in range(di + 1):
+                    for b in range(dj + 1):
+                        for c in range(dk + 1):
+                            at = (i + a, j + b, k + c)
+                            is_inside |= where[at]
+                            least = min(least, abs(value[at]))
+                            square = 0.0
+                            for axis in range(3):
+                                if free[axis]:
+                                    square += gradient[i + a, j + b, k + c, axis] ** 2
+                            steepest = max(steepest, square)
+                reach = np.sqrt(steepest) * diagonal + curvature * closest**2 / 2
+                found[i, j, k] = is_inside and least <= REACH_FACTOR * reach
 
 
 def _find_critical_points(field: Field, start: Array, spacing: Array, free: Sequence[int] = (0, 1, 2)) -> Array:
@@ -215,13 +268,6 @@ def _difference_hessian(field: Field, points: Array, spacing: Array, free: Seque
         row = (slopes[2 * k] - slopes[2 * k + 1]) / (2 * moves[2 * k, 0, axis])
         hessian[:, axis, free] = row[:, free]
     return (hessian + np.swapaxes(hessian, 1, 2)) / 2
-
-
-def _any_corner(mask: BoolArray) -> BoolArray:
-    """Cells of which any corner is in a mask, one fewer along each axis."""
-    for axis in range(mask.ndim):
-        mask = np.take(mask, range(mask.shape[axis] - 1), axis) | np.take(mask, range(1, mask.shape[axis]), axis)
-    return mask
 
 
 def measure_neck_widths(field: Field, found: Saddles, grid: SampleGrid, farthest: float) -> tuple[Array, Array]:

@@ -23,7 +23,7 @@ GAUSS_POINTS = 2
 MIN_LINES = 40
 """Least number of lines along the longest edge."""
 
-VOLUME_RTOL, MAX_REFINEMENTS = 1e-3, 2
+VOLUME_RTOL, MAX_REFINEMENTS = 3e-4, 2
 """Relative change between two grids at which a volume is accepted, and number of further grids, each finer by a factor 1.5."""
 
 WHOLE_PERIODS_TOL = 1e-9

@@ -38,8 +38,11 @@ MAX_OVERSHOOT_FRACTION = 1e-3
 """Largest overshoot of a curve in a face of the box, as a fraction of the tolerance: caps with larger ones intersect
 themselves."""
 
-MAX_FAILING_FRACTION = 0.1
-"""Largest fraction of failing patches for which higher degrees are tried: with more of them the mesh is too coarse."""
+MAX_HOPELESS_FRACTION = 0.1
+"""Largest fraction of hopeless patches for which higher degrees are tried: with more of them the mesh is too coarse."""
+
+HOPELESS_DISTANCE_TOLS = 8.0
+"""Distance of a patch from the level set, in tolerances, above which a higher degree is not expected to bring it within one."""
 
 MIN_CORNER_SINE = 0.02
 MIN_CORNER_NORMAL_COSINE = -0.8
@@ -222,10 +225,10 @@ def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous
 
 
 def _select_weak_patches(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> BoolArray:
-    """Patches (Q,) whose degrees are worth raising: those that fail, and none if too many do."""
-    network, quality = fitted.network, fitted.quality
-    failing = classify_failures(network, fitted.fit, quality, tree, request.tol).failing
-    return failing & (failing.mean() <= MAX_FAILING_FRACTION)
+    """Patches (Q,) whose degrees are worth raising: those that fail, and none if too many are folded or very far off."""
+    failures = classify_failures(fitted.network, fitted.fit, fitted.quality, tree, request.tol)
+    hopeless = failures.folded | (fitted.quality.distance > HOPELESS_DISTANCE_TOLS * request.tol)
+    return failures.failing & (hopeless.mean() <= MAX_HOPELESS_FRACTION)
 
 
 def _raise_degree(request: FitRequest, fitted: _FittedNetwork, weak: BoolArray, degree: int) -> _FittedNetwork:

@@ -17,7 +17,8 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.deviation import Deviation
 from tpmscad.fields.field import Field
 from tpmscad.fields.normal_distance import NormalDistance
-from tpmscad.levelset.fit.fit_quality import PatchSamples, foot_point_distances, sample_patches
+from tpmscad.levelset.fit.fit_quality import PatchSamples, sample_patches
+from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.joint_normals import EndShapes, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.network_fit import fit_patches
@@ -288,6 +289,6 @@ def distances_to_copies(mesh: TorusMesh, poles: Array, points: Array, tol: float
             polygon, sample = at // len(u), at % len(u)
             near = points[chosen] - np.rint((points[chosen] - flat[at]) / period) * period
             local = mesh.polygon_motion[polygon].apply_inverse(near)
-            found = foot_point_distances(poles[row[polygon]], local, u[sample], v[sample], degree, degree)
+            found = foot_point_distances(poles, row[polygon], local, u[sample], v[sample])
             best[chosen] = np.minimum(best[chosen], found)
     return best

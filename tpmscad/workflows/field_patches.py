@@ -40,7 +40,7 @@ ROUNDING_TOL_FRACTION = 0.8
 MIN_ROUNDING_RADIUS_PERIODS = 1.5e-3
 """In periods: the least rounding radius that the finest octree leaves can resolve."""
 
-N_QUADRATURE_LINES = 96
+N_QUADRATURE_LINES = 64
 """Grid lines along the longest edge of the box with which the quadrature of the volume starts."""
 
 

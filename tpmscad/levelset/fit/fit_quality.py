@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
+from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.network_fit import ITEMS_PER_TASK, NetworkFit
 from tpmscad.levelset.quadmesh.patch_network import WHOLE, PatchNetwork
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
@@ -37,9 +38,6 @@ FIRST_PART, SECOND_PART, WHOLE_SIDE = 0, 1, 2
 
 JOINTS_PER_BATCH = 4096
 """Joints measured at once, which takes 70 MB."""
-
-FOOT_POINT_STEPS = 6
-"""Gauss-Newton steps of an orthogonal projection onto a patch."""
 
 NEAREST_SAMPLES = (3, 24)
 """Number of nearest patch samples used as starts of the projection, first try and retry. Near an oblique patch side the nearest
@@ -198,9 +196,11 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
     """Distances (n,) from points of the level set to the patches, exact where they are below half of `tol`."""
     t = np.linspace(0.0, 1.0, PATCH_SAMPLES)
     groups = group_by_degree(fit)
+    poles_of_group = [np.stack([fit.patches[i] for i in numbers]) for _, numbers in groups]
+    group, row = np.empty((2, len(fit.patches)), np.int64)
     samples, owner = [], []
-    for (p, q), numbers in groups:
-        poles = np.stack([fit.patches[i] for i in numbers])
+    for k, (((p, q), numbers), poles) in enumerate(zip(groups, poles_of_group, strict=True)):
+        group[numbers], row[numbers] = k, np.arange(len(numbers))
         samples.append(evaluate_bezier_patches(bernstein_basis(p, t), poles, bernstein_basis(q, t)).reshape(-1, 3))
         owner.append(np.repeat(numbers, PATCH_SAMPLES**2))
     patch = np.concatenate(owner)
@@ -213,13 +213,11 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
             break
         _, nearest = tree.query(points[chosen], k=count)
         for start in nearest.T:
-            for (p, q), numbers in groups:
-                rows = np.flatnonzero(np.isin(patch[start], numbers))
-                if len(rows):
-                    at = start[rows]
-                    poles = np.stack([fit.patches[j] for j in numbers])[np.searchsorted(numbers, patch[at])]
-                    distance = foot_point_distances(poles, points[chosen[rows]], u[at], v[at], p, q)
-                    best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
+            for k, poles in enumerate(poles_of_group):
+                rows = np.flatnonzero(group[patch[start]] == k)
+                at = start[rows]
+                distance = foot_point_distances(poles, row[patch[at]], points[chosen[rows]], u[at], v[at])
+                best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
     return best
 
 
@@ -320,26 +318,3 @@ def _gather_side_samples(samples: PatchSamples, sides: IntArray) -> tuple[Array,
                 along = values[patch, side]
                 array[rows] = (along[:, ::-1] if against else along)[:, chosen]
     return normals, curvatures
-
-
-def foot_point_distances(poles: Array, points: Array, u: Array, v: Array, p: int, q: int) -> Array:
-    """Distances (n,) from points to their foot points on patches, one each, from starting parameters.
-
-    The Gauss-Newton steps are kept inside the patch: a parameter that would leave it stays, and the other takes its own best
-    step.
-    """
-    for _ in range(FOOT_POINT_STEPS):
-        bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
-        du, dv = bernstein_basis(p, u, 1), bernstein_basis(q, v, 1)
-        rows = np.einsum("nijx,nj->nix", poles, bv)
-        residual = points - np.einsum("ni,nix->nx", bu, rows)
-        xu, xv = np.einsum("ni,nix->nx", du, rows), np.einsum("ni,nijx,nj->nx", bu, poles, dv, optimize=True)
-        a, b, c = (np.einsum("nx,nx->n", f, g) for f, g in ((xu, xu), (xu, xv), (xv, xv)))
-        ru, rv = np.einsum("nx,nx->n", xu, residual), np.einsum("nx,nx->n", xv, residual)
-        determinant = np.maximum(a * c - b * b, MIN_DIVISOR)
-        step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
-        stuck_u, stuck_v = (u + step_u < 0) | (u + step_u > 1), (v + step_v < 0) | (v + step_v > 1)
-        step_v, step_u = np.where(stuck_u, rv / c, step_v), np.where(stuck_v, ru / a, step_u)
-        u, v = np.clip(u + step_u, 0, 1), np.clip(v + step_v, 0, 1)
-    foot = np.einsum("ni,nijx,nj->nx", bernstein_basis(p, u), poles, bernstein_basis(q, v), optimize=True)
-    return np.linalg.norm(points - foot, axis=1)

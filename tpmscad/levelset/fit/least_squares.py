@@ -11,8 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import normalize
@@ -30,39 +31,63 @@ PROJECTION_STEPS = 8
 """Newton steps towards the level set."""
 
 
-MIN_SINGULAR_VALUE = 1e-8
-"""Singular values of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow
-from others. A row that is left out so is violated by an angle of about this fraction of a radian."""
+MIN_PIVOT = 1e-8
+"""Pivots of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow from
+others. A row that is left out so is violated by an angle of about this fraction of a radian."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HardRows:
-    """Linear conditions rows @ x = target on the unknowns of n problems, redundant ones among them, by their singular values.
+    """Linear conditions rows @ x = target on the unknowns of n problems, redundant ones among them, by pivoted QR factors.
 
-    `inverse` (n, unknowns, m) is the pseudo-inverse of the rows, `row_space` (n, r, unknowns) an orthonormal basis of the space
-    that they span, with zero rows where that has fewer dimensions.
+    `involved` (k,) are the unknowns that the conditions contain, `inverse` (n, k, m) gives values of these that satisfy them, and
+    `null_space` (n, k, d) an orthonormal basis of the changes that keep them, with zero columns where it has fewer dimensions.
     """
 
+    involved: IntArray
     inverse: Array
-    row_space: Array
+    null_space: Array
 
     @staticmethod
     def factorise(rows: Array) -> HardRows:
         """The factors of rows (n, m, unknowns)."""
-        left, values, right = np.linalg.svd(rows, full_matrices=False)
-        kept = values > MIN_SINGULAR_VALUE * values[:, :1]
-        factor = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
-        right = right * kept[..., None]
-        return HardRows((np.swapaxes(right, 1, 2) * factor[:, None]) @ np.swapaxes(left, 1, 2), right)
+        involved = np.flatnonzero((rows != 0).any(axis=(0, 1)))
+        count, m, k = len(rows), rows.shape[1], len(involved)
+        inverse, null_space = np.zeros((count, k, m)), np.zeros((count, k, k))
+        largest = 0
+        for i, each in enumerate(rows[:, :, involved]):
+            factors, order, scalars, _, _ = dgeqp3(each.T)
+            diagonal = np.abs(np.diagonal(factors))
+            rank = int(np.count_nonzero(diagonal > MIN_PIVOT * diagonal[0]))
+            square = np.zeros((k, k), order="F")
+            square[:, : min(m, k)] = factors[:, :k]
+            orthogonal, _, _ = dorgqr(square, scalars)
+            solved, _ = dtrtrs(factors[:rank, :rank], orthogonal[:, :rank].T)
+            inverse[i][:, order[:rank] - 1] = solved.T
+            null_space[i, :, : k - rank] = orthogonal[:, rank:]
+            largest = max(largest, k - rank)
+        return HardRows(involved, inverse, null_space[:, :, :largest])
 
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
         """The solutions (n, unknowns) of rows @ x = target (n, m) that minimise x' matrix x / 2 - rhs' x."""
-        start = self.inverse @ target[..., None]
-        across = np.swapaxes(self.row_space, 1, 2) @ self.row_space
-        free = np.eye(matrix.shape[-1]) - across
-        size = np.trace(matrix, axis1=1, axis2=2)[:, None, None] / matrix.shape[-1]
-        step = np.linalg.solve(free @ matrix @ free + size * across, free @ (rhs[..., None] - matrix @ start))
-        return np.asarray((start + free @ step)[..., 0], float)
+        involved, null = self.involved, self.null_space
+        free = np.setdiff1d(np.arange(matrix.shape[-1]), involved)
+        start = (self.inverse @ target[..., None])[..., 0]
+        slope = rhs - (matrix[:, :, involved] @ start[..., None])[..., 0]
+        reduced = np.empty((len(matrix), len(free) + null.shape[2], len(free) + null.shape[2]))
+        end = len(free)
+        reduced[:, :end, :end] = matrix[:, free[:, None], free]
+        reduced[:, :end, end:] = matrix[:, free[:, None], involved] @ null
+        reduced[:, end:, :end] = np.swapaxes(reduced[:, :end, end:], 1, 2)
+        reduced[:, end:, end:] = np.swapaxes(null, 1, 2) @ matrix[:, involved[:, None], involved] @ null
+        missing, column = np.nonzero(~null.any(axis=1))
+        reduced[missing, end + column, end + column] = 1.0
+        right = np.concatenate([slope[:, free], (slope[:, None, involved] @ null)[:, 0]], axis=1)
+        step = np.linalg.solve(reduced, right[..., None])
+        solution = np.empty(rhs.shape)
+        solution[:, free] = step[:, :end, 0]
+        solution[:, involved] = start + (null @ step[:, end:])[..., 0]
+        return solution
 
 
 class NormalEquations:

@@ -8,7 +8,6 @@ in a face of the box slide in that face; those on an edge of the box stay where 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,18 +16,8 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
-from tpmscad.levelset.quadmesh.vectors import (
-    MIN_DIVISOR,
-    close_triangles,
-    cross,
-    dot,
-    gather,
-    length,
-    normalize,
-    roll_next,
-    roll_previous,
-    sines_between_sides,
-)
+from tpmscad.levelset.quadmesh.regular_polygons import average_target_positions
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, close_triangles, normalize
 
 SMOOTHING_SWEEPS = 60
 """Sweeps over the mesh of an octree."""
@@ -42,11 +31,6 @@ step."""
 
 MAX_MOVE_FRACTION = 0.25
 """Largest step of a vertex, as a fraction of its leaf and of its shortest side."""
-
-MIN_WEIGHTED_SINE = 0.1
-WEIGHT_POWER = 2
-"""A polygon's weight is 1 / max(least corner sine, MIN_WEIGHTED_SINE) ** WEIGHT_POWER; equal weights leave corners reversed at
-necks."""
 
 MIN_BOX_SIDE_RATIO = 0.3
 """Least ratio of the two sides in a face of the box at a vertex. Where the level set cuts off a small corner of the box, the
@@ -156,52 +140,6 @@ def smooth_vertices(
         field, vertices[free_ids], mesh.fixed[free_ids], max_step[free_ids], lo, hi
     )
     return replace(mesh, vertices=vertices)
-
-
-def average_target_positions(vertices: Array, normals: Array, polygons: Sequence[IntArray]) -> tuple[Array, Array]:
-    """Weighted mean (V, 3) of the positions that polygons propose for each vertex, and its shortest side (V,).
-
-    `polygons` holds one array (Q, n) for each number of corners n. A vertex without polygons has the mean zero and an infinite
-    side.
-    """
-    count = len(vertices)
-    weighted, weights, shortest = np.zeros((3, count)), np.zeros(count), np.full(count, np.inf)
-    for corners in polygons:
-        points, ids = gather(vertices, corners), corners.ravel()
-        side = roll_next(points) - points
-        size = length(side)
-        sine = sines_between_sides(side, size, gather(normals, corners)).min(axis=1)
-        weight = 1.0 / np.clip(sine, MIN_WEIGHTED_SINE, 1.0) ** WEIGHT_POWER
-        target = weight[:, None] * fit_regular_polygons(points)
-        weights += np.bincount(ids, np.repeat(weight, corners.shape[1]), minlength=count)
-        for axis in range(3):
-            weighted[axis] += np.bincount(ids, target[axis].ravel(), minlength=count)
-        np.minimum.at(shortest, ids, np.minimum(size, roll_previous(size)).ravel())
-    return (weighted / np.maximum(weights, MIN_DIVISOR)).T, shortest
-
-
-def fit_regular_polygons(points: Array) -> Array:
-    """Regular n-gons (3, Q, n) nearest to polygons (3, Q, n) in the least-squares sense, in their mean planes.
-
-    The nearest regular n-gon has the same centroid. Its radius and phase are the first harmonic of the corners: their mean after
-    corner k is rotated back by 2 pi k / n.
-    """
-    n = points.shape[2]
-    centre = points.mean(axis=2, keepdims=True)
-    spokes = points - centre
-    normal = cross(spokes, roll_next(spokes)).sum(axis=2)
-    normal /= np.maximum(length(normal), MIN_DIVISOR)
-    e1 = spokes[:, :, 0] - dot(spokes[:, :, 0], normal) * normal
-    e1 /= np.maximum(length(e1), MIN_DIVISOR)
-    e2 = cross(normal, e1)
-    x, y = dot(spokes, e1[:, :, None]), dot(spokes, e2[:, :, None])
-    cos, sin = np.cos(2 * np.pi / n * np.arange(n)), np.sin(2 * np.pi / n * np.arange(n))
-    a, b = (x @ cos + y @ sin) / n, (y @ cos - x @ sin) / n
-    return np.asarray(
-        centre
-        + e1[:, :, None] * (a[:, None] * cos - b[:, None] * sin)
-        + e2[:, :, None] * (a[:, None] * sin + b[:, None] * cos)
-    )
 
 
 def dilate_vertices(mesh: QuadMesh, vertices: BoolArray, rings: int = 1) -> BoolArray:

@@ -1,0 +1,101 @@
+"""Foot points: orthogonal projections of points onto Bezier patches, compiled.
+
+Each projection is a Gauss-Newton iteration from a given parameter, kept inside the patch: a parameter that would leave it stays,
+and the other takes its own best step.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.topology.voxels import njit_cached
+
+FOOT_POINT_STEPS = 6
+"""Largest number of Gauss-Newton steps of a projection."""
+
+REST_STEP = 1e-7
+"""A projection ends with a step of the parameters below this: the distance is then off by about its square."""
+
+LEAST_DIVISOR = 1e-300
+"""Least divisor of a step: a derivative of length zero moves nothing."""
+
+
+def foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array, v: Array) -> Array:
+    """Distances (n,) from points (n, 3) to their foot points on patches (n,), from starting parameters u, v (n,).
+
+    `poles` (m, p + 1, q + 1, 3) are those of all patches.
+    """
+    distances = np.empty(len(points))
+    _project(
+        np.ascontiguousarray(poles),
+        patch.astype(np.int64),
+        np.ascontiguousarray(points),
+        u.astype(float),
+        v.astype(float),
+        distances,
+    )
+    return distances
+
+
+@njit_cached
+def _bernstein(degree: int, t: float, values: Array, slopes: Array) -> None:  # pragma: no cover
+    """Bernstein polynomials at t and their derivatives, by the recursion over the degree."""
+    values[0] = 1.0
+    for d in range(1, degree + 1):
+        if d == degree:
+            slopes[0] = -degree * values[0]
+            for i in range(1, degree):
+                slopes[i] = degree * (values[i - 1] - values[i])
+            slopes[degree] = degree * values[degree - 1]
+        values[d] = t * values[d - 1]
+        for i in range(d - 1, 0, -1):
+            values[i] = (1.0 - t) * values[i] + t * values[i - 1]
+        values[0] *= 1.0 - t
+
+
+@njit_cached
+def _project(
+    poles: Array, patch: IntArray, points: Array, u: Array, v: Array, distances: Array
+) -> None:  # pragma: no cover
+    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+    bu, du, bv, dv = np.empty(p + 1), np.empty(p + 1), np.empty(q + 1), np.empty(q + 1)
+    residual, xu, xv = np.empty(3), np.empty(3), np.empty(3)
+    for n in range(len(points)):
+        net = poles[patch[n]]
+        for step in range(FOOT_POINT_STEPS + 1):
+            _bernstein(p, u[n], bu, du)
+            _bernstein(q, v[n], bv, dv)
+            for x in range(3):
+                at, along, across = 0.0, 0.0, 0.0
+                for i in range(p + 1):
+                    row, turned = 0.0, 0.0
+                    for j in range(q + 1):
+                        row += net[i, j, x] * bv[j]
+                        turned += net[i, j, x] * dv[j]
+                    at += bu[i] * row
+                    along += du[i] * row
+                    across += bu[i] * turned
+                residual[x], xu[x], xv[x] = points[n, x] - at, along, across
+            if step == FOOT_POINT_STEPS:
+                break
+            a, b, c, ru, rv = 0.0, 0.0, 0.0, 0.0, 0.0
+            for x in range(3):
+                a += xu[x] * xu[x]
+                b += xu[x] * xv[x]
+                c += xv[x] * xv[x]
+                ru += xu[x] * residual[x]
+                rv += xv[x] * residual[x]
+            a, c = max(a, LEAST_DIVISOR), max(c, LEAST_DIVISOR)
+            determinant = max(a * c - b * b, LEAST_DIVISOR)
+            step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
+            stuck_u = not 0.0 <= u[n] + step_u <= 1.0
+            stuck_v = not 0.0 <= v[n] + step_v <= 1.0
+            new_u = u[n] + (ru / a if stuck_v else step_u)
+            new_v = v[n] + (rv / c if stuck_u else step_v)
+            new_u, new_v = min(max(new_u, 0.0), 1.0), min(max(new_v, 0.0), 1.0)
+            moved = max(abs(new_u - u[n]), abs(new_v - v[n]))
+            u[n], v[n] = new_u, new_v
+            if moved <= REST_STEP:
+                break
+        distances[n] = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
