@@ -1,7 +1,7 @@
 """Fits with fewer patches: simplification of a mesh whose fit passes, and removal of polygons whose patches keep failing.
 
-`simplify_fit` simplifies the mesh of a fit that passes and fits it again. Where patches then fail, the edits of the mesh near
-them are undone, at first the latest ones and then deeper and farther ones, until all patches pass.
+`simplify_fit` simplifies the mesh of a fit that passes and fits it again, repeatedly while that saves patches. Where patches
+then fail, the edits of the mesh near them are undone, at first the latest ones and then deeper and farther ones, until all pass.
 
 `merge_failing_polygons` is for fits of which very few leaves are bad. Where the level set almost grazes the box, slivers along
 the box stay folded however finely the leaves are split. Merging a sliver into its neighbour removes the failing patch.
@@ -28,6 +28,10 @@ from tpmscad.levelset.quadmesh.vectors import close_triangles
 MAX_REFITS = 20
 """Largest number of simplified meshes that are fitted; all but the first are fitted again only where edits were undone."""
 
+MAX_SIMPLIFICATIONS = 4
+MAX_FRACTION_LEFT = 0.97
+"""Largest number of simplifications, each of the mesh of the one before, and fraction of patches left above which they end."""
+
 MAX_BAD_LEAVES = 8
 """Largest number of bad leaves for which polygons are merged."""
 
@@ -40,10 +44,26 @@ SMOOTHING_SWEEPS = 40
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """Fit of a simplified mesh that passes, or else `fit` itself, as for periodic fields, whose periods stay congruent."""
-    request, tree = fit.request, fit.tree
-    if request.field.periods() is not None:
+    """The fit with the fewest patches of repeated simplifications, or `fit` itself, as for periodic fields, whose periods match.
+
+    Edits that were undone for the sake of others near them may succeed in the next simplification.
+    """
+    if fit.request.field.periods() is not None:
         return fit
+    for _ in range(MAX_SIMPLIFICATIONS):
+        simplified = _simplify_once(fit)
+        fraction = len(simplified.network.curve) / len(fit.network.curve)
+        if fraction >= 1:
+            break
+        fit = simplified
+        if fraction > MAX_FRACTION_LEFT:
+            break
+    return fit
+
+
+def _simplify_once(fit: LevelSetFit) -> LevelSetFit:
+    """Fit of a simplified mesh that passes, or else `fit` itself."""
+    request, tree = fit.request, fit.tree
     simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi)
     if not simplified.history:
         return fit

@@ -62,8 +62,9 @@ class HardRows:
             square = np.zeros((k, k), order="F")
             square[:, : min(m, k)] = factors[:, :k]
             orthogonal, _, _ = dorgqr(square, scalars)
-            solved, _ = dtrtrs(factors[:rank, :rank], orthogonal[:, :rank].T)
-            inverse[i][:, order[:rank] - 1] = solved.T
+            if rank:  # a curve that is held to the normal's axis has no conditions
+                solved, _ = dtrtrs(factors[:rank, :rank], orthogonal[:, :rank].T)
+                inverse[i][:, order[:rank] - 1] = solved.T
             null_space[i, :, : k - rank] = orthogonal[:, rank:]
             largest = max(largest, k - rank)
         return HardRows(involved, inverse, null_space[:, :, :largest])

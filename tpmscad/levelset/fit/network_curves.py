@@ -47,6 +47,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     fraction = np.arange(degree + 1)[:, None] / degree
     poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
     end_normals = shapes.normal * ~fixed[:, None]
+    held = _hold_end_poles(end_normals, degree - 1)
     for turn in range(FIT_PASSES):
         if turn:
             points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
@@ -57,8 +58,9 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
         tangent = derivatives @ poles
         system.add_normal_rows(derivatives[:, inner], normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
         lack = np.einsum("nei,nei->ne", end_normals, poles[:, [0, -1]] - poles[:, [1, -2]])
-        poles[:, inner] += system.solve_subject_to(_hold_end_poles(end_normals, degree - 1), lack)
+        poles[:, inner] += system.solve_subject_to(held, lack)
     poles = match_end_curvatures(poles, shapes, fixed)
+    held = _hold_end_poles(end_normals, degree - 3)
     for _ in range(FIT_PASSES):
         points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
         inner = slice(2, degree - 1)
@@ -66,7 +68,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
         system.add_point_rows(
             values[:, inner], unit_normals(field, points, fixed), points - values @ poles, TANGENTIAL_WEIGHT
         )
-        poles[:, inner] += system.solve_subject_to(_hold_end_poles(end_normals, degree - 3), np.zeros((len(start), 2)))
+        poles[:, inner] += system.solve_subject_to(held, np.zeros((len(start), 2)))
     rows, axis = np.nonzero(fixed)
     poles[rows, :, axis] = start[rows, axis][:, None]
     return poles
