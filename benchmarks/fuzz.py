@@ -40,7 +40,7 @@ CPU_LIMIT = 3.0
 
 MODULES = (
     "tpmscad.fields",
-    "tpmscad.lattices.maps",
+    "tpmscad.maps",
     "tpmscad.surfaces",
     "tpmscad.topology",
     "tpmscad.blending",

@@ -64,7 +64,7 @@ def row(name: str, cells: tuple[int, int, int], map: maps.Map, boundary: str = "
         name, cell=CELL, cells=cells, thickness=THICKNESS, map=map, boundary=boundary, tol=TOL, phase=(0, 0, 0)
     )
     seconds, c = perf_counter() - start, model.certificate
-    map = maps.shift_to_middle(map, CELL * np.array(cells))
+    map = map.over_block(CELL * np.array(cells))
     closed = find_closed_axes(map, cells, CELL)
     natural = boundary == "natural"
     tunnels = 1 - count_euler_characteristic(name, cells, closed) if natural else "-"

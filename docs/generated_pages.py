@@ -22,7 +22,7 @@ PICTURE_SIZE = (640, 480)
 MODULES = {
     "tpmscad": "Solids and files",
     "tpmscad.fields": "Fields",
-    "tpmscad.lattices.maps": "Maps",
+    "tpmscad.maps": "Maps",
     "tpmscad.blending": "Blends",
     "tpmscad.surfaces": "Surfaces",
     "tpmscad.topology": "Topology",

@@ -58,7 +58,8 @@ ROOMS["workflows"] = {*ROOMS, *MATHEMATICS}
 FACES = {
     "recipe": {"workflows", "fields", "blending", "numpy"},
     "sweeps": {"workflows", "recipe", "numpy", "pyarrow"},
-    "cli": {"workflows", "recipe", "sweeps", "lattices", "__version__", "typer", "rich"},
+    "cli": {"workflows", "recipe", "sweeps", "maps", "__version__", "typer", "rich"},
+    "maps": {"lattices", "workflows"},
     "__main__": {"cli"},
     "tpmscad.build123d": {"workflows", "build123d"},
     "cq_plugins": {"workflows", "cadquery"},
@@ -70,7 +71,7 @@ ALLOWED = {
     "progress_display": {"rich", "IPython"},
     **ROOMS,
     **FACES,
-    "__init__": {*ROOMS, "sweeps"},
+    "__init__": {*ROOMS, "maps", "sweeps"},
 }
 
 FLOORS = {

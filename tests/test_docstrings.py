@@ -21,7 +21,7 @@ PUBLIC = (
     "tpmscad",
     "tpmscad.blending",
     "tpmscad.fields",
-    "tpmscad.lattices.maps",
+    "tpmscad.maps",
     "tpmscad.splines",
     "tpmscad.surfaces",
     "tpmscad.topology",

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from tpmscad._lazy_import import lazy_attributes
 
 if TYPE_CHECKING:
-    from tpmscad import fields, surfaces, topology
+    from tpmscad import fields, maps, surfaces, topology
     from tpmscad.blending import blend
     from tpmscad.errors import (
         InvalidRequest,
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
         TpmscadError,
         TrimmingError,
     )
-    from tpmscad.lattices import maps
     from tpmscad.sweeps import sweep
     from tpmscad.workflows import (
         Certificate,
@@ -104,7 +103,7 @@ _MODULE_OF_NAME = {
     "homogenize": "tpmscad.workflows",
     "infill": "tpmscad.workflows",
     "lattice": "tpmscad.workflows",
-    "maps": "tpmscad.lattices.maps",
+    "maps": "tpmscad.maps",
     "measure": "tpmscad.workflows",
     "render": "tpmscad.workflows",
     "render_step": "tpmscad.workflows",

@@ -60,6 +60,7 @@ ANYTHING = ArgumentKind("anything", "", lambda value: value)
 POINTS = ArgumentKind("an array of points (..., 3)", "(0.0, 0.0, 0.0)", read_array)
 GRID_AXIS = ArgumentKind("a one-dimensional array of coordinates", "np.linspace(0, 10, 50)", read_array)
 VALUES = array_kind("finite samples in an array of three dimensions", "np.zeros((9, 9, 9))", 3)
+KNOTS = tuple_of(array_kind("numbers", "[0, 0, 1, 1]", 1).read, 3, "three knot vectors", "([0, 0, 1, 1],) * 3")
 SIZES = tuple_of(array_kind("numbers", "(0, 40)", 1).read, 2, "positions and cell sizes there", "((0, 40), (4, 8))")
 
 
@@ -314,6 +315,11 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "grading.axis": ArgumentKind("0, 1 or 2", "2", _read_axis_number),
         "length": POSITIVE.but(example="40.0"),
         "factors": tuple_of(read_positive, 3, "three positive, finite numbers, one for each axis", "(1.0, 1.0, 2.0)"),
+        "poles": array_kind("a control net (U, V, W, 3) of finite numbers", "np.random.rand(4, 4, 4, 3)", 4),
+        "knots": KNOTS,
+        "degrees": tuple_of(read_count, 3, "three whole numbers of at least 1", "(3, 3, 3)"),
+        "face_a": ANYTHING,
+        "face_b": ANYTHING,
         "chart": choice_of("pole", "equator"),
         "centre": tuple_of(read_number, 2, "two numbers", "(0.0, 0.0)"),
         # surfaces

@@ -20,11 +20,10 @@ import pytest
 import typer
 
 import tpmscad.workflows
-from tpmscad import cli
+from tpmscad import cli, maps
 from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli import output
 from tpmscad.errors import InvalidRequest, KernelError, NotMet
-from tpmscad.lattices import maps
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmscad import surfaces
+from tpmscad import maps, surfaces
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices import copies, mapped_lattice, maps
+from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.mapped_surface import MappedSurface
 
 RNG = np.random.default_rng(11)
@@ -98,9 +98,9 @@ def test_a_dome_keeps_lengths_along_meridians_and_its_centre_on_the_pole() -> No
         np.testing.assert_allclose(np.arccos(points[:, 2] / 10), along / 10, rtol=0, atol=1e-12)
         np.testing.assert_allclose(np.arctan2(points[1:, 1], points[1:, 0]), turn, atol=1e-12)
     size = np.array([20.0, 30.0, 5.0])
-    np.testing.assert_allclose(maps.shift_to_middle(dome, size)([10.0, 15.0, 1.0]), [0, 0, 11], atol=1e-13)
+    np.testing.assert_allclose(dome.over_block(size)([10.0, 15.0, 1.0]), [0, 0, 11], atol=1e-13)
     fixed = maps.sphere(10.0, centre=(4.0, 5.0))
-    np.testing.assert_allclose(maps.shift_to_middle(fixed, size)([4.0, 5.0, 1.0]), [0, 0, 11], atol=1e-13)
+    np.testing.assert_allclose(fixed.over_block(size)([4.0, 5.0, 1.0]), [0, 0, 11], atol=1e-13)
 
 
 def mid(map: maps.Map, name: str = "gyroid") -> MappedSurface:

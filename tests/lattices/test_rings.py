@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmscad import surfaces
+from tpmscad import maps, surfaces
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices import copies, mapped_lattice, maps
+from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.cell_block import build_incidence, choose_manifold_block
 from tpmscad.lattices.mapped_surface import MappedSurface, box_points, find_closed_axes, require_regular
 from tpmscad.lattices.revolved_box import find_revolved_box, find_revolved_cylinder

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import surfaces
-from tpmscad.lattices import maps
+from tpmscad import maps, surfaces
 
 pytestmark = pytest.mark.kernel
 

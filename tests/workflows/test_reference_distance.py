@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmscad import fields, surfaces
-from tpmscad.lattices import maps
+from tpmscad import fields, maps, surfaces
 from tpmscad.workflows.lattice_request import LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.reference_distance import (
     LevelSetReference,

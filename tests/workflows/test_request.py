@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tpmscad import surfaces
+from tpmscad import maps, surfaces
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices import maps
 from tpmscad.workflows.lattice_request import resolve_lattice_request
 
 IDENTITY = maps.as_map(lambda points: points)

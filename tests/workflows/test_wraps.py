@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import tpmscad
+from tpmscad import maps
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices import maps
 
 pytestmark = pytest.mark.kernel
 

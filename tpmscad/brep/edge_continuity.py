@@ -103,18 +103,18 @@ def _evaluate_along_use(brep: Brep, use: int) -> tuple[Array, Array, Array]:
 
 def evaluate_curvature(surface: BSplineSurface, u: Array, v: Array, sense: int = 1) -> tuple[Array, Array, Array]:
     """Points (n, 3), unit normals sense * S_u x S_v (n, 3) and curvature tensors (n, 3, 3) at the pairs (u, v) (n,)."""
-    tangents = np.stack([surface(u, v, 1, 0), surface(u, v, 0, 1)], axis=-1)
-    normal = sense * np.cross(tangents[..., 0], tangents[..., 1])
+    normals, tensors = curvature_tensors(
+        surface(u, v, 1, 0), surface(u, v, 0, 1), surface(u, v, 2, 0), surface(u, v, 1, 1), surface(u, v, 0, 2), sense
+    )
+    return surface(u, v), normals, tensors
+
+
+def curvature_tensors(du: Array, dv: Array, duu: Array, duv: Array, dvv: Array, sense: int = 1) -> tuple[Array, Array]:
+    """Unit normals sense * S_u x S_v (..., 3) and curvature tensors (..., 3, 3) from derivatives (..., 3)."""
+    tangents = np.stack([du, dv], axis=-1)
+    normal = sense * np.cross(du, dv)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-    uv = np.einsum("ni,ni->n", surface(u, v, 1, 1), normal)
-    second = np.stack(
-        [
-            np.einsum("ni,ni->n", surface(u, v, 2, 0), normal),
-            uv,
-            uv,
-            np.einsum("ni,ni->n", surface(u, v, 0, 2), normal),
-        ],
-        axis=-1,
-    ).reshape(-1, 2, 2)
-    dual = tangents @ np.linalg.inv(np.swapaxes(tangents, 1, 2) @ tangents)
-    return surface(u, v), normal, dual @ second @ np.swapaxes(dual, 1, 2)
+    uu, uv, vv = (np.einsum("...i,...i->...", second, normal) for second in (duu, duv, dvv))
+    second = np.stack([uu, uv, uv, vv], axis=-1).reshape(*uu.shape, 2, 2)
+    dual = tangents @ np.linalg.inv(np.swapaxes(tangents, -1, -2) @ tangents)
+    return normal, dual @ second @ np.swapaxes(dual, -1, -2)

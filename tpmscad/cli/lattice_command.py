@@ -143,7 +143,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
 
 def read_map(text: str, cell: Any, cells: Any) -> Any:
     """The map of `cylinder`, `cylinder:RADIUS` or `sphere:RADIUS`; without a radius the cells along x close a ring."""
-    from tpmscad.lattices import maps  # loads NumPy
+    from tpmscad import maps  # loads NumPy
 
     name, _, number = text.partition(":")
     if name not in MAP_NAMES:

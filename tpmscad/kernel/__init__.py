@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.export.threemf_file import write_3mf
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
+    from tpmscad.kernel.measure.face_charts import FaceChart
     from tpmscad.kernel.measure.file_check import check_excerpt
     from tpmscad.kernel.measure.foreign_files import (
         ForeignShape,
@@ -105,6 +106,7 @@ __all__ = [
     "Cavity",
     "Colour",
     "Creases",
+    "FaceChart",
     "FaceSamples",
     "ForeignShape",
     "Instances",
@@ -220,6 +222,7 @@ _MODULE_OF_NAME = {
     "StepContent": "tpmscad.kernel.step.step_reader",
     "StepReport": "tpmscad.kernel.measure.shape_report",
     "betti_numbers": "tpmscad.kernel.boolean.boolean_operations",
+    "FaceChart": "tpmscad.kernel.measure.face_charts",
     "body_field": "tpmscad.kernel.measure.signed_distance",
     "bounding_box": "tpmscad.kernel.occt.bounding_boxes",
     "brep_and_source_faces": "tpmscad.kernel.body_import.body_brep",

@@ -20,9 +20,9 @@ from tpmscad.brep.welding import SideMismatch, weld_patches
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
 from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
-from tpmscad.lattices.maps import Map
 from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface

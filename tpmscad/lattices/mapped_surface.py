@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices.maps import Map
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 

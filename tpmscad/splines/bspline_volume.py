@@ -13,10 +13,13 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import design_matrix, knot_domain
+from tpmscad.splines.basis import design_matrix, knot_domain, nonzero_basis
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import bezier_knots, insert_knot
 from tpmscad.splines.quadrature import composite_gauss_legendre
+
+POINTS_AT_ONCE = 4000
+"""Points whose poles are gathered at once: a few megabytes of a cubic body."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +80,30 @@ class BSplineVolume:
         """(V_u x V_v) . V_w on the grid of all u, v and w: (len(u), len(v), len(w))."""
         du, dv, dw = (self.grid(u, v, w, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
         return np.einsum("...i,...i->...", np.cross(du, dv), dw)
+
+    def images(self, points: Array) -> tuple[Array, Array]:
+        """Images (n, 3) of parameters (n, 3), and Jacobian matrices (n, 3, 3), entry (i, j) the derivative of i by parameter j.
+
+        Beyond the domain the polynomials of the last spans go on.
+        """
+        image, jacobian = np.empty((len(points), 3)), np.empty((len(points), 3, 3))
+        for start in range(0, len(points), POINTS_AT_ONCE):
+            rows = slice(start, start + POINTS_AT_ONCE)
+            image[rows], jacobian[rows] = self._images_of_few(points[rows])
+        return image, jacobian
+
+    def _images_of_few(self, points: Array) -> tuple[Array, Array]:
+        first, value, slope = zip(
+            *(nonzero_basis(k, p, t) for k, p, t in zip(self.knots, self.degrees, points.T, strict=True)), strict=True
+        )
+        i, j, k = (at[:, None] + np.arange(p + 1) for at, p in zip(first, self.degrees, strict=True))
+        net = self.poles[i[:, :, None, None], j[:, None, :, None], k[:, None, None, :]]  # (n, p + 1, q + 1, r + 1, 3)
+        along_w = np.einsum("nijkd,nks->nijds", net, np.stack([value[2], slope[2]], axis=-1))
+        along_v = np.einsum("nijds,nj->nids", along_w, value[1])
+        image = np.einsum("nids,ni->nds", along_v, value[0])
+        by_u = np.einsum("nid,ni->nd", along_v[..., 0], slope[0])
+        by_v = np.einsum("nijd,ni,nj->nd", along_w[..., 0], value[0], slope[1])
+        return image[..., 0], np.stack([by_u, by_v, image[..., 1]], axis=-1)
 
     def integrate_volume(self) -> float:
         """The integral of the Jacobian determinant, by a Gauss rule that is exact for it; negative if left-handed."""

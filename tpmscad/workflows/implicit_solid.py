@@ -24,12 +24,14 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
 from tpmscad.kernel import enclosing_box, read_body
+from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, Check, certify
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
 from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, check_loose, drop_loose_pieces
+from tpmscad.workflows.mapped_field_solid import solidify_mapped
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
 from tpmscad.workflows.reference_distance import field_distance
@@ -54,10 +56,11 @@ def solidify(
     ----------
     field : Field or callable
         A field of `tpmscad.fields`, or a function of points (..., 3) -> (...); negative is solid.
-    domain : ((x0, y0, z0), (x1, y1, z1)) or body
+    domain : ((x0, y0, z0), (x1, y1, z1)), body or SplineMap
         A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the path of a
         STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay exact, and the field
-        beyond the body's bounding box does not matter.
+        beyond the body's bounding box does not matter. Or a map of `maps.trivariate` or `maps.between`: the field is then one
+        of the coordinates of its domain, and the solid fills the image of the domain.
     tol : float
         Greatest orthogonal deviation between the surface and the level set, model units.
     loose : {"drop", "keep"}, optional
@@ -95,6 +98,8 @@ def solidify(
     True
     """
     check_loose(loose)
+    if isinstance(domain, SplineMap):
+        return solidify_mapped(field, domain, tol, loose, executor, StageTimer(progress))
     if not is_numeric_box(domain):
         if executor is not None:
             raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")

@@ -32,9 +32,9 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel import CadBody, enclosing_box, transform_shape
 from tpmscad.lattices import mapped_lattice
+from tpmscad.lattices.coordinate_maps import Map, stretching
 from tpmscad.lattices.mapped_lattice import MappedFit
 from tpmscad.lattices.mapped_surface import MappedSurface
-from tpmscad.lattices.maps import Map, stretching
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tpmscad import surfaces
 from tpmscad._typing import Array, ProgressOption
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices.maps import Map
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.workflows.keyword_checks import (
     check_cell_counts,

@@ -23,7 +23,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import mapped_lattice, mapped_surface
-from tpmscad.lattices.maps import Map, as_map, composition, shift_to_middle, stretching
+from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
@@ -246,7 +246,7 @@ def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | 
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
         return stretch
-    wrap = shift_to_middle(as_map(map), np.array(request.cell) * request.cells)
+    wrap = as_map(map).over_block(np.array(request.cell) * request.cells)
     return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
 
 

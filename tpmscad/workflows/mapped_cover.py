@@ -18,7 +18,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
-from tpmscad.lattices.maps import Map
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
 from tpmscad.rigid_motion import Motion
 from tpmscad.trimming import box

@@ -15,7 +15,7 @@ from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
-from tpmscad.lattices.maps import Map
+from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.workflows.certificate import Check, PatchMeasures, require
 from tpmscad.workflows.field_patches import FieldPatches

@@ -20,8 +20,8 @@ from tpmscad import fields, surfaces
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
+from tpmscad.lattices.coordinate_maps import Map, stretching
 from tpmscad.lattices.copies import cell_origins, translate_motions
-from tpmscad.lattices.maps import Map, stretching
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PARAMETER_MARGIN, PatchSymmetry, SurfacePatch
 from tpmscad.workflows.lattice_request import LatticeRequest

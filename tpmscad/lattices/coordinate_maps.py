@@ -25,10 +25,6 @@ from tpmscad.public_calls import call_for_array, public, public_constructor
 __all__ = ["Map", "as_map", "composition", "cylinder", "grading", "sphere", "stretching"]
 
 
-def __dir__() -> list[str]:
-    return sorted(__all__)
-
-
 DIFFERENCE_STEP_CELLS = 2e-3
 """Difference step in cell edges: it balances truncation (1e-16 of the seventh derivative) and round-off (1e-13)."""
 
@@ -129,6 +125,25 @@ class Map:
             difference = [self(points + k * h * axis) - self(points - k * h * axis) for k in (1, 2, 3)]
             columns.append((45 * difference[0] - 9 * difference[1] + difference[2]) / (60 * h))
         return np.stack(columns, axis=-1)
+
+    def over_block(self, size: Array) -> Map:
+        """Return the map of a lattice whose block of cells starts at the origin.
+
+        Parameters
+        ----------
+        size : ndarray, shape (3,)
+            Edges of the block, in model units.
+
+        Returns
+        -------
+        Map
+            The same map of coordinates that are counted from the lower end of the block along every axis.
+        """
+        if not any(self.from_middle):
+            return self
+        shift = np.where(self.from_middle, size / 2, 0.0)
+        exact = self.jacobian_function
+        return Map(lambda p: self(p - shift), None if exact is None else lambda p: exact(p - shift), self.name)
 
 
 @public()
@@ -388,15 +403,6 @@ def composition(outer: Map, inner: Map, scale: float) -> Map:
         f"{outer.name} after {inner.name}",
         inner.from_middle,
     )
-
-
-def shift_to_middle(map: Map, size: Array) -> Map:
-    """The map as a function of coordinates that are counted from the lower end of a lattice of `size` (3,) along every axis."""
-    if not any(map.from_middle):
-        return map
-    shift = np.where(map.from_middle, size / 2, 0.0)
-    exact = map.jacobian_function
-    return Map(lambda p: map(p - shift), None if exact is None else lambda p: exact(p - shift), map.name)
 
 
 def _check_scales(scales: ArrayLike) -> None:
