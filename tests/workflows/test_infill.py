@@ -120,7 +120,7 @@ def test_the_lattice_is_anchored_at_the_origin_and_turned_about_it() -> None:
 
 
 def test_a_cell_may_have_unequal_edges() -> None:
-    request = P | {"cell": (10, 10, 12)}
+    request = P | {"cell": (10, 10, 12), "thickness": None, "kind": "skeletal", "tol": 0.2}
     model = tpmscad.infill(bd.Pos(5, 5, 6) * bd.Box(10, 10, 12), **request)
     assert model.certificate.met
     whole = tpmscad.lattice(**request).certificate.volume

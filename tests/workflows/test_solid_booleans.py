@@ -121,7 +121,7 @@ def in_flask(x: np.ndarray) -> np.ndarray:
 
 
 BODIES: dict[str, tuple[Callable[[], bd.Part], Inside, Field]] = {
-    "filleted block": (filleted_block, in_filleted_block, fields.sheet(fields.tpms("gyroid", 8.0), -0.35, 0.35)),
+    "filleted block": (filleted_block, in_filleted_block, fields.sheet(fields.tpms("gyroid", 12.0), -0.35, 0.35)),
     "bracket": (bracket, in_bracket, fields.sheet(fields.tpms("schwarz_p", 9.0), -0.3, 0.3)),
     "flask": (flask, in_flask, fields.rod(fields.tpms("gyroid", 9.0), -0.2)),
 }
