@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -40,6 +41,27 @@ def test_layers_of_a_ball_are_its_circles() -> None:
     assert found.unresolved == 0
 
 
+def test_volumes_of_few_layers_are_those_of_the_solid() -> None:
+    """The midpoint rule on five layers is 1 % off for a ball."""
+    ball = cut(bd.Sphere(5.0), 2.0, 0.001)
+    assert ball.volume == pytest.approx(500 / 3 * np.pi, rel=1e-6)
+    assert ball[0].volume == pytest.approx(np.pi * 4 * (15 - 2) / 3, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_batches_of_levels_cut_by_an_executor_are_those_of_one_process() -> None:
+    model = tpmscad.lattice("schwarz_p", cell=4, thickness=0.5, tol=0.05)
+    alone = model.slices(0.02, 0.02)
+    with ThreadPoolExecutor(2) as executor:
+        shared = model.slices(0.02, 0.02, executor)
+    assert len(alone) == len(shared) == 200  # two batches, which meet inside of patches
+    for a, b in zip(alone, shared, strict=True):
+        assert (a.area, a.volume) == (b.area, b.volume)
+        assert all(np.array_equal(p, q) for p, q in zip(a.contours, b.contours, strict=True))
+        assert len(a.contours) >= 1
+    assert alone.volume == pytest.approx(model.volume, rel=1e-5)
+
+
 def test_layers_near_the_ridges_of_a_lying_torus_and_hole_are_not_missed() -> None:
     """Between the nodes of a coarse triangulation the ridges rise above all of them."""
     torus = cut(bd.Torus(5, 2), 0.01, 0.05)
@@ -57,7 +79,7 @@ def test_layers_near_the_ridges_of_a_lying_torus_and_hole_are_not_missed() -> No
 def test_a_gyroid_s_contours_are_on_its_faces_and_add_up_to_its_volume() -> None:
     model = tpmscad.lattice("gyroid", cell=10, thickness=1, tol=0.01)
     found = model.slices(0.04, chord_error=0.004)
-    assert found.volume == pytest.approx(model.volume, rel=3e-6)
+    assert found.volume == pytest.approx(model.volume, rel=1e-6)
     assert found[0].bottom == pytest.approx(0.0, abs=1e-9)
     assert found[-1].top == pytest.approx(10.0, abs=1e-9)
     layer = found[117]

@@ -82,7 +82,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
     from tpmscad.kernel.render.scene import Scene, pieces_of
-    from tpmscad.kernel.slicing.contours import slice_solids
+    from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
     from tpmscad.kernel.step.brep_writer import Instances, write_step
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
@@ -111,6 +111,7 @@ __all__ = [
     "ForeignShape",
     "Instances",
     "KernelSolids",
+    "LayerContours",
     "NamedSolid",
     "NotQuadric",
     "Overhang",
@@ -191,6 +192,7 @@ __all__ = [
     "subtract_solid",
     "subtract_voids",
     "transform_shape",
+    "triangulate_for_slices",
     "unpack_results",
     "write_3mf",
     "write_brep_file",
@@ -287,6 +289,8 @@ _MODULE_OF_NAME = {
     "number_distinct_faces": "tpmscad.kernel.export.shared_faces",
     "write_plain_brep": "tpmscad.kernel.export.shared_faces",
     "slice_solids": "tpmscad.kernel.slicing.contours",
+    "triangulate_for_slices": "tpmscad.kernel.slicing.contours",
+    "LayerContours": "tpmscad.kernel.slicing.contours",
     "split_body": "tpmscad.kernel.boolean.body_split",
     "subtract_solid": "tpmscad.kernel.boolean.boolean_operations",
     "subtract_voids": "tpmscad.kernel.boolean.hollow_body",

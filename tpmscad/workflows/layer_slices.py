@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,12 @@ from tpmscad.public_calls import public
 MAX_LAYERS = 100_000
 """Layers of one part: 3 m at 0.03 mm. More are taken for a mistake of units."""
 
+VOLUME_RTOL = 2e-7
+"""Relative error that the fourth-order rule over smooth layers may add to the sum of all volumes, as estimated."""
+
+SECTIONS_OF_ROUGH_LAYER = 3
+"""Sections of a layer in which the area has a kink: nodes of Gauss and Legendre, one of them in the middle."""
+
 DEFAULT_CHORD_ERROR_FRACTION = 0.25
 """Default chord error in layer heights: the steps between layers are coarser anyway."""
 
@@ -27,7 +34,8 @@ class Layer:
     """One layer: its lower and upper height in mm, and its contours.
 
     A contour is an array (n, 2) of points in mm whose last point joins the first; outer contours run counter-clockwise, holes
-    clockwise. area and perimeter (mm2, mm) are those of the exact contour in the middle of the layer, not of the polygons.
+    clockwise. area and perimeter (mm2, mm) are those of the exact contour in the middle of the layer, not of the polygons. volume
+    (mm3) is that of the part between the two heights, integrated from the areas of exact sections.
     """
 
     bottom: float
@@ -35,6 +43,7 @@ class Layer:
     contours: tuple[Array, ...]
     area: float
     perimeter: float
+    volume: float
 
     @property
     def middle(self) -> float:
@@ -74,8 +83,8 @@ class Slices:
 
     @property
     def volume(self) -> float:
-        """Areas of the layers times their heights, mm3: the volume of the part to the error of the midpoint rule."""
-        return float(sum(layer.area * (layer.top - layer.bottom) for layer in self.layers))
+        """Volume of all layers, mm3, integrated from areas of exact sections: that of the part."""
+        return float(sum(layer.volume for layer in self.layers))
 
     @property
     def n_contours(self) -> int:
@@ -117,7 +126,14 @@ class Slices:
         )
 
 
-def slice_shape(shape: Any, name: str, height: float, chord_error: float | None, bounds: Sequence[float]) -> Slices:
+def slice_shape(
+    shape: Any,
+    name: str,
+    height: float,
+    chord_error: float | None,
+    bounds: Sequence[float],
+    executor: Executor | None = None,
+) -> Slices:
     """Slices of the solids of a shape between the two heights `bounds`, cut in the middle of each layer.
 
     The last layer is thinner where the height does not divide that of the part. Raises InvalidRequest if there would be too
@@ -132,7 +148,13 @@ def slice_shape(shape: Any, name: str, height: float, chord_error: float | None,
         )
     chord_error = DEFAULT_CHORD_ERROR_FRACTION * height if chord_error is None else chord_error
     edges = np.append(bottom + height * np.arange(count), top)
-    found = kernel.slice_solids(shape, 0.5 * (edges[:-1] + edges[1:]), chord_error)
+    solids = kernel.triangulate_for_slices(shape, chord_error)
+
+    def cut(levels: Array) -> kernel.LayerContours:
+        return kernel.slice_solids(solids, levels, chord_error, executor)
+
+    found = cut(0.5 * (edges[:-1] + edges[1:]))
+    volumes = _integrate_layers(edges, found.areas, lambda levels: cut(levels).areas)
     contours = np.split(found.points, found.starts[1:-1])
     first = np.searchsorted(found.layer, np.arange(count + 1))
     layers = tuple(
@@ -142,7 +164,33 @@ def slice_shape(shape: Any, name: str, height: float, chord_error: float | None,
             tuple(contours[first[i] : first[i + 1]]),
             float(found.areas[i]),
             float(found.perimeters[i]),
+            float(volumes[i]),
         )
         for i in range(count)
     )
     return Slices(name, layers, chord_error, found.unresolved)
+
+
+def _integrate_layers(edges: Array, areas: Array, measure_areas: Callable[[Array], Array]) -> Array:
+    """Volumes (n,) between consecutive heights (n + 1,) from the areas in the middles (n,), and others that are measured.
+
+    Where the area is smooth, the midpoint rule with the second difference of the areas is of fourth order. Where planes touch a
+    face or an edge the area has a kink, which the fourth difference shows: such a layer is divided.
+    Source of 17/5760: the next term of the midpoint rule in central differences.
+    """
+    heights = np.diff(edges)
+    second, rough = np.full(len(areas), np.inf), np.full(len(areas), np.inf)
+    second[1:-2] = np.diff(areas[:-1], 2)  # the last layer may be thinner
+    rough[2:-3] = np.abs(np.diff(areas[:-1], 4)) * heights[2:-3] * 17.0 / 5760.0
+    order = np.argsort(rough, kind="stable")
+    smooth = np.zeros(len(areas), bool)
+    smooth[order[np.cumsum(rough[order]) <= VOLUME_RTOL * float(heights @ areas)]] = True
+    volumes = heights * (areas + np.where(smooth, second, 0.0) / 24.0)
+    if not smooth.all():
+        nodes, weights = np.polynomial.legendre.leggauss(SECTIONS_OF_ROUGH_LAYER)
+        beside = np.abs(nodes) > 1e-12
+        levels = (0.5 * (edges[:-1] + edges[1:]))[~smooth, None] + 0.5 * heights[~smooth, None] * nodes[beside]
+        sections = measure_areas(levels.ravel()).reshape(levels.shape)
+        mean = 0.5 * (sections @ weights[beside] + areas[~smooth] * weights[~beside].sum())
+        volumes[~smooth] = heights[~smooth] * mean
+    return np.asarray(volumes)

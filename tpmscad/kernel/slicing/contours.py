@@ -2,29 +2,35 @@
 
 Segments between the crossings of a triangulation (`level_crossings`) are split at points of the exact contour until the chords
 keep the error. The point of the contour near the middle of a segment is found on the face by Newton's method along the gradient
-of the height. Its offset from the chord also gives the area between chord and contour, as that of a parabola: areas are those
-inside the exact contours, not the polygons.
+of the height. Its offset from the chord and the slopes at the ends also give the area between chord and contour, as that of a
+quartic: areas are those inside the exact contours, not the polygons.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
-from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator, face_evaluator
+from tpmscad.kernel.export.solid_mesh import mesh_parametrically
+from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator
 from tpmscad.kernel.slicing.level_crossings import Crossings, find_crossings, group_by
 from tpmscad.kernel.slicing.level_refinement import resolve_levels
+from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation, triangulation_of
+from tpmscad.parallel import split_batches, task_runner
 
 MESH_DEVIATION_FACTOR = 4.0
 """Deviation of the triangulation in chord errors; chords are split afterwards anyway."""
 
 MESH_ANGLE = 0.5
 """Radians between neighbouring facets of the triangulation."""
+
+LEVELS_PER_TASK = 125
+"""Levels cut by one task, so that eight tasks share a thousand; patches that reach beyond them are resolved in two."""
 
 MAX_SPLITS = 12
 """Times that a segment is halved at most."""
@@ -34,6 +40,9 @@ NEWTON_STEPS = 5
 
 CONTOUR_REL_TOL = 1e-10
 """Distance from the level, in sizes of the solid, up to which a point counts as one of the contour."""
+
+MAX_SLOPE = 1.0
+"""Slope of a contour against its chord up to which slopes at the ends are taken for its area."""
 
 MIN_MIDDLE_FRACTION = 0.05
 """Fraction of the chord from either end within which a point is of no use as the middle of a segment."""
@@ -56,22 +65,40 @@ class LayerContours:
     unresolved: int
 
 
-def slice_solids(shape: Any, levels: Array, chord_error: float) -> LayerContours:
-    """Contours of the solids of a shape in planes at ascending heights (l,), outer ones counter-clockwise and holes clockwise.
+def triangulate_for_slices(shape: Any, chord_error: float) -> list[SurfaceTriangulation]:
+    """A triangulation of each solid of a shape that contours within the chord error start from.
 
     Raises KernelError if OCCT cannot triangulate the shape.
     """
     meshes = mesh_parametrically(shape, MESH_DEVIATION_FACTOR * chord_error, MESH_ANGLE)
-    return _join([_slice_solid(mesh, levels, chord_error) for mesh in meshes], len(levels))
+    return [triangulation_of(mesh) for mesh in meshes]
 
 
-def _slice_solid(mesh: ParametricMesh, levels: Array, chord_error: float) -> LayerContours:
-    """The contours of one solid, layers in any order."""
-    surfaces = [face_evaluator(face) for face in mesh.faces]
-    mesh = resolve_levels(mesh, surfaces, levels)
-    crossings = find_crossings(mesh, surfaces, levels)
-    size = float(np.ptp(mesh.mesh.points, axis=0).max())
-    arcs = _split_chords(crossings, surfaces, levels, chord_error, CONTOUR_REL_TOL * size)
+def slice_solids(
+    solids: Sequence[SurfaceTriangulation], levels: Array, chord_error: float, executor: Executor | None = None
+) -> LayerContours:
+    """Contours of solids in planes at ascending heights (l,), outer ones counter-clockwise and holes clockwise.
+
+    Batches of levels are cut by the executor, or by processes of their own where there are many.
+    """
+    batches = split_batches(np.arange(len(levels)), LEVELS_PER_TASK)
+    tasks, batch_of = [], []
+    for whole in solids:
+        ranges, tol = whole.height_ranges(), CONTOUR_REL_TOL * whole.size
+        for batch in batches:
+            chosen = np.flatnonzero((ranges[:, 0] <= levels[batch[-1]]) & (ranges[:, 1] >= levels[batch[0]]))
+            if len(chosen):
+                tasks.append((whole.select(chosen), levels[batch], chord_error, tol))
+                batch_of.append(batch)
+    with task_runner(executor, tasks[0] if tasks else None) as run_tasks:
+        return _join(run_tasks(_slice_part, tasks), batch_of, len(levels))
+
+
+def _slice_part(mesh: SurfaceTriangulation, levels: Array, chord_error: float, tol: float) -> LayerContours:
+    """The contours of a part of one solid that holds all triangles which the levels meet, layers in any order."""
+    mesh = resolve_levels(mesh, levels)
+    crossings = find_crossings(mesh, levels)
+    arcs = _split_chords(crossings, mesh.surfaces, levels, chord_error, tol)
     following = np.empty(len(arcs.point), np.int64)
     following[arcs.tail] = arcs.head
     order, starts = _follow(following)
@@ -130,7 +157,8 @@ def _split_chords(
             kept = ~long
             tails.append(tail[kept])
             heads.append(head[kept])
-            beyonds.append((2.0 / 3.0 * sagitta * length)[kept])
+            slopes = (np.where(between[kept], _slopes(surface, uv[kept], chord[kept]), np.inf) for uv in (uv_a, uv_b))
+            beyonds.append(_areas_beyond(at[kept], sagitta[kept], length[kept], *slopes))
             lengths.append((length + 8.0 / 3.0 * sagitta**2 / safe)[kept])
             if not long.any():
                 break
@@ -156,6 +184,28 @@ def _split_chords(
         np.concatenate(lengths),
         unresolved,
     )
+
+
+def _slopes(surface: SurfaceEvaluator, uv: Array, chord: Array) -> Array:
+    """Slopes against chords (n, 2), to their left, of contours at parameters (n, 2); infinite where the face is horizontal."""
+    _, xu, xv = surface(uv)
+    tangent = xv[:, 2, None] * xu[:, :2] - xu[:, 2, None] * xv[:, :2]
+    along = (tangent * chord).sum(axis=1)
+    return np.divide(_cross(chord, tangent), along, out=np.full(len(uv), np.inf), where=along != 0.0)
+
+
+def _areas_beyond(at: Array, sagitta: Array, length: Array, slope_a: Array, slope_b: Array) -> Array:
+    """Areas (n,) between chords and contours to their right, from slopes at both ends and the point above the fraction `at`.
+
+    The contour is x (1 - x) (p + q x + r x^2), in lengths of the chord, and its area p/6 + q/12 + r/20. Where its slope exceeds
+    MAX_SLOPE, as where the face is horizontal, it is the parabola of the sagitta.
+    """
+    bump = 4.0 * sagitta / np.where(length > 0.0, length, 1.0)  # y / (x (1 - x)) at the point
+    steep = np.maximum(np.abs(slope_a), np.abs(slope_b)) > MAX_SLOPE
+    p = np.where(steep, bump, -slope_a)
+    rise = np.where(steep, 0.0, slope_b - p)
+    r = (bump - p - rise * at) / (at * (at - 1.0))
+    return np.asarray(length**2 * (p / 6.0 + (rise - r) / 12.0 + r / 20.0))
 
 
 def _find_middle(
@@ -206,12 +256,17 @@ def _reorder(points: Array, starts: IntArray, order: IntArray) -> tuple[Array, I
     return points[index], first.astype(np.int64)
 
 
-def _join(parts: Sequence[LayerContours], n_levels: int) -> LayerContours:
-    """Contours of several solids, layer by layer, without repeated points and contours of fewer than 3 points."""
-    points = np.concatenate([part.points for part in parts])
+def _join(parts: Sequence[LayerContours], levels_of: Sequence[IntArray], n_levels: int) -> LayerContours:
+    """Contours of several parts, layer by layer, without repeated points and contours of fewer than 3 points.
+
+    levels_of: numbers of the levels of each part.
+    """
+    points = np.concatenate([np.zeros((0, 2)), *(part.points for part in parts)])
     offsets = np.cumsum([0, *(len(part.points) for part in parts)])
     starts = np.concatenate([part.starts[:-1] + at for part, at in zip(parts, offsets, strict=False)] + [offsets[-1:]])
-    layer = np.concatenate([part.layer for part in parts])
+    layer = np.concatenate(
+        [np.zeros(0, np.int64), *(own[part.layer] for part, own in zip(parts, levels_of, strict=True))]
+    )
     contour = np.repeat(np.arange(len(layer)), np.diff(starts))
     before = np.arange(len(points)) - 1
     before[starts[:-1]] = starts[1:] - 1
@@ -223,11 +278,15 @@ def _join(parts: Sequence[LayerContours], n_levels: int) -> LayerContours:
     points, first = points[kept], np.append(first[:-1][sizes > 0], first[-1])
     layer = layer[sizes > 0]
     points, first = _reorder(points, first, np.argsort(layer, kind="stable"))
+    areas, perimeters = np.zeros(n_levels), np.zeros(n_levels)
+    for part, own in zip(parts, levels_of, strict=True):
+        areas[own] += part.areas
+        perimeters[own] += part.perimeters
     return LayerContours(
         points,
         first,
         np.sort(layer, kind="stable"),
-        np.sum([part.areas for part in parts], axis=0),
-        np.sum([part.perimeters for part in parts], axis=0),
+        areas,
+        perimeters,
         sum(part.unresolved for part in parts),
     )

@@ -1,12 +1,13 @@
 """Points and first derivatives of OCCT faces and edges at many parameters at once.
 
-B-splines, planes and lines are evaluated in arrays; other kinds by OCCT, point by point.
+B-splines, planes and lines are evaluated in arrays, and other processes can have these evaluators; other kinds are evaluated by
+OCCT, point by point.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -32,14 +33,11 @@ def face_evaluator(face: TopoDS_Face) -> SurfaceEvaluator:
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
     if kind == GeomAbs_BSplineSurface and not (adaptor.IsURational() or adaptor.IsVRational() or _is_periodic(adaptor)):
-        return _spline_evaluator(convert.surface_from_occt(adaptor.BSpline()))
+        return SplineSurfaceEvaluator(convert.surface_from_occt(adaptor.BSpline()))
     if kind == GeomAbs_Plane:
-        origin, along_u, along_v = (np.array(xyz.Coord()) for xyz in _plane_frame(adaptor.Plane()))
-        return lambda uv: (
-            origin + uv[:, :1] * along_u + uv[:, 1:] * along_v,
-            np.broadcast_to(along_u, (len(uv), 3)),
-            np.broadcast_to(along_v, (len(uv), 3)),
-        )
+        frame = adaptor.Plane().Position()
+        corners = (frame.Location(), frame.XDirection(), frame.YDirection())
+        return PlaneEvaluator(*(np.array(each.Coord()) for each in corners))
     return _pointwise_surface_evaluator(adaptor)
 
 
@@ -49,11 +47,9 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
     kind = adaptor.GetType()
     if kind == GeomAbs_Line:
         line = adaptor.Line()
-        origin, along = np.array(line.Location().Coord()), np.array(line.Direction().Coord())
-        return lambda t: (origin + t[:, None] * along, np.broadcast_to(along, (len(t), 3)))
+        return LineEvaluator(np.array(line.Location().Coord()), np.array(line.Direction().Coord()))
     if kind == GeomAbs_BSplineCurve and not (adaptor.IsRational() or adaptor.IsPeriodic()):
-        curve = convert.curve_from_occt(adaptor.BSpline())
-        return lambda t: _evaluate_curve(curve, t)
+        return SplineCurveEvaluator(convert.curve_from_occt(adaptor.BSpline()))
     return _pointwise_curve(adaptor)
 
 
@@ -61,21 +57,60 @@ def _is_periodic(adaptor: BRepAdaptor_Surface) -> bool:
     return bool(adaptor.IsUPeriodic() or adaptor.IsVPeriodic())
 
 
-def _plane_frame(plane: Any) -> tuple[Any, Any, Any]:
-    """Origin and directions of u and v."""
-    frame = plane.Position()
-    return frame.Location(), frame.XDirection(), frame.YDirection()
+@dataclass(frozen=True, slots=True, eq=False)
+class SplineSurfaceEvaluator:
+    """Evaluator of a B-spline surface."""
 
+    surface: BSplineSurface
 
-def _spline_evaluator(surface: BSplineSurface) -> SurfaceEvaluator:
-    knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (surface.knots_u, surface.knots_v, surface.poles))
-
-    def evaluate(uv: Array) -> tuple[Array, Array, Array]:
+    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
+        """Points and both first derivatives at parameters."""
+        s = self.surface
         found = np.empty((3, len(uv), 3))
-        _evaluate_surface(knots_u, surface.degree_u, knots_v, surface.degree_v, poles, np.ascontiguousarray(uv), found)
+        knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (s.knots_u, s.knots_v, s.poles))
+        _evaluate_surface(knots_u, s.degree_u, knots_v, s.degree_v, poles, np.ascontiguousarray(uv), found)
         return found[0], found[1], found[2]
 
-    return evaluate
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlaneEvaluator:
+    """Evaluator of a plane by its origin and the directions of u and v, (3,) each."""
+
+    origin: Array
+    along_u: Array
+    along_v: Array
+
+    def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
+        """Points and both first derivatives at parameters."""
+        return (
+            self.origin + uv[:, :1] * self.along_u + uv[:, 1:] * self.along_v,
+            np.broadcast_to(self.along_u, (len(uv), 3)),
+            np.broadcast_to(self.along_v, (len(uv), 3)),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SplineCurveEvaluator:
+    """Evaluator of a B-spline curve."""
+
+    curve: BSplineCurve
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Points and first derivatives at parameters."""
+        value, slope = design_matrices(self.curve.knots, self.curve.degree, t, (0, 1))
+        return value @ self.curve.poles, slope @ self.curve.poles
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineEvaluator:
+    """Evaluator of a straight line by its origin and direction, (3,) each."""
+
+    origin: Array
+    along: Array
+
+    def __call__(self, t: Array) -> tuple[Array, Array]:
+        """Points and first derivatives at parameters."""
+        return self.origin + t[:, None] * self.along, np.broadcast_to(self.along, (len(t), 3))
 
 
 @numba.njit(cache=True)
@@ -126,11 +161,6 @@ def _evaluate_basis(
             carried = left * ratio
         basis[order] = carried
     return span - degree
-
-
-def _evaluate_curve(curve: BSplineCurve, t: Array) -> tuple[Array, Array]:
-    value, slope = design_matrices(curve.knots, curve.degree, t, (0, 1))
-    return value @ curve.poles, slope @ curve.poles
 
 
 def _pointwise_surface_evaluator(adaptor: BRepAdaptor_Surface) -> SurfaceEvaluator:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.export.solid_mesh import ParametricMesh
-from tpmscad.kernel.slicing.geometry_evaluators import CurveEvaluator, SurfaceEvaluator, edge_evaluator
+from tpmscad.kernel.slicing.geometry_evaluators import CurveEvaluator, SurfaceEvaluator
+from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_ROOT_STEPS = 60
 """Steps of the search for a root: Newton's, and bisection where that would leave the bracket; three or four do mostly."""
@@ -23,7 +23,7 @@ LEVEL_REL_TOL = 1e-13
 """Distance from the level, in sizes of the solid, at which a root is found."""
 
 
-LineEvaluator = Callable[[Array, IntArray], tuple[Array, Array]]
+SideEvaluator = Callable[[Array, IntArray], tuple[Array, Array]]
 """Fractions (n,) along lines on a face or an edge, and the numbers of the lines (n,), to points (n, 3) and the derivatives of
 their heights (n,)."""
 
@@ -60,10 +60,10 @@ class Sides:
     segment: IntArray
 
 
-def find_crossings(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], levels: Array) -> Crossings:
+def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
     """Crossings of a solid with horizontal planes at ascending levels (n,). A node on a level counts as above it."""
-    z = mesh.mesh.points[:, 2]
-    size = float(np.ptp(mesh.mesh.points, axis=0).max())
+    z = mesh.points[:, 2]
+    size = mesh.size
     rank = np.searchsorted(levels, z, side="right")
     sides = number_sides(mesh)
     ends = rank[sides.nodes]
@@ -71,9 +71,9 @@ def find_crossings(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], level
     first = np.concatenate([[0], np.cumsum(count)])
     side = np.repeat(np.arange(len(count)), count)
     level = lowest[side] + np.arange(len(side)) - first[side]
-    fraction, point = _locate(mesh, surfaces, sides, side, levels[level], size)
+    fraction, point = _locate(mesh, sides, side, levels[level], size)
 
-    corner_rank = rank[mesh.mesh.triangles]
+    corner_rank = rank[mesh.triangles]
     low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)
     triangle = np.repeat(np.arange(len(low)), high - low)
     at = low[triangle] + np.arange(len(triangle)) - np.repeat(np.cumsum(high - low) - (high - low), high - low)
@@ -85,56 +85,56 @@ def find_crossings(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], level
         """Crossing of a corner's side, and its parameters on the face of this triangle."""
         number = sides.of_corner[triangle, corner]
         crossing = first[number] + at - lowest[number]
-        same_way = mesh.mesh.triangles[triangle, corner] == sides.nodes[number, 0]
+        same_way = mesh.triangles[triangle, corner] == sides.nodes[number, 0]
         along = np.where(same_way, fraction[crossing], 1.0 - fraction[crossing])[:, None]
         uv = (1.0 - along) * mesh.uv[triangle, corner] + along * mesh.uv[triangle, (corner + 1) % 3]
         return crossing, uv
 
     tail, tail_uv = end(falling)
     head, head_uv = end(rising)
-    return Crossings(point, level, tail, head, mesh.mesh.face[triangle], tail_uv, head_uv)
+    return Crossings(point, level, tail, head, mesh.face[triangle], tail_uv, head_uv)
 
 
-def number_sides(mesh: ParametricMesh) -> Sides:
+def number_sides(mesh: SurfaceTriangulation) -> Sides:
     """Number the sides: an edge segment is one side, and a chord inside a face is one of that face."""
-    triangles, n = mesh.mesh.triangles, int(mesh.nodes.max()) + 1
+    triangles, n = mesh.triangles, int(mesh.nodes.max()) + 1
     own = np.stack([mesh.nodes, np.roll(mesh.nodes, -1, axis=1)], axis=-1).reshape(-1, 2)
     nodes = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2)
     uv = np.stack([mesh.uv, np.roll(mesh.uv, -1, axis=1)], axis=2).reshape(-1, 2, 2)
-    face, segment = np.repeat(mesh.mesh.face, 3), mesh.segment.ravel()
+    face, segment = np.repeat(mesh.face, 3), mesh.segment.ravel()
     chord = (face * n + own.min(axis=1)) * n + own.max(axis=1)
     _, first, number = np.unique(np.where(segment >= 0, -1 - segment, chord), return_index=True, return_inverse=True)
     return Sides(number.reshape(-1, 3), nodes[first], uv[first], face[first], segment[first])
 
 
 def _locate(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, side: IntArray, target: Array, size: float
+    mesh: SurfaceTriangulation, sides: Sides, side: IntArray, target: Array, size: float
 ) -> tuple[Array, Array]:
     """Fraction along its side (n,) and horizontal point (n, 2) of each crossing."""
     fraction, point = np.empty(len(side)), np.empty((len(side), 2))
-    ends = mesh.mesh.points[sides.nodes[side], 2]
-    for members, line in lines_of_sides(mesh, surfaces, sides, side):
+    ends = mesh.points[sides.nodes[side], 2]
+    for members, line in lines_of_sides(mesh, sides, side):
         fraction[members], point[members] = _find_roots(line, ends[members], target[members], LEVEL_REL_TOL * size)
     return fraction, point
 
 
 def lines_of_sides(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, which: IntArray
-) -> Iterator[tuple[IntArray, LineEvaluator]]:
+    mesh: SurfaceTriangulation, sides: Sides, which: IntArray
+) -> Iterator[tuple[IntArray, SideEvaluator]]:
     """Positions in `which` (n,) of the sides on one face or edge, and the lines from their first nodes to their second ones."""
     segment, table = sides.segment[which], mesh.segments
     inside, outer = np.flatnonzero(segment < 0), np.flatnonzero(segment >= 0)
     for members in group_by(inside, sides.face[which[inside]]):
         uv = sides.uv[which[members]]
-        yield members, _line_on_face(surfaces[int(sides.face[which[members[0]]])], uv[:, 0], uv[:, 1] - uv[:, 0])
+        yield members, _line_on_face(mesh.surfaces[int(sides.face[which[members[0]]])], uv[:, 0], uv[:, 1] - uv[:, 0])
     for members in group_by(outer, table.edge[segment[outer]]):
         own = segment[members]
         against = table.nodes[own, 0] != sides.nodes[which[members], 0]
         begin, end = (table.parameters[own, np.where(against, 1 - k, k)] for k in (0, 1))
-        yield members, _line_on_edge(edge_evaluator(mesh.edges[int(table.edge[own[0]])]), begin, end)
+        yield members, _line_on_edge(mesh.curves[int(table.edge[own[0]])], begin, end)
 
 
-def _line_on_face(surface: SurfaceEvaluator, start: Array, by: Array) -> LineEvaluator:
+def _line_on_face(surface: SurfaceEvaluator, start: Array, by: Array) -> SideEvaluator:
     def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
         x, xu, xv = surface(start[which] + t[:, None] * by[which])
         return x, xu[:, 2] * by[which, 0] + xv[:, 2] * by[which, 1]
@@ -142,7 +142,7 @@ def _line_on_face(surface: SurfaceEvaluator, start: Array, by: Array) -> LineEva
     return evaluate
 
 
-def _line_on_edge(curve: CurveEvaluator, begin: Array, end: Array) -> LineEvaluator:
+def _line_on_edge(curve: CurveEvaluator, begin: Array, end: Array) -> SideEvaluator:
     def evaluate(t: Array, which: IntArray) -> tuple[Array, Array]:
         x, slope = curve((1.0 - t) * begin[which] + t * end[which])
         return x, slope[:, 2] * (end - begin)[which]
@@ -157,7 +157,7 @@ def group_by(items: IntArray, keys: IntArray) -> list[IntArray]:
     return np.split(items[order], starts) if len(items) else []
 
 
-def _find_roots(line: LineEvaluator, ends: Array, target: Array, tol: float) -> tuple[Array, Array]:
+def _find_roots(line: SideEvaluator, ends: Array, target: Array, tol: float) -> tuple[Array, Array]:
     """Fractions in [0, 1] where z is the target, and the points there; ends (n, 2) are the heights at 0 and 1.
 
     Newton's method from the chord, safeguarded by bisection.

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh, SolidMesh
-from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator
-from tpmscad.kernel.slicing.level_crossings import LineEvaluator, Sides, group_by, lines_of_sides, number_sides
+from tpmscad.kernel.export.solid_mesh import EdgeSegments
+from tpmscad.kernel.slicing.level_crossings import SideEvaluator, Sides, group_by, lines_of_sides, number_sides
+from tpmscad.kernel.slicing.surface_triangulation import SurfaceTriangulation
 
 MAX_PASSES = 40
 """Passes over the triangles that may still miss a level; five to ten are common."""
@@ -31,51 +31,51 @@ MIN_BARYCENTRIC = 0.02
 """Barycentric coordinate below which a critical point counts as one of a side."""
 
 
-def resolve_levels(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], levels: Array) -> ParametricMesh:
+def resolve_levels(mesh: SurfaceTriangulation, levels: Array) -> SurfaceTriangulation:
     """The mesh with nodes added until its corners lie between the same levels (n,), ascending, as the faces between them."""
-    sides_due = np.ones(len(mesh.mesh.triangles), bool)
+    sides_due = np.ones(len(mesh.triangles), bool)
     inside_due = sides_due.copy()
     for _ in range(MAX_PASSES):
         if sides_due.any():
             which = np.flatnonzero(sides_due)
-            mesh, again, parents = _split_sides(mesh, surfaces, levels, which)
+            mesh, again, parents = _split_sides(mesh, levels, which)
             sides_due = again
         elif inside_due.any():
             which = np.flatnonzero(inside_due)
-            mesh, parents = _split_triangles(mesh, surfaces, levels, which)
+            mesh, parents = _split_triangles(mesh, levels, which)
             inside_due[which] = False
-            sides_due = np.zeros(len(mesh.mesh.triangles), bool)
+            sides_due = np.zeros(len(mesh.triangles), bool)
         else:
             break
-        new = np.ones(len(mesh.mesh.triangles), bool)
+        new = np.ones(len(mesh.triangles), bool)
         new[: len(inside_due) - len(parents)] = False
         inside_due = np.concatenate([np.delete(inside_due, parents), np.ones(int(new.sum()), bool)])
         sides_due |= new
     return mesh
 
 
-def _corner_gradients(mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], which: IntArray) -> Array:
+def _corner_gradients(mesh: SurfaceTriangulation, which: IntArray) -> Array:
     """Derivatives of the height with respect to u and v at the corners of some triangles (a,): (a, 3, 2)."""
     found = np.empty((len(which), 3, 2))
-    for members in group_by(np.arange(len(which)), mesh.mesh.face[which]):
+    for members in group_by(np.arange(len(which)), mesh.face[which]):
         triangles = which[members]
-        _, xu, xv = surfaces[int(mesh.mesh.face[triangles[0]])](mesh.uv[triangles].reshape(-1, 2))
+        _, xu, xv = mesh.surfaces[int(mesh.face[triangles[0]])](mesh.uv[triangles].reshape(-1, 2))
         found[members] = np.stack([xu[:, 2], xv[:, 2]], axis=1).reshape(-1, 3, 2)
     return found
 
 
 def _split_sides(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], levels: Array, which: IntArray
-) -> tuple[ParametricMesh, NDArray[np.bool_], IntArray]:
+    mesh: SurfaceTriangulation, levels: Array, which: IntArray
+) -> tuple[SurfaceTriangulation, NDArray[np.bool_], IntArray]:
     """Split sides of some triangles (a,) at extrema that reach beyond a level.
 
     Of the sides of a triangle one is split at a time. Returns the mesh, the triangles with sides still to be split, and the
     numbers of the triangles that were replaced; new ones come last.
     """
-    sides, triangles = number_sides(mesh), mesh.mesh.triangles
+    sides, triangles = number_sides(mesh), mesh.triangles
     number = np.unique(sides.of_corner[which])
-    fraction, point, turning = _find_extrema(mesh, surfaces, sides, number)
-    rank = np.searchsorted(levels, mesh.mesh.points[:, 2], side="right")
+    fraction, point, turning = _find_extrema(mesh, sides, number)
+    rank = np.searchsorted(levels, mesh.points[:, 2], side="right")
     ends = rank[sides.nodes[number]]
     reached = np.searchsorted(levels, point[:, 2], side="right")
     due = turning & ((reached > ends.max(axis=1)) | (reached < ends.min(axis=1)))
@@ -89,7 +89,7 @@ def _split_sides(
     again = (of_triangle >= 0) & ~chosen[sides.of_corner].any(axis=1)
 
     node_of_side = np.full(len(sides.nodes), -1)
-    node_of_side[number[taken]] = len(mesh.mesh.points) + np.arange(int(taken.sum()))
+    node_of_side[number[taken]] = len(mesh.points) + np.arange(int(taken.sum()))
     along = np.zeros(len(sides.nodes))
     along[number] = fraction
     segments, halves = _split_segments(mesh, sides.segment, sides.nodes, along, node_of_side)
@@ -106,7 +106,7 @@ def _split_sides(
     second = np.where(a == sides.nodes[side, 0], halves[side, 1], halves[side, 0])
     none = np.full(len(parents), -1)
     own_a, own_b, own_c = (mesh.nodes[parents, (k + j) % 3] for j in range(3))
-    own_v = int(mesh.nodes.max()) + 1 + v - len(mesh.mesh.points)
+    own_v = int(mesh.nodes.max()) + 1 + v - len(mesh.points)
     children = (
         np.concatenate([np.stack([a, v, c], axis=1), np.stack([v, b, c], axis=1)]),
         np.concatenate([np.stack([own_a, own_v, own_c], axis=1), np.stack([own_v, own_b, own_c], axis=1)]),
@@ -120,17 +120,15 @@ def _split_sides(
     )
 
 
-def _find_extrema(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], sides: Sides, which: IntArray
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _find_extrema(mesh: SurfaceTriangulation, sides: Sides, which: IntArray) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Of some sides (n,): fraction and point (n, 3) of an extremum of the height, and whether there is one (n,)."""
     fraction, point, turning = np.empty(len(which)), np.empty((len(which), 3)), np.empty(len(which), bool)
-    for members, line in lines_of_sides(mesh, surfaces, sides, which):
+    for members, line in lines_of_sides(mesh, sides, which):
         fraction[members], point[members], turning[members] = _regula_falsi(line, len(members))
     return fraction, point, turning
 
 
-def _regula_falsi(line: LineEvaluator, n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
+def _regula_falsi(line: SideEvaluator, n: int) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Fractions (n,) where the slope vanishes, the points there (n, 3), and whether it changes its sign at all (n,)."""
     everyone = np.arange(n)
     t, point = np.full(n, 0.5), np.zeros((n, 3))
@@ -150,7 +148,7 @@ def _regula_falsi(line: LineEvaluator, n: int) -> tuple[Array, Array, NDArray[np
 
 
 def _split_segments(
-    mesh: ParametricMesh, segment: IntArray, nodes: IntArray, along: Array, node_of_side: IntArray
+    mesh: SurfaceTriangulation, segment: IntArray, nodes: IntArray, along: Array, node_of_side: IntArray
 ) -> tuple[EdgeSegments, IntArray]:
     """The segments with the halves of the sides that get a node, and the numbers of both halves of each side, or -1: (k, 2)."""
     table = mesh.segments
@@ -177,13 +175,13 @@ def _split_segments(
 
 
 def _split_triangles(
-    mesh: ParametricMesh, surfaces: list[SurfaceEvaluator], levels: Array, which: IntArray
-) -> tuple[ParametricMesh, IntArray]:
+    mesh: SurfaceTriangulation, levels: Array, which: IntArray
+) -> tuple[SurfaceTriangulation, IntArray]:
     """Split some triangles (a,) at critical points of the height that reach beyond a level.
 
     Returns the mesh and the numbers of the triangles that were replaced; new ones come last.
     """
-    gradients = _corner_gradients(mesh, surfaces, which)
+    gradients = _corner_gradients(mesh, which)
     matrix = np.concatenate([np.swapaxes(gradients, 1, 2), np.ones((len(which), 1, 3))], axis=1)
     scale = np.abs(gradients).max(axis=(1, 2))
     matrix[:, :2] /= np.where(scale > 0.0, scale, 1.0)[:, None, None]
@@ -194,18 +192,18 @@ def _split_triangles(
     which, weights = which[inside], weights[inside]
     uv = np.einsum("nk,nkd->nd", weights, mesh.uv[which])
     point = np.empty((len(which), 3))
-    for members in group_by(np.arange(len(which)), mesh.mesh.face[which]):
-        point[members] = surfaces[int(mesh.mesh.face[which[members[0]]])](uv[members])[0]
-    rank = np.searchsorted(levels, mesh.mesh.points[:, 2], side="right")[mesh.mesh.triangles[which]]
+    for members in group_by(np.arange(len(which)), mesh.face[which]):
+        point[members] = mesh.surfaces[int(mesh.face[which[members[0]]])](uv[members])[0]
+    rank = np.searchsorted(levels, mesh.points[:, 2], side="right")[mesh.triangles[which]]
     reached = np.searchsorted(levels, point[:, 2], side="right")
     due = (reached > rank.max(axis=1)) | (reached < rank.min(axis=1))
     parents, uv = which[due], uv[due]
-    v = len(mesh.mesh.points) + np.arange(len(parents))
+    v = len(mesh.points) + np.arange(len(parents))
     own_v = int(mesh.nodes.max()) + 1 + np.arange(len(parents))
     corners, own, at, segments = [], [], [], []
     for k in range(3):
         pair = [k, (k + 1) % 3]
-        corners.append(np.column_stack([mesh.mesh.triangles[parents][:, pair], v]))
+        corners.append(np.column_stack([mesh.triangles[parents][:, pair], v]))
         own.append(np.column_stack([mesh.nodes[parents][:, pair], own_v]))
         at.append(np.concatenate([mesh.uv[parents][:, pair], uv[:, None]], axis=1))
         segments.append(np.column_stack([mesh.segment[parents, k], np.full((len(parents), 2), -1)]))
@@ -214,24 +212,20 @@ def _split_triangles(
 
 
 def _replace(
-    mesh: ParametricMesh,
+    mesh: SurfaceTriangulation,
     parents: IntArray,
     children: tuple[IntArray, IntArray, Array, IntArray],
     points: Array,
     segments: EdgeSegments,
-) -> ParametricMesh:
+) -> SurfaceTriangulation:
     """The mesh with children in place of their parents, all first children before all second ones, and points added."""
     corners, nodes, uv, segment = children
-    old = mesh.mesh
     copies = len(corners) // max(len(parents), 1)
-    face = np.concatenate([np.delete(old.face, parents), np.tile(old.face[parents], copies)])
     return replace(
         mesh,
-        mesh=SolidMesh(
-            np.concatenate([old.points, points]),
-            np.concatenate([np.delete(old.triangles, parents, axis=0), corners]),
-            face,
-        ),
+        points=np.concatenate([mesh.points, points]),
+        triangles=np.concatenate([np.delete(mesh.triangles, parents, axis=0), corners]),
+        face=np.concatenate([np.delete(mesh.face, parents), np.tile(mesh.face[parents], copies)]),
         nodes=np.concatenate([np.delete(mesh.nodes, parents, axis=0), nodes]),
         uv=np.concatenate([np.delete(mesh.uv, parents, axis=0), uv]),
         segment=np.concatenate([np.delete(mesh.segment, parents, axis=0), segment]),

@@ -1,0 +1,120 @@
+"""Triangulations with the surfaces and curves that they lie on, and the parts of them that horizontal planes can meet.
+
+Parts hold arrays only where faces are B-splines and planes, so that other processes can cut them. Which triangles a plane may
+meet follows from control nets: a B-spline lies in the convex hull of its poles.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.kernel.export.solid_mesh import EdgeSegments, ParametricMesh
+from tpmscad.kernel.slicing.geometry_evaluators import (
+    CurveEvaluator,
+    LineEvaluator,
+    PlaneEvaluator,
+    SplineCurveEvaluator,
+    SplineSurfaceEvaluator,
+    SurfaceEvaluator,
+    edge_evaluator,
+    face_evaluator,
+)
+
+HEIGHT_MARGIN = 1e-3
+"""Height added to every range, in sizes of the solid: edges may lie beside the surfaces of their faces."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceTriangulation:
+    """Triangles of a solid, and the surfaces and curves that their corners and sides lie on.
+
+    points (n, 3), triangles (m, 3), face (m,), nodes, uv, segment and segments are those of `ParametricMesh`; surfaces and curves
+    are the evaluators of its faces and edges.
+    """
+
+    points: Array
+    triangles: IntArray
+    face: IntArray
+    nodes: IntArray
+    uv: Array
+    segment: IntArray
+    segments: EdgeSegments
+    surfaces: tuple[SurfaceEvaluator, ...]
+    curves: tuple[CurveEvaluator, ...]
+
+    @property
+    def size(self) -> float:
+        """Greatest extent of the points along an axis."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    def height_ranges(self) -> Array:
+        """Lowest and highest point of the solid's boundary over each triangle, or beyond: (m, 2)."""
+        z = self.points[self.triangles, 2]
+        low, high = z.min(axis=1), z.max(axis=1)
+        of_face = np.array([_range_of_surface(each) for each in self.surfaces])[self.face]
+        of_curve = np.array([*(_range_of_curve(each) for each in self.curves), (np.inf, -np.inf)])
+        of_side = of_curve[np.where(self.segment >= 0, self.segments.edge[self.segment], -1)]
+        margin = HEIGHT_MARGIN * self.size
+        return np.stack(
+            [
+                np.minimum(np.minimum(low, of_face[:, 0]), of_side[..., 0].min(axis=1)) - margin,
+                np.maximum(np.maximum(high, of_face[:, 1]), of_side[..., 1].max(axis=1)) + margin,
+            ],
+            axis=1,
+        )
+
+    def select(self, chosen: IntArray) -> SurfaceTriangulation:
+        """The part of some triangles (k,), with their points, surfaces and curves alone."""
+        node, triangles = np.unique(self.triangles[chosen], return_inverse=True)
+        face, of_triangle = np.unique(self.face[chosen], return_inverse=True)
+        segment = self.segment[chosen]
+        own = np.unique(segment[segment >= 0])
+        edge, of_segment = np.unique(self.segments.edge[own], return_inverse=True)
+        return replace(
+            self,
+            points=self.points[node],
+            triangles=triangles.reshape(-1, 3),
+            face=of_triangle,
+            nodes=self.nodes[chosen],
+            uv=self.uv[chosen],
+            segment=np.where(segment >= 0, np.searchsorted(own, segment), -1),
+            segments=EdgeSegments(
+                of_segment, np.searchsorted(node, self.segments.nodes[own]), self.segments.parameters[own]
+            ),
+            surfaces=tuple(self.surfaces[i] for i in face),
+            curves=tuple(self.curves[i] for i in edge),
+        )
+
+
+def triangulation_of(mesh: ParametricMesh) -> SurfaceTriangulation:
+    """The triangulation of a solid as OCCT made it, with evaluators of its faces and edges."""
+    return SurfaceTriangulation(
+        mesh.mesh.points,
+        mesh.mesh.triangles,
+        mesh.mesh.face,
+        mesh.nodes,
+        mesh.uv,
+        mesh.segment,
+        mesh.segments,
+        tuple(face_evaluator(face) for face in mesh.faces),
+        tuple(edge_evaluator(edge) for edge in mesh.edges),
+    )
+
+
+def _range_of_surface(surface: SurfaceEvaluator) -> tuple[float, float]:
+    """Heights between which a surface lies: those of its poles; a plane adds nothing to the corners and sides of triangles."""
+    if isinstance(surface, SplineSurfaceEvaluator):
+        z = surface.surface.poles[..., 2]
+        return float(z.min()), float(z.max())
+    return (np.inf, -np.inf) if isinstance(surface, PlaneEvaluator) else (-np.inf, np.inf)
+
+
+def _range_of_curve(curve: CurveEvaluator) -> tuple[float, float]:
+    """As for surfaces; a straight line adds nothing to its ends."""
+    if isinstance(curve, SplineCurveEvaluator):
+        z = curve.curve.poles[:, 2]
+        return float(z.min()), float(z.max())
+    return (np.inf, -np.inf) if isinstance(curve, LineEvaluator) else (-np.inf, np.inf)
