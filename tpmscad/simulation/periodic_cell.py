@@ -69,11 +69,15 @@ class CellProperties:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Equations:
+class CellEquations:
     """Integrals over the solid: products[a][b] of d_a u and d_b v as matrices of all nodes, means (3, n) of d_a v, its volume.
 
-    reduction takes values on the periodic nodes to all nodes, prolongation those on periodic corners to periodic nodes.
+    reduction takes values on the periodic nodes to all nodes, prolongation those on periodic corners to periodic nodes. basis is
+    scikit-fem's, whose degrees of freedom are the nodes node_of.
     """
+
+    basis: Any
+    node_of: IntArray
 
     products: list[list[Any]]
     means: Array
@@ -87,21 +91,29 @@ def solve_cell(mesh: VolumeMesh, material: IsotropicMaterial) -> CellProperties:
 
     Raises InvalidRequest if the mesh is not one; KernelError if the solver does not converge.
     """
+    return solve_equations(assemble(mesh), material, float(np.prod(mesh.periods)))[0]
+
+
+def solve_equations(
+    equations: CellEquations, material: IsotropicMaterial, box: float
+) -> tuple[CellProperties, Array, Array]:
+    """What the equations give, and the fluctuations: of displacements (3, n, 6) for unit strains, of temperatures (n, 3)."""
+    conductivity, temperatures, first = solve_conduction(equations, material, box)
+    stiffness, displacements, second = solve_elasticity(equations, material, box)
+    unknowns = 3 * equations.reduction.shape[1]
+    found = CellProperties(stiffness, conductivity, equations.volume / box, unknowns, max(first, second))
+    return found, displacements, temperatures
+
+
+def assemble(mesh: VolumeMesh) -> CellEquations:
+    """The integrals, by scikit-fem, with nodes numbered as in the mesh.
+
+    Raises InvalidRequest if the mesh is not periodic, or not of second order.
+    """
     if len(mesh.cells) != 1 or not set(mesh.cells) <= set(ELEMENTS) or not set("xyz") <= set(mesh.periodic):
         raise InvalidRequest(
             "a cell is solved on elements of second order, periodic along x, y and z: mesh(size, 2, True) or hexahedra(2)"
         )
-    equations = _assemble(mesh)
-    box = float(np.prod(mesh.periods))
-    conductivity, first = _solve_conduction(equations, material, box)
-    stiffness, second = _solve_elasticity(equations, material, box)
-    return CellProperties(
-        stiffness, conductivity, equations.volume / box, 3 * equations.reduction.shape[1], max(first, second)
-    )
-
-
-def _assemble(mesh: VolumeMesh) -> _Equations:
-    """The integrals, by scikit-fem, with nodes numbered as in the mesh."""
     skfem = import_extra("skfem", "homogenised properties", "simulation")
     ((kind, nodes),) = mesh.cells.items()
     element, degree, first_order = ELEMENTS[kind]
@@ -120,7 +132,9 @@ def _assemble(mesh: VolumeMesh) -> _Equations:
     for a in range(3):
         means[a, node_of] = skfem.LinearForm(lambda v, w, a=a: v.grad[a]).assemble(basis)
     reduction, column = _reduction(mesh)
-    return _Equations(
+    return CellEquations(
+        basis,
+        node_of,
         products,
         means,
         float(basis.dx.sum()),
@@ -151,18 +165,19 @@ def _prolongation(nodes: IntArray, column: IntArray, shape: ElementShape, first_
     return sparse.csr_matrix(entries, (len(number), len(corners)))
 
 
-def _solve_conduction(equations: _Equations, material: IsotropicMaterial, box: float) -> tuple[Array, int]:
-    """Conductivity (3, 3), and iterations."""
+def solve_conduction(equations: CellEquations, material: IsotropicMaterial, box: float) -> tuple[Array, Array, int]:
+    """Conductivity (3, 3), fluctuations of temperatures (n, 3), and iterations."""
     reduce = equations.reduction
     matrix = (reduce.T @ sum(equations.products[a][a] for a in range(3)) @ reduce).tocsr()
     loads = reduce.T @ equations.means.T
     solution = solve(matrix, -loads, equations.prolongation, float(np.linalg.norm(equations.means)))
     energy = equations.volume * np.eye(3) + loads.T @ solution.values
-    return material.conductivity * 0.5 * (energy + energy.T) / box, solution.iterations
+    conductivity = material.conductivity * 0.5 * (energy + energy.T) / box
+    return conductivity, reduce @ solution.values, solution.iterations
 
 
-def _solve_elasticity(equations: _Equations, material: IsotropicMaterial, box: float) -> tuple[Array, int]:
-    """Stiffness (6, 6), and iterations."""
+def solve_elasticity(equations: CellEquations, material: IsotropicMaterial, box: float) -> tuple[Array, Array, int]:
+    """Stiffness (6, 6), fluctuations of displacements (3, n, 6), and iterations."""
     first, second = material.lame
     reduce, products = equations.reduction, equations.products
     trace = sum(products[a][a] for a in range(3))
@@ -182,7 +197,8 @@ def _solve_elasticity(equations: _Equations, material: IsotropicMaterial, box: f
     prolongation = sparse.block_diag([equations.prolongation] * 3, format="csr")
     solution = solve(matrix, -loads, prolongation, float(np.linalg.norm(free)))
     energy = equations.volume * material.stiffness + loads.T @ solution.values
-    return 0.5 * (energy + energy.T) / box, solution.iterations
+    displacements = np.stack([reduce @ part for part in np.split(solution.values, 3)])
+    return 0.5 * (energy + energy.T) / box, displacements, solution.iterations
 
 
 def _strain_loads(means: Array, material: IsotropicMaterial) -> Array:

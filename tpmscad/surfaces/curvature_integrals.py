@@ -67,6 +67,14 @@ class CellMeasures:
             + self.gauss_curvature_integral * offset**3 / 3
         )
 
+    def swept_area(self, offset: float) -> float:
+        """Area of the offset surface per cell: the derivative of the swept volume."""
+        return self.area - 2 * self.mean_curvature_integral * offset + self.gauss_curvature_integral * offset**2
+
+    def swept_area_rate(self, offset: float) -> float:
+        """Derivative of the area of the offset surface with respect to the offset."""
+        return 2 * (self.gauss_curvature_integral * offset - self.mean_curvature_integral)
+
 
 LEVEL_SET_MEASURES: Mapping[str, CellMeasures] = MappingProxyType(
     {

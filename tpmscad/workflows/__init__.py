@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.model import Model
     from tpmscad.workflows.pictures import render, render_bytes
     from tpmscad.workflows.print_check import PrintFinding, PrintReport, check_print
+    from tpmscad.workflows.sheet_derivatives import DesignDerivatives, design_derivatives
     from tpmscad.workflows.solid_preview import SolidPreview, preview_solid
     from tpmscad.workflows.step_files import check_step, export_step, render_step, slice_step
     from tpmscad.workflows.surface_limits import thickest_wall
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Certificate",
+    "DesignDerivatives",
     "FaceContact",
     "FluidDomains",
     "Layer",
@@ -48,6 +50,7 @@ __all__ = [
     "body_field",
     "check_print",
     "check_step",
+    "design_derivatives",
     "export_slabs",
     "export_step",
     "fluid_domains",
@@ -66,6 +69,8 @@ __all__ = [
 ]
 
 _MODULE_OF_NAME = {
+    "DesignDerivatives": "tpmscad.workflows.sheet_derivatives",
+    "design_derivatives": "tpmscad.workflows.sheet_derivatives",
     "Certificate": "tpmscad.workflows.certificate",
     "FaceContact": "tpmscad.workflows.domain_results",
     "FluidDomains": "tpmscad.workflows.domain_results",
