@@ -37,7 +37,7 @@ def test_slices_of_a_slowly_graded_rod_have_the_fractions_asked_for() -> None:
 
 @pytest.mark.slow
 def test_the_gradient_is_that_of_the_values() -> None:
-    graded, step = fields.graded_threshold(GYROID, FRACTION, (0.2, 0.5)), 1e-5
+    graded, step = fields.graded_threshold(GYROID, FRACTION), 1e-5
     points = np.random.default_rng(0).uniform(0.2, 4.8, (20, 3))
     for axis, e in enumerate(step * np.eye(3)):
         assert graded.gradient(points)[:, axis] == pytest.approx(
@@ -53,6 +53,13 @@ def test_the_gradient_is_that_of_the_values() -> None:
 def test_bad_requests_are_refused(span: object, kind: str, message: str) -> None:
     with pytest.raises(InvalidRequest, match=message):
         fields.graded_threshold(GYROID, FRACTION, span, kind)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_the_span_of_a_ramp_is_that_of_its_values() -> None:
+    falling = fields.ramp("x", (0.0, 5.0), (0.5, 0.2))
+    given, found = fields.graded_threshold(GYROID, falling, (0.2, 0.5)), fields.graded_threshold(GYROID, falling)
+    assert (found(AT) == given(AT)).all()  # type: ignore[operator]
 
 
 @pytest.mark.slow

@@ -75,6 +75,7 @@ GRADING: dict[str, Row] = {
     "three samples": (lambda: fields.volume_fraction(GYROID, samples=3), "at least 4"),
     "fraction without period": (lambda: fields.volume_fraction(BALL), "not periodic"),
     "span of one": (lambda: fields.graded_threshold(GYROID, 0.3, (0.2,)), "span .* must be two numbers"),
+    "no span": (lambda: fields.graded_threshold(GYROID, BALL), "give span="),
     "span inside out": (lambda: fields.graded_threshold(GYROID, 0.3, (0.5, 0.2)), "the least first"),
     "isometries without periods": (lambda: find_isometries(BALL), "no lattice of copies"),
 }

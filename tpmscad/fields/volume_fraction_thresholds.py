@@ -23,6 +23,7 @@ from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.ramps import RampField
 from tpmscad.fields.tape_nodes import Node, piecewise_polynomial
 from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
@@ -292,7 +293,7 @@ class GradedThreshold(Field):
 def graded_threshold(
     phi: FieldLike,
     fraction: FieldLike,
-    span: Sequence[float],
+    span: Sequence[float] | None = None,
     kind: str = "rod",
     *,
     level: float = 0.0,
@@ -306,8 +307,8 @@ def graded_threshold(
         The field.
     fraction : Field, float or callable
         The local volume fraction.
-    span : (least, greatest)
-        Range of the volume fraction, between 0 and 1.
+    span : (least, greatest), optional
+        Range of the volume fraction, between 0 and 1; by default the values between which a ramp runs.
     kind : {"rod", "pore", "sheet"}
         The structure cut from phi.
     level : float
@@ -324,16 +325,19 @@ def graded_threshold(
     Raises
     ------
     InvalidRequest
-        If the span or kind is invalid; on evaluation, if the fraction leaves the span.
+        If the span or kind is invalid, or missing for a fraction that is no ramp; on evaluation, if the fraction leaves the span.
 
     Examples
     --------
     >>> from tpmscad import fields
     >>> phi = fields.tpms("gyroid", 10.0)
-    >>> fraction = fields.ramp("x", (0, 40), (0.2, 0.5))
-    >>> part = fields.rod(phi, fields.graded_threshold(phi, fraction, (0.2, 0.5)))
+    >>> part = fields.rod(phi, fields.graded_threshold(phi, fields.ramp("x", (0, 40), (0.2, 0.5))))
     """
     local_fraction = as_field(fraction)
+    if span is None:
+        if not isinstance(local_fraction, RampField):
+            raise InvalidRequest("a fraction that is no ramp needs its range: give span=(least, greatest)")
+        span = sorted((local_fraction.low, local_fraction.high))
     low, high = span
     if not 0 < low < high < 1:
         raise InvalidRequest(f"span {span!r} must be two volume fractions between 0 and 1, the least first")

@@ -94,8 +94,7 @@ def solve_threshold(phi: Field, fraction: Any, what: str) -> Any:
             raise
     if not isinstance(fraction, RampField):
         raise InvalidRequest('volume_fraction must be a number, or a field of kind = "ramp"')
-    low, high = sorted((fraction.low, fraction.high))
-    return fields.graded_threshold(phi, fraction, (low, high), what)
+    return fields.graded_threshold(phi, fraction, kind=what)
 
 
 def make_bspline_unit(*, coefficients: Any, file: Path | None, seed: int | None, count: Any, period: Any) -> Field:

@@ -90,8 +90,8 @@ def sort_by_volume(solids: Iterable[TopoDS_Solid]) -> tuple[TopoDS_Solid, ...]:
     return tuple(solid for _, solid in sorted(measured, key=lambda pair: -pair[0]))
 
 
-def estimate_volume(solid: TopoDS_Solid) -> float:
-    """Volume by OCCT's default quadrature, accurate to about four digits."""
+def estimate_volume(solid: TopoDS_Shape) -> float:
+    """Volume of a solid or a closed shell by OCCT's default quadrature, accurate to about four digits; negative if inside out."""
     properties = GProp_GProps()
     BRepGProp.VolumeProperties_s(solid, properties)
     return float(properties.Mass())

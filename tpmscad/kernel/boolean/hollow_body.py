@@ -11,8 +11,8 @@ from OCP.BRepClass import BRepClass_FaceClassifier
 from OCP.BRepClass3d import BRepClass3d
 from OCP.BRepTools import BRepTools_WireExplorer
 from OCP.Geom import Geom_ElementarySurface, Geom_Plane
-from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_WIRE
-from OCP.TopoDS import TopoDS_Face, TopoDS_Solid, TopoDS_Wire
+from OCP.TopAbs import TopAbs_IN, TopAbs_SHELL, TopAbs_VERTEX, TopAbs_WIRE
+from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Wire
 
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, nest_loops
@@ -105,22 +105,41 @@ def find_skin_faces(
     """The faces of the voids that lie on the boundary of the offset bodies, without those in open faces.
 
     On planes and quadrics they are known by their surfaces, since those of a lattice are splines; among splines the distance
-    from the offset bodies decides.
+    of their vertices and of a point inside them from the offset bodies decides.
     """
     planes = [_outward_plane(face) for face in open_faces]
     free_form = [f for body in inner for f in faces_of(body.shape) if _is_spline(f)]
-    near = SkinDepth(inner[0].shape, free_form) if free_form else None
+    near = _NearFaces(SkinDepth(inner[0].shape, free_form)) if free_form else None
     found = []
     for face in (face for void in voids for face in faces_of(void)):
         if any(_is_in_opening(face, plane, of) for plane, of in zip(planes, open_faces, strict=True)):
             continue
-        if not _is_spline(face):
+        if not _is_spline(face) or (near is not None and near.holds(face)):
             found.append(face)
-        elif near is not None:
-            points = sample_faces([face], np.inf).points[:1]
-            if len(points) and near.distances(points)[0] < OPENING_TOL:
-                found.append(face)
     return found
+
+
+class _NearFaces:
+    """Whether faces lie on others to OPENING_TOL; vertices that faces share are measured once."""
+
+    def __init__(self, depth: SkinDepth) -> None:
+        self.depth = depth
+        self._vertices: dict[ShapeKey, bool] = {}
+
+    def holds(self, face: TopoDS_Face) -> bool:
+        """Whether all vertices of a face, and a point inside it, lie on the others."""
+        if not all(self._is_near(vertex) for vertex in list_subshapes(face, TopAbs_VERTEX)):
+            return False
+        points = sample_faces([face], np.inf).points[:1]
+        return len(points) > 0 and bool(self.depth.distances(points)[0] < OPENING_TOL)
+
+    def _is_near(self, vertex: TopoDS_Shape) -> bool:
+        key = ShapeKey(vertex)
+        if key not in self._vertices:
+            tolerance = max(OPENING_TOL, BRep_Tool.Tolerance_s(convert.as_vertex(vertex)))
+            at = np.array([BRep_Tool.Pnt_s(convert.as_vertex(vertex)).Coord()])
+            self._vertices[key] = bool(self.depth.distances(at)[0] < tolerance)
+        return self._vertices[key]
 
 
 def count_closed_cavities(body: CadBody, open_faces: Sequence[TopoDS_Face]) -> int:

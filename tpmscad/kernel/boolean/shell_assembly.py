@@ -12,8 +12,8 @@ from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import IntArray
 from tpmscad.errors import KernelError
+from tpmscad.kernel.boolean.boolean_operations import estimate_volume
 from tpmscad.kernel.build.solids import shell_contains
-from tpmscad.kernel.measure.mass_properties import face_moments
 from tpmscad.kernel.occt.construction import make_shell, make_solid
 from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, first_vertex, orientation_sign
 
@@ -47,7 +47,7 @@ def face_components(uses: FaceEdgeUses, barrier: set[int] | frozenset[int] = fro
 
 
 def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, ...], float]:
-    """Solids bounded by faces that are oriented outwards, largest outer shell first, and their total volume.
+    """Solids bounded by faces that are oriented outwards, largest outer shell first, and their total volume by estimate.
 
     Raises KernelError unless every edge joins two faces with opposite orientations and every void shell lies inside a solid.
     """
@@ -57,9 +57,9 @@ def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, .
     if open_edges.any():
         raise KernelError(OPERATION, f"{np.count_nonzero(open_edges)} edges do not join two of the trimmed faces")
     label = face_components(uses)
-    volume = np.bincount(label, face_moments(faces)[:, 1])
     members = {s: [faces[f] for f in np.flatnonzero(label == s).tolist()] for s in np.unique(label).tolist()}
     shells = {s: make_shell(of) for s, of in members.items()}
+    volume = {s: estimate_volume(shell) for s, shell in shells.items()}
     order = sorted(shells, key=lambda s: -volume[s])
     outer = [s for s in order if volume[s] > 0]
     pieces = {s: [s] for s in outer}
@@ -69,4 +69,4 @@ def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, .
         if around is None:
             raise KernelError(OPERATION, f"a shell of volume {volume[void]:.6g} is in no solid: inside out")
         pieces[around].append(void)
-    return tuple(make_solid([shells[s] for s in piece]) for piece in pieces.values()), float(volume.sum())
+    return tuple(make_solid([shells[s] for s in piece]) for piece in pieces.values()), sum(volume.values())
