@@ -24,7 +24,6 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepTools import BRepTools
 from OCP.Geom import Geom_BSplineSurface, Geom_OffsetSurface
 from scipy.spatial import cKDTree
-from trimesh.remesh import subdivide_to_size
 
 import tpmscad
 
@@ -110,12 +109,25 @@ MAX_EDGE = 0.5
 """Model units: longest edge of the triangles that distances are measured from; longer ones are divided."""
 
 
+def divide_long_triangles(corners: np.ndarray) -> np.ndarray:
+    """The triangles (m, 3, 3) bisected across their longest edge until none is longer than MAX_EDGE."""
+    done = []
+    while len(corners):
+        length = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
+        is_long = length.max(axis=1) > MAX_EDGE
+        done.append(corners[~is_long])
+        turn = (length[is_long].argmax(axis=1)[:, None] + np.arange(3)) % 3
+        a, b, c = np.moveaxis(np.take_along_axis(corners[is_long], turn[..., None], axis=1), 1, 0)
+        middle = (a + b) / 2
+        corners = np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
+    return np.concatenate(done)
+
+
 class TriangleTree:
     """Distances from triangles (m, 3, 3), found by a tree of their centers."""
 
     def __init__(self, corners: np.ndarray) -> None:
-        vertices, faces = subdivide_to_size(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3), MAX_EDGE)
-        self.corners = vertices[faces]
+        self.corners = divide_long_triangles(corners)
         center = self.corners.mean(axis=1)
         self.radius = float(np.linalg.norm(self.corners - center[:, None], axis=2).max())
         self.tree = cKDTree(center)
