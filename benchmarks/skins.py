@@ -141,7 +141,9 @@ class TriangleTree:
         reach = self.tree.query(points)[0] + 2 * self.radius
         near = self.tree.query_ball_point(points, reach)
         count = np.array([len(found) for found in near])
-        each = distances_from_triangles(np.repeat(points, count, axis=0), self.corners[np.concatenate(near).astype(int)])
+        each = distances_from_triangles(
+            np.repeat(points, count, axis=0), self.corners[np.concatenate(near).astype(int)]
+        )
         return np.minimum.reduceat(each, np.cumsum(count) - count)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -53,6 +54,18 @@ def test_what_would_fail_fails_in_the_dry_run(
         dry_run(tmp_path, **given)
     assert words in str(caught.value)
     assert "fields." not in str(caught.value)
+
+
+def test_the_place_named_is_where_two_surfaces_cross(tmp_path: Path) -> None:
+    ball, plane = (
+        '{ kind = "sphere", center = [2, 2, 2], radius = 1.5 }',
+        '{ kind = "halfspace", point = [0, 0, 2.5], normal = "z" }',
+    )
+    with pytest.raises(LevelSetError, match="two surfaces cross near") as caught:
+        dry_run(tmp_path, field=f'kind = "intersection"\nof = [{ball}, {plane}]')
+    place = np.array([float(c) for c in re.findall(r"-?\d+\.?\d*", str(caught.value).partition("near (")[2])[:3]])
+    assert np.linalg.norm(place - 2) == pytest.approx(1.5, abs=0.3)
+    assert place[2] == pytest.approx(2.5, abs=0.3)
 
 
 def test_the_dry_run_tells_box_and_fraction(tmp_path: Path) -> None:

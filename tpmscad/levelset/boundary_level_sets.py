@@ -77,8 +77,9 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
             continue
         distance = np.abs(field(points[i])) / np.linalg.norm(part.gradient(points[i]), axis=1)
         if distance.max() > tol:
+            crossing = np.where(distance > tol, distance, np.inf).argmin()
             raise LevelSetError(
-                f"two surfaces cross near {_format_point(points[i][distance.argmax()])}: an edge that smooth patches can't "
+                f"two surfaces cross near {_format_point(points[i][crossing])}: an edge that smooth patches can't "
                 "follow; round it (`width` of a smooth intersection or union), or give the body that cuts the solid as `domain`"
             )
         for other in (o for j, o in enumerate(parts) if j != i):
