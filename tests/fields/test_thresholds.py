@@ -185,3 +185,9 @@ def test_ramps_go_from_value_to_value() -> None:
         fields.ramp("x", (1, 1), (0, 1))
     with pytest.raises(InvalidRequest, match="axis"):
         fields.ramp("w", (0, 1), (0, 1))
+
+
+@pytest.mark.parametrize("kind", ["rod", "pore", "sheet"])
+def test_a_constant_field_has_no_threshold_of_a_fraction(kind: str) -> None:
+    with pytest.raises(InvalidRequest, match="2 everywhere in the domain"):
+        fields.threshold_for(2.0, 0.3, kind, samples=8, domain=((0, 0, 0), (1, 1, 1)))

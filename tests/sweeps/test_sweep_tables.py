@@ -109,6 +109,7 @@ def test_csv_parquet_data_frame_and_dictionaries_give_the_same_designs(tmp_path:
         ("table.txt", "ends in '.txt'"),
         ("table.csv", "there is no table"),
         (3, "neither the path of a file"),
+        (np.array(2.5), "neither the path of a file"),
     ],
 )
 def test_a_bad_table_is_refused_with_its_row_and_column(

@@ -28,44 +28,50 @@ WEDGE_SAFETY = 2.0
 """Consecutive chords must enclose more than this times the angles, fat over length, by which their curves may leave them."""
 
 
-def find_simple_planar_faces(brep: Brep, tol: float) -> BoolArray:
-    """Whether a face (F,) is planar and its loops are certainly simple, nested and oriented, with gaps up to `tol` at most."""
-    faces, use_start = brep.faces, brep.faces.use_start
-    result = np.zeros(len(faces), bool)
-    planar = np.flatnonzero(np.array([isinstance(c, Plane) for c in brep.carriers], bool)[faces.carrier])
-    for face in planar.tolist():
-        loops = slice(int(faces.loop_start[face]), int(faces.loop_start[face + 1]) + 1)
-        uses = np.arange(use_start[loops][0], use_start[loops][-1])
-        plane, motion = brep.carriers[int(faces.carrier[face])], faces.motion[face]
-        assert isinstance(plane, Plane)
-        loop_of_use = np.repeat(np.arange(loops.stop - loops.start - 1), np.diff(use_start[loops]))
-        lengths = [
-            np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _sample(brep, uses, LENGTH_SAMPLES)
-        ]
-        for count in CHORDS_PER_EDGE:
-            chords = np.maximum(np.ceil(count * np.array(lengths) / np.median(lengths)), 2).astype(int)
-            local = [motion.apply_inverse(points) for points in _sample(brep, uses, 2 * chords + 1)]
-            if max(float(np.abs(plane.distance(points)).max()) for points in local) > tol:
-                break
-            if _is_simple([plane.parameters(points) for points in local], loop_of_use, tol):
-                result[face] = True
-                break
-    return result
+def find_simple_planar_faces(brep: Brep, tol: float, among: IntArray | None = None) -> BoolArray:
+    """Whether a face is planar and its loops are certainly simple, nested and oriented, with gaps up to `tol` at most.
+
+    One flag for each face of `among`, by default for all faces.
+    """
+    faces = brep.faces
+    among = np.arange(len(faces)) if among is None else among
+    on_plane = np.array([isinstance(c, Plane) for c in brep.carriers], bool)[faces.carrier]
+    return np.array([on_plane[face] and _is_simple_planar(brep, face, tol) for face in among.tolist()], bool)
 
 
-def _sample(brep: Brep, uses: IntArray, counts: IntArray | int) -> list[Array]:
-    """Points (count, 3) at equal steps of the parameter along each use."""
-    edges = brep.edges
+def _is_simple_planar(brep: Brep, face: int, tol: float) -> bool:
+    faces, edge = brep.faces, brep.uses.edge
+    starts = faces.use_start[int(faces.loop_start[face]) : int(faces.loop_start[face + 1]) + 1]
+    uses = np.arange(starts[0], starts[-1])
+    plane, motion = brep.carriers[int(faces.carrier[face])], faces.motion[face]
+    assert isinstance(plane, Plane)
+    loop_of_use = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    spans = np.column_stack([brep.edges.curve[edge[uses]], brep.edges.span[edge[uses]]])
+    distinct, of_use = np.unique(spans, axis=0, return_inverse=True)
+    samples = (brep.curves[int(k)](np.linspace(low, high, LENGTH_SAMPLES)) for k, low, high in distinct.tolist())
+    lengths = np.array([np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in samples])[of_use.ravel()]
+    for count in CHORDS_PER_EDGE:
+        chords = np.maximum(np.ceil(count * lengths / np.median(lengths)), 2).astype(int)
+        points = motion.apply_inverse(_sample(brep, uses, 2 * chords + 1))
+        if float(np.abs(plane.distance(points)).max()) > tol:
+            return False
+        flat = np.split(plane.parameters(points), np.cumsum(2 * chords + 1)[:-1])
+        if _is_simple(flat, loop_of_use, tol):
+            return True
+    return False
+
+
+def _sample(brep: Brep, uses: IntArray, counts: IntArray) -> Array:
+    """Points (sum of counts, 3) at equal steps of the parameter along each use, one use after another."""
+    edges, edge = brep.edges, brep.uses.edge[uses]
     known: dict[tuple[int, float, float, int], Array] = {}
-    result = []
-    for k, count in zip(uses.tolist(), np.broadcast_to(counts, len(uses)).tolist(), strict=True):
-        e = int(brep.uses.edge[k])
-        key = int(edges.curve[e]), float(edges.span[e, 0]), float(edges.span[e, 1]), count
+    unplaced = []
+    rows = zip(edges.curve[edge].tolist(), *edges.span[edge].T.tolist(), counts.tolist(), strict=True)
+    for key, sense in zip(rows, brep.uses.sense[uses].tolist(), strict=True):
         if key not in known:
             known[key] = brep.curves[key[0]](np.linspace(*key[1:]))
-        points = edges.motion[e].apply(known[key])
-        result.append(points if brep.uses.sense[k] > 0 else points[::-1])
-    return result
+        unplaced.append(known[key][::sense])
+    return edges.motion[np.repeat(edge, counts)].apply(np.concatenate(unplaced))
 
 
 def _is_simple(flat: list[Array], loop_of_use: IntArray, tol: float) -> bool:

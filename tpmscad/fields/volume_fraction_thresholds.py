@@ -145,6 +145,11 @@ def threshold_for(
 
     minimum = min(float(cells.lower_bounds.min()) for cells in grids)
     maximum = max(float(cells.upper_bounds.max()) for cells in grids)
+    if minimum == maximum:
+        raise InvalidRequest(
+            f"the field is {minimum:g} everywhere in the domain: no threshold cuts off a volume fraction of {volume_fraction:g}; "
+            "give a field that varies"
+        )
     if kind == "sheet":
         t = _solve_threshold(excess, grids, 0.0, max(maximum - level, level - minimum))
         return level - t, level + t

@@ -87,7 +87,7 @@ def _read_rows(source: Any) -> list[dict[str, Any]]:
         return _read_file(Path(source))
     if hasattr(source, "to_dict") and hasattr(source, "columns"):  # a data frame of pandas, which need not be installed
         source = source.to_dict("records")
-    if isinstance(source, Mapping) or not isinstance(source, Iterable):
+    if isinstance(source, Mapping) or not isinstance(source, Iterable) or getattr(source, "ndim", 1) == 0:
         raise InvalidRequest(
             f"the table {show_value(source)} is neither the path of a file ({', '.join(TABLE_FORMATS)}) nor a sequence of "
             "mappings nor a data frame"

@@ -93,10 +93,14 @@ def build_pcurves(brep: Brep) -> list[Geom2d_Curve | None]:
 
 def build_transforms(motion: Motion) -> list[gp_Trsf]:
     """OCCT transformation of each placed item; equal motions share one object."""
-    rows = np.concatenate([motion.rotation.reshape(-1, 9), motion.translation], axis=1)
-    distinct, index = np.unique(rows, axis=0, return_inverse=True)
-    transforms = [convert.transformation(Motion(row[:9].reshape(3, 3), row[9:])) for row in distinct]
-    return [transforms[i] for i in index.ravel().tolist()]
+    rows = np.concatenate([motion.rotation, motion.translation[:, :, None]], axis=2).reshape(-1, 12)
+    known: dict[tuple[float, ...], gp_Trsf] = {}
+    result = []
+    for row in map(tuple, rows.tolist()):
+        if row not in known:
+            known[row] = convert.transformation(row)
+        result.append(known[row])
+    return result
 
 
 def straight_edges(brep: Brep) -> IntArray:

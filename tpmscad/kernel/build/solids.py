@@ -170,8 +170,9 @@ def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
     bases = [_unplaced_surface(c) for c in brep.carriers]
     result = []
     for i, index in enumerate(faces.carrier.tolist()):
-        carrier, base, motion = brep.carriers[index], bases[index], faces.motion[i]
+        carrier, base = brep.carriers[index], bases[index]
         if isinstance(carrier, Plane):
+            motion = faces.motion[i]
             x_axis, y_axis = motion.apply_to_vectors(carrier.x_axis), motion.apply_to_vectors(carrier.y_axis)
             result.append(convert.plane(motion.apply(carrier.origin), x_axis, y_axis))
         else:

@@ -14,11 +14,10 @@ from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.gp import gp_Pnt
 from OCP.TopAbs import TopAbs_IN, TopAbs_OUT
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
-from scipy.stats import qmc
 
 from tpmscad._typing import Array
 from tpmscad.errors import KernelError
-from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
+from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces, sobol_points
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -125,7 +124,7 @@ def sample_depths(depth: SkinDepth, skin: float, in_box: int, below_faces: int) 
     """
     low, high = enclosing_box(depth.solid)
     rng = np.random.default_rng(0)
-    anywhere = low + (high - low) * qmc.Sobol(3, seed=rng).random(in_box)
+    anywhere = low + (high - low) * sobol_points(in_box, 3, rng)
     on_faces = sample_faces(depth.faces, float(np.linalg.norm(high - low)) / POINTS_ACROSS)
     below = on_faces.points - (1 + INSET) * skin * on_faces.normals
     if len(below) > below_faces:

@@ -48,4 +48,4 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
 def find_faces_to_check(brep: Brep) -> IntArray:
     """A face of each class of congruent faces, but for the planar ones that are simple beyond doubt: (n,)."""
     first = group_congruent_faces(brep, CLASS_RESOLUTION).first
-    return first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE)[first]]
+    return first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE, first)]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -185,10 +185,10 @@ def direction(value: Array) -> gp_Dir:
     return gp_Dir(*value.tolist())
 
 
-def transformation(motion: Motion) -> gp_Trsf:
-    """OCCT transformation for x -> R x + t; R may be a reflection."""
+def transformation(rows: Sequence[float]) -> gp_Trsf:
+    """OCCT transformation for x -> R x + t, given the twelve numbers of [R t] row by row; R may be a reflection."""
     result = gp_Trsf()
-    result.SetValues(*np.column_stack([motion.rotation, motion.translation]).ravel().tolist())
+    result.SetValues(*rows)
     return result
 
 
@@ -257,7 +257,8 @@ def matrix_from_occt(motion: gp_Trsf) -> Array:
 
 def transform_shape(shape: TopoDS_Shape, motion: Motion) -> TopoDS_Shape:
     """Copy of the shape moved by x -> R x + t, with the motion applied to its geometry."""
-    return BRepBuilderAPI_Transform(shape, transformation(motion), True).Shape()
+    rows = np.column_stack([motion.rotation, motion.translation]).ravel().tolist()
+    return BRepBuilderAPI_Transform(shape, transformation(rows), True).Shape()
 
 
 def shape_to_bytes(shape: TopoDS_Shape) -> bytes:
