@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -159,3 +161,27 @@ def test_brep_files_are_checked_and_drawn_too(tmp_path: Path) -> None:
     path.write_text("CASCADE Topology V3, (c) Open Cascade")
     with pytest.raises(tpmscad.InvalidRequest, match=r"box\.brep (is a damaged file|holds no solid)"):
         tpmscad.check_step(path)
+
+
+@pytest.mark.slow
+def test_names_beyond_ascii_are_written_and_read_in_a_plain_locale(tmp_path: Path) -> None:
+    code = """
+import os, sys
+from tpmscad.kernel.occt.convert import encode_file_name
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.export.brep_file import read_brep_file, write_brep_file
+from build123d import Box
+from pathlib import Path
+assert sys.getfilesystemencoding() == "ascii"
+write_brep_file(Box(1, 2, 3).wrapped, Path(os.fsdecode(b"k\\xc3\\xb6rper.brep")), 6.0)
+read_brep_file(Path(os.fsdecode(b"k\\xc3\\xb6rper.brep")))
+try:
+    encode_file_name("k\\u00f6rper.step")
+except InvalidRequest as error:
+    print("refused", ascii(str(error)))
+"""
+    plain = os.environ | {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, env=plain, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "refused" in done.stdout
+    assert [os.fsencode(p.name) for p in tmp_path.iterdir()] == ["körper.brep".encode()]

@@ -14,6 +14,7 @@ from OCP.TopoDS import TopoDS_Shape
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import KernelError
 from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import count_subshape_uses, unwrap
 
 VOLUME_RTOL = 1e-9
@@ -28,7 +29,7 @@ def write_brep_file(shape: Any, path: Path, volume: float) -> None:
     topods = unwrap(shape)
     with atomic_write(path) as aside:
         plain = _without_triangles(topods)
-        if not BRepTools.Write_s(plain, str(aside)):
+        if not BRepTools.Write_s(plain, encode_file_name(aside)):
             raise KernelError("write BREP", f"OCCT cannot write {path}", topods)
         found = read_brep_file(aside)
         report = check_shape(found)
@@ -43,7 +44,7 @@ def write_brep_file(shape: Any, path: Path, volume: float) -> None:
 def read_brep_file(path: Path) -> TopoDS_Shape:
     """The shape of a BREP file."""
     shape = TopoDS_Shape()
-    if not BRepTools.Read_s(shape, str(path), BRep_Builder()):
+    if not BRepTools.Read_s(shape, encode_file_name(path), BRep_Builder()):
         raise KernelError("read BREP", f"OCCT cannot read {path}")
     return shape
 

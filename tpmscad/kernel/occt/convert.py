@@ -277,11 +277,11 @@ def shape_from_bytes(content: bytes) -> TopoDS_Shape:
 
 def encode_file_name(path: str | os.PathLike[str]) -> bytes:
     """The name of a file as OCCT takes it, whatever the locale; InvalidRequest if it is no UTF-8 text."""
-    name = os.fsencode(path)
     try:
+        name = os.fsencode(path)
         name.decode()
-    except UnicodeDecodeError:
+    except UnicodeError:
         raise InvalidRequest(
-            f"the kernel cannot open {os.fspath(path)!r}, whose name is no UTF-8 text: rename it"
+            f"the kernel cannot open {os.fspath(path)!r}, whose name is no UTF-8 text in this locale: rename it"
         ) from None
     return name
