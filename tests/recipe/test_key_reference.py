@@ -85,3 +85,12 @@ def test_what_a_template_leaves_out_in_comments_is_valid_too(tmp_path: Path) -> 
         path.write_text(before + more)
         recipe = SolidRun.read(path).recipe
         assert 0 < fields.volume_fraction(recipe.field, recipe.domain, samples=24) < 1  # type: ignore[arg-type]
+
+
+@pytest.mark.kernel
+def test_the_table_of_the_sweep_template_holds_valid_designs(tmp_path: Path) -> None:
+    from tpmscad.sweeps.parameter_table import read_table
+
+    path = tmp_path / "designs.csv"
+    path.write_text(read_template("sweep"))
+    assert len(read_table(path).designs) == 3

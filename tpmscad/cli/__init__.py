@@ -9,6 +9,7 @@ The packages `tpmscad.workflows` and `tpmscad.recipe` load their modules at thei
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Sequence
 from typing import Annotated, NoReturn
@@ -82,7 +83,11 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
         MAKE,
         sweep_command.sweep,
         "Make and measure every design of a table.",
-        ("sweep designs.csv -o results.csv", "sweep designs.csv --jobs 2 --metrics -o results.csv"),
+        (
+            "template sweep > designs.csv",
+            "sweep designs.csv -o results.csv",
+            "sweep designs.csv --jobs 2 --metrics -o results.csv",
+        ),
     ),
     (
         RECIPES,
@@ -102,8 +107,8 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
     (
         RECIPES,
         reference_commands.template,
-        "Print a commented recipe to start from.",
-        ("template solidify > my.toml",),
+        "Print a commented recipe, or a table, to start from.",
+        ("template solidify > my.toml", "template sweep > designs.csv"),
     ),
     (
         RECIPES,
@@ -150,6 +155,7 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
         "Compute stiffness and conductivity of a lattice.",
         (
             "homogenize gyroid --volume-fraction 0.2",
+            "homogenize gyroid --porosity 0.8 --kind skeletal",
             "homogenize P --volume-fraction 0.3 --youngs-modulus 210e3 -o p.inp",
         ),
     ),
@@ -192,8 +198,13 @@ def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
         print(context.get_help())
         sys.exit(error.exit_code)
     message = error.format_message().rstrip(".").replace("Value error, ", "")
-    hint = f" (see {context.command_path} --help)" if context is not None else ""
-    _exit_with_error(f"{message}{hint}", error.exit_code)
+    from tpmscad.cli.usage_hints import hint_at_meaning  # loads NumPy, for which help does not wait
+
+    meant = hint_at_meaning(error)
+    if meant:  # better than the options that are spelled alike
+        message = f"{re.split(r' .Possible options|. Did you mean', message)[0]}: {meant}"
+    where = f" (see {context.command_path} --help)" if context is not None else ""
+    _exit_with_error(f"{message}{where}", error.exit_code)
 
 
 def _exit_with_error(message: str, status: int) -> NoReturn:

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from tpmscad.catalogue import CATALOGUE
+from tpmscad.catalogue import CATALOGUE, find_surface
 from tpmscad.cli.options import parse_numbers
 
 CELL_PANEL = "Cell and position"
@@ -19,13 +19,24 @@ def complete_surface_name(incomplete: str) -> list[str]:
     return [name for name in CATALOGUE if name.startswith(incomplete)]
 
 
+def check_surface_name(name: str) -> str:
+    """The name, before anything else is loaded; InvalidRequest if the catalogue does not know it."""
+    find_surface(name)
+    return name
+
+
 def parse_faces(text: str) -> tuple[str | int, ...]:
     """Numbers of faces, and selectors such as >Z, between commas."""
     return tuple(int(part) if part.isdigit() else part for part in text.replace(" ", "").split(","))
 
 
 SurfaceArgument = Annotated[
-    str, typer.Argument(autocompletion=complete_surface_name, help="Name of the surface; see `tpmscad surfaces`.")
+    str,
+    typer.Argument(
+        autocompletion=complete_surface_name,
+        callback=check_surface_name,
+        help="Name of the surface; see `tpmscad surfaces`.",
+    ),
 ]
 CellOption = Annotated[
     Any,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,12 +13,18 @@ OUTPUT_PANEL = "Result"
 MODEL_FORMATS = ".step, .stl, .3mf, .brep or .glb"
 
 
+_NUMBER_WITH_UNIT = re.compile(r"[-+.,x\d]+ *(mm|cm|um|µm|m|in|inch|°|deg|%)$", re.IGNORECASE)
+
+
 def parse_numbers(text: str) -> float | tuple[float, ...]:
-    """One number, or a tuple of the numbers between commas."""
+    """One number, or a tuple of the numbers between commas or letters x."""
     try:
-        values = tuple(float(part) for part in text.split(","))
+        values = tuple(float(part) for part in text.lower().replace("x", ",").split(","))
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is neither a number nor a list of numbers with commas between") from None
+        unit = ": leave the unit out, lengths are in mm and angles in degrees" if _NUMBER_WITH_UNIT.match(text) else ""
+        raise typer.BadParameter(
+            f"{text!r} is neither a number nor a list of numbers with commas between{unit}"
+        ) from None
     return values if len(values) > 1 else values[0]
 
 

@@ -17,7 +17,8 @@ MIN_WIDTH, MAX_WIDTH = 60, 100
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the whole catalogue as JSON.")]
 TemplateArgument = Annotated[
-    Literal["blend", "solidify"], typer.Argument(help="The command that the recipe is for.", metavar="blend|solidify")
+    Literal["blend", "solidify", "sweep"],
+    typer.Argument(help="The command that the recipe or table is for.", metavar="blend|solidify|sweep"),
 ]
 KindArgument = Annotated[
     str | None, typer.Argument(metavar="[KIND]", help="One kind of field, such as `rod`; all if it is left out.")
@@ -71,7 +72,7 @@ wall would fold. --json prints the formulas, too."""
 
 
 def template(recipe: TemplateArgument) -> None:
-    """Print a commented recipe that runs as it is: save it, change it, and hand it to the command of that name."""
+    """Print a commented recipe, or a table, that runs as it is: save it, change it, and hand it to the command of that name."""
     print(recipes.read_template(recipe), end="")
 
 

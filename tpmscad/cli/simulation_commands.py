@@ -12,6 +12,7 @@ from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.lattice_options import SurfaceArgument
 from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
 from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
+from tpmscad.errors import InvalidRequest
 
 ElementSizeOption = Annotated[
     float, typer.Option("--size", metavar="MM", help="Mean length of the elements' edges, mm.")
@@ -45,7 +46,15 @@ MeshFileOption = Annotated[
     ),
 ]
 FractionOption = Annotated[
-    float, typer.Option("--volume-fraction", metavar="F", help="Volume of the solid over that of the cell.")
+    float | None,
+    typer.Option(
+        "--volume-fraction",
+        metavar="0..1",
+        help="Volume of the solid over that of the cell. Required, unless --porosity is given.",
+    ),
+]
+VoidFractionOption = Annotated[
+    float | None, typer.Option("--porosity", metavar="0..1", help="Void fraction: 1 - the volume fraction.")
 ]
 KindOption = Annotated[
     Literal["sheet", "skeletal"], typer.Option(help="A wall, or the solid on one side of the surface.")
@@ -126,7 +135,8 @@ def mesh(
 
 def homogenize(
     surface: SurfaceArgument,
-    volume_fraction: FractionOption,
+    volume_fraction: FractionOption = None,
+    porosity: VoidFractionOption = None,
     kind: KindOption = "sheet",
     reference: ReferenceOption = None,
     youngs_modulus: YoungsModulusOption = 1.0,
@@ -138,6 +148,10 @@ def homogenize(
     quiet: QuietOption = False,
 ) -> None:
     """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
+    if (volume_fraction is None) == (porosity is None):
+        here = "none of them" if porosity is None else "both"
+        raise InvalidRequest(f"give exactly one of --volume-fraction, --porosity; here: {here}")
+    fraction = volume_fraction if porosity is None else 1.0 - porosity
     if output is not None:
         validate_output_path(output, (".inp", ".csv"))
     check_report(report)
@@ -145,7 +159,7 @@ def homogenize(
         with progress_bar(f"homogenising {surface}", quiet) as progress:
             found = workflows.homogenize(
                 surface,
-                volume_fraction=volume_fraction,
+                volume_fraction=fraction,
                 kind=kind,
                 reference=reference,
                 youngs_modulus=youngs_modulus,

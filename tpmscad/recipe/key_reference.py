@@ -29,8 +29,8 @@ INTRODUCTION = (
 
 
 def read_template(name: str) -> str:
-    """The text of the template for a recipe: "blend" or "solidify"."""
-    return (TEMPLATE_FOLDER / f"{name}.toml").read_text("utf-8")
+    """The text of the template for a command: the recipe of "blend" or "solidify", the table of "sweep"."""
+    return next(TEMPLATE_FOLDER.glob(f"{name}.*")).read_text("utf-8")
 
 
 def format_reference(name: str | None = None, *, width: int = 100) -> str:

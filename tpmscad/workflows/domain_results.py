@@ -21,11 +21,11 @@ from tpmscad.workflows.file_formats import (
     STEP_SUFFIXES,
     check_options,
     find_suffix,
-    number_names,
     write_mesh_or_brep_file,
 )
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
+from tpmscad.workflows.piece_names import name_pieces
 from tpmscad.workflows.result_summary import count_pieces, format_html, format_size
 from tpmscad.workflows.volume_meshing import mesh_named_solids, read_request
 
@@ -235,12 +235,13 @@ class FluidDomains:
         Returns
         -------
         tuple of NamedSolid
-            In the order wall, channel +, channel -; of each the largest first.
+            In the order wall, channel +, channel -; of each the largest first, which alone has the plain name: another piece of
+            the wall, in the corner of the greatest x and the least y and z, is "wall (X+ Y- Z-)".
         """
         result = []
         for domain, model in self.domains.items():
             solids = model.named_solids()
-            names = number_names(domain, len(solids))
+            names = name_pieces(domain, [of.solid for of in solids], self.bounding_box)
             result += [
                 NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
                 for name, of in zip(names, solids, strict=True)

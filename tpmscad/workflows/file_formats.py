@@ -118,8 +118,3 @@ def write_mesh_or_brep_file(
             f"area {area:.6g} explains",
         )
     {".stl": kernel.write_stl, ".3mf": kernel.write_3mf, ".glb": kernel.write_glb}[suffix](parts, target, result.name)
-
-
-def number_names(name: str, count: int) -> list[str]:
-    """Names of the pieces of one thing: "wall", "wall 2", "wall 3"."""
-    return [name if i == 0 else f"{name} {i + 1}" for i in range(count)]

@@ -29,12 +29,12 @@ from tpmscad.workflows.file_formats import (
     STEP_SUFFIXES,
     check_options,
     find_suffix,
-    number_names,
     write_mesh_or_brep_file,
 )
 from tpmscad.workflows.layer_slices import Slices, slice_shape
 from tpmscad.workflows.meshable_solid import MeshableSolid
 from tpmscad.workflows.pictures import render
+from tpmscad.workflows.piece_names import name_pieces
 from tpmscad.workflows.print_check import PrintReport, check_print
 from tpmscad.workflows.result_summary import format_html, format_summary
 
@@ -349,14 +349,15 @@ class Model(MeshableSolid):
         Returns
         -------
         tuple of NamedSolid
-            Largest first: name, TopoDS solid, labels of its faces in the kernel's order.
+            Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
+            another says where it lies: "gyroid (X+ Y- Z-)".
         """
         if isinstance(self.built, BuiltSolids):
             found = kernel.label_faces(self.patches, self.outer_faces)
             labels = [kernel.order_labels(solid, self.built.faces, found) for solid in self.built.solids]
         else:
             labels = [kernel.label_shape_faces(s, self.patches, self.outer_faces) for s in self.built.solids]
-        names = number_names(self.name, len(labels))
+        names = name_pieces(self.name, self.built.solids, self.bounding_box)
         return tuple(map(NamedSolid, names, self.built.solids, labels))
 
     def __getstate__(self) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import Any
 
 from tpmscad import kernel
 from tpmscad.errors import InvalidRequest
+from tpmscad.workflows.piece_names import strip_place
 
 Colour = tuple[float, float, float]
 
@@ -55,7 +56,7 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
 
 
 def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[PicturePiece]:
-    """The pieces that are not hidden; a name hides its numbered companions, too. InvalidRequest for an unknown name."""
+    """The pieces that are not hidden; a name hides all pieces of the thing. InvalidRequest for an unknown name."""
     if not pieces:
         raise InvalidRequest("the shape has no face that can be drawn")
     names = base_names(pieces)
@@ -68,14 +69,14 @@ def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[Pictu
 
 
 def base_names(pieces: Sequence[PicturePiece]) -> list[str]:
-    """The name of each piece, without its number if there is a piece of that name: "wall" for "wall 2"."""
+    """The name of each piece, without its place or number if there is a piece of that name: "wall" for "wall (X+ Y- Z-)"."""
     names = {piece.name for piece in pieces}
-    bases = [piece.name.rstrip("0123456789").rstrip() for piece in pieces]
+    bases = [strip_place(piece.name) for piece in pieces]
     return [base if base in names else piece.name for base, piece in zip(bases, pieces, strict=True)]
 
 
 def choose_colours(pieces: Sequence[PicturePiece]) -> list[Colour]:
-    """A colour for each piece: its own, that of its name, or the next of the palette; numbered companions stay alike.
+    """A colour for each piece: its own, that of its name, or the next of the palette; pieces of one thing stay alike.
 
     Pieces that have no names but numbers differ.
     """

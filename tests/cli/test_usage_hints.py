@@ -1,0 +1,95 @@
+"""Words of other programs, and other orders, are answered with what is meant here."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import pytest
+
+import tpmscad.workflows
+from tests.cli.test_cli import Recorder, run, workflows  # noqa: F401
+from tpmscad.cli import COMMANDS, app
+from tpmscad.cli.usage_hints import COMMAND_REMEDIES, OPTION_REMEDIES, OPTION_SYNONYMS
+
+
+def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
+    assert run(line) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    return err
+
+
+@pytest.mark.parametrize(
+    ("line", "meant"),
+    [
+        ("lattice gyroid --wall 1 -o a.step", "did you mean --thickness? "),
+        ("lattice gyroid --wall-thickness 1 -o a.step", "did you mean --thickness? "),
+        ("lattice gyroid --cell-size 1 -o a.step", "did you mean --cell? "),
+        ("lattice gyroid --density 0.3 -o a.step", "did you mean --volume-fraction or --porosity? "),
+        ("lattice --surface gyroid --cell 10 -o a.step", "stands without an option"),
+        ("lattice gyroid --units mm -o a.step", "lengths are in mm"),
+        ("homogenize gyroid --thickness 1", "did you mean --volume-fraction? "),
+        ("homogenize gyroid", "give exactly one of --volume-fraction, --porosity; here: none of them"),
+        ("homogenize gyroid --porosity 0.3 --volume-fraction 0.7", "here: both"),
+        ("lattice gyroid --cell 10mm -o a.step", "leave the unit out, lengths are in mm"),
+        ("lattice gyriod --cell 10 -o a.step", "did you mean 'gyroid'?"),
+        (
+            "infill gyroid part.step --cell 10 -o a.step",
+            "the file comes first, as in `tpmscad infill body.step gyroid`",
+        ),
+        ("gyroid --cell 10", "did you mean `tpmscad lattice gyroid`?"),
+        ("latice gyroid", "Did you mean 'lattice'"),
+        ("version", "`tpmscad --version`"),
+        ("convert a.step a.stl", "-o part.stl"),
+        ("knit gyroid", "the commands are lattice, infill"),
+        ("export a.step a.stl", "No such command 'export': the commands that make solids"),
+    ],
+)
+def test_a_word_of_another_program_is_answered_with_ours(
+    workflows: Recorder,  # noqa: F811
+    capsys: pytest.CaptureFixture[str],
+    line: str,
+    meant: str,
+) -> None:
+    assert meant in read_error(line, capsys)
+    assert not workflows.called
+
+
+def test_an_option_that_is_only_misspelled_keeps_its_suggestions(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "--thickness" in read_error("lattice gyroid --thicknes 1 -o a.step", capsys)
+
+
+def test_every_word_leads_to_an_option_or_command_that_there_is() -> None:
+    import typer
+
+    command = typer.main.get_command(app)
+    known = {option for sub in command.commands.values() for p in sub.params for option in p.opts}  # type: ignore[attr-defined]
+    python_only = {"--domain", "--cells", "--skin", "--tol", "--cell"}
+    assert {option for meant in OPTION_SYNONYMS.values() for option in meant} - known <= python_only
+    assert not known & set(OPTION_REMEDIES)
+    names = set(command.commands)  # type: ignore[attr-defined]
+    assert len(names) == len(COMMANDS)
+    assert not names & set(COMMAND_REMEDIES)
+    for remedy in COMMAND_REMEDIES.values():
+        for word in remedy.split("`tpmscad ")[1:]:
+            assert word.split("`")[0].split(" ")[0] in names | {"--version", "--help"}
+
+
+def test_numbers_are_separated_by_commas_or_by_x(workflows: Recorder) -> None:  # noqa: F811
+    assert run("lattice gyroid --cell 10 --cells 2x3X1 --thickness 1 -o a.step") == 0
+    assert workflows.called["cells"] == (2.0, 3.0, 1.0)
+
+
+def test_the_porosity_of_a_lattice_to_homogenize_is_the_rest_of_its_volume(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    called = {}
+
+    def record(surface: str, **request: object) -> SimpleNamespace:
+        called.update(request)
+        return SimpleNamespace(to_dict=dict)
+
+    monkeypatch.setitem(vars(tpmscad.workflows), "homogenize", record)
+    assert run("homogenize gyroid --porosity 0.75") == 0
+    assert called["volume_fraction"] == 0.25

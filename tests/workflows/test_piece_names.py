@@ -1,0 +1,65 @@
+"""Pieces of one thing are named by their place, in the files as well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import build123d as bd
+import pytest
+
+import tpmscad
+from tpmscad.workflows.piece_names import describe_place, strip_place
+
+pytestmark = pytest.mark.kernel
+
+BOX = ((0.0, 0.0, 0.0), (30.0, 30.0, 30.0))
+
+
+@pytest.mark.parametrize(
+    ("point", "place"),
+    [
+        ((29, 1, 2), "X+ Y- Z-"),
+        ((15, 15, 29), "middle Z+"),
+        ((11, 19, 14), "middle"),
+        ((1, 15, 29), "middle X- Z+"),
+    ],
+)
+def test_a_place_names_the_sides_of_the_box_that_are_near(point: tuple[float, ...], place: str) -> None:
+    assert describe_place(point, BOX) == place
+
+
+def test_a_flat_box_has_no_sides_across() -> None:
+    assert describe_place((9, 1, 0), ((0, 0, 0), (10, 10, 0))) == "middle X+ Y-"
+
+
+def test_the_place_is_no_part_of_the_name_of_the_whole() -> None:
+    names = ("wall (X+ Y- Z-)", "wall (X+ Y- Z- 2)", "wall 2", "wall", "channel +", "part (v2) (middle)")
+    assert [*map(strip_place, names)] == ["wall", "wall", "wall", "wall", "channel +", "part (v2)"]
+
+
+def test_pieces_of_a_channel_are_found_in_the_file_where_their_names_say(tmp_path: Path) -> None:
+    domains = tpmscad.fluid_domains(bd.Box(8, 8, 8), "P", cell=8, thickness=0.8, tol=0.1, progress=False)
+    domains.export_step(tmp_path / "a.step")
+    read = bd.import_step(tmp_path / "a.step").leaves
+    names = [solid.label for solid in read]
+    assert len(set(names)) == len(names) == 10  # the wall, the inner channel, and eight corners of the outer one
+    corners = [solid for solid in read if "(" in solid.label]
+    assert len(corners) == 7
+    for solid in corners:
+        at = solid.center(bd.CenterOf.MASS)
+        place = " ".join(axis + ("+" if value > 0 else "-") for axis, value in zip("XYZ", at, strict=True))
+        assert solid.label == f"channel - ({place})"
+    hidden = domains.render(hide=("channel -", "wall"), size=(40, 30))
+    assert hidden != domains.render(size=(40, 30))
+
+
+def test_companions_in_one_place_are_numbered() -> None:
+    from tpmscad.workflows.piece_names import name_pieces
+
+    boxes = [(bd.Pos(x, 0, 0) * bd.Box(1, 1, 1)).wrapped for x in (0, 8, 9.5, -9)]
+    assert name_pieces("wall", boxes, ((-10, -1, -1), (10, 1, 1))) == [
+        "wall",
+        "wall (middle X+)",
+        "wall (middle X+ 2)",
+        "wall (middle X-)",
+    ]
