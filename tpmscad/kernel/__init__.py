@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
-    from tpmscad.kernel.occt.exploration import faces_of, solids_of
+    from tpmscad.kernel.occt.exploration import faces_of, solids_of, vertices_of
     from tpmscad.kernel.occt.shape_bundles import pack_results, unpack_results
     from tpmscad.kernel.printability.cavities import Cavity, find_cavities
     from tpmscad.kernel.printability.opposite_sides import (
@@ -194,6 +194,7 @@ __all__ = [
     "transform_shape",
     "triangulate_for_slices",
     "unpack_results",
+    "vertices_of",
     "write_3mf",
     "write_brep_file",
     "write_glb",
@@ -242,6 +243,7 @@ _MODULE_OF_NAME = {
     "estimate_volume": "tpmscad.kernel.boolean.boolean_operations",
     "face_moments": "tpmscad.kernel.measure.mass_properties",
     "faces_of": "tpmscad.kernel.occt.exploration",
+    "vertices_of": "tpmscad.kernel.occt.exploration",
     "solids_of": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
     "pack_results": "tpmscad.kernel.occt.shape_bundles",

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.brep.piece_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel import Colour, NamedSolid, make_compound, pack_results, unpack_results
+from tpmscad.kernel import Colour, NamedSolid, make_compound, pack_results, unpack_results, vertices_of
 from tpmscad.meshing import VolumeMesh
 from tpmscad.public_calls import public
 from tpmscad.workflows.certificate import Certificate
@@ -25,7 +26,6 @@ from tpmscad.workflows.file_formats import (
 )
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.pictures import render
-from tpmscad.workflows.piece_names import name_pieces
 from tpmscad.workflows.result_summary import count_pieces, format_html, format_size
 from tpmscad.workflows.volume_meshing import mesh_named_solids, read_request
 
@@ -241,7 +241,7 @@ class FluidDomains:
         result = []
         for domain, model in self.domains.items():
             solids = model.named_solids()
-            names = name_pieces(domain, [of.solid for of in solids], self.bounding_box)
+            names = name_pieces(domain, [vertices_of(of.solid) for of in solids])
             result += [
                 NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
                 for name, of in zip(names, solids, strict=True)

@@ -14,6 +14,7 @@ from tpmscad import kernel
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
+from tpmscad.brep.piece_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import BuiltSolids, KernelSolids, NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
@@ -34,7 +35,6 @@ from tpmscad.workflows.file_formats import (
 from tpmscad.workflows.layer_slices import Slices, slice_shape
 from tpmscad.workflows.meshable_solid import MeshableSolid
 from tpmscad.workflows.pictures import render
-from tpmscad.workflows.piece_names import name_pieces
 from tpmscad.workflows.print_check import PrintReport, check_print
 from tpmscad.workflows.result_summary import format_html, format_summary
 
@@ -357,7 +357,7 @@ class Model(MeshableSolid):
             labels = [kernel.order_labels(solid, self.built.faces, found) for solid in self.built.solids]
         else:
             labels = [kernel.label_shape_faces(s, self.patches, self.outer_faces) for s in self.built.solids]
-        names = name_pieces(self.name, self.built.solids, self.bounding_box)
+        names = name_pieces(self.name, [kernel.vertices_of(solid) for solid in self.built.solids])
         return tuple(map(NamedSolid, names, self.built.solids, labels))
 
     def __getstate__(self) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from tpmscad import kernel
+from tpmscad.brep.piece_names import strip_place
 from tpmscad.errors import InvalidRequest
-from tpmscad.workflows.piece_names import strip_place
 
 Colour = tuple[float, float, float]
 

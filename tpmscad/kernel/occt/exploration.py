@@ -8,10 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID
+import numpy as np
+from OCP.BRep import BRep_Tool
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID, TopAbs_VERTEX
 from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
+from tpmscad._typing import Array
 from tpmscad.argument_kinds import show_value
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
@@ -71,6 +74,12 @@ def solids_of(shape: Any) -> list[TopoDS_Solid]:
 def faces_of(shape: Any) -> list[TopoDS_Face]:
     """Faces of a shape in the explorer's order, oriented as its solids use them."""
     return [convert.as_face(face) for face in list_subshapes(require_shape(shape), TopAbs_FACE)]
+
+
+def vertices_of(shape: Any) -> Array:
+    """Points (n, 3) of the vertices of a shape."""
+    vertices = count_subshape_uses(unwrap(shape), TopAbs_VERTEX, TopAbs_EDGE)
+    return np.array([BRep_Tool.Pnt_s(convert.as_vertex(vertex)).Coord() for vertex, _ in vertices]).reshape(-1, 3)
 
 
 def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:

@@ -18,8 +18,9 @@ from OCP.TopExp import TopExp_Explorer
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad.brep.piece_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of
+from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of, vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.occt_topology import write_occt_solids
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
@@ -103,15 +104,16 @@ def _mass_properties(moments: Array) -> MassProperties:
 
 
 def name_solids(shape: Any, name: str, label: str = "") -> tuple[NamedSolid, ...]:
-    """The solids of a shape under one name, numbered from the second on; all their faces have one label.
+    """The solids of a shape under one name, from the second on with their place (`piece_names`); all their faces have one label.
 
     Raises InvalidRequest if the shape has no solid, or faces outside of its solids.
     """
     if TopExp_Explorer(require_shape(shape), TopAbs_FACE, TopAbs_SOLID).More():
         raise InvalidRequest("the shape has faces that bound no solid: leave them out, or make a solid of them first")
-    if not solids_of(shape):
+    solids = solids_of(shape)
+    if not solids:
         raise InvalidRequest("the shape holds no solid: make a solid of its faces first")
     return tuple(
-        NamedSolid(name if i == 0 else f"{name} {i + 1}", solid, (label,) * len(faces_of(solid)))
-        for i, solid in enumerate(solids_of(shape))
+        NamedSolid(own_name, solid, (label,) * len(faces_of(solid)))
+        for own_name, solid in zip(name_pieces(name, [*map(vertices_of, solids)]), solids, strict=True)
     )

@@ -15,6 +15,7 @@ from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import signed_area
+from tpmscad.brep.piece_names import name_pieces
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.geometry_entities import (
     PlacedGeometry,
@@ -47,8 +48,8 @@ def write_solids(
 ) -> SolidEntities:
     """Write the solids of a closed boundary representation, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS.
 
-    `name` is that of the first solid, the others are numbered; `labels` are the names of the faces. `replicas`
-    writes each primitive surface once and copies it (`geometry_entities`).
+    `name` is that of the first solid, the others have their place, too (`piece_names`); `labels` are the names of the
+    faces. `replicas` writes each primitive surface once and copies it (`geometry_entities`).
     """
     surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
     curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
@@ -75,8 +76,10 @@ def write_solids(
         ]
     )
     solids = []
-    for number, (outer, *voids) in enumerate(nesting.shells_of_solid, 1):
-        label = format_string(name if number == 1 else f"{name} {number}")
+    shell_of_use, edge = nesting.shell_of_face[brep.face_of_use], brep.uses.edge
+    corners = [brep.vertices[brep.edges.start[edge[shell_of_use == outer]]] for outer, *_ in nesting.shells_of_solid]
+    for own_name, (outer, *voids) in zip(name_pieces(name, corners), nesting.shells_of_solid, strict=True):
+        label = format_string(own_name)
         # A void's shell bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5).
         inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
         kind = f"BREP_WITH_VOIDS({label},#{shells[outer]},{format_references(inner)})"

@@ -9,12 +9,11 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad import kernel
+from tpmscad._typing import Array
 
 MIDDLE = 1.0 / 3.0
 """Part of the half extent of the whole, along an axis, within which a piece counts as in the middle."""
@@ -23,14 +22,18 @@ _PLACE = re.compile(r" (\([^()]*\)|\d+)$")
 """What `name_pieces`, or a number, adds to the name of the whole."""
 
 
-def name_pieces(name: str, solids: Sequence[Any], box: ArrayLike) -> list[str]:
-    """Distinct names of TopoDS solids, the largest first, that make up one thing; `box` (2, 3) holds the corners of the whole."""
+def name_pieces(name: str, vertices: Sequence[Array]) -> list[str]:
+    """Distinct names of the pieces of one thing, the largest first, given the vertices (n, 3) of each."""
+    if len(vertices) < 2:
+        return [name] * len(vertices)
+    boxes = np.array([(points.min(axis=0), points.max(axis=0)) for points in vertices])
+    whole = boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)
     names, used = [name], Counter[str]()
-    for solid in solids[1:]:
-        place = describe_place(np.mean(kernel.bounding_box(solid), axis=0), box)
+    for box in boxes[1:]:
+        place = describe_place(box.mean(axis=0), whole)
         used[place] += 1
         names.append(f"{name} ({place}{f' {used[place]}' if used[place] > 1 else ''})")
-    return names[: len(solids)]
+    return names
 
 
 def describe_place(point: ArrayLike, box: ArrayLike) -> str:
