@@ -176,6 +176,10 @@ class TpmsInfill(Part):
             raise RuntimeError(f"{type(context).__name__} has no solids to fill: TpmsInfill applies to BuildPart")
         if surface is None:  # a single value is the surface
             body, surface = None, body
+        if isinstance(body, str) and hasattr(surface, "wrapped"):
+            raise InvalidRequest(
+                f'the body comes before the surface: TpmsInfill(body, "{body}", cell=8, thickness=0.8)'
+            )
         if surface is None or hasattr(surface, "wrapped"):
             raise InvalidRequest('there is no surface to fill with: TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
         if body is None:

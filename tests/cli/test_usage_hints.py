@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -38,6 +39,9 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
             "infill gyroid part.step --cell 10 -o a.step",
             "the file comes first, as in `tpmscad infill body.step gyroid`",
         ),
+        ("slice part.step -o a.cli", "'--height': as in `tpmscad slice gyroid.step --height 0.05 -o gyroid.cli`"),
+        ("lattice gyroid --cell 10 --thickness 1", "as in `tpmscad lattice gyroid --cell 10"),
+        ("sweep", "as in `tpmscad sweep designs.csv -o results.csv`"),
         ("gyroid --cell 10", "did you mean `tpmscad lattice gyroid`?"),
         ("latice gyroid", "Did you mean 'lattice'"),
         ("version", "`tpmscad --version`"),
@@ -52,6 +56,7 @@ def test_a_word_of_another_program_is_answered_with_ours(
     line: str,
     meant: str,
 ) -> None:
+    Path("part.step").touch()
     assert meant in read_error(line, capsys)
     assert not workflows.called
 

@@ -147,6 +147,7 @@ BODIES: dict[str, Row] = {
     ),
     "open polyhedron": (lambda: polyhedron([(0, 0, 0), (1, 0, 0), (1, 1, 0)], [(0, 1, 2)]), "join two faces"),
     "infinite box": (lambda: box(np.zeros(3), np.array([1, 1, INF])), "finite corners"),
+    "the body after the surface": (lambda: TpmsInfill("gyroid", BOX, cell=8), "the body comes before the surface"),
     "no surface for a part": (lambda: TpmsInfill(BOX), "no surface to fill with"),
     "no part": (lambda: TpmsInfill(surface="P", cell=10, thickness=1), "no part to fill"),
     "aligning a free lattice": (

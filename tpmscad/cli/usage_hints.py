@@ -96,6 +96,10 @@ def hint_at_meaning(error: Any) -> str:
     command = context.command if context is not None else None
     if (option := getattr(error, "option_name", None)) and command is not None:
         return _hint_at_option(option, [name for parameter in command.params for name in parameter.opts])
+    if message.startswith("Missing") and command is not None:
+        lines = (line.strip() for line in (command.epilog or "").splitlines())
+        example = next((line for line in lines if line.startswith(f"tpmscad {command.name} ")), None)
+        return f"as in `{example}`" if example else ""
     if match := _UNKNOWN_COMMAND.search(message):
         known = f"the commands are {', '.join(getattr(command, 'commands', ()))}"
         return _hint_at_command(match[1]) or ("" if "Did you mean" in message else known)
