@@ -1,0 +1,48 @@
+"""The applications among the examples run at a small size; they make a picture and a STEP file, and what they claim holds."""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tpmscad import kernel
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+FOLDER = Path(__file__).parents[2] / "examples"
+
+
+@pytest.fixture
+def load(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Import an example by its name, in an empty folder."""
+    monkeypatch.syspath_prepend(str(FOLDER))
+    monkeypatch.chdir(tmp_path)
+    return importlib.import_module
+
+
+def require_files(*stems: str) -> None:
+    """Valid solids in STEP, and pictures that show something."""
+    for stem in stems:
+        assert kernel.check_step(f"{stem}.step").ok
+        assert Path(f"{stem}.png").stat().st_size > 10_000
+
+
+def test_a_bracket_is_one_solid(load: Any) -> None:
+    pytest.importorskip("build123d")
+    found = load("build123d_bracket").main(length=20.0, cell=10.0, tol=0.2)
+    assert found["met"]
+    assert found["valid"]
+    assert found["pieces"] == 1
+    require_files("bracket")
+
+
+def test_a_body_with_holes_and_fillets_is_filled_and_cut_open(load: Any) -> None:
+    pytest.importorskip("build123d")
+    found = load("trimmed").main(length=22.0, cell=16.0, tol=0.2)["schwarz_p"]
+    assert found["met"]
+    assert found["betti"][0] == 1
+    assert found["deviation"] <= 0.2
+    require_files("trimmed_schwarz_p")
