@@ -92,7 +92,12 @@ def describe_commands() -> str:
 
 def describe_examples() -> str:
     """A page with the first paragraph of every example and its text to download."""
-    pages = ["# Examples", "", "The scripts in `examples/`; each runs as it is, and the tests run them.", ""]
+    pages = [
+        "# Examples",
+        "",
+        "The scripts in `examples/`; each runs as it is (those for CadQuery with the extra `cadquery`), and the tests run them.",
+        "",
+    ]
     for path in sorted((ROOT / "examples").glob("*.py")):
         text = ast.get_docstring(ast.parse(path.read_text())) or ""
         pages += [

@@ -17,7 +17,7 @@ def panel(cells: tuple[int, int, int] = (2, 1, 1)) -> cq.Workplane:
     return skins.union(core).cut(holes)
 
 
-def main(path: str = "panel.step", cells: tuple[int, int, int] = (2, 1, 1)) -> dict[str, object]:
+def main(path: str = "cadquery_panel.step", cells: tuple[int, int, int] = (2, 1, 1)) -> dict[str, object]:
     """Make, draw and write the panel; return what was measured."""
     part = panel(cells)
     tpmscad.export_step(part.vals(), path)

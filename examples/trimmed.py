@@ -1,7 +1,6 @@
 """A trimmed Schwarz P: a body with bores, counterbores and rounded edges filled with it, drawn cut open.
 
-It follows case study 9 of the TPMS2STEP paper; with `surfaces=("gyroid", "diamond")` also 7 and 8, which take longer. The
-body's own planes and cylinders stay exact.
+It follows case study 9 of the TPMS2STEP paper. The body's own planes and cylinders stay exact.
 """
 
 from __future__ import annotations

@@ -115,6 +115,7 @@ def test_the_design_matrix_is_the_weight_as_a_linear_map_of_its_coefficients(spl
     rows = spline.design_matrix(where)
     assert np.allclose(rows @ spline.coefficients.ravel(), spline(where), atol=1e-12)
     assert np.allclose(np.asarray(rows.sum(axis=1)).ravel(), 1.0)
+    assert spline.design_matrix(where[:0]).shape == (0, spline.coefficients.size)
 
 
 def test_apply_transpose_is_the_transpose_of_evaluation(spline):

@@ -21,5 +21,5 @@ def test_a_sandwich_panel_is_one_valid_solid(monkeypatch: pytest.MonkeyPatch, tm
     found = importlib.import_module("cadquery_panel").main()
     assert found["valid"]
     assert found["pieces"] == 1
-    assert tpmscad.check_step("panel.step").ok
-    assert Path("panel.png").stat().st_size > 10_000
+    assert tpmscad.check_step("cadquery_panel.step").ok
+    assert Path("cadquery_panel.png").stat().st_size > 10_000

@@ -133,7 +133,7 @@ def test_a_name_that_is_no_text_is_refused_and_any_other_is_read(box_file: Path,
         odd = named.rename(os.fsdecode(os.fsencode(tmp_path) + b"/g\xe4r.step"))
     except OSError:
         pytest.skip("this file system has text names only")
-    with pytest.raises(tpmscad.InvalidRequest, match="no UTF-8 text: rename it"):
+    with pytest.raises(tpmscad.InvalidRequest, match="is no UTF-8 text in this locale: rename it"):
         tpmscad.check_step(odd)
 
 

@@ -124,6 +124,8 @@ class LineWeight:
         return self.knots[self.degree], self.knots[-self.degree - 1]
 
     def _basis_rows(self, t: Array) -> csr_array:
+        if t.size == 0:  # SciPy 1.17 cannot make a matrix without rows
+            return csr_array((0, self.coefficients.size))
         return csr_array(BSpline.design_matrix(np.clip(t, *self._domain), self.knots, self.degree))
 
 

@@ -73,6 +73,8 @@ class VolumeWeight:
 
     def design_matrix(self, points: Array) -> csr_array:
         """Values of all basis functions at points (m, 3): sparse (m, nu * nv * nw)."""
+        if len(points) == 0:  # SciPy 1.17 cannot make a matrix without rows
+            return csr_array((0, self.coefficients.size))
         rows = NdBSpline.design_matrix(self._clamp(points), self.knots, self.degree)
         # SciPy 1.17 makes the matrix only as wide as the last coefficient it uses.
         return csr_array((rows.data, rows.indices, rows.indptr), shape=(len(points), self.coefficients.size))
