@@ -72,3 +72,10 @@ def test_minima_under_redundant_conditions_satisfy_them_and_have_no_slope_along_
     for i in range(3):
         free = np.eye(12) - np.linalg.pinv(rows[i]) @ rows[i]
         np.testing.assert_allclose(free @ (matrix[i] @ found[i] - rhs[i]), 0, atol=1e-11)
+
+
+def test_conditions_that_contain_no_unknown_leave_the_least_squares_solution() -> None:
+    matrix = np.diag([1.0, 2.0, 4.0])[None]
+    rhs = np.array([[1.0, 1.0, 1.0]])
+    found = HardRows.factorise(np.zeros((1, 5, 3))).minimise(matrix, rhs, np.zeros((1, 5)))
+    np.testing.assert_allclose(found, [[1.0, 0.5, 0.25]], rtol=1e-15)

@@ -58,7 +58,7 @@ class HardRows:
         for i, each in enumerate(rows[:, :, involved]):
             factors, order, scalars, _, _ = dgeqp3(each.T)
             diagonal = np.abs(np.diagonal(factors))
-            rank = int(np.count_nonzero(diagonal > MIN_PIVOT * diagonal[0]))
+            rank = int(np.count_nonzero(diagonal > MIN_PIVOT * diagonal.max(initial=0.0)))
             square = np.zeros((k, k), order="F")
             square[:, : min(m, k)] = factors[:, :k]
             orthogonal, _, _ = dorgqr(square, scalars)
