@@ -158,7 +158,7 @@ seeds = st.integers(0, 2**32)
 quietly = {"deadline": None, "suppress_health_check": list(HealthCheck), "derandomize": True}
 
 
-@settings(max_examples=5, phases=[Phase.generate], **quietly)
+@settings(max_examples=4, phases=[Phase.generate], **quietly)
 @given(seeds)
 def test_any_request_is_refused_clearly_or_made_correctly(seed: int) -> None:
     held(*request_of(seed))
