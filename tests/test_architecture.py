@@ -20,6 +20,7 @@ MAX_LINES = 420
 MIN_LINES = 40
 
 GROUND = {
+    "_compiled_loops",
     "_lazy_import",
     "_typing",
     "argument_kinds",
@@ -39,12 +40,12 @@ GROUND = {
 MATHEMATICS = {"numpy", "scipy"}
 ROOMS: dict[str, set[str]] = {
     "splines": {*MATHEMATICS},
-    "topology": {*MATHEMATICS, "numba", "gudhi", "matplotlib"},
-    "fields": {"topology", "splines", "numba", *MATHEMATICS},
+    "topology": {*MATHEMATICS, "gudhi", "matplotlib"},
+    "fields": {"topology", "splines", *MATHEMATICS},
     "surfaces": {"splines", *MATHEMATICS},
     "brep": {"splines", *MATHEMATICS},
     "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
-    "levelset": {"fields", "brep", "splines", "topology", *MATHEMATICS},
+    "levelset": {"fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
     "simulation": {"meshing", "skfem", *MATHEMATICS},
@@ -68,6 +69,7 @@ FACES = {
 
 ALLOWED = {
     **{name: {"numpy"} for name in GROUND},
+    "_compiled_loops": {"numba"},
     "progress_display": {"rich", "IPython"},
     **ROOMS,
     **FACES,
@@ -102,6 +104,7 @@ ONLY_IN = {
 SHORT = {
     "tpmscad/kernel/build/region_solids.py": "one function",
     "tpmscad/__main__.py": "runs the command line",
+    "tpmscad/_compiled_loops.py": "one decorator, for rooms that do not import each other",
     "tpmscad/_typing.py": "aliases only",
 }
 """Modules below the least length, each with its reason."""

@@ -37,7 +37,6 @@ class EdgeContinuity:
 def measure_edge_continuity(brep: Brep, tags: tuple[str, ...]) -> EdgeContinuity:
     """Measure every edge between two B-spline faces with one of the tags; all values are 0 if there is none."""
     first, second = _smooth_edge_use_pairs(brep, tags)
-    gap = tangent_jump = curvature_jump = max_curvature = 0.0
     wholes, number = whole_surfaces(brep)
     brep = replace(
         brep,
@@ -45,16 +44,34 @@ def measure_edge_continuity(brep: Brep, tags: tuple[str, ...]) -> EdgeContinuity
         faces=replace(brep.faces, carrier=number[brep.faces.carrier]),
     )
     chosen = _congruence_representatives(brep, first, second)
+    worst = np.zeros(4)
     for a, b in zip(first[chosen], second[chosen], strict=True):
-        (x_a, n_a, k_a), (x_b, n_b, k_b) = (_evaluate_along_use(brep, int(use)) for use in (a, b))
-        gap = max(gap, float(np.linalg.norm(x_a - x_b, axis=1).max()))
-        sine = np.linalg.norm(np.cross(n_a, n_b), axis=1)
-        tangent_jump = max(tangent_jump, float(np.arctan2(sine, np.einsum("ni,ni->n", n_a, n_b)).max()))
-        curvature_jump = max(curvature_jump, float(np.linalg.norm(k_a - k_b, ord=2, axis=(1, 2)).max()))
-        max_curvature = max(max_curvature, float(np.linalg.norm(k_a, ord=2, axis=(1, 2)).max()))
-    return EdgeContinuity(
-        gap, float(np.degrees(tangent_jump)), curvature_jump / max_curvature if max_curvature else 0.0, len(chosen)
+        worst = np.maximum(worst, compare_sides(*(_evaluate_along_use(brep, int(use)) for use in (a, b))))
+    return summarise_jumps(worst, len(chosen))
+
+
+Side = tuple[Array, Array, Array]
+"""Points (..., 3), unit normals (..., 3) and curvature tensors (..., 3, 3) of a face along an edge."""
+
+
+def compare_sides(first: Side, second: Side) -> Array:
+    """Greatest gap, angle between normals in radians, difference of curvature tensors, and curvature of the first side: (4,)."""
+    (x_a, n_a, k_a), (x_b, n_b, k_b) = first, second
+    sine = np.linalg.norm(np.cross(n_a, n_b), axis=-1)
+    return np.array(
+        [
+            np.linalg.norm(x_a - x_b, axis=-1).max(),
+            np.arctan2(sine, np.einsum("...i,...i->...", n_a, n_b)).max(),
+            np.linalg.norm(k_a - k_b, ord=2, axis=(-2, -1)).max(),
+            np.linalg.norm(k_a, ord=2, axis=(-2, -1)).max(),
+        ]
     )
+
+
+def summarise_jumps(worst: Array, n_classes: int) -> EdgeContinuity:
+    """The continuity whose greatest values are those of `compare_sides` (4,)."""
+    gap, angle, bend, curvature = worst.tolist()
+    return EdgeContinuity(gap, float(np.degrees(angle)), bend / curvature if curvature else 0.0, n_classes)
 
 
 def _smooth_edge_use_pairs(brep: Brep, tags: tuple[str, ...]) -> tuple[IntArray, IntArray]:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -20,7 +19,7 @@ from tpmscad.brep.carriers import SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI, Circle, Ellipse
 from tpmscad.brep.loops import points_in_polygons
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import bernstein_basis, knot_domain
+from tpmscad.splines.basis import bezier_interpolation, knot_domain
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import insert_knot
 
@@ -163,15 +162,8 @@ def _bezier_pieces_of_curve(curve: BSplineCurve, low: float, high: float) -> Arr
     start, end = curve.domain
     low, high = max(low, start), min(high, end)
     ends = np.unique([low, high, *curve.knots[(curve.knots > low) & (curve.knots < high)].tolist()])
-    nodes, to_poles = _bezier_interpolation(curve.degree)
+    nodes, to_poles = bezier_interpolation(curve.degree)
     return np.asarray(to_poles @ curve(ends[:-1, None] + np.diff(ends)[:, None] * nodes))
-
-
-@lru_cache(maxsize=16)
-def _bezier_interpolation(degree: int) -> tuple[Array, Array]:
-    """Chebyshev nodes on [0, 1], both ends included, and the matrix from the values there to Bezier poles."""
-    nodes = 0.5 - 0.5 * np.cos(np.pi * np.arange(degree + 1) / degree)
-    return nodes, np.asarray(np.linalg.inv(bernstein_basis(degree, nodes)), float)
 
 
 def _extend_on_curves(net: Array, axis: IntArray, reach: Array, tol: float) -> Array:

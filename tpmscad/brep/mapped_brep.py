@@ -16,9 +16,9 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, EdgeUses
 from tpmscad.brep.carriers import Plane
-from tpmscad.brep.edge_continuity import EdgeContinuity, curvature_tensors
+from tpmscad.brep.edge_continuity import EdgeContinuity, compare_sides, curvature_tensors, summarise_jumps
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
+from tpmscad.splines.basis import bernstein_basis, bezier_interpolation, evaluate_bezier_patches
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.knots import bezier_knots
@@ -93,12 +93,6 @@ def map_brep(brep: Brep, volume: BSplineVolume) -> MappedBrep:
     return MappedBrep(mapped, patches, source, poles, fit_error, continuity)
 
 
-def _nodes(degree: int) -> Array:
-    """Chebyshev nodes of the second kind on [0, 1], symmetric to the bit."""
-    half = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
-    return (half + (1 - half[::-1])) / 2
-
-
 def _evaluate(nets: list[Array], t: Array) -> Array:
     """Points (n, m, m, 3) of Bezier patches of any degrees on the grid of t (m,)."""
     result = np.empty((len(nets), len(t), len(t), 3))
@@ -114,10 +108,11 @@ def _evaluate(nets: list[Array], t: Array) -> Array:
 def _map_patches(source: list[Array], volume: BSplineVolume) -> tuple[Array, float]:
     """Control nets (n, D + 1, D + 1, 3) of the images, of the lowest degree that meets the tolerance, and the greatest error."""
     for degree in DEGREES:
-        nodes = _nodes(degree)
+        nodes, to_poles = bezier_interpolation(degree)
         between = (nodes[1:] + nodes[:-1]) / 2
-        inverse = np.linalg.inv(bernstein_basis(degree, nodes))
-        poles = np.einsum("ai,bj,nijd->nabd", inverse, inverse, _image(volume, _evaluate(source, nodes)), optimize=True)
+        poles = np.einsum(
+            "ai,bj,nijd->nabd", to_poles, to_poles, _image(volume, _evaluate(source, nodes)), optimize=True
+        )
         basis = bernstein_basis(degree, between)
         exact = _image(volume, _evaluate(source, between))
         miss = evaluate_bezier_patches(basis, poles, basis).reshape(exact.shape) - exact
@@ -136,8 +131,7 @@ def _map_curves(brep: Brep, volume: BSplineVolume, degree: int) -> tuple[tuple[B
     """The images of the edges' curves, one for each placed curve, and the curve of every edge."""
     key = np.column_stack([brep.edges.curve, brep.edges.motion.translation])
     _, first, label = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    nodes = _nodes(degree)
-    inverse = np.linalg.inv(bernstein_basis(degree, nodes))
+    nodes, to_poles = bezier_interpolation(degree)
     curves = []
     for edge in first.tolist():
         curve = brep.curves[brep.edges.curve[edge]]
@@ -148,7 +142,7 @@ def _map_curves(brep: Brep, volume: BSplineVolume, degree: int) -> tuple[tuple[B
             curves.append(straight)
             continue
         image, _ = volume.images(brep.edges.motion[edge].apply(curve(low + (high - low) * nodes)))
-        curves.append(BSplineCurve(inverse @ image, low + (high - low) * bezier_knots(degree), degree))
+        curves.append(BSplineCurve(to_poles @ image, low + (high - low) * bezier_knots(degree), degree))
     return tuple(curves), label.ravel()
 
 
@@ -237,10 +231,6 @@ def _compare_uses(brep: Brep, poles: Array) -> tuple[Array, EdgeContinuity]:
     pair = np.flatnonzero(uses.edge[order[:-1]] == uses.edge[order[1:]])
     a, b = order[pair], order[pair + 1]
     if not len(pair):
-        return deviation, EdgeContinuity(0.0, 0.0, 0.0, 0)
-    sine = np.linalg.norm(np.cross(normals[a], normals[b]), axis=-1)
-    jump = np.arctan2(sine, np.einsum("...i,...i", normals[a], normals[b])).max()
-    bend = np.linalg.norm(tensors[a] - tensors[b], ord=2, axis=(-2, -1)).max()
-    largest = np.linalg.norm(tensors[a], ord=2, axis=(-2, -1)).max()
-    gap = np.linalg.norm(points[a] - points[b], axis=-1).max()
-    return deviation, EdgeContinuity(float(gap), float(np.degrees(jump)), float(bend / largest), len(pair))
+        return deviation, summarise_jumps(np.zeros(4), 0)
+    sides = ((points[side], normals[side], tensors[side]) for side in (a, b))
+    return deviation, summarise_jumps(compare_sides(*sides), len(pair))

@@ -13,10 +13,10 @@ from itertools import product
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields import Field
 from tpmscad.fields.sample_grid import SampleGrid
-from tpmscad.topology.voxels import njit_cached
 
 MAX_NEWTON_STEPS = 12
 """Steps of Newton's method for a critical point, each at most half a grid spacing."""

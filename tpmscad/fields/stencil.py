@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.evaluation import FieldJet, is_grid
-from tpmscad.topology.voxels import njit_cached
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from tpmscad.topology.voxels import njit_cached
+from tpmscad._compiled_loops import njit_cached
 
 BLOCK = 128
 """Points of a block: a row is one kilobyte, so that the rows of a field stay in the cache, and the loops are long enough."""

@@ -78,6 +78,14 @@ def design_matrices(knots: Array, degree: int, t: Array, orders: Sequence[int]) 
     return [np.asarray(spline(t, order)) for order in orders]
 
 
+@lru_cache(maxsize=16)
+def bezier_interpolation(degree: int) -> tuple[Array, Array]:
+    """Chebyshev nodes on [0, 1] with both ends, symmetric to the bit, and the matrix from values there to Bezier poles."""
+    half = (1 - np.cos(np.pi * np.arange(degree + 1) / degree)) / 2
+    nodes = (half + (1 - half[::-1])) / 2
+    return nodes, np.asarray(np.linalg.inv(bernstein_basis(degree, nodes)), float)
+
+
 def bernstein_basis(degree: int, t: Array, order: int = 0) -> Array:
     """Bernstein polynomials on [0, 1], or their derivatives of the given order, at t (m,): (m, degree + 1)."""
     return _bernstein_matrices(0.0, 1.0, degree, np.asarray(t, float), (order,))[0]

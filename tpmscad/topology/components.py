@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.public_calls import public
-from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, find_root, njit_cached
+from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, find_root
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.topology.voxels import Labels, find_root, neighbour_offsets, njit_cached
+from tpmscad.topology.voxels import Labels, find_root, neighbour_offsets
 
 UNASSIGNED = np.int32(-1)
 """Basin of a voxel that has not been assigned yet."""

@@ -16,12 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
-from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, njit_cached
+from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity
 
 NO_VOXEL = -1
 """Location of the death of a class that never dies."""

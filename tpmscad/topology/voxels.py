@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, Literal
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.argument_table import VALUES
 from tpmscad.errors import InvalidRequest
@@ -34,9 +34,6 @@ CONNECTIVITY: Mapping[str, tuple[int, int]] = MappingProxyType(
     {"vertices": (6, 26), "top_cells": (26, 6), "strict": (6, 6)}
 )
 """Numbers of neighbours of a solid and of a void voxel, by convention."""
-
-njit_cached = numba.njit(cache=True, error_model="numpy")
-"""Decorator of compiled loops: compiled on first use and cached on disk; a division by zero gives inf or nan, as in NumPy."""
 
 
 def as_sample_array(values: ArrayLike) -> Array:

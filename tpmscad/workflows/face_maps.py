@@ -106,11 +106,11 @@ def _match(first: Any, second: Any) -> tuple[Any, Any]:
 def _turn(chart: Any, swap: bool, reverse_s: bool, reverse_t: bool) -> Any:
     """The chart with its parameters swapped and reversed."""
 
-    def turned(s: Array, t: Array) -> Array:
+    def evaluate(s: Array, t: Array) -> Array:
         s, t = (1 - s if reverse_s else s), (1 - t if reverse_t else t)
         return np.asarray(chart(t, s).swapaxes(0, 1) if swap else chart(s, t))
 
-    return turned
+    return evaluate
 
 
 def _closes(chart: Any, axis: int) -> bool:

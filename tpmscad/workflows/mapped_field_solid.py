@@ -27,7 +27,7 @@ from tpmscad.workflows.certificate import Check, PatchMeasures, certify, require
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.loose_pieces import drop_loose_pieces
 from tpmscad.workflows.model import Model
-from tpmscad.workflows.patch_measures import MAX_FIELD_TANGENT_JUMP_DEG
+from tpmscad.workflows.patch_measures import check_field_tangent_jump
 
 STRETCH_SAMPLES = 17
 """Samples along each axis of the domain for the greatest stretch of the map."""
@@ -108,14 +108,8 @@ def _measure(found: FieldPatches, image: MappedBrep, map: SplineMap, stretch: fl
         float(distance.max()),
         backward,
     )
-    jump = image.continuity.tangent_jump_deg
     checks = (
-        Check(
-            "tangent jump",
-            jump,
-            MAX_FIELD_TANGENT_JUMP_DEG,
-            f"tangent jump {jump:.3g} degrees exceeds {MAX_FIELD_TANGENT_JUMP_DEG:g}",
-        ),
+        check_field_tangent_jump(image.continuity.tangent_jump_deg),
         require(
             found.field_betti in (None, found.properties.betti),
             f"Betti numbers {found.properties.betti} in the domain differ from the field's, {found.field_betti}: "

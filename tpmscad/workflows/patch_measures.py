@@ -94,17 +94,22 @@ def _measure_level_set_patches(
     )
 
 
+def check_field_tangent_jump(jump_deg: float) -> Check:
+    """The check of the greatest tangent jump of patches that are fitted to a field."""
+    return Check(
+        "tangent jump",
+        jump_deg,
+        MAX_FIELD_TANGENT_JUMP_DEG,
+        f"tangent jump {jump_deg:.3g} degrees exceeds {MAX_FIELD_TANGENT_JUMP_DEG:g}",
+    )
+
+
 def measure_field_patches(found: FieldPatches) -> PatchMeasures:
     """The measures of the patches of a field's solid in a box, checked against its Betti numbers and its volume too."""
     fitted, properties = found.fitted, found.properties
     volume, volume_error = found.field_volume, found.field_volume_error
     checks = [
-        Check(
-            "tangent jump",
-            fitted.jump_deg,
-            MAX_FIELD_TANGENT_JUMP_DEG,
-            f"tangent jump {fitted.jump_deg:.3g} degrees exceeds {MAX_FIELD_TANGENT_JUMP_DEG:g}",
-        ),
+        check_field_tangent_jump(fitted.jump_deg),
         require(
             found.field_betti in (None, properties.betti),
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "

@@ -122,9 +122,8 @@ def design_derivatives(
     stiffness = conductivity = None
     if elastic:
         import_extra("skfem", "derivatives of properties", "simulation")
-        found, moved = differentiate_cell(
-            *_move_mesh(surface, cell, thickness, shift, reference, IsotropicMaterial(youngs_modulus, poisson_ratio))
-        )
+        mesh, velocities = _move_mesh(surface, cell, thickness, shift, reference)
+        found, moved = differentiate_cell(mesh, IsotropicMaterial(youngs_modulus, poisson_ratio), velocities)
         stiffness, conductivity = found.stiffness, found.conductivity
         for name, change in zip(PARAMETERS, moved, strict=False):
             derivatives[name] |= {"stiffness": change.stiffness, "conductivity": change.conductivity}
@@ -140,10 +139,8 @@ def design_derivatives(
     return DesignDerivatives(volume, sum(area), stiffness, conductivity, derivatives)
 
 
-def _move_mesh(
-    surface: str, cell: float, thickness: float, shift: float, reference: str, material: IsotropicMaterial
-) -> tuple[VolumeMesh, IsotropicMaterial, Array]:
-    """Hexahedra of one cell, the material, and the velocities of nodes by thickness and by offset (2, n, 3)."""
+def _move_mesh(surface: str, cell: float, thickness: float, shift: float, reference: str) -> tuple[VolumeMesh, Array]:
+    """Hexahedra of one cell, and the velocities of nodes by thickness and by offset (2, n, 3)."""
     step = STEP * thickness
 
     def mesh(thicker: float, higher: float) -> VolumeMesh:
@@ -158,4 +155,4 @@ def _move_mesh(
         (mesh(*(step * d for d in way)).points - mesh(*(-step * d for d in way)).points) / (2 * step)
         for way in ((1.0, 0.0), (0.0, 1.0))
     ]
-    return mesh(0.0, 0.0), material, np.array(velocities)
+    return mesh(0.0, 0.0), np.array(velocities)

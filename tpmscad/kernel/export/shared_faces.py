@@ -23,7 +23,7 @@ def write_plain_brep(solids: Sequence[Any], path: Path) -> None:
 
     Raises KernelError if OCCT cannot write it.
     """
-    if not BRepTools.Write_s(make_compound(solids), str(path)):
+    if not BRepTools.Write_s(make_compound(solids), convert.encode_file_name(path)):
         raise KernelError("write BREP", f"OCCT cannot write {path}")
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.topology.voxels import njit_cached
 
 FOOT_POINT_STEPS = 6
 """Largest number of Gauss-Newton steps of a projection."""

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, cross, dot, length, roll_next
-from tpmscad.topology.voxels import njit_cached
 
 MIN_WEIGHTED_SINE = 0.1
 WEIGHT_POWER = 2
