@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -58,7 +59,10 @@ def _elapsed() -> tuple[float, float]:
 def measure_apart(*arguments: Any) -> dict[str, Any]:
     """One row, in a process of its own."""
     code = f"import json; from benchmarks.scale import measure; print(json.dumps(measure(*{arguments!r})))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    environment = {
+        k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"
+    }  # compiles all sources every time
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment)
     return dict(json.loads(done.stdout.splitlines()[-1]))
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from tests.shapes.box_shapes import CORNERS, SIDES, plane_box
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep, Faces
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.loop_integrals import integrate_pcurves
 from tpmscad.brep.welding import weld_patches
@@ -114,8 +116,7 @@ def test_a_missing_face_and_a_face_turned_over_are_noticed() -> None:
     box = patch_box()
     turned = box.faces.sense.copy()
     turned[2] = -1
-    faces = Faces(*[turned if f == "sense" else getattr(box.faces, f) for f in Faces.__slots__])
-    flipped = Brep(*[faces if f == "faces" else getattr(box, f) for f in Brep.__slots__])
+    flipped = replace(box, faces=replace(box.faces, sense=turned))
     assert len(connectivity.find_unmatched_edges(flipped)) == 4
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,8 +28,8 @@ def lone_faces(brep: Brep):
         one = slice(i, i + 1)
         faces = Faces(f.carrier[one], f.motion[one], f.sense[one], f.tag[one],
                       np.array([0, len(starts) - 1]), starts - starts[0])  # fmt: skip
-        part = {"faces": faces, "uses": EdgeUses(u.edge[uses], u.sense[uses], u.pcurve[uses])}
-        yield build_faces(Brep(*[part.get(n, getattr(brep, n)) for n in Brep.__slots__]))[0]
+        own = EdgeUses(u.edge[uses], u.sense[uses], u.pcurve[uses])
+        yield build_faces(replace(brep, faces=faces, uses=own))[0]
 
 
 @pytest.mark.parametrize("case", ["box of planes", "bent cube", "drilled dome", "mirrored box"])

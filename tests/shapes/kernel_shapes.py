@@ -5,6 +5,8 @@ Every one is known in closed form or by its symmetry, and has unequal sizes and 
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from tests.shapes.box_shapes import plane_box
@@ -73,7 +75,7 @@ def turned_inside_out(brep: Brep) -> Brep:
     """The same faces with reversed outward normals."""
     f = brep.faces
     faces = Faces(f.carrier, f.motion, -f.sense, f.tag, f.loop_start, f.use_start)
-    return Brep(*[faces if n == "faces" else getattr(brep, n) for n in Brep.__slots__])
+    return replace(brep, faces=faces)
 
 
 def hollow_box() -> Brep:

@@ -92,7 +92,7 @@ class Faces:
         return len(self.carrier)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class Brep:
     """A boundary representation, in model units; see the module for its invariants."""
 

@@ -10,6 +10,7 @@ shells was found when the solids were built.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from OCP.TopoDS import TopoDS_Face
@@ -27,6 +28,8 @@ from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 CLASS_RESOLUTION = 0.1 * CONFUSION_TOLERANCE
 """Faces that differ by less belong to one class: a tenth of the least tolerance of the kernel's check."""
 
+_faces_to_check: WeakKeyDictionary[Brep, IntArray] = WeakKeyDictionary()
+"""What was found for solids that still exist: the check of a solid and that of its file ask for the same faces."""
 
 MAX_END_MISS = 10.0
 """Distance of a vertex from the ends of its edges in tolerances of these. Below one in all solids measured; the tolerance of the
@@ -47,5 +50,7 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
 
 def find_faces_to_check(brep: Brep) -> IntArray:
     """A face of each class of congruent faces, but for the planar ones that are simple beyond doubt: (n,)."""
-    first = group_congruent_faces(brep, CLASS_RESOLUTION).first
-    return first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE, first)]
+    if brep not in _faces_to_check:
+        first = group_congruent_faces(brep, CLASS_RESOLUTION).first
+        _faces_to_check[brep] = first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE, first)]
+    return _faces_to_check[brep]

@@ -56,7 +56,7 @@ class FileText:
     """The entities of a file and what they are meant to be."""
 
     def __init__(self, table: EntityTable, brep: Brep, nesting: ShellNesting) -> None:
-        require(len(np.unique(table.number)) == len(table.number), "two entities have one number")
+        require(np.diff(np.sort(table.number)) > 0, "two entities have one number")
         self.table, self.brep, self.nesting = table, brep, nesting
         self.keyword = table.keywords()
         self.known = np.zeros(len(table.number), bool)
