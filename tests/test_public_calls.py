@@ -132,3 +132,8 @@ def test_hostile_values_give_results_or_refusals_only() -> None:
     assert not tally.failures, "\n".join(f"{kind}: {call}" for kind, call in tally.failures.items())
     assert tally.outcomes["result"] > 50
     assert tally.outcomes["refusal"] > 1000
+
+
+def test_a_name_that_the_package_lacks_is_answered_with_the_nearest() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'fill'; did you mean 'infill'"):
+        tpmscad.fill  # noqa: B018

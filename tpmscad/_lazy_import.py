@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -26,7 +27,9 @@ def lazy_attributes(
 
     def __getattr__(name: str) -> Any:
         if name not in module_of_name:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            near = get_close_matches(name, module_of_name, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         module = import_module(module_of_name[name])
         value = module if module_of_name[name].endswith(f".{name}") else getattr(module, name)
         setattr(sys.modules[package], name, value)

@@ -136,6 +136,10 @@ FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
 OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).but(example="(-0.5, 0.5)")
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 ARRAY_OR_PATH = PATH.or_else(VALUES)
+POINT_ROWS = array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2)
+POINT_TABLE = PATH.or_else(POINT_ROWS).but(
+    "the path of a CSV file, or an array of points (n, 3)", "np.random.rand(50, 3)"
+)
 
 ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
     {
@@ -301,7 +305,8 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "samples": COUNT.but(example="96"),
         "sampled.values": ARRAY_OR_PATH,
         "sampled.spacing": LENGTHS,
-        "points": array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2),
+        "points": POINT_ROWS,
+        "scattered.points": POINT_TABLE,
         "scattered.values": array_kind("an array (n,), a value for each point", "np.zeros(50)", 1),
         "scattered.resolution": one_or_three(read_count, "a whole number of at least 1", "40"),
         "smoothing": NOT_NEGATIVE,

@@ -1,6 +1,5 @@
 """Lattices and filled bodies as build123d parts, in builder and algebra mode.
 
-from tpmscad.public_calls import public
 from tpmscad.build123d import Tpms, TpmsInfill
 
 part = Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
@@ -9,7 +8,9 @@ filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from inspect import signature
+from pathlib import Path
 from typing import Any, Self, Unpack
 
 from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
@@ -18,7 +19,7 @@ from build123d.geometry import to_align_offset
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
-from tpmscad.workflows import infill, lattice
+from tpmscad.workflows import Certificate, Model, infill, lattice
 from tpmscad.workflows.face_selection import list_given_faces
 from tpmscad.workflows.lattice_request import (
     INFILL_DEFAULTS,
@@ -28,6 +29,8 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
+from tpmscad.workflows.placed_model import place_model
+from tpmscad.workflows.result_summary import count_pieces
 
 __all__ = ["Tpms", "TpmsInfill"]
 
@@ -36,7 +39,89 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-class Tpms(BasePartObject):
+class ModelPart:
+    """What `Tpms` and `TpmsInfill` have of the model that they hold: its files, its pictures and its words."""
+
+    model: Model
+    certificate: Certificate
+    wrapped: Any
+
+    @property
+    def placed(self) -> Model:
+        """The model where the part is: aligned, rotated and moved."""
+        return place_model(self.model, self.wrapped)
+
+    @public()
+    def export(
+        self,
+        path: str | Path,
+        *,
+        deviation: float | None = None,
+        angle: float | None = None,
+        schema: str = "ap242",
+        verify: str | None = None,
+    ) -> None:
+        """Write the part, where it is, to a file whose suffix says the format; the file is read back and compared.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write: ``.step``, ``.stp``, ``.brep``, ``.stl``, ``.3mf`` or ``.glb``.
+        deviation, angle, schema, verify
+            As in `Model.export`.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is not known, an option does not apply, or the part is not the model's solid any more.
+        KernelError
+            If the file does not read back as the solid that was written.
+
+        Examples
+        --------
+        >>> (Pos(20, 0, 0) * Tpms("gyroid", cell=10, thickness=1)).export("gyroid.step")
+        """
+        self.placed.export(path, deviation=deviation, angle=angle, schema=schema, verify=verify)
+
+    @public()
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: str | Sequence[float] = "iso",
+        section: Any = None,
+        size: tuple[int, int] = (1200, 900),
+        color_by: str | None = None,
+    ) -> None:
+        """Draw the part, where it is, as a PNG picture.
+
+        Parameters
+        ----------
+        path : str or Path
+            The PNG file to write.
+        view, section, size, color_by
+            As in `tpmscad.render`.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood, or the part is not the model's solid any more.
+
+        Examples
+        --------
+        >>> Tpms("gyroid", cell=10, thickness=1).render("gyroid.png", section="z")
+        """
+        self.placed.render(path, view=view, section=section, size=size, color_by=color_by)
+
+    def __repr__(self) -> str:
+        found = self.certificate
+        return (
+            f"{type(self).__name__}: {self.model.name}, {count_pieces(len(found.pieces))}, {found.n_faces} faces, volume "
+            f"{found.volume:.7g}, {'met' if found.met else f'NOT met: {found.shortfalls[0]}'}"
+        )
+
+
+class Tpms(ModelPart, BasePartObject):
     """A lattice of a minimal surface as a build123d part.
 
     Parameters
@@ -119,7 +204,7 @@ Tpms.__signature__ = signature(
 )
 
 
-class TpmsInfill(Part):
+class TpmsInfill(ModelPart, Part):
     """A body filled with a lattice, as a build123d part.
 
     ``TpmsInfill(surface, ...)`` fills the part being built and replaces it, unless `mode` says otherwise;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -199,6 +200,25 @@ class TestScatteredField:
         local = fields.scattered(self.POINTS, values)
         difference = np.abs(local(inside) - whole(inside)).max()
         assert 0 < difference < 0.05
+
+    def test_a_csv_file_gives_the_field_of_its_columns(self, tmp_path: Path) -> None:
+        values = self.POINTS @ (1.0, 2.0, -1.0)
+        file = tmp_path / "points.csv"
+        np.savetxt(file, np.column_stack([self.POINTS, values]), delimiter=",", header="x,y,z,v", comments="")
+        inside = RNG.uniform(2, 8, (50, 3))
+        assert fields.scattered(str(file), level=1.0)(inside) == pytest.approx(1.0 - inside @ (1.0, 2.0, -1.0))
+
+    @pytest.mark.parametrize(
+        ("call", "message"),
+        [
+            (lambda: fields.scattered("none.csv"), "there is no file none.csv"),
+            (lambda: fields.scattered("none.csv", np.zeros(5)), "leave values out"),
+            (lambda: fields.scattered(np.eye(3)), "give values="),
+        ],
+    )
+    def test_says_where_the_values_come_from(self, call: Callable[[], object], message: str) -> None:
+        with pytest.raises(InvalidRequest, match=message):
+            call()
 
     @pytest.mark.parametrize(
         ("points", "values", "message"),

@@ -152,3 +152,17 @@ def test_more_points_than_a_slab_change_nothing() -> None:
 def test_fields_survive_pickling(name: str) -> None:
     again = pickle.loads(pickle.dumps(KINDS[name]))
     assert (again(POINTS[:50]) == KINDS[name](POINTS[:50])).all()
+
+
+def test_a_power_is_the_product_and_has_its_periods() -> None:
+    points = RNG.uniform(-2, 2, (50, 3))
+    np.testing.assert_allclose((GYROID**3)(points), (GYROID * GYROID * GYROID)(points), rtol=1e-13, atol=1e-15)
+    np.testing.assert_allclose((GYROID**2).gradient(points), 2 * GYROID(points)[:, None] * GYROID.gradient(points))
+    assert (GYROID**7)(points) == pytest.approx(GYROID(points) ** 7)
+    assert (GYROID**2).periods() == GYROID.periods()
+
+
+@pytest.mark.parametrize("exponent", [0.5, -1, 0, "2"])
+def test_a_power_that_is_not_defined_everywhere_is_refused(exponent: object) -> None:
+    with pytest.raises(InvalidRequest, match="whole powers from 1 on"):
+        _ = GYROID**exponent

@@ -206,3 +206,35 @@ def test_what_cannot_be_made_is_refused_by_name() -> None:
         Tpms("P", cell=10, thickness=50)
     with pytest.raises(tpmscad.InvalidRequest, match="align=None"):
         Tpms("P", cell=10, thickness=1, boundary="natural", map=lambda points: points)
+
+
+class TestTheOneKindOfResult:
+    def test_a_file_holds_the_part_where_it_is(self, schwarz: Tpms, tmp_path: Path) -> None:
+        moved = bd.Pos(30, 0, 0) * bd.Rot(0, 0, 30) * schwarz
+        moved.export(tmp_path / "p.step")
+        read = bd.import_step(str(tmp_path / "p.step"))
+        assert read.volume == pytest.approx(moved.volume, rel=1e-9)
+        assert tuple(read.center()) == pytest.approx(tuple(moved.center()), abs=1e-6)
+        assert box_of_caps(read)[1] == pytest.approx(box_of_caps(moved)[1], abs=1e-6)
+
+    def test_the_placed_model_has_the_true_extents_and_the_faces_of_the_part(self, schwarz: Tpms) -> None:
+        turned = bd.Pos(1, 2, 3) * bd.Rot(0, 0, 90) * schwarz
+        low, high = turned.placed.bounding_box
+        assert low == pytest.approx((-4, -3, -2), abs=1e-6)
+        assert high == pytest.approx((6, 7, 8), abs=1e-6)
+        labels = turned.placed.named_solids()[0].labels
+        assert sorted(labels) == sorted(schwarz.model.named_solids()[0].labels)
+        assert turned.placed.certificate is schwarz.certificate
+
+    def test_a_mirrored_part_is_not_written_as_if_it_were_the_model(self, gyroid: Tpms) -> None:
+        changed = copy.copy(gyroid)
+        changed.wrapped = bd.Part(bd.mirror(gyroid, bd.Plane.XY).wrapped).wrapped
+        with pytest.raises(tpmscad.InvalidRequest, match="not the model's solid any more"):
+            _ = changed.placed
+
+    def test_it_says_what_it_is(self, schwarz: Tpms) -> None:
+        assert repr(schwarz) == "Tpms: schwarz_p sheet, 1 piece, 102 faces, volume 232.1074, met"
+
+    def test_an_operator_on_the_model_says_to_take_its_solid(self, schwarz: Tpms) -> None:
+        with pytest.raises(tpmscad.InvalidRequest, match=r"model\.solid - Box"):
+            schwarz.model - bd.Box(1, 1, 1)

@@ -107,6 +107,12 @@ def test_the_last_layer_is_as_high_as_what_is_left(tube: Slices) -> None:
     assert tube.volume == pytest.approx(1.25 * 3 * np.pi, rel=1e-6)
 
 
+def test_a_part_that_the_kernel_finds_a_hair_below_zero_begins_at_zero() -> None:
+    found = slice_shape(bd.Pos(0, 0, 0.5) * bd.Box(2, 2, 1), "part", 0.5, 0.01, (-1e-7, 1 + 1e-7))
+    assert [(layer.bottom, layer.top) for layer in found] == [(0.0, 0.5), (0.5, 1.0)]
+    assert "z = 0 to 1," in repr(found)
+
+
 def test_holes_run_clockwise(tube: Slices) -> None:
     assert sorted(np.sign(polygon_area(contour)) for contour in tube[1].contours) == [-1, 1]
 

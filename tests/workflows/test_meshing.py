@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import cli
+from tpmscad import cli, kernel
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import name_solids
 from tpmscad.meshing import MeshRequest, VolumeMesh, interior_facets
-from tpmscad.workflows.volume_meshing import mesh_named_solids
+from tpmscad.workflows.volume_meshing import mesh_named_solids, mesh_step
 
 pytest.importorskip("gmsh")
 skfem = pytest.importorskip("skfem")
@@ -166,3 +166,11 @@ def test_the_command_meshes_a_file_and_reports(tmp_path: Path) -> None:
     assert "*EQUATION" in mesh.read_text()
     assert run_command(f"mesh {part} --size 1.5 --order 3 -o {mesh}") == 2
     assert run_command(f"mesh {part} --size 1.5 -o {tmp_path / 'part.stl'}") == 2
+
+
+def test_facets_of_a_file_have_the_names_that_its_faces_have(tmp_path: Path) -> None:
+    labels = ("cap X-", "cap X+", "surface +", "surface -", "gap", "")
+    solid = kernel.NamedSolid("part", bd.Box(4, 3, 2).solid().wrapped, labels)
+    kernel.write_solids([solid], tmp_path / "part.step", schema="ap242", name="part")
+    groups = mesh_step(tmp_path / "part.step", 2.0, order=1).facet_groups
+    assert set(groups) == {*labels[:-1], "surface Z+"}

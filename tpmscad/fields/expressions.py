@@ -24,6 +24,7 @@ from tpmscad.fields.field import (
     Field,
     FieldLike,
     MinMaxField,
+    PowerField,
     ScaledField,
     SumField,
     as_field,
@@ -36,7 +37,6 @@ from tpmscad.fields.tape_nodes import (
     angle,
     apply_function,
     cosine,
-    power,
     root,
     sine,
 )
@@ -84,18 +84,6 @@ class FunctionOfField(Field):
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         return FUNCTIONS[self.name](self.argument.trace(x, y, z))
-
-
-@dataclass(frozen=True, slots=True)
-class PowerField(Field):
-    """A field to a constant power."""
-
-    base: Field
-    exponent: float
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node:
-        """The formula on the nodes of a tape."""
-        return power(self.base.trace(x, y, z), self.exponent)
 
 
 @dataclass(frozen=True, slots=True)

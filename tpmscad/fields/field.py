@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from tpmscad.fields.function_calls import (
     describe_function,
     detect_coordinate_arguments,
 )
-from tpmscad.fields.tape_nodes import Node, choose_extreme
+from tpmscad.fields.tape_nodes import Node, choose_extreme, power
 from tpmscad.public_calls import call_for_array, public
 
 EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
@@ -40,7 +41,8 @@ EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
 class Field(FieldEvaluation):
     """Base class of all fields: f(points (..., 3)) -> (...), negative in the solid.
 
-    `+ - *` combine fields and numbers; `a | b`, `a & b` and `~a` are the union, intersection and complement of the solids.
+    `+ - *` combine fields and numbers, `field**2` is a power; `a | b`, `a & b` and `~a` are the union, intersection and
+    complement of the solids.
     """
 
     __slots__ = ()
@@ -69,6 +71,14 @@ class Field(FieldEvaluation):
         if getattr(divisor, "value", 0.0) == 0:
             raise InvalidRequest(f"a field can be divided only by a number other than zero, not by {number!r}")
         return multiply_fields(self, 1.0 / float(number))
+
+    def __pow__(self, exponent: Any) -> PowerField:
+        if not isinstance(exponent, Integral) or int(exponent) < 1:  # others are limited to part of space
+            raise InvalidRequest(
+                f"a field takes whole powers from 1 on, not {exponent!r}: for others write fields.expression('f^0.5', f=field), "
+                "which says where a value is not finite"
+            )
+        return PowerField(self, float(exponent))
 
     def __neg__(self) -> Field:
         return multiply_fields(self, -1.0)
@@ -141,6 +151,22 @@ class ProductField(BinaryField):
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         return self.first.trace(x, y, z) * self.second.trace(x, y, z)
+
+
+@dataclass(frozen=True, slots=True)
+class PowerField(Field):
+    """A field to a constant power."""
+
+    base: Field
+    exponent: float
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return power(self.base.trace(x, y, z), self.exponent)
+
+    def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
+        return self.base.periods()
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ grid once and becomes a cubic spline (`sampled_data`).
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy.spatial import KDTree
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.point_tables import read_point_table
 from tpmscad.fields.sampled_data import MIN_SAMPLES, SampledField, sampled
 from tpmscad.memory_limit import require_memory
 from tpmscad.public_calls import public
@@ -42,8 +44,8 @@ SAMPLES_PER_BATCH = 4096
 
 @public()
 def scattered(
-    points: ArrayLike,
-    values: ArrayLike,
+    points: ArrayLike | str | os.PathLike[str],
+    values: ArrayLike | None = None,
     *,
     level: float | None = None,
     smoothing: float = 0.0,
@@ -54,10 +56,10 @@ def scattered(
 
     Parameters
     ----------
-    points : array_like, shape (n, 3)
-        Positions, model units; at least four, not in one plane.
-    values : array_like, shape (n,)
-        Value at each point.
+    points : array_like, shape (n, 3), or path
+        Positions, model units; at least four, not in one plane. Or the path of a CSV file with the columns x, y, z and value.
+    values : array_like, shape (n,), optional
+        Value at each point; a file holds them.
     level : float, optional
         If given, the field is `level` minus the data: the part whose data exceed the level is solid.
     smoothing : float, optional
@@ -76,7 +78,7 @@ def scattered(
     Raises
     ------
     InvalidRequest
-        If shapes do not fit, a number is not finite, points coincide, or lie in one plane.
+        If shapes do not fit, a number is not finite, points coincide or lie in one plane, or a file cannot be read.
 
     Notes
     -----
@@ -92,6 +94,12 @@ def scattered(
     >>> bool(abs(field((7.0, 5.0, 5.0)) - 2.0) < 1e-6)
     True
     """
+    if isinstance(points, str | os.PathLike):
+        if values is not None:
+            raise InvalidRequest("the file of the points holds their values, too: leave values out")
+        points, values = read_point_table(points)
+    elif values is None:
+        raise InvalidRequest("there is no value for the points: give values=, an array (n,)")
     positions, data = _check_points(points, values)
     if level is not None:
         data = level - data

@@ -8,7 +8,6 @@ from typing import Any
 
 from tpmscad import fields
 from tpmscad.fields import Field
-from tpmscad.recipe.array_files import read_point_table
 from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
 from tpmscad.recipe.toml_entry import Entry
 from tpmscad.recipe.value_types import (
@@ -37,7 +36,7 @@ def make_sampled(*, file: Path, spacing: Any, origin: Any, level: float | None) 
 
 def make_scattered(*, file: Path, level: float | None, smoothing: float, domain: Any) -> Field:
     """The field through the points of a CSV file."""
-    return fields.scattered(*read_point_table(file), level=level, smoothing=smoothing, domain=domain)
+    return fields.scattered(file, level=level, smoothing=smoothing, domain=domain)
 
 
 def _read_names(entry: Entry, read: ReadField) -> dict[str, Field]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.recipe.array_files import read_numpy_array
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 N_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -23,6 +23,14 @@ N_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 
 LUMA_WEIGHTS = np.array([0.299, 0.587, 0.114])
 """Weights of red, green and blue in the brightness (ITU-R BT.601)."""
+
+
+def read_numpy_array(path: Path) -> NDArray[Any]:
+    """The array of a .npy file."""
+    try:
+        return np.asarray(np.load(path, allow_pickle=False))
+    except (ValueError, OSError) as error:
+        raise InvalidRequest(f"file {path.name} is not an array that NumPy saved: {error}") from error
 
 
 def read_mask(path: Path, threshold: float, solid: str) -> NDArray[np.bool_]:

@@ -16,8 +16,8 @@ from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
 from tpmscad.fields.ramps import RampField
-from tpmscad.recipe.array_files import read_numpy_array
 from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
+from tpmscad.recipe.image_masks import read_numpy_array
 from tpmscad.recipe.toml_entry import Entry
 from tpmscad.recipe.value_types import (
     CELL,

@@ -28,6 +28,9 @@ SECTIONS_OF_ROUGH_LAYER = 3
 DEFAULT_CHORD_ERROR_FRACTION = 0.25
 """Default chord error in layer heights: the steps between layers are coarser anyway."""
 
+HEIGHT_DIGITS = 7
+"""Of the lowest and the highest point: the kernel's boxes of STEP files are exact to about 1e-7 mm."""
+
 
 @dataclass(frozen=True, slots=True)
 class Layer:
@@ -139,7 +142,8 @@ def slice_shape(
     The last layer is thinner where the height does not divide that of the part. Raises InvalidRequest if there would be too
     many layers, and KernelError if OCCT cannot triangulate the shape.
     """
-    bottom, top = bounds
+    digits = HEIGHT_DIGITS - int(np.ceil(np.log10(bounds[1] - bounds[0])))
+    bottom, top = (np.round(np.asarray(bounds, float), digits) + 0.0).tolist()  # 0 is never negative
     count = max(1, int(np.ceil((top - bottom) / height - 1e-9)))
     if count > MAX_LAYERS:
         raise InvalidRequest(

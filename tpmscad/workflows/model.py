@@ -369,6 +369,14 @@ class Model(MeshableSolid):
             },
         }
 
+    def _refuse_operator(self, other: Any) -> Any:
+        raise InvalidRequest(
+            "a model cannot be cut or joined itself, as its certificate holds for this solid only: take its shape, as in "
+            "model.solid - Box(10, 10, 10)"
+        )
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __and__ = __rand__ = __or__ = __ror__ = _refuse_operator
+
     def __repr__(self) -> str:
         return format_summary(self.name, self.bounding_box, self.certificate)
 

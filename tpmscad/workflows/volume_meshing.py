@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
@@ -92,9 +93,10 @@ def mesh_step(
     Parameters
     ----------
     path : str or Path
-        The file to read: .step, .stp or .brep. Each solid is a group of elements under its name in the file. Facets are in the
-        groups "surface", and "surface X+" to "surface Z-" where they are planar and face along an axis. Solids of a BREP file
-        that share faces share the nodes there; those of a STEP file share none.
+        The file to read: .step, .stp or .brep. Each solid is a group of elements under its name in the file. Facets are in
+        groups named as the faces in the STEP file ("cap X+"); without such a name, "surface", and "surface X+" to "surface Z-"
+        where they are planar and face along an axis. Solids of a BREP file that share faces share the nodes there; those of a
+        STEP file share none.
     size, order, periodic, per_turn, progress
         As in `Model.mesh`.
 
@@ -118,13 +120,13 @@ def mesh_step(
     request = read_request(size, order, periodic, per_turn)
     source = Path(path)
     if source.suffix.lower() == ".brep":
-        found = [(of.name, of.solid) for of in kernel.name_solids(kernel.read_foreign_step(source).shape, "solid")]
+        found = [(of.name, of.solid, ()) for of in kernel.name_solids(kernel.read_foreign_step(source).shape, "solid")]
     else:
         found = [
-            (read.name or f"solid {number}", read.solid)
+            (read.name or f"solid {number}", read.solid, read.face_names)
             for number, read in enumerate(kernel.read_foreign_coloured_solids(source), 1)
         ]
-    solids = [NamedSolid(name, solid, kernel.label_outer_faces(solid, "surface")) for name, solid in found]
+    solids = [NamedSolid(name, solid, _label_faces(solid, names)) for name, solid, names in found]
     low, high = kernel.shape_bounds(kernel.make_compound(of.solid for of in solids))
     return mesh_named_solids(
         solids,
@@ -134,3 +136,9 @@ def mesh_step(
         name=source.stem,
         progress=progress,
     )
+
+
+def _label_faces(solid: Any, names: Sequence[str]) -> tuple[str, ...]:
+    """The names of the faces in their file; where they have none, "surface" with the axis that they face."""
+    others = kernel.label_outer_faces(solid, "surface")
+    return tuple(name or other for name, other in zip(names or others, others, strict=True))

@@ -65,10 +65,12 @@ def read_foreign_step(path: str | os.PathLike[str]) -> ForeignShape:
 
 
 def read_foreign_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
-    """The solids of a STEP or BREP file with their names and colours; errors as `read_foreign_step`."""
+    """The solids of a STEP or BREP file with names and colours of solids and faces; errors as `read_foreign_step`."""
     content, titles = _call_for_file(_read_coloured, path)
     solids = solids_of(shape_from_bytes(content))
-    return tuple(ColouredSolid(name, solid, colours) for solid, (name, colours) in zip(solids, titles, strict=True))
+    return tuple(
+        ColouredSolid(name, solid, colours, names) for solid, (name, colours, names) in zip(solids, titles, strict=True)
+    )
 
 
 def _call_for_file(function: Callable[[str], T], path: str | os.PathLike[str]) -> T:
@@ -114,10 +116,12 @@ def _read_and_check(path: str) -> tuple[bytes, tuple[str, ...]]:
     return shape_to_bytes(content.shape), note_missing_unit(Path(path).name, content.units)
 
 
-def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...]]]]:
-    """The compound of all solids as bytes, and the name and the colours of the faces of each."""
+def _read_coloured(path: str) -> tuple[bytes, list[tuple[str, tuple[Colour | None, ...], tuple[str, ...]]]]:
+    """The compound of all solids as bytes, and the name of each with the colours and the names of its faces."""
     if _is_brep(path):
         content = _read(path).shape
-        return shape_to_bytes(content), [("", (None,) * len(faces_of(solid))) for solid in solids_of(content)]
+        counts = [len(faces_of(solid)) for solid in solids_of(content)]
+        return shape_to_bytes(content), [("", (None,) * n, ("",) * n) for n in counts]
     solids = read_coloured_solids(path)
-    return shape_to_bytes(make_compound(read.solid for read in solids)), [(s.name, s.face_colours) for s in solids]
+    titles = [(read.name, read.face_colours, read.face_names) for read in solids]
+    return shape_to_bytes(make_compound(read.solid for read in solids)), titles

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from OCP.IFSelect import IFSelect_RetDone
+from OCP.Interface import Interface_Static
 from OCP.Quantity import Quantity_Color
 from OCP.STEPCAFControl import STEPCAFControl_Reader
 from OCP.TCollection import TCollection_ExtendedString
@@ -30,14 +31,18 @@ from tpmscad.kernel.step.step_reader import missing_solid, require_step_file, si
 SRGB_LINEAR_LIMIT, SRGB_EXPONENT = 0.0031308, 2.4
 """IEC 61966-2-1: where the transfer curve of sRGB turns from a line to a power."""
 
+NO_NAME = "NONE"
+"""What several programs write where a face has no name."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ColouredSolid:
-    """A placed solid of a file: its product's or its own name, and the colours of its faces, None where the file has none."""
+    """A placed solid of a file: its product's or its own name; colours and names of its faces, None and "" where it has none."""
 
     name: str
     solid: TopoDS_Solid
     face_colours: tuple[Colour | None, ...]
+    face_names: tuple[str, ...]
 
 
 def read_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, ...]:
@@ -51,6 +56,7 @@ def read_coloured_solids(path: str | os.PathLike[str]) -> tuple[ColouredSolid, .
     reader = STEPCAFControl_Reader()
     reader.SetColorMode(True)
     reader.SetNameMode(True)
+    Interface_Static.SetIVal_s("read.stepcaf.subshapes.name", 1)
     with silence_occt():
         if reader.ReadFile(encode_file_name(path)) != IFSelect_RetDone:
             raise unreadable_file(path)
@@ -83,10 +89,13 @@ def _solids_below(label: Any, place: Any, name: str, colour: Colour | None) -> I
     for solid in solids_of(shape):
         own = parts.get(ShapeKey(solid))
         of_solid = (own and _colour(own)) or colour
-        of_faces = (parts.get(ShapeKey(face)) for face in faces_of(solid))
+        of_faces = [parts.get(ShapeKey(face)) for face in faces_of(solid)]
+        names = (_name(face) if face else "" for face in of_faces)
         colours = tuple((face and _colour(face)) or of_solid for face in of_faces)
         title = (own and _name(own)) or name or _name(label)
-        yield ColouredSolid(title, convert.as_solid(solid.Moved(place)), colours)
+        yield ColouredSolid(
+            title, convert.as_solid(solid.Moved(place)), colours, tuple(n if n != NO_NAME else "" for n in names)
+        )
 
 
 def _items(labels: Any) -> Iterator[Any]:
@@ -96,9 +105,10 @@ def _items(labels: Any) -> Iterator[Any]:
 
 def _name(label: Any) -> str:
     """The name of a label, empty if it has none."""
-    attribute = TDataStd_Name()
-    if not label.FindAttribute(TDataStd_Name.GetID_s(), attribute):
+    attribute, kind = TDataStd_Name(), TDataStd_Name.GetID_s()
+    if not label.IsAttribute(kind):  # to ask for one that is missing crashes some builds of the bindings
         return ""
+    label.FindAttribute(kind, attribute)
     return str(attribute.Get().ToExtString())
 
 

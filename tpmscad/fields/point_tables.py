@@ -1,13 +1,13 @@
-"""Arrays of numbers that recipes name by file: saved NumPy arrays, and tables of points with a value each (CSV)."""
+"""Tables of points with a value each, as CSV files."""
 
 from __future__ import annotations
 
 import csv
+import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
@@ -16,17 +16,15 @@ POINT_COLUMNS = 4
 """Columns of a table of points: x, y, z and the value."""
 
 
-def read_numpy_array(path: Path) -> NDArray[Any]:
-    """The array of a .npy file."""
-    try:
-        return np.asarray(np.load(path, allow_pickle=False))
-    except (ValueError, OSError) as error:
-        raise InvalidRequest(f"file {path.name} is not an array that NumPy saved: {error}") from error
-
-
-def read_point_table(path: Path) -> tuple[Array, Array]:
+def read_point_table(path: str | os.PathLike[str]) -> tuple[Array, Array]:
     """Points (n, 3) and values (n,) of a CSV file with the columns x, y, z, value; a first line of names is skipped."""
-    text = path.read_text("utf-8-sig")
+    file = Path(path)
+    if not file.is_file():
+        raise InvalidRequest(f"there is no file {file}")
+    try:
+        text = file.read_text("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InvalidRequest(f"{file.name} is no text: give a CSV file with the columns x, y, z, value") from None
     try:
         dialect: Any = csv.Sniffer().sniff(text[:4096], delimiters=",;\t ")
     except csv.Error:
@@ -41,13 +39,13 @@ def read_point_table(path: Path) -> tuple[Array, Array]:
             rows.append([float(cell) for cell in cells])
         except ValueError:
             if rows:
-                raise InvalidRequest(f"file {path.name}, line {number}: {', '.join(cells)!r} are not numbers") from None
+                raise InvalidRequest(f"file {file.name}, line {number}: {', '.join(cells)!r} are not numbers") from None
             continue  # the names of the columns
         if len(cells) != POINT_COLUMNS:
             raise InvalidRequest(
-                f"file {path.name}, line {number}: {len(cells)} columns; x, y, z and a value are needed"
+                f"file {file.name}, line {number}: {len(cells)} columns; x, y, z and a value are needed"
             )
     if not rows:
-        raise InvalidRequest(f"file {path.name} holds no row of x, y, z and a value")
+        raise InvalidRequest(f"file {file.name} holds no row of x, y, z and a value")
     table = np.array(rows)
     return table[:, :3], table[:, 3]
