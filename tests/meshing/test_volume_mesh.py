@@ -15,6 +15,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.meshing import VolumeMesh, boundary_facets, owners_of_facets, sort_nodes
 from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
 from tpmscad.meshing.inp_files import format_name
+from tpmscad.meshing.tetrahedra import pair_sides
 from tpmscad.meshing.untangling import untangle
 
 meshio = pytest.importorskip("meshio")
@@ -142,6 +143,18 @@ def test_regular_elements_have_quality_one() -> None:
     assert cube.smallest == pytest.approx(1.0)
     assert cube.smallest_scaled_jacobian == pytest.approx(1.0)
     assert cube.size == pytest.approx(1.0)
+
+
+def test_only_nodes_of_the_sides_have_images_however_near_the_others_are() -> None:
+    mesh = block("tetra10")
+    (facets,) = mesh.facets.values()
+    ends = tuple((mesh.points[facets][:, :, 0] == level).all(axis=1) for level in (0.0, EXTENT[0]))
+    inside = np.flatnonzero((mesh.points > 0.0).all(axis=1) & (mesh.points < EXTENT).all(axis=1))[0]
+    points = mesh.points.copy()
+    points[inside, 0] = 1e-7
+    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT)
+    np.testing.assert_array_equal(np.sort(found.periodic["x"], axis=0), np.sort(mesh.periodic["x"], axis=0))
+    assert found.points[inside, 0] == 1e-7
 
 
 def test_a_corner_of_the_box_repeats_the_opposite_one_by_three_periods() -> None:

@@ -70,8 +70,8 @@ def _corners(gmsh: Any, face: int) -> Array:
     return np.array([gmsh.model.getValue(0, tag, []) for tag in vertices]).reshape(-1, 3)
 
 
-def match_sides(gmsh: Any, axis: int, low: float, high: float) -> bool:
-    """Have the planar faces at one side of a box meshed like those at the other side; False if there are none.
+def match_sides(gmsh: Any, axis: int, low: float, high: float) -> tuple[list[int], list[int]]:
+    """Have the planar faces at one side of a box meshed like those at the other side; the faces at either side, pair by pair.
 
     Raises InvalidRequest if the sides have not the same faces.
     """
@@ -97,12 +97,12 @@ def match_sides(gmsh: Any, axis: int, low: float, high: float) -> bool:
             f"periodic: the {len(near)} faces at one side along {'xyz'[axis]} are not the {len(far)} at the other; mesh a "
             "lattice of whole cells in a box, or leave periodic out"
         )
+    masters, slaves = [face for face, _ in pairs], [other for _, other in pairs]
     if pairs:
         affine = np.eye(4)
         affine[:3, 3] = shift
-        masters, slaves = (list(tags) for tags in zip(*pairs, strict=True))
         gmsh.model.mesh.setPeriodic(2, slaves, masters, affine.ravel().tolist())
-    return bool(pairs)
+    return masters, slaves
 
 
 def read_nodes(gmsh: Any) -> tuple[Array, IntArray]:

@@ -7,14 +7,14 @@ elements that curving turns over are mended by the elastic analogy, and at last 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
@@ -34,7 +34,7 @@ SURFACE_SIZE = 0.83
 """Of the element size wanted, what gmsh is told: it keeps to that on faces and makes elements inside 1.4 times as long."""
 
 ON_SIDE = 1e-5
-"""Model units: distance of a node from the side of the box, or from its image, up to which it is moved there."""
+"""Model units: distance of a node at a side of the box from its image up to which it is moved there."""
 
 HXT, ELASTIC_ANALOGY = 10, 3
 """gmsh's numbers of algorithms for elements and for curving."""
@@ -108,11 +108,10 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
     kinds = ("tetra", "triangle") if request.order == 1 else ("tetra10", "triangle6")
     with open_model(brep_file, request.options()) as gmsh:
         face_tags = check_faces(gmsh, faces.places)
-        axes = [
-            axis
-            for axis in range(3)
-            if request.periodic and match_sides(gmsh, axis, float(faces.low[axis]), float(faces.high[axis]))
-        ]
+        matched = {
+            axis: match_sides(gmsh, axis, float(faces.low[axis]), float(faces.high[axis]))
+            for axis in range(3 if request.periodic else 0)
+        }
         try:
             gmsh.model.mesh.generate(3)
         except Exception as error:  # gmsh raises Exception itself
@@ -123,14 +122,17 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
         sides = [read_elements(gmsh, 2, tag, GMSH_TRIANGLES[request.order], row)[:, :3] for tag in face_tags]
     cells = {kinds[0]: np.concatenate(blocks)[:, np.argsort(GMSH_KINDS[kinds[0]][1])]}
     facets = {kinds[1]: find_facets(cells, kinds[1], np.concatenate(sides))}
+    counts = list(map(len, sides))
     mesh = VolumeMesh(
         points,
         cells,
         facets,
         _number_groups([(name,) for name in faces.solids], list(map(len, blocks))),
-        _number_groups(faces.groups, list(map(len, sides))),
+        _number_groups(faces.groups, counts),
     )
-    return pair_sides(sort_nodes(mesh), axes, faces.low, faces.high)
+    face_of = np.repeat(face_tags, counts)
+    ends = {axis: tuple(np.isin(face_of, tags) for tags in ends) for axis, ends in matched.items() if ends[0]}
+    return pair_sides(sort_nodes(mesh), ends, faces.low, faces.high)
 
 
 def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> dict[str, IntArray]:
@@ -143,14 +145,16 @@ def _number_groups(groups: Sequence[tuple[str, ...]], counts: Sequence[int]) -> 
     return {name: np.concatenate(found[name]) for name in sorted(found)}
 
 
-def pair_sides(mesh: VolumeMesh, axes: Sequence[int], low: Array, high: Array) -> VolumeMesh:
-    """The mesh with its periodic pairs along the axes, and with nodes on far sides exactly at the images of those on near ones.
+def pair_sides(mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low: Array, high: Array) -> VolumeMesh:
+    """The mesh with its periodic pairs along axes, and with nodes on far sides exactly at the images of those on near ones.
 
-    Raises KernelError if a node on one side has no image on the other.
+    `ends` says for each such axis which facets, of one kind, lie at the near and at the far side: other nodes may be as near to
+    these planes as round-off. Raises KernelError if a node on one side has no image on the other.
     """
     periodic, points, periods = {}, mesh.points.copy(), np.full(3, np.nan)
-    for axis in axes:
-        near, far = (np.flatnonzero(np.abs(points[:, axis] - level) < ON_SIDE) for level in (low[axis], high[axis]))
+    (facets,) = mesh.facets.values()
+    for axis, sides in ends.items():
+        near, far = (np.unique(facets[side]) for side in sides)
         periods[axis] = high[axis] - low[axis]
         shift = np.eye(3)[axis] * periods[axis]
         if len(near) != len(far):
