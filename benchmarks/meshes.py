@@ -38,7 +38,7 @@ def make_bracket() -> Any:
 def make_ring() -> Any:
     """A lattice wrapped around a cylinder."""
     return tpmscad.lattice(
-        "gyroid", cell=10, cells=(12, 1, 1), thickness=1.5, map=tpmscad.maps.cylinder(19.1), tol=0.02
+        "gyroid", cell=10, cells=(12, 1, 1), thickness=1.5, map=tpmscad.maps.cylinder(60.0 / np.pi), tol=0.02
     )
 
 

@@ -105,6 +105,13 @@ def _read_axis_number(value: object) -> int:
     return number
 
 
+def _read_flow(value: object) -> dict[str, str]:
+    """A mapping of text to text."""
+    if not isinstance(value, Mapping) or not all(isinstance(each, str) for pair in value.items() for each in pair):
+        raise WrongType
+    return dict(value)
+
+
 def _read_refinement(value: object) -> int | tuple[int, int]:
     """Cuts in all directions, or along a wall and through it."""
     if isinstance(value, list | tuple) and len(value) == 2:
@@ -192,6 +199,9 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "periodic": FLAG,
         "per_turn": COUNT.but(example="12"),
         "version": choice_of("4.1", "2.2"),
+        "folder": PATH.but("the path of a folder", '"case"'),
+        "flow": ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow),
+        "velocity": POSITIVE.but(example="0.01"),
         "time_stamp": TEXT.but(example='"2026-01-31T12:00:00"'),
         "executor": instance_of("an executor of concurrent.futures", "ProcessPoolExecutor(4)", Executor),
         "table": ANYTHING,

@@ -266,6 +266,41 @@ class VolumeMesh:
         else:
             {".inp": write_inp, ".vtu": write_vtu}[suffix](self, target)
 
+    @public()
+    def write_openfoam(
+        self, folder: str | Path, *, flow: Mapping[str, str] | None = None, velocity: float = 0.01
+    ) -> None:
+        """Write a case of OpenFOAM: steady laminar flow with conjugate heat transfer, each group of elements a region.
+
+        Its `Allrun` checks the meshes, and runs `simpleFoam` in every channel and `chtMultiRegionSimpleFoam` on all regions.
+        Elements have flat faces between their corners. The fluid is water, the solid aluminium; the first channel's inlet has
+        350 K, the others' 300 K, and outer walls are adiabatic: change these, with lengths in mm, in the files.
+
+        Parameters
+        ----------
+        folder : str or Path
+            The folder to make; it must not exist, or be empty.
+        flow : mapping of str to str, optional
+            For each group of elements that a fluid fills, the side to which it flows: ``{"channel +": "X+", "channel -": "X-"}``.
+            It enters at the openings of the opposite side; other openings are closed. Other groups are solid. By default
+            every group that is open at both sides of an axis, by turns to and fro.
+        velocity : float, optional
+            Mean velocity at the inlets, m/s.
+
+        Raises
+        ------
+        InvalidRequest
+            If the folder holds something, or the mesh has no such openings.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.mesh(0.8).write_openfoam("exchanger")  # doctest: +SKIP
+        """
+        from tpmscad.meshing.openfoam_case import write_openfoam_case
+
+        write_openfoam_case(self, Path(folder), flow, velocity)
+
     def __repr__(self) -> str:
         counts = ", ".join(f"{len(nodes)} {kind}" for kind, nodes in self.cells.items())
         groups = ", ".join([*self.cell_groups, *self.facet_groups]) or "none"

@@ -1,0 +1,114 @@
+"""Cases of OpenFOAM: meshes of regions obey its rules, patches and flow are as asked, and its own programs take them."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.meshing.test_volume_mesh import EXTENT, block
+from tpmscad.errors import InvalidRequest
+from tpmscad.meshing import VolumeMesh, boundary_facets, sort_nodes
+from tpmscad.meshing.facet_search import interior_facets, tabulate_faces
+from tpmscad.meshing.poly_meshes import divide_regions, name_for_foam
+
+
+def exchanger(kind: str = "tetra10") -> VolumeMesh:
+    """A box whose half of least y carries a fluid along x, beside a solid half, with their interface."""
+    mesh = block(kind)
+    ((_, nodes),) = mesh.cells.items()
+    fluid = mesh.points[nodes][:, :, 1].mean(axis=1) < EXTENT[1] / 2
+    groups = {"channel +": np.flatnonzero(fluid), "wall": np.flatnonzero(~fluid)}
+    ((face_kind, outer),) = boundary_facets(mesh.cells).items()
+    table = tabulate_faces({kind: nodes[~fluid]})[face_kind].nodes
+    between = table[(np.abs(mesh.points[table][:, :, 1] - EXTENT[1] / 2) < 1e-9).all(axis=1)]
+    facets = {face_kind: np.concatenate([outer, between])}
+    at = mesh.points[outer]
+    in_fluid = at[:, :, 1].mean(axis=1) < EXTENT[1] / 2
+    ends = {"-": (at[:, :, 0] == 0.0).all(axis=1), "+": (at[:, :, 0] == EXTENT[0]).all(axis=1)}
+    named = {f"channel +: opening X{sign}": np.flatnonzero(end & in_fluid) for sign, end in ends.items()}
+    named["wall | channel +"] = len(outer) + np.arange(len(between))
+    return sort_nodes(replace(mesh, facets=facets, cell_groups=groups, facet_groups=named, periodic={}))
+
+
+@pytest.mark.parametrize("kind", ["tetra", "tetra10", "hexahedron27"])
+def test_regions_are_closed_hold_their_volume_and_order_their_faces(kind: str) -> None:
+    mesh = exchanger(kind)
+    assert interior_facets(mesh.cells, mesh.facets).sum() == len(mesh.facet_groups["wall | channel +"])
+    for part in divide_regions(mesh):
+        corners = part.points[part.faces]
+        centre = corners.mean(axis=1)
+        area = 0.5 * np.cross(corners[:, 2] - corners[:, 0], np.roll(corners, -1, axis=1)[:, 2] - corners[:, 1])
+        if corners.shape[1] == 3:
+            area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        inside = len(part.neighbour)
+        assert (part.owner[:inside] < part.neighbour).all()
+        keys = part.owner[:inside] * (part.owner.max() + 1) + part.neighbour
+        assert (np.diff(keys) > 0).all()
+        closed = np.zeros((part.owner.max() + 1, 3))
+        np.add.at(closed, part.owner, area)
+        np.add.at(closed, part.neighbour, -area[:inside])
+        np.testing.assert_allclose(closed, 0.0, atol=1e-12)
+        volume = np.einsum("fa,fa->", centre[inside:], area[inside:]) / 3.0
+        assert volume == pytest.approx(EXTENT.prod() / 2)
+        assert inside + sum(patch.count for patch in part.patches) == len(part.faces)
+
+
+def test_names_are_words() -> None:
+    assert name_for_foam("channel +: opening X-") == "channel_plus_opening_X_minus"
+    assert name_for_foam("wall | channel -") == "wall_to_channel_minus"
+
+
+def test_both_sides_of_an_interface_are_mapped_to_each_other(tmp_path: Path) -> None:
+    exchanger().write_openfoam(tmp_path / "case", velocity=0.02)
+    text = {
+        name: (tmp_path / f"case/constant/{name}/polyMesh/boundary").read_text() for name in ("wall", "channel_plus")
+    }
+    ours = re.search(
+        r"wall_to_channel_plus \{ type mappedWall;.*sampleRegion (\w+); samplePatch (\w+); nFaces (\d+)", text["wall"]
+    )
+    theirs = re.search(
+        r"channel_plus_to_wall \{ type mappedWall;.*samplePatch (\w+); nFaces (\d+)", text["channel_plus"]
+    )
+    assert ours
+    assert theirs
+    assert ours.group(1, 2) == ("channel_plus", "channel_plus_to_wall")
+    assert theirs.group(1) == "wall_to_channel_plus"
+    assert ours.group(3) == theirs.group(2)
+    velocity = (tmp_path / "case/flow/channel_plus/0/U").read_text()
+    assert "opening_X_minus { type fixedValue; value uniform (20 0 0); }" in velocity
+    assert "opening_X_plus { type zeroGradient; }" in velocity
+
+
+def test_a_case_that_fits_no_mesh_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    mesh = exchanger()
+    with pytest.raises(InvalidRequest, match=r"cannot flow to 'Y\+': it is open at X\+, X-"):
+        mesh.write_openfoam(tmp_path / "case", flow={"channel +": "Y+"})
+    with pytest.raises(InvalidRequest, match="openings at two opposite sides"):
+        replace(mesh, facet_groups={}).write_openfoam(tmp_path / "case")
+    with pytest.raises(InvalidRequest, match="every element has to be in one group"):
+        block("tetra").write_openfoam(tmp_path / "case")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "note").touch()
+    with pytest.raises(InvalidRequest, match="not an empty folder"):
+        mesh.write_openfoam(tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("chtMultiRegionSimpleFoam") is None, reason="Debian's openfoam is not installed")
+def test_openfoam_finds_the_meshes_in_order_and_balances_heat(tmp_path: Path) -> None:
+    """The solid is adiabatic but for the fluid: at rest it has the fluid's temperature everywhere."""
+    exchanger().write_openfoam(tmp_path / "case")
+    done = subprocess.run([tmp_path / "case/Allrun"], capture_output=True, text=True, check=False, env=dict(os.environ))
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr
+    assert done.stdout.count("Mesh OK") == 2
+    text = (tmp_path / "case/4000/wall/T").read_text().split("boundaryField")[0].split("internalField")[1]
+    values = np.array(re.findall(r"^([\d.e+]+)$", text, re.MULTILINE), float)[1:]
+    assert len(values) == 36
+    np.testing.assert_allclose(values, 350.0, atol=1e-3)

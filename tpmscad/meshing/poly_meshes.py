@@ -1,0 +1,153 @@
+"""OpenFOAM's polyMesh of each group of elements: points, faces, owners and neighbours of faces, and patches.
+
+Every group is a region of its own. The faces between two regions are a patch of either, mapped to the other one. Faces inside
+a region are in upper triangular order; their normals point from the owner, of the lower number, to the neighbour. Elements have
+flat faces between their corners, as OpenFOAM has no curved ones.
+
+Source: OpenFOAM user guide, "Mesh description" (v1912).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from tpmscad._typing import Array, IntArray
+from tpmscad.errors import InvalidRequest
+from tpmscad.meshing.element_shapes import SHAPES
+from tpmscad.meshing.facet_search import tabulate_faces
+from tpmscad.meshing.volume_mesh import VolumeMesh
+
+BETWEEN = " | "
+"""Joins the names of two regions in the name of the group of facets between them."""
+
+HEADER = """FoamFile
+{{
+    version     2.0;
+    format      ascii;
+    class       {kind};
+    location    "{place}";
+    object      {name};
+}}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class FoamPatch:
+    """A patch: its name, its group of facets, the region on its other side or None, and its number of faces."""
+
+    name: str
+    group: str
+    other: str | None
+    count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolyMesh:
+    """The mesh of one region: points (n, 3), faces (m, k) with those inside first, owner (m,), neighbour (inside,), patches."""
+
+    region: str
+    points: Array
+    faces: IntArray
+    owner: IntArray
+    neighbour: IntArray
+    patches: tuple[FoamPatch, ...]
+
+
+def name_for_foam(text: str) -> str:
+    """A name as OpenFOAM takes it: "channel +: opening X-" becomes "channel_plus_opening_X_minus"."""
+    spoken = text.replace("+", "_plus").replace("-", "_minus").replace(BETWEEN, "_to_")
+    return re.sub(r"\W+", "_", spoken).replace("__", "_").strip("_")
+
+
+def divide_regions(mesh: VolumeMesh) -> list[PolyMesh]:
+    """The mesh of each group of elements.
+
+    Raises InvalidRequest if the mesh has several kinds of elements, or an element is not in one group.
+    """
+    if len(mesh.cells) != 1:
+        raise InvalidRequest(f"a case of OpenFOAM is written from one kind of elements, not {' and '.join(mesh.cells)}")
+    numbers = np.concatenate([np.zeros(0, np.int64), *mesh.cell_groups.values()])
+    if not np.array_equal(np.sort(numbers), np.arange(mesh.n_cells)):
+        raise InvalidRequest("every element has to be in one group, which becomes a region of OpenFOAM")
+    return [_make_region(mesh, name) for name in mesh.cell_groups]
+
+
+def _make_region(mesh: VolumeMesh, region: str) -> PolyMesh:
+    """The mesh of one group of elements."""
+    ((kind, nodes),) = mesh.cells.items()
+    face_kind = SHAPES[kind].face_kind
+    n_corners = SHAPES[face_kind].corners
+    table = tabulate_faces({kind: nodes[mesh.cell_groups[region]]})[face_kind]
+    faces, element = table.nodes[:, :n_corners], table.owner[:, 0]
+    _, which, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
+    by_face = np.argsort(which.ravel(), kind="stable")  # of two elements the one of the lower number first
+    first = np.cumsum(count) - count
+    inside = first[count == 2]
+    owner, neighbour = element[by_face[inside]], element[by_face[inside + 1]]
+    order = np.lexsort([neighbour, owner])
+    rows, patches = [by_face[inside][order]], []
+    outer = by_face[first[count == 1]]
+    patch_of = _find_groups(mesh, faces[outer])
+    groups = [*mesh.facet_groups, None]
+    for number in np.unique(patch_of).tolist():
+        chosen = outer[patch_of == number]
+        group = groups[number] or "sides"
+        sides = group.split(BETWEEN)
+        other = next((name for name in sides if name != region), None) if len(sides) == 2 else None
+        name = name_for_foam(f"{region}{BETWEEN}{other}" if other else group)
+        rows.append(chosen[np.argsort(element[chosen], kind="stable")])
+        patches.append(FoamPatch(name, group, other, len(chosen)))
+    chosen = np.concatenate(rows)
+    used, local = np.unique(faces[chosen], return_inverse=True)
+    return PolyMesh(
+        region,
+        mesh.points[used],
+        local.reshape(-1, n_corners),
+        element[chosen],
+        neighbour[order],
+        tuple(patches),
+    )
+
+
+def _find_groups(mesh: VolumeMesh, faces: IntArray) -> IntArray:
+    """The number (m,) of the first group of facets that holds each face; the number of groups if none does."""
+    ((kind, facets),) = mesh.facets.items()
+    keys = np.sort(np.concatenate([facets[:, : SHAPES[kind].corners], faces]), axis=1)
+    _, of = np.unique(keys, axis=0, return_inverse=True)
+    group_of = np.full(of.max() + 1, len(mesh.facet_groups), np.int64)
+    for number, rows in reversed(list(enumerate(mesh.facet_groups.values()))):
+        group_of[of.ravel()[rows]] = number
+    return group_of[of.ravel()[len(facets) :]]
+
+
+def write_poly_mesh(part: PolyMesh, folder: Path) -> None:
+    """Write the mesh of a region to its folder "polyMesh", in the model's unit."""
+    folder.mkdir(parents=True)
+    place = "/".join(folder.parts[-3:])
+    points = part.points.tolist()
+    _write_list(folder, place, "points", "vectorField", [f"({x!r} {y!r} {z!r})" for x, y, z in points])
+    width = part.faces.shape[1]
+    faces = [f"{width}({' '.join(map(str, face))})" for face in part.faces.tolist()]
+    _write_list(folder, place, "faces", "faceList", faces)
+    _write_list(folder, place, "owner", "labelList", [str(i) for i in part.owner.tolist()])
+    _write_list(folder, place, "neighbour", "labelList", [str(i) for i in part.neighbour.tolist()])
+    start, entries = len(part.neighbour), []
+    for patch in part.patches:
+        mapped = ""
+        if patch.other:
+            other, theirs = name_for_foam(patch.other), name_for_foam(f"{patch.other}{BETWEEN}{part.region}")
+            mapped = f"sampleMode nearestPatchFace; sampleRegion {other}; samplePatch {theirs}; "
+        kind = "mappedWall" if patch.other else "patch"
+        entries.append(f"{patch.name} {{ type {kind}; {mapped}nFaces {patch.count}; startFace {start}; }}")
+        start += patch.count
+    _write_list(folder, place, "boundary", "polyBoundaryMesh", entries)
+
+
+def _write_list(folder: Path, place: str, name: str, kind: str, rows: list[str]) -> None:
+    """One file of a list."""
+    text = HEADER.format(kind=kind, place=place, name=name) + f"{len(rows)}\n(\n" + "\n".join(rows) + "\n)\n"
+    (folder / name).write_text(text, encoding="ascii", newline="\n")
