@@ -213,7 +213,7 @@ class TestScatteredField:
         [
             (lambda: fields.scattered("none.csv"), "there is no file none.csv"),
             (lambda: fields.scattered("none.csv", np.zeros(5)), "leave values out"),
-            (lambda: fields.scattered(np.eye(3)), "give values="),
+            (lambda: fields.scattered(np.eye(3)), "give the values after them"),
         ],
     )
     def test_says_where_the_values_come_from(self, call: Callable[[], object], message: str) -> None:

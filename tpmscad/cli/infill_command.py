@@ -23,6 +23,7 @@ from tpmscad.cli.lattice_options import (
 from tpmscad.cli.options import (
     BodyArgument,
     DeviationOption,
+    DomainsOutputOption,
     KeepLooseOption,
     OutputOption,
     QuietOption,
@@ -100,7 +101,7 @@ def domains(
     reference: ReferenceOption = None,
     phase: BodyPhaseOption = None,
     rotation: RotationOption = "0,0,0",
-    output: OutputOption,
+    output: DomainsOutputOption,
     tol: TolOption = None,
     deviation: DeviationOption = None,
     schema: SchemaOption = "ap242",

@@ -47,6 +47,16 @@ OutputOption = Annotated[
         rich_help_panel=OUTPUT_PANEL,
     ),
 ]
+DomainsOutputOption = Annotated[
+    Path,
+    typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="The file to write; its name ends in .step, .3mf, .brep or .glb. Only .brep keeps the faces that the domains share.",
+        rich_help_panel=OUTPUT_PANEL,
+    ),
+]
 OptionalOutputOption = Annotated[
     Path | None,
     typer.Option(

@@ -99,7 +99,7 @@ def scattered(
             raise InvalidRequest("the file of the points holds their values, too: leave values out")
         points, values = read_point_table(points)
     elif values is None:
-        raise InvalidRequest("there is no value for the points: give values=, an array (n,)")
+        raise InvalidRequest("there is no value for the points: give the values after them, an array (n,)")
     positions, data = _check_points(points, values)
     if level is not None:
         data = level - data

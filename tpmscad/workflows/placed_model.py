@@ -32,8 +32,8 @@ def place_model(model: Model, shape: Any) -> Model:
     motion = _fit_motion(ours, theirs) if ours.shape == theirs.shape else None
     if motion is None:
         raise InvalidRequest(
-            "the part is not the model's solid any more (it was mirrored, scaled or cut): write it with "
-            "tpmscad.export_step(part, path), draw it with tpmscad.render(part, path), or use .model, which is as it was made"
+            "the part is not the model's solid any more: it was mirrored, scaled or cut. Write it as any other shape, or "
+            "use its `model`, which is as it was made"
         )
     patches = move_brep(model.patches, motion)
     exact = isinstance(model.built, BuiltSolids)
