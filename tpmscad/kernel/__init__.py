@@ -81,6 +81,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.printability.overhang import Overhang, measure_overhang
     from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
     from tpmscad.kernel.render.picture import draw_scene, render_png, write_picture
+    from tpmscad.kernel.render.polar_surface import draw_polar_surface
     from tpmscad.kernel.render.scene import Scene, pieces_of
     from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
     from tpmscad.kernel.step.brep_writer import Instances, write_step
@@ -139,6 +140,7 @@ __all__ = [
     "copy_placement",
     "count_closed_cavities",
     "diverging_scale",
+    "draw_polar_surface",
     "draw_scene",
     "enclosing_box",
     "erode",
@@ -238,6 +240,7 @@ _MODULE_OF_NAME = {
     "check_text": "tpmscad.kernel.step.text_check",
     "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
+    "draw_polar_surface": "tpmscad.kernel.render.polar_surface",
     "draw_scene": "tpmscad.kernel.render.picture",
     "enclosing_box": "tpmscad.kernel.occt.bounding_boxes",
     "estimate_volume": "tpmscad.kernel.boolean.boolean_operations",

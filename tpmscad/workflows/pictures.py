@@ -14,6 +14,7 @@ from tpmscad._typing import Array
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
+from tpmscad.simulation import HomogenizedProperties
 from tpmscad.workflows.picture_pieces import PicturePiece, base_names, choose_colours, find_pieces, hide_pieces
 
 COLOURINGS = ("piece", "tag", "deviation", "curvature")
@@ -53,8 +54,9 @@ def render(
 
     Parameters
     ----------
-    source : Model, FluidDomains, shape, str or Path
-        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file.
+    source : Model, FluidDomains, HomogenizedProperties, shape, str or Path
+        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file. Of homogenised properties the
+        surface is drawn whose radius along a direction is Young's modulus there.
     path : str or Path
         The PNG file to write. It is complete or absent.
     view : str or (3,) floats, optional
@@ -104,6 +106,13 @@ def render_bytes(
         raise InvalidRequest(
             f"color_by {color_by!r} is unknown; choose one of {', '.join(map(repr, COLOURINGS))}, or None"
         )
+    if isinstance(source, HomogenizedProperties):
+        if color_by is not None or hide:
+            raise InvalidRequest(
+                "a picture of effective stiffness has the colours of its moduli: leave color_by and hide out"
+            )
+        title = f"Young's modulus of\n{source.name}"
+        return kernel.draw_polar_surface(source.directional_modulus, title, view=view, section=section, size=size)
     distance = _reference_distance(source) if color_by == "deviation" else None
     found = find_pieces(source, with_groups=color_by in ("piece", "tag"))
     pieces = hide_pieces(found, (hide,) if isinstance(hide, str) else tuple(hide))
