@@ -9,17 +9,17 @@ from typing import Any
 import numpy as np
 from OCP.BRepPrimAPI import BRepPrimAPI_MakeSphere
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array
 from tpmscad.kernel.render.palette import ColourScale
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.render.viewpoints import View
 
-FACET_ANGLE = 0.03
+FACET_ANGLE = 0.05
 """Radians between neighbouring facets of the sphere of directions."""
 
-DIRECTION_DECIMALS = 9
-"""Decimals up to which directions are the same: the sphere repeats its points at seam and poles."""
+STEP = 1e-5
+"""Radians between directions whose radii give the slope: the cube root of round-off, about."""
 
 
 def draw_polar_surface(
@@ -38,17 +38,20 @@ def make_polar_surface(radius: Callable[[Array], Array]) -> Scene:
     sphere = Scene.of_pieces([BRepPrimAPI_MakeSphere(1.0).Shape()], angle=FACET_ANGLE)
     directions = sphere.points / np.linalg.norm(sphere.points, axis=1, keepdims=True)
     values = radius(directions)
-    points = values[:, None] * directions
-    normals = _normals(points, directions, sphere.triangles)
-    return replace(sphere, points=points, normals=normals, values=values)
+    normals = values[:, None] * directions - _surface_gradient(radius, directions)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return replace(sphere, points=values[:, None] * directions, normals=normals, values=values)
 
 
-def _normals(points: Array, directions: Array, triangles: IntArray) -> Array:
-    """Unit normals (n, 3): the mean of those of the triangles around each direction, weighted by area."""
-    _, same = np.unique(directions.round(DIRECTION_DECIMALS) + 0.0, axis=0, return_inverse=True)
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    sums = np.zeros((same.max() + 1, 3))
-    for corner in triangles.T:
-        np.add.at(sums, same.ravel()[corner], np.cross(b - a, c - a))
-    normals = sums[same.ravel()]
-    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+def _surface_gradient(radius: Callable[[Array], Array], directions: Array) -> Array:
+    """Gradient (n, 3) of the radius on the unit sphere, by central differences."""
+    across = np.eye(3)[np.abs(directions).argmin(axis=1)]
+    first = np.cross(directions, across)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    gradient = np.zeros_like(directions)
+    for tangent in (first, np.cross(directions, first)):
+        ahead, behind = (directions + sign * STEP * tangent for sign in (1.0, -1.0))
+        scale = np.linalg.norm(ahead, axis=1, keepdims=True)
+        slope = (radius(ahead / scale) - radius(behind / scale)) / (2.0 * STEP)
+        gradient += slope[:, None] * tangent
+    return gradient
