@@ -155,7 +155,7 @@ def conducted_heat(mesh: VolumeMesh) -> float:
     return float((reactions[ends[0]].sum() + reactions[ends[1]].sum()) / reactions[ends[1]].sum())
 
 
-def test_the_command_meshes_a_file_and_reports(tmp_path: Path) -> None:
+def test_the_command_meshes_a_file_and_reports(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     part, mesh, report = tmp_path / "part.step", tmp_path / "part.inp", tmp_path / "part.json"
     tpmscad.export_step(bd.Box(4, 3, 2), part)
     assert run_command(f"mesh {part} --size 1.5 --periodic -o {mesh} --report {report}") == 0
@@ -164,6 +164,7 @@ def test_the_command_meshes_a_file_and_reports(tmp_path: Path) -> None:
     assert content["periodic"] == ["x", "y", "z"]
     assert "surface X+" in content["groups"]
     assert "*EQUATION" in mesh.read_text()
+    assert "share no nodes" not in capsys.readouterr().out
     assert run_command(f"mesh {part} --size 1.5 --order 3 -o {mesh}") == 2
     assert run_command(f"mesh {part} --size 1.5 -o {tmp_path / 'part.stl'}") == 2
 
@@ -174,3 +175,12 @@ def test_facets_of_a_file_have_the_names_that_its_faces_have(tmp_path: Path) -> 
     kernel.write_solids([solid], tmp_path / "part.step", schema="ap242", name="part")
     groups = mesh_step(tmp_path / "part.step", 2.0, order=1).facet_groups
     assert set(groups) == {*labels[:-1], "surface Z+"}
+
+
+def test_the_command_says_that_touching_solids_of_a_step_file_share_no_nodes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pair = kernel.make_compound([bd.Box(2, 2, 2).wrapped, (bd.Pos(2, 0, 0) * bd.Box(2, 2, 2)).wrapped])
+    tpmscad.export_step(pair, tmp_path / "pair.step")
+    assert run_command(f"mesh {tmp_path / 'pair.step'} --size 2 --order 1 -o {tmp_path / 'pair.msh'}") == 0
+    assert "mesh that file" in capsys.readouterr().out

@@ -105,7 +105,10 @@ def mesh(
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
-    """Mesh the solids of a STEP file with tetrahedra whose nodes lie on the exact faces, with named groups; needs gmsh."""
+    """Mesh the solids of a STEP file with tetrahedra whose nodes lie on the exact faces, with named groups; needs gmsh.
+
+    Domains that touch share their nodes if they come from a .brep file, which keeps the faces that solids share.
+    """
     validate_output_path(output, (".msh", ".inp", ".vtu"))
     check_report(report)
     with report_unmet_request(report):
@@ -131,6 +134,10 @@ def mesh(
         )
     if not quiet:
         print(found)
+        if len(found.cell_groups) > 1 and file.suffix.lower() != ".brep":
+            print(
+                "the solids share no nodes, as STEP has no common faces: write the domains as .brep and mesh that file"
+            )
 
 
 def homogenize(
