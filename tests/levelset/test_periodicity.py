@@ -186,7 +186,7 @@ def test_a_tiled_octree_is_split_where_its_part_is_and_hardly_anywhere_else(seed
         found = []
         for upper in np.ndindex(2, 2, 2):  # the leaves of the part that this place repeats
             use = np.where(cell == 0, 0, np.where(cell == last, periods > 0, np.array(upper) * (periods > 0)))
-            found.append(tree.size[tree.leaf_of_cell[tuple((within + use * per).T)]])
+            found.append(tree.size[tree.leaves_at(within + use * per)])
         assert size <= np.min(found)
     assert len(whole.size) < 20 / 4 * 2.5 * len(tree.size)
 

@@ -32,10 +32,12 @@ def uses(mesh: QuadMesh) -> np.ndarray:
 def test_an_octree_fills_its_box_once_and_neighbours_differ_by_at_most_two(seed: int, share: float) -> None:
     tree = tree_of(seed, share)
     assert (tree.size**3).sum() == np.prod(tree.shape)
-    at = np.array(np.unravel_index(np.arange(tree.leaf_of_cell.size), tree.leaf_of_cell.shape)).T
-    origin, size = tree.origin[tree.leaf_of_cell.ravel()], tree.size[tree.leaf_of_cell.ravel()]
+    leaf_of_cell = tree.leaf_of_every_cell()
+    at = np.argwhere(np.ones(leaf_of_cell.shape, bool))
+    assert np.array_equal(tree.leaves_at(at), leaf_of_cell.ravel())
+    origin, size = tree.origin[leaf_of_cell.ravel()], tree.size[leaf_of_cell.ravel()]
     assert ((at >= origin) & (at < origin + size[:, None])).all()
-    sizes = tree.size[tree.leaf_of_cell]
+    sizes = tree.size[leaf_of_cell]
     for step in np.ndindex(3, 3, 3):
         moved = tuple(slice(max(0, d - 1), n + min(0, d - 1)) for d, n in zip(step, sizes.shape, strict=True))
         back = tuple(slice(max(0, 1 - d), n + min(0, 1 - d)) for d, n in zip(step, sizes.shape, strict=True))

@@ -303,4 +303,4 @@ def _find_degenerate_leaves(mesh: QuadMesh) -> IntArray:
 def _locate_leaves(tree: Octree, points: Array) -> IntArray:
     """The leaf (n,) that contains each point (n, 3)."""
     cell = np.clip(((points - tree.lo) / tree.cell_edges).astype(int), 0, tree.shape - 1)
-    return tree.leaf_of_cell[tuple(cell.T)].astype(np.int64)
+    return tree.leaves_at(cell)

@@ -102,8 +102,7 @@ def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
 def find_leaves(tree: Octree, cell: IntArray) -> IntArray:
     """Leaf numbers (...) of finest cells (..., 3), -1 outside the box."""
     outside = ((cell < 0) | (cell >= tree.shape)).any(axis=-1)
-    i, j, k = np.moveaxis(np.clip(cell, 0, tree.shape - 1), -1, 0)
-    return np.where(outside, -1, tree.leaf_of_cell[i, j, k])
+    return np.where(outside, -1, tree.leaves_at(np.clip(cell, 0, tree.shape - 1)))
 
 
 def minimal_edge_lengths(nodes: OctreeNodes, start: IntArray, axis: IntArray) -> IntArray:

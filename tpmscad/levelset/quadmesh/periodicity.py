@@ -161,7 +161,7 @@ def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
 
     A whole number of the largest leaves must fit a period. 2:1 balance may split a few leaves more than the part has.
     """
-    size = tree.size[tree.leaf_of_cell]
+    size = tree.size[tree.leaf_of_every_cell()]
     sources = []  # for each axis the cells of the part that stand for those of the box, from either end
     for n, count in zip(size.shape, periods.tolist(), strict=True):
         one = np.arange(n // SEARCHED_PERIODS if count else n)
@@ -175,8 +175,8 @@ def tile_octree(tree: Octree, hi: Array, periods: IntArray) -> Octree:
     tiled = octree.uniform_octree(tree.lo, hi, np.array(wanted.shape) // largest)
     fine = [np.arange(n) for n in wanted.shape]
     while True:
-        ratio = wanted.shape[0] // tiled.leaf_of_cell.shape[0]
-        leaf = tiled.leaf_of_cell[np.ix_(*(i // ratio for i in fine))]
+        ratio = wanted.shape[0] // int(tiled.shape[0])
+        leaf = tiled.leaf_of_every_cell()[np.ix_(*(i // ratio for i in fine))]
         least = np.full(len(tiled.size), largest)
         np.minimum.at(least, leaf.ravel(), wanted.ravel())
         chosen = tiled.size * ratio > least
