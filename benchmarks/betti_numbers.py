@@ -74,7 +74,12 @@ def make_case(seed: int) -> Case:
         return f"{kind} {pair.name}", blend(pair.structures, pair.regions, [pair.blending]).field, low, high
     if kind == "B-spline":
         unit = fields.bspline_unit(rng.normal(size=(4, 4, 4)), period=1.0)
-        return kind, fields.rod(unit, float(np.quantile(unit(rng.uniform(0, 1, (4000, 3))), rng.uniform(0.2, 0.8)))), lo, hi
+        return (
+            kind,
+            fields.rod(unit, float(np.quantile(unit(rng.uniform(0, 1, (4000, 3))), rng.uniform(0.2, 0.8)))),
+            lo,
+            hi,
+        )
     if kind == "trigonometric":
         waves, phases = rng.integers(-2, 3, (6, 3)), rng.uniform(0, 2 * np.pi, 6)
         terms = (f"sin({a}*x + {b}*y + {c}*z + {p:.17g})" for (a, b, c), p in zip(waves.tolist(), phases, strict=True))
@@ -129,12 +134,17 @@ def main(first: int, last: int) -> None:
         totals[KINDS[seed % len(KINDS)], verdict] += 1
         if verdict != "agrees":
             finest = count_by_marching_cubes(field, lo, hi, NECK_LINES)
-            print(f"{seed:3d} {name}: {verdict}; ours {found}, marching cubes {counted}, {finest} of {NECK_LINES}", flush=True)
+            print(
+                f"{seed:3d} {name}: {verdict}; ours {found}, marching cubes {counted}, {finest} of {NECK_LINES}",
+                flush=True,
+            )
     verdicts = "agrees", "changes", "not counted", "DIFFERENT"
     print(f"| kind | {' | '.join(verdicts)} |\n|---|{'---|' * len(verdicts)}")
     for kind in KINDS:
         print(f"| {kind} | {' | '.join(str(totals[kind, verdict]) for verdict in verdicts)} |")
-    print(f"{last - first} cases; CPU seconds a case: ours {ours / (last - first):.2f}, three grids {theirs / (last - first):.2f}")
+    print(
+        f"{last - first} cases; CPU seconds a case: ours {ours / (last - first):.2f}, three grids {theirs / (last - first):.2f}"
+    )
 
 
 if __name__ == "__main__":

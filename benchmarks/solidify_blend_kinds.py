@@ -49,7 +49,9 @@ class Blend:
     weight: WeightSpec = "auto"
 
 
-def structure(rng: np.random.Generator, period: float = 1.0, surface: str = "", kind: str = "") -> tuple[str, fields.Field]:
+def structure(
+    rng: np.random.Generator, period: float = 1.0, surface: str = "", kind: str = ""
+) -> tuple[str, fields.Field]:
     """A rod, pore or sheet with a quarter to a half of solid."""
     surface = surface or str(rng.choice(["gyroid", "schwarz_p", "diamond", "iwp", "neovius"]))
     kind = kind or str(rng.choice(["rod", "pore", "sheet"]))
@@ -63,9 +65,7 @@ def structure(rng: np.random.Generator, period: float = 1.0, surface: str = "", 
 
 def along_x(*limits: float, unit: float = 1.0) -> tuple[fields.Field, ...]:
     """Slabs of a box of one unit in y and z between successive values of x, in units."""
-    return tuple(
-        fields.box((a * unit, 0, 0), (b * unit, unit, unit)) for a, b in zip(limits, limits[1:], strict=False)
-    )
+    return tuple(fields.box((a * unit, 0, 0), (b * unit, unit, unit)) for a, b in zip(limits, limits[1:], strict=False))
 
 
 def halves(name: str, structures: tuple[fields.Field, ...], unit: float = 1.0, weight: WeightSpec = "auto") -> Blend:
@@ -98,7 +98,9 @@ def make_blend(index: int) -> Blend:
         return halves(f"{kind}: {one} + {two}", (f, g) if number % 2 else (g, f))
     if kind == "turned":
         axis, degrees = rng.normal(size=3), float(rng.uniform(10, 80))
-        return halves(f"{name} by {degrees:.0f} degrees", (f, fields.rotate(g, tuple(axis.tolist()), degrees, (1, 0, 0))))
+        return halves(
+            f"{name} by {degrees:.0f} degrees", (f, fields.rotate(g, tuple(axis.tolist()), degrees, (1, 0, 0)))
+        )
     if kind == "three structures":
         three, h = structure(rng)
         blending = (*along_x(0.7, 1.3), *along_x(1.7, 2.3))

@@ -6,7 +6,6 @@
 2. *Unfolding.* A mesh costs a small fraction of a fit, so leaves are split first until no polygon is left that no fit could save.
 3. *Refinement.* The mesh is fitted. The bad leaves of the fit are split, and the refined mesh is fitted again with the patches
    reused that passed, until all pass or refinement stalls; then the next start is tried.
-4. *Simplification.* A fit that passes is simplified.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
-from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
+from tpmscad.levelset.fit_simplification import merge_failing_polygons
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
@@ -96,7 +95,7 @@ def fit_level_set_adaptively(
     for start in _generate_starts(request, lo, hi, detect_hidden_crossings):
         fit = _refine_from(request, start)
         if not len(fit.bad_leaves):
-            return simplify_fit(fit)
+            return fit
         if best is None or fit.bad_volume < best.bad_volume:
             best = fit
     assert best is not None, "there is always a start"

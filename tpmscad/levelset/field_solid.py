@@ -7,11 +7,12 @@ cannot be fitted within the request ends in a LevelSetError that names the place
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, FractionProgress
+from tpmscad._typing import Array, BoolArray, FractionProgress
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fields.field import Field
@@ -26,6 +27,7 @@ from tpmscad.levelset.boundary_level_sets import (
     shift_level_off_corners,
 )
 from tpmscad.levelset.brep_assembly import assemble_field_brep
+from tpmscad.levelset.fit_simplification import simplify_fit
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.parallel import TaskRunner, run_serial
@@ -83,13 +85,16 @@ def fit_field_solid(
     tol: float,
     *,
     detect_hidden_crossings: bool = False,
+    is_worth_simplifying: Callable[[Field, Brep], bool] | None = None,
     run_tasks: TaskRunner = run_serial,
     progress: FractionProgress | None = None,
 ) -> FieldSolid:
     """The solid {field < 0} in the box [lo, hi], within tol of the field's level set in both directions.
 
     `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, at the price of more patches;
-    for solids whose Betti numbers would differ from the field's. `run_tasks` runs the fits, in this process or elsewhere
+    for solids whose Betti numbers would differ from the field's. `is_worth_simplifying` is asked before patches are merged, which
+    takes most of the time, with the field, its levels shifted off the corners of the box, and the solid; if it says no, that
+    solid is the result. `run_tasks` runs the fits, in this process or elsewhere
     (`tpmscad.parallel`), with the same result. `progress` is called with the fraction done.
 
     Raises LevelSetError where the level set cannot be fitted, and InvalidRequest for a bad box or tolerance. Betti numbers and
@@ -101,15 +106,25 @@ def fit_field_solid(
     fitted_field = replace_level_sets(field, level_sets)
     min_wall = check_separation(fitted_field, level_sets, [part.samples for part in parts], tol)
 
+    def tell(steps: int) -> None:
+        if progress:
+            progress(steps / (2 * len(parts)))
+
     fits = []
     for i, part in enumerate(parts):
         if len(part.samples):
             request = FitRequest(part.field, tol, part.samples, run_tasks)
             fits.append(fit_level_set_adaptively(request, lo, hi, detect_hidden_crossings))
-        if progress:
-            progress((i + 1) / len(parts))
+        tell(i + 1)
     corner_solid = fitted_field(box_corners(lo, hi)) <= 0
-    brep = assemble_field_brep([(f.network, f.fit) for f in fits], [f.fixed for f in fits], lo, hi, corner_solid)
+    brep = _assemble(fits, lo, hi, corner_solid)
+    if is_worth_simplifying is None or is_worth_simplifying(fitted_field, brep):
+        simplified = []
+        for i, fit in enumerate(fits):
+            simplified.append(simplify_fit(fit))
+            tell(len(parts) + i + 1)
+        if any(new is not old for new, old in zip(simplified, fits, strict=True)):
+            fits, brep = simplified, _assemble(simplified, lo, hi, corner_solid)
     return _summarise_quality(brep, fitted_field, tol, fits, min_wall, notes)
 
 
@@ -154,6 +169,11 @@ def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list
             parts[i] = _LevelSetPart(shifted, sample_level_set(shifted, lo, hi, spacing))
             notes.append(note)
     return parts, tuple(notes)
+
+
+def _assemble(fits: list[LevelSetFit], lo: Array, hi: Array, corner_solid: BoolArray) -> Brep:
+    """The patches of the level sets with the caps of the box, of whose corners (8,) some are solid."""
+    return assemble_field_brep([(f.network, f.fit) for f in fits], [f.fixed for f in fits], lo, hi, corner_solid)
 
 
 def _summarise_quality(

@@ -4,7 +4,7 @@ The level set {field = 0} inside the box is fitted to the tolerance (`tpmscad.le
 rounded within part of it. The volume, the Betti numbers and the pieces of the solid that the patches bound are computed from
 their arrays. Two independent witnesses come from the field alone: its Betti numbers on a sequence of grids, and its volume by
 quadrature along grid lines. If the Betti numbers differ, the fit is repeated with octree leaves split where they hide
-crossings.
+crossings; they are compared before patches are merged, which takes longer than everything before.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.blending.edge_rounding import round_edges
+from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
@@ -33,6 +34,8 @@ from tpmscad.levelset import field_solid
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
 from tpmscad.parallel import task_runner
 from tpmscad.stage_timer import StageTimer
+
+Betti = tuple[int, int, int]
 
 ROUNDING_TOL_FRACTION = 0.8
 """Fraction of the tolerance by which rounding may move the surface at edges; the fit seldom needs a tenth of it."""
@@ -57,7 +60,7 @@ class FieldPatches:
     fitted: FieldSolid
     moments: FaceMoments
     properties: SolidProperties
-    field_betti: tuple[int, int, int] | None
+    field_betti: Betti | None
     field_volume: float
     field_volume_error: float
 
@@ -96,22 +99,36 @@ def fit_field_patches(
     lo, hi = validate_box(lo, hi, tol)
     rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
     with stages("fit") as done, task_runner(executor, rounded) as run_tasks:
+        betti: Betti | None = None
+
+        def has_betti_numbers_of(of: Field, brep: Brep) -> bool:
+            """Whether patches not yet merged have the field's Betti numbers, as far as shells and their sum tell."""
+            nonlocal betti
+            betti = compute_betti_numbers(of, lo, hi)
+            if betti is None or _could_have(brep, betti):
+                return True
+            # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
+            finer = compute_betti_numbers(of, lo, hi, FINER_LINES, 1)
+            if finer is None or not _could_have(brep, finer):
+                return False
+            betti = finer
+            return True
+
         for detect_hidden in (False, True):
             fitted = fit_field_solid(
-                rounded, lo, hi, tol - moved, detect_hidden_crossings=detect_hidden, run_tasks=run_tasks, progress=done
+                rounded,
+                lo,
+                hi,
+                tol - moved,
+                detect_hidden_crossings=detect_hidden,
+                is_worth_simplifying=None if detect_hidden else has_betti_numbers_of,
+                run_tasks=run_tasks,
+                progress=done,
             )
             moments = integral_properties.integrate_faces(fitted.brep)
             properties = measure_solid(fitted.brep, moments)
-            if not detect_hidden:
-                betti = compute_betti_numbers(fitted.field, lo, hi)
             if betti is None or properties.betti == betti:
                 break
-            if not detect_hidden:
-                # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
-                finer = compute_betti_numbers(fitted.field, lo, hi, FINER_LINES, 1)
-                if finer == properties.betti:
-                    betti = finer
-                    break
     with stages("check"):
         if moved and betti is not None:
             unrounded = compute_betti_numbers(field, lo, hi)
@@ -131,6 +148,13 @@ def fit_field_patches(
         notes=notes + fitted.notes,
     )
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
+
+
+def _could_have(brep: Brep, betti: Betti) -> bool:
+    """Whether the number of shells and the Euler characteristic are those of a solid with these Betti numbers."""
+    count, shell = connectivity.label_shells(brep)
+    euler = int(connectivity.euler_characteristic(brep, shell).sum())
+    return count == betti[0] + betti[2] and euler == 2 * (betti[0] - betti[1] + betti[2])
 
 
 def check_field_in_box(field: Field | Callable[..., Any], lo: Any, hi: Any, tol: float) -> None:
