@@ -4,9 +4,10 @@
 
 The count of the program (`compute_betti_numbers`) is compared with one that shares no code with it: scikit-image's marching cubes
 on uniform grids, closed by the void round the box. Its surfaces are the solid's components (positive volume) and cavities
-(negative volume), and half its Euler characteristic is that of the solid. A case "agrees" if the finest grid, or the one before it,
-says the same. It "changes" if the three grids differ among themselves and the finest still differs: a neck is then thinner than
-their spacing, and the voxels of the finest grid are counted as well, joined through faces. All grids alike, and the program different, is DIFFERENT; it is then counted once more on a grid of NECK_LINES.
+(negative volume), and half its Euler characteristic is that of the solid. A case "agrees" if the finest grid, or the one before
+it, says the same. It "changes" if the three grids differ among themselves and the last two differ from the program: a neck is
+then thinner than their spacing. All grids alike, and the program different, is DIFFERENT. In both cases the counts on a grid of
+NECK_LINES are printed, and beside them that of its voxels, joined through faces.
 
 Kinds, in turn: a surface of the catalogue as rod, pore or sheet in a random box of one to two periods; the same with a level near
 an extreme value or a saddle; a random periodic B-spline; two surfaces joined smoothly; a random trigonometric polynomial; the
