@@ -129,6 +129,7 @@ def main() -> None:
     """Mesh the cases and print a row for each."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", default=list(CASES))
+    parser.add_argument("--per-turn", type=int, help="elements along a full turn of curvature")
     parser.add_argument("--size", type=float, default=1.0, help="factor of all sizes")
     options = parser.parse_args()
     print(
@@ -139,7 +140,7 @@ def main() -> None:
         make, size, periodic = CASES[name]
         model = make()
         begun = time.process_time()
-        mesh = model.mesh(size * options.size, periodic=periodic)
+        mesh = model.mesh(size * options.size, periodic=periodic, per_turn=options.per_turn)
         seconds = time.process_time() - begun
         quality = mesh.quality
         pairs = sum(map(len, mesh.periodic.values()))

@@ -157,6 +157,21 @@ def test_only_nodes_of_the_sides_have_images_however_near_the_others_are() -> No
     assert found.points[inside, 0] == 1e-7
 
 
+def test_a_middle_that_is_off_its_side_goes_to_the_chord_with_its_image() -> None:
+    """An edge whose corners another face joins, too, may have its middle on that face."""
+    mesh = block("tetra10")
+    (facets,) = mesh.facets.values()
+    ends = tuple((mesh.points[facets][:, :, 0] == level).all(axis=1) for level in (0.0, EXTENT[0]))
+    points = mesh.points.copy()
+    points[facets[ends[0]][0, 3]] += (0.02, 0.01, 0.0)
+    found = pair_sides(replace(mesh, points=points, periodic={}), {0: ends}, np.zeros(3), EXTENT)
+    assert found.straightened == 1
+    assert untangle(found).straightened == 1
+    assert found.mismatch == 0.0
+    np.testing.assert_allclose(found.points, mesh.points, atol=1e-14)
+    np.testing.assert_array_equal(np.sort(found.periodic["x"], axis=0), np.sort(mesh.periodic["x"], axis=0))
+
+
 def test_a_corner_of_the_box_repeats_the_opposite_one_by_three_periods() -> None:
     mesh = block("hexahedron")
     repeated, shift = mesh.periodic_ties()

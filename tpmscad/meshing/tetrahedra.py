@@ -16,6 +16,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
+from tpmscad.meshing.element_shapes import TRIANGLE_EDGES
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
     GMSH_TETRAHEDRA,
@@ -149,22 +150,54 @@ def pair_sides(mesh: VolumeMesh, ends: Mapping[int, tuple[BoolArray, ...]], low:
     """The mesh with its periodic pairs along axes, and with nodes on far sides exactly at the images of those on near ones.
 
     `ends` says for each such axis which facets, of one kind, lie at the near and at the far side: other nodes may be as near to
-    these planes as round-off. Raises KernelError if a node on one side has no image on the other.
+    these planes as round-off. Corners are matched by place, middles of edges by the edges. A middle that is not in its plane,
+    as its edge joins the same corners on another face, too, goes to the middle of the chord, and counts as straightened.
+    Raises KernelError if a node on one side has no image on the other.
     """
-    periodic, points, periods = {}, mesh.points.copy(), np.full(3, np.nan)
+    periodic, points, periods, straightened = {}, mesh.points.copy(), np.full(3, np.nan), mesh.straightened
     (facets,) = mesh.facets.values()
-    for axis, sides in ends.items():
-        near, far = (np.unique(facets[side]) for side in sides)
-        periods[axis] = high[axis] - low[axis]
-        shift = np.eye(3)[axis] * periods[axis]
-        if len(near) != len(far):
-            raise KernelError("mesh", f"{len(near)} nodes at one side along {AXES[axis]}, {len(far)} at the other")
-        distance, other = cKDTree(points[far]).query(points[near] + shift)
-        if len(np.unique(other)) != len(near) or distance.max(initial=0.0) > ON_SIDE:
-            raise KernelError("mesh", f"nodes along {AXES[axis]} are {distance.max():.1e} off their images")
-        points[near, axis] = low[axis]
-        periodic[AXES[axis]] = np.column_stack([near, far[other]])
-    paired = replace(mesh, periodic=periodic, periods=periods)
+    for axis, (near_side, far_side) in ends.items():
+        near, far = facets[near_side], facets[far_side]
+        shift = np.eye(3)[axis] * (high[axis] - low[axis])
+        periods[axis] = shift[axis]
+        pairs = _match_corners(points, near[:, :3], far[:, :3], shift, AXES[axis])
+        if near.shape[1] > 3:
+            middles, chords = _match_middles(points, near, far, pairs)
+            off = np.abs(points[middles] - np.stack([chords, chords + shift], axis=1))[:, :, axis].max(axis=1) > ON_SIDE
+            points[middles[off, 0]] = chords[off]
+            straightened += int(off.sum())
+            pairs = np.concatenate([pairs, middles])
+        points[pairs[:, 0], axis] = low[axis]
+        periodic[AXES[axis]] = pairs[np.argsort(pairs[:, 0])]
+    paired = replace(mesh, periodic=periodic, periods=periods, straightened=straightened)
     repeated, count = paired.periodic_ties()
     points = points[repeated] + count * np.where(np.isnan(periods), 0.0, periods)
     return replace(paired, points=points)
+
+
+def _match_corners(points: Array, near: IntArray, far: IntArray, shift: Array, axis: str) -> IntArray:
+    """Pairs (p, 2) of the corners of facets at either side."""
+    ours, theirs = np.unique(near), np.unique(far)
+    if len(ours) != len(theirs):
+        raise KernelError("mesh", f"{len(ours)} corners at one side along {axis}, {len(theirs)} at the other")
+    distance, other = cKDTree(points[theirs]).query(points[ours] + shift)
+    if len(np.unique(other)) != len(ours) or distance.max(initial=0.0) > ON_SIDE:
+        raise KernelError("mesh", f"corners along {axis} are {distance.max():.1e} off their images")
+    return np.column_stack([ours, theirs[other]])
+
+
+def _match_middles(points: Array, near: IntArray, far: IntArray, corners: IntArray) -> tuple[IntArray, Array]:
+    """Pairs (p, 2) of the middles of the edges of facets at either side, and the middles (p, 3) of the chords at the near one."""
+    image = np.zeros(len(points), np.int64)
+    image[corners[:, 0]] = corners[:, 1]
+    sides = [list(edge) for edge in TRIANGLE_EDGES]  # their middles are the nodes 3, 4 and 5 of a facet
+    ends = np.concatenate([near[:, side] for side in sides])
+    keys, found = [], []
+    for nodes, of_corners in ((near, image[ends]), (far, np.concatenate([far[:, side] for side in sides]))):
+        edges, first = np.unique(np.sort(of_corners, axis=1), axis=0, return_index=True)
+        keys.append(edges)
+        found.append((nodes[:, 3:].T.ravel()[first], first))
+    if not np.array_equal(keys[0], keys[1]):
+        raise KernelError("mesh", "facets at opposite sides do not join the same corners")
+    (ours, first), (theirs, _) = found
+    return np.column_stack([ours, theirs]), points[ends[first]].mean(axis=1)

@@ -17,7 +17,8 @@ MAX_PASSES = 4
 def untangle(mesh: VolumeMesh) -> VolumeMesh:
     """The mesh of second-order tetrahedra with edges of inverted elements made straight, those on facets last.
 
-    `straightened` of the result counts the edges on facets, whose middles are then on a chord instead of the exact surface.
+    `straightened` of the result counts, with those before, the edges on facets, whose middles are then on a chord instead of the
+    exact surface.
     Elements whose corners are in the wrong order stay inverted.
     """
     if "tetra10" not in mesh.cells:
@@ -40,7 +41,7 @@ def untangle(mesh: VolumeMesh) -> VolumeMesh:
             points[repeated[middles]] = chords - shift[middles] * periods
             points[images] = points[repeated[images]] + shift[images] * periods
             moved |= images
-    straightened = int((moved & on_facet).sum())
+    straightened = mesh.straightened + int((moved & on_facet).sum())
     return replace(mesh, points=points, straightened=straightened)
 
 
