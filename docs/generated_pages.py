@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import csv
 import inspect
 import os
 import subprocess
@@ -17,6 +18,7 @@ import tpmscad
 from tpmscad import fields, recipe
 
 ROOT = Path(__file__).resolve().parents[1]
+GALLERY = ROOT / "docs" / "gallery"
 PICTURE_SIZE = (640, 480)
 
 MODULES = {
@@ -91,12 +93,13 @@ def describe_commands() -> str:
 
 
 def describe_examples() -> str:
-    """A page with the first paragraph of every example and its text to download."""
+    """A gallery: of every example the first paragraph, the kept pictures and the text to download; a table of measures."""
     pages = [
         "# Examples",
         "",
         "The scripts in `examples/`; each runs as it is (those for CadQuery with the extra `cadquery`), and the tests run them.",
         "",
+        *describe_measures(),
     ]
     for path in sorted((ROOT / "examples").glob("*.py")):
         text = ast.get_docstring(ast.parse(path.read_text())) or ""
@@ -105,11 +108,37 @@ def describe_examples() -> str:
             "",
             text.split("\n\n")[0],
             "",
+            *(
+                f"![{picture.stem.replace('_', ' ')}](../gallery/{picture.name})\n"
+                for picture in find_pictures(path.stem)
+            ),
             f"{{download}}`{path.name} <../../examples/{path.name}>`",
             "",
         ]
         pages += [f"```{{literalinclude}} ../../examples/{path.name}", ":language: python", "```", ""]
     return "\n".join(pages)
+
+
+def find_pictures(example: str) -> list[Path]:
+    """The kept pictures of an example, which `benchmarks/gallery.py` draws."""
+    return sorted(path for path in GALLERY.glob("*.png") if path.stem == example or path.stem.startswith(f"{example}-"))
+
+
+def describe_measures() -> list[str]:
+    """A table of the solids of the applications, which `benchmarks/gallery.py` measures."""
+    with (GALLERY / "measures.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    if not rows:
+        return []
+    head = ["example", "solid", "CPU seconds", "faces", "MB", "deviation, mm", "pieces, tunnels, cavities"]
+    names = ["solid", "cpu_seconds", "faces", "megabytes", "deviation_mm", "betti"]
+    link = "[{0}](#{1})".format
+    cells = [
+        [link(row["example"].replace("_", " "), row["example"].replace("_", "-")), *(row[name] for name in names)]
+        for row in rows
+    ]
+    lines = ["| " + " | ".join(line) + " |" for line in (head, ["---"] * len(head), *cells)]
+    return ["Applications at full size; the CPU seconds include drawing and writing:", "", *lines, ""]
 
 
 def _draw_lattice(**keywords: Any) -> Callable[[Path], None]:

@@ -14,12 +14,17 @@ pytestmark = [pytest.mark.kernel, pytest.mark.frontend]
 FOLDER = Path(__file__).parents[2] / "examples"
 
 
-def test_a_sandwich_panel_is_one_valid_solid(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("name", "sizes"), [("cadquery_panel", {}), ("cadquery_bracket", {"length": 20.0, "cell": 10.0, "tol": 0.2})]
+)
+def test_a_part_is_one_valid_solid(
+    name: str, sizes: dict[str, float], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     pytest.importorskip("cadquery")
     monkeypatch.syspath_prepend(str(FOLDER))
     monkeypatch.chdir(tmp_path)
-    found = importlib.import_module("cadquery_panel").main()
+    found = importlib.import_module(name).main(**sizes)
     assert found["valid"]
     assert found["pieces"] == 1
-    assert tpmscad.check_step("cadquery_panel.step").ok
-    assert Path("cadquery_panel.png").stat().st_size > 10_000
+    assert tpmscad.check_step(f"{name}.step").ok
+    assert Path(f"{name}.png").stat().st_size > 10_000

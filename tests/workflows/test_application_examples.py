@@ -6,6 +6,7 @@ import importlib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from tpmscad import kernel
@@ -46,3 +47,12 @@ def test_a_body_with_holes_and_fillets_is_filled_and_cut_open(load: Any) -> None
     assert found["betti"][0] == 1
     assert found["deviation"] <= 0.2
     require_files("trimmed_schwarz_p")
+
+
+def test_an_implant_is_dense_where_the_image_is(load: Any) -> None:
+    pytest.importorskip("build123d")
+    implant = load("implant")
+    rods = implant.graded_rods(implant.bone_image(6.0, 12.0), 6.0, 4.0)
+    x = np.random.default_rng(1).uniform((-6, -6, 0), (6, 6, 12), (40_000, 3))
+    radius, solid = np.hypot(x[:, 0], x[:, 1]), rods(x) < 0
+    assert solid[radius < 3].mean() < 0.5 < 0.6 < solid[(radius > 5) & (radius < 6)].mean()
