@@ -13,6 +13,7 @@ from __future__ import annotations
 from typing import Any, Literal, Unpack
 
 import cadquery as cq
+from pyparsing import ParseException
 
 from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.public_calls import public
@@ -197,7 +198,15 @@ def _find_solids(work: cq.Workplane) -> list[cq.Solid]:
 def _faces_of_solid(work: cq.Workplane, solid: cq.Solid, given: Any, *, only: bool) -> Any:
     """The open faces of one solid: those a selector finds, or those of the given ones that are its own."""
     if isinstance(given, str):
-        return work.newObject([solid]).faces(given).vals()
+        try:
+            found = work.newObject([solid]).faces(given).vals()
+        except ParseException as error:
+            raise InvalidRequest(f'open_faces {given!r} is no selector of faces, such as ">Z" or "|Z"') from error
+        if not found:
+            raise InvalidRequest(
+                f'open_faces {given!r} selects no face of the solid: try another selector, such as ">Z"'
+            )
+        return found
     if only:
         return given
     own = solid.Faces()

@@ -80,6 +80,9 @@ def test_faces_that_stay_open_may_be_selected(cq: Any) -> None:
 def test_what_cannot_be_filled_is_refused(cq: Any) -> None:
     with pytest.raises(tpmscad.InvalidRequest, match="holds no solid"):
         cq.Workplane().rect(20, 20).tpmsInfill(**P)
+    for selector, message in ((">Q", "no selector of faces"), ("%CONE", "selects no face")):
+        with pytest.raises(tpmscad.InvalidRequest, match=message):
+            cq.Workplane().box(20, 20, 20).tpmsInfill(**P, skin=1, open_faces=selector)
 
 
 def test_every_solid_on_the_stack_is_filled(cq: Any) -> None:
