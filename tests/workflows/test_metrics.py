@@ -79,7 +79,9 @@ def test_a_channel_is_measured_as_the_fluid_itself() -> None:
 
 
 def test_the_text_gives_units_and_says_smallest() -> None:
-    text = str(measure(bd.Box(20, 20, 20) - bd.Cylinder(3, 20)))
+    found = measure(bd.Box(20, 20, 20) - bd.Cylinder(3, 20))
+    text = repr(found)
+    assert text == str(found)
     for words in ("mm3", "mm2", "hydraulic diameter  6 mm", "smallest wall  ", "smallest pore  "):
         assert words in text
 

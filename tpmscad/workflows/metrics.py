@@ -43,10 +43,10 @@ class LocatedWidth:
     at: tuple[float, float, float]
 
     def __str__(self) -> str:
-        return f"{self.width:.4g} mm at (" + ", ".join(f"{x:.4g}" for x in self.at) + ")"
+        return f"{self.width:.4g} mm at (" + ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in self.at) + ")"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class Metrics:
     """The figures of a solid or of a fluid, in the unit of the shape (mm for files).
 
@@ -115,6 +115,9 @@ class Metrics:
                 f"pieces              {self.pieces}",
             ]
         )
+
+    def __repr__(self) -> str:
+        return str(self)
 
 
 @public()

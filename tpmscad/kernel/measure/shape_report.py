@@ -107,7 +107,7 @@ class ShapeReport:
         )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, repr=False)
 class StepReport:
     """Measured properties of a STEP file that was read back.
 
@@ -206,6 +206,9 @@ class StepReport:
     def __str__(self) -> str:
         names = ", ".join(self.products[:3]) + (f" and {len(self.products) - 3} more" if len(self.products) > 3 else "")
         return f"{self.file}: {names}, {self._describe_units()}\n{self.shape}"
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def _describe_units(self) -> str:
         """The length units in words."""
