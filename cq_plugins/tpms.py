@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import Any, Literal, Unpack
 
 import cadquery as cq
-from pyparsing import ParseException
 
 from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.public_calls import public
@@ -200,7 +199,7 @@ def _faces_of_solid(work: cq.Workplane, solid: cq.Solid, given: Any, *, only: bo
     if isinstance(given, str):
         try:
             found = work.newObject([solid]).faces(given).vals()
-        except ParseException as error:
+        except Exception as error:  # those of the parser belong to a package below CadQuery
             raise InvalidRequest(f'open_faces {given!r} is no selector of faces, such as ">Z" or "|Z"') from error
         if not found:
             raise InvalidRequest(
