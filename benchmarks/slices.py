@@ -103,7 +103,7 @@ def main() -> None:
     found = model.slices(10.0 * cells / layers, CHORD_ERROR)
     print(found)
     print(
-        f"time               {time.process_time() - begun:.1f} CPU s, {worker_seconds() - workers:.1f} CPU s of worker processes, "
+        f"time               {time.process_time() - begun:.1f} CPU s, {worker_seconds() - workers:.1f} CPU s of workers, "
         f"{time.perf_counter() - wall:.1f} s"
     )
     print(f"sum of areas       {found.volume / model.volume - 1:.2e} off the volume, relative")
