@@ -47,7 +47,8 @@ MIN_CONE_COSINE = 0.5
 
 MAX_DEPTH = 5
 MAX_FINEST_CELLS = 2**27
-"""Largest number of splits of a first leaf, one less if the finest grid would have more cells than this (half a gigabyte)."""
+"""Largest number of splits of a first leaf, one less if the finest grid would have more cells than this (128 MB of marks
+of nodes)."""
 
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
