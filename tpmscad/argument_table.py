@@ -187,6 +187,8 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "homogenize.surface": TEXT.or_else(ANYTHING),
         "elements": choice_of("hexahedra", "tetrahedra"),
         "homogenize.size": POSITIVE.but(example="0.05"),
+        "channel": ANYTHING,
+        "permeability.size": POSITIVE.but(example="0.8"),
         "shift": NUMBER,
         "design_derivatives.cell": POSITIVE.but(example="10.0"),
         "elastic": FLAG,

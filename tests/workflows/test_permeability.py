@@ -20,7 +20,11 @@ def test_a_channel_of_schwarz_p_lets_through_what_was_published() -> None:
     pytest.importorskip("gmsh")
     pytest.importorskip("skfem")
     channel = tpmscad.lattice("P", cell=2.0, volume_fraction=0.5, kind="skeletal")
-    found = permeability(channel.mesh(0.36, periodic=True))
-    np.testing.assert_allclose(found, 4 * 3.4765e-3 * np.eye(3), atol=4 * 3.4765e-3 * 0.04)
+    found = tpmscad.permeability(channel, size=0.36)
+    np.testing.assert_allclose(found.permeability, 4 * 3.4765e-3 * np.eye(3), atol=4 * 3.4765e-3 * 0.04)
+    assert found.porosity == pytest.approx(0.5, rel=1e-6)
+    assert 0.0 < found.error < 0.1
     with pytest.raises(InvalidRequest, match="second order"):
         permeability(channel.mesh(0.5, order=1, periodic=True))
+    with pytest.raises(InvalidRequest, match="a str is no model"):
+        tpmscad.permeability("gyroid")

@@ -15,6 +15,7 @@ from tpmscad._lazy_import import lazy_attributes
 if TYPE_CHECKING:
     from tpmscad.kernel import body_field
     from tpmscad.workflows.certificate import Certificate
+    from tpmscad.workflows.channel_permeability import ChannelPermeability, permeability
     from tpmscad.workflows.domain_results import FaceContact, FluidDomains
     from tpmscad.workflows.fluid_volumes import fluid_domains
     from tpmscad.workflows.homogenization import homogenize
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Certificate",
+    "ChannelPermeability",
     "DesignDerivatives",
     "FaceContact",
     "FluidDomains",
@@ -59,6 +61,7 @@ __all__ = [
     "lattice",
     "measure",
     "mesh_step",
+    "permeability",
     "preview_solid",
     "render",
     "render_bytes",
@@ -72,6 +75,8 @@ _MODULE_OF_NAME = {
     "DesignDerivatives": "tpmscad.workflows.sheet_derivatives",
     "design_derivatives": "tpmscad.workflows.sheet_derivatives",
     "Certificate": "tpmscad.workflows.certificate",
+    "ChannelPermeability": "tpmscad.workflows.channel_permeability",
+    "permeability": "tpmscad.workflows.channel_permeability",
     "FaceContact": "tpmscad.workflows.domain_results",
     "FluidDomains": "tpmscad.workflows.domain_results",
     "LocatedWidth": "tpmscad.workflows.metrics",
