@@ -141,7 +141,7 @@ def judge(case: Blend) -> tuple[str, str]:
     lo, hi = np.array(case.box, float)
     begun = cpu()
     try:
-        model = solidify(found.field, case.box, tol=TOL * case.period)
+        model = solidify(found.field, case.box, tol=TOL * case.period, loose="keep")
     except TpmscadError as error:
         return "REFUSED", f"cpu {cpu() - begun:.1f} s: {error}"
     taken, c = cpu() - begun, model.certificate
