@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
-from tpmscad import kernel
+from tpmscad import fields, kernel
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -56,3 +57,24 @@ def test_an_implant_is_dense_where_the_image_is(load: Any) -> None:
     x = np.random.default_rng(1).uniform((-6, -6, 0), (6, 6, 12), (40_000, 3))
     radius, solid = np.hypot(x[:, 0], x[:, 1]), rods(x) < 0
     assert solid[radius < 3].mean() < 0.5 < 0.6 < solid[(radius > 5) & (radius < 6)].mean()
+
+
+def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
+    pytest.importorskip("pyamg")
+    length, height = 40.0, 10.0
+    found = load("voxel_beam").resolve_compliance(fields.constant(-1.0), ((0.0, 0.0, 0.0), (length, height, 5.0)), 24)
+    timoshenko = length**3 / (3 * height**3 / 12) + 1.2 * length * 2.6 / height
+    assert found["compliance"] == pytest.approx(timoshenko, rel=0.08)
+    assert found["volume fraction"] == 1.0
+    assert found["loose parts"] == 0
+
+
+def test_a_blended_beam_is_one_piece_of_the_wanted_volume(load: Any) -> None:
+    pytest.importorskip("pyamg")
+    beam, box = load("beam"), ((0.0, 0.0, 0.0), (60.0, 30.0, 10.0))
+    design = beam.optimise(beam.Plate(60.0, 30.0, 5.0), beam.fit_stiffness(beam.read_units()), 10.0, 8)
+    _, blended = beam.structures(design, box)
+    assert blended.errors.remaining == 0
+    solid = blended.field.on_grid(*(np.arange(0.25, size, 0.5) for size in box[1])) < 0
+    assert ndimage.label(solid)[1] == 1
+    assert solid.mean() == pytest.approx(0.5, abs=0.04)
