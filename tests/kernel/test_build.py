@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -81,7 +83,7 @@ def test_a_missing_face_is_refused() -> None:
     faces = type(f)(f.carrier[:5], f.motion[:5], f.sense[:5], f.tag[:5], f.loop_start[:6], f.use_start[:6])
     u = box.uses
     uses = type(u)(u.edge[:20], u.sense[:20], u.pcurve[:20])
-    open_box = type(box)(*[{"faces": faces, "uses": uses}.get(n, getattr(box, n)) for n in box.__slots__])
+    open_box = replace(box, faces=faces, uses=uses)
     with pytest.raises(KernelError, match="4 edges do not join two faces"):
         kernel.build_solids(open_box)
 
