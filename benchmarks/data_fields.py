@@ -166,9 +166,11 @@ def print_row(row: Row, folder: Path) -> None:
 def main() -> None:
     """Print the table of the rows asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rows", nargs="*", choices=list(ROWS), help="by default all")
+    parser.add_argument("rows", nargs="*", metavar="ROW", help=f"one of {', '.join(ROWS)}; by default all")
     parser.add_argument("--samples", type=int, default=64, help="samples along each axis of density and scan")
     arguments = parser.parse_args()
+    if unknown := set(arguments.rows) - set(ROWS):
+        parser.error(f"{', '.join(sorted(unknown))}: the rows are {', '.join(ROWS)}")
     titles = f"{'solid':22} {'':8} {'faces':>6} {'deviation':>19} {'Betti':16} {'volume':>10} {'counted':>10}"
     print(titles, f"{'field s':>7} {'solid s':>7} {'MB':>7}")
     with TemporaryDirectory() as folder:
