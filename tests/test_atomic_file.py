@@ -126,3 +126,17 @@ def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
             validate_output_path(tmp_path / "a.json", (".json",))
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_a_folder_takes_the_place_of_an_empty_one_only(tmp_path: Path) -> None:
+    target = tmp_path / "case"
+    target.mkdir()
+    for content in ("first", "second"):
+        try:
+            with atomic_write(target) as aside:
+                (aside / "system").mkdir(parents=True)
+                (aside / "system" / "file").write_text(content)
+        except FileError:
+            assert content == "second"
+        assert [path.name for path in tmp_path.iterdir()] == ["case"]
+        assert (target / "system" / "file").read_text() == "first"

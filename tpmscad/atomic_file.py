@@ -1,8 +1,9 @@
-"""Files that are written: where they may be is checked before the work, and each is complete or absent."""
+"""Files and folders that are written: where files may be is checked before the work, and each is complete or absent."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
 import uuid
@@ -36,7 +37,8 @@ def validate_output_path(path: str | os.PathLike[str], suffixes: Sequence[str]) 
 def atomic_write(path: Path) -> Iterator[Path]:
     """Temporary path in the folder of `path`, of this process and thread alone; renamed to `path` on success, removed on failure.
 
-    A symbolic link stays one: the file that it leads to is written. SIGTERM removes the temporary file before the process ends.
+    What is written there is a file, or a folder, which may take the place of an empty one only. A symbolic link stays one: the
+    file that it leads to is written. SIGTERM removes the temporary file before the process ends.
     Raises FileError, with the reason, if the system cannot write the file.
     """
     target = Path(os.path.realpath(path))
@@ -44,6 +46,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     with _terminate_by_exception():
         try:
             yield aside
+            if aside.is_dir() and target.is_dir():
+                target.rmdir()
             os.replace(aside, target)
         except FileError:
             raise
@@ -51,7 +55,10 @@ def atomic_write(path: Path) -> Iterator[Path]:
             reason = error.strerror or str(error)
             raise FileError(f"{path} cannot be written: {reason}; free space, or choose another folder") from error
         finally:
-            aside.unlink(missing_ok=True)
+            if aside.is_dir():
+                shutil.rmtree(aside)
+            else:
+                aside.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -47,7 +47,7 @@ class ModelPart:
     wrapped: Any
 
     @property
-    def placed(self) -> Model:
+    def placed_model(self) -> Model:
         """The model where the part is: aligned, rotated and moved."""
         return place_model(self.model, self.wrapped)
 
@@ -81,7 +81,7 @@ class ModelPart:
         --------
         >>> (Pos(20, 0, 0) * Tpms("gyroid", cell=10, thickness=1)).export("gyroid.step")
         """
-        self.placed.export(path, deviation=deviation, angle=angle, schema=schema, verify=verify)
+        self.placed_model.export(path, deviation=deviation, angle=angle, schema=schema, verify=verify)
 
     @public()
     def render(
@@ -111,7 +111,7 @@ class ModelPart:
         --------
         >>> Tpms("gyroid", cell=10, thickness=1).render("gyroid.png", section="z")
         """
-        self.placed.render(path, view=view, section=section, size=size, color_by=color_by)
+        self.placed_model.render(path, view=view, section=section, size=size, color_by=color_by)
 
     def __repr__(self) -> str:
         found = self.certificate

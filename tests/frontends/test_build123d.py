@@ -219,18 +219,18 @@ class TestTheOneKindOfResult:
 
     def test_the_placed_model_has_the_true_extents_and_the_faces_of_the_part(self, schwarz: Tpms) -> None:
         turned = bd.Pos(1, 2, 3) * bd.Rot(0, 0, 90) * schwarz
-        low, high = turned.placed.bounding_box
+        low, high = turned.placed_model.bounding_box
         assert low == pytest.approx((-4, -3, -2), abs=1e-6)
         assert high == pytest.approx((6, 7, 8), abs=1e-6)
-        labels = turned.placed.named_solids()[0].labels
+        labels = turned.placed_model.named_solids()[0].labels
         assert sorted(labels) == sorted(schwarz.model.named_solids()[0].labels)
-        assert turned.placed.certificate is schwarz.certificate
+        assert turned.placed_model.certificate is schwarz.certificate
 
     def test_a_mirrored_part_is_not_written_as_if_it_were_the_model(self, gyroid: Tpms) -> None:
         changed = copy.copy(gyroid)
         changed.wrapped = bd.Part(bd.mirror(gyroid, bd.Plane.XY).wrapped).wrapped
         with pytest.raises(tpmscad.InvalidRequest, match="not the model's solid any more"):
-            _ = changed.placed
+            _ = changed.placed_model
 
     def test_it_says_what_it_is(self, schwarz: Tpms) -> None:
         assert repr(schwarz) == "Tpms: schwarz_p sheet, 1 piece, 102 faces, volume 232.1074, met"

@@ -11,10 +11,10 @@ and heat flows in mW. Tested with OpenFOAM v1912 (Debian's `openfoam`).
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.poly_meshes import HEADER, FoamPatch, PolyMesh, divide_regions, name_for_foam, write_poly_mesh
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -128,15 +128,8 @@ def write_openfoam_case(mesh: VolumeMesh, folder: Path, flow: Mapping[str, str] 
     parts = divide_regions(mesh)
     directions = _choose_flow(parts) if flow is None else dict(flow)
     _check_flow(parts, directions)
-    aside = folder.with_name(f".{folder.name}.part")
-    shutil.rmtree(aside, ignore_errors=True)
-    try:
+    with atomic_write(folder) as aside:
         _write_case(aside, parts, directions, velocity)
-        if folder.exists():
-            folder.rmdir()
-        aside.rename(folder)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
 
 
 def _openings(part: PolyMesh) -> dict[str, FoamPatch]:
