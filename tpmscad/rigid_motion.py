@@ -18,6 +18,9 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 
+TRANSLATION_TOL_FRACTION = 1e-10
+"""Distance, in extents of the points, within which a motion found from them is a translation: above their round-off."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
@@ -92,3 +95,20 @@ class Motion:
     def is_identity(self) -> bool:
         """Whether every motion of the batch is exactly the identity."""
         return bool((self.rotation == np.eye(3)).all()) and not self.translation.any()
+
+
+def match_points(points: Array, images: Array) -> Motion:
+    """The proper rigid motions that bring points (P, m, 3) nearest to their images (P, m, 3); exact translations stay exact.
+
+    W. Kabsch, "A solution for the best rotation to relate two sets of vectors", Acta Cryst. A 32 (1976), 922.
+    """
+    centre, image_centre = points.mean(axis=1, keepdims=True), images.mean(axis=1, keepdims=True)
+    left, _, right = np.linalg.svd(np.swapaxes(images - image_centre, 1, 2) @ (points - centre))
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    rotation = left @ right
+    shift = images[:, 0] - points[:, 0]
+    extent = np.ptp(points[0], axis=0).max()
+    translated = np.abs(images - points - shift[:, None]).max(axis=(1, 2)) <= TRANSLATION_TOL_FRACTION * extent
+    rotation[translated] = np.eye(3)
+    moved = image_centre[:, 0] - np.einsum("pij,pj->pi", rotation, centre[:, 0])
+    return Motion(rotation, np.where(translated[:, None], shift, moved))

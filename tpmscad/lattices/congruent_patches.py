@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.welding import cluster_points
-from tpmscad.rigid_motion import Motion
+from tpmscad.rigid_motion import Motion, match_points
 
 CONGRUENCE_TOL_FRACTION = 1e-11
 """Samples that agree to this fraction of a patch's extent after a rigid motion belong to congruent patches: above the round-off
@@ -51,17 +51,3 @@ def group_congruent(samples: Array) -> CongruenceClasses:
     own = first[label] == np.arange(count)
     motion.rotation[own], motion.translation[own] = np.eye(3), 0.0
     return CongruenceClasses(first, label, motion)
-
-
-def match_points(points: Array, images: Array) -> Motion:
-    """The proper rigid motions that bring points (P, m, 3) nearest to their images (P, m, 3); exact translations stay exact."""
-    centre, image_centre = points.mean(axis=1, keepdims=True), images.mean(axis=1, keepdims=True)
-    left, _, right = np.linalg.svd(np.swapaxes(images - image_centre, 1, 2) @ (points - centre))
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    rotation = left @ right
-    shift = images[:, 0] - points[:, 0]
-    extent = np.ptp(points[0], axis=0).max()
-    translated = np.abs(images - points - shift[:, None]).max(axis=(1, 2)) <= 10 * CONGRUENCE_TOL_FRACTION * extent
-    rotation[translated] = np.eye(3)
-    moved = image_centre[:, 0] - np.einsum("pij,pj->pi", rotation, centre[:, 0])
-    return Motion(rotation, np.where(translated[:, None], shift, moved))

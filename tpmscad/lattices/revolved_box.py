@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices.congruent_patches import match_points
 from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.rigid_motion import match_points
 
 REVOLUTION_TOL_FRACTION = 1e-10
 """A map turns the box if the images agree with rotations to this fraction of the box."""

@@ -13,7 +13,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import move_brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import BuiltSolids, KernelSolids
-from tpmscad.rigid_motion import Motion
+from tpmscad.rigid_motion import Motion, match_points
 from tpmscad.workflows.model import Model
 
 PLACE_RTOL = 1e-9
@@ -48,14 +48,12 @@ def place_model(model: Model, shape: Any) -> Model:
 
 
 def _fit_motion(start: Array, end: Array) -> Motion | None:
-    """The proper motion that takes points (n, 3) to others in the same order, or None if there is none (W. Kabsch, 1976)."""
-    a, b = start.mean(axis=0), end.mean(axis=0)
-    u, _, vt = np.linalg.svd((end - b).T @ (start - a))
-    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    """The proper motion that takes points (n, 3) to others in the same order, or None if there is none."""
+    rotation = match_points(start[None], end[None])[0].rotation
     if np.abs(rotation - np.rint(rotation)).max() < WHOLE_TURN_TOL:
         rotation = np.rint(rotation)
-    motion = Motion(rotation, b - rotation @ a)
-    size = float(np.abs(np.ptp(start, axis=0)).max() + np.abs(b).max())
+    motion = Motion(rotation, end.mean(axis=0) - rotation @ start.mean(axis=0))
+    size = float(np.ptp(start, axis=0).max() + np.abs(end).max())
     return motion if np.abs(motion.apply(start) - end).max() <= PLACE_RTOL * size else None
 
 
