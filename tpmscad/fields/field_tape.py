@@ -13,11 +13,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.tape_derivatives import differentiate
 from tpmscad.fields.tape_kernel import LOAD_POINT, LOAD_X, LOAD_Z, run_tape
-from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors
-from tpmscad.fields.tape_program import Program, Source, compile_program, list_operands, resolve_alias
+from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors, resolve_alias
+from tpmscad.fields.tape_program import Program, Source, compile_program, list_operands
 
 MIN_LANE = 16
 """Planes along z below which a grid is evaluated as points: its lines would leave most of a block empty."""
@@ -94,6 +94,7 @@ class _Evaluator:
         self._point_program: Program | None = None
         self._grid: tuple[Program, list[_Evaluator | None]] | None = None
         self._coordinates: dict[int, _Evaluator] = {}
+        self._masks: dict[int, _Evaluator] = {}
 
     def at_points(self, columns: Array) -> Array:
         """Outputs (m, n) at points given as columns (3, n)."""
@@ -107,7 +108,9 @@ class _Evaluator:
         inputs = np.empty((len(self.inputs), columns.shape[1]))
         for k in self.externals:
             own = self._coordinate_evaluator(k)
-            self._fill(inputs, k, list(columns if own is None else own.at_points(columns)))
+            mask = self._mask_evaluator(k)
+            is_needed = None if mask is None else mask.at_points(columns)[0] != 0
+            self._fill(inputs, k, list(columns if own is None else own.at_points(columns)), is_needed)
         return inputs
 
     def on_grid(self, axes: Axes) -> Array:
@@ -129,7 +132,9 @@ class _Evaluator:
             tables.append(table)
         inputs = np.empty((len(self.inputs), int(np.prod(shape))))
         for k in self.externals:
-            self._fill(inputs, k, self._map_grid(k, axes))
+            mask = self._mask_evaluator(k)
+            is_needed = None if mask is None else mask.on_grid(axes)[0].ravel() != 0
+            self._fill(inputs, k, self._map_grid(k, axes), is_needed)
         return self._run(program, (tables[0], tables[1], tables[2]), inputs, axes).reshape(-1, *shape)
 
     def _compile_for_grids(self) -> tuple[Program, list[_Evaluator | None]]:
@@ -162,12 +167,21 @@ class _Evaluator:
 
     def _coordinate_evaluator(self, external: int) -> _Evaluator | None:
         """The evaluator of the coordinates of a foreign function; None if they are those of the points."""
-        coordinates = self.recorder.externals[external][1]
+        coordinates = self.recorder.externals[external].coordinates
         if coordinates == self.recorder.coordinates:
             return None
         if external not in self._coordinates:
             self._coordinates[external] = _Evaluator(self.recorder, coordinates)
         return self._coordinates[external]
+
+    def _mask_evaluator(self, external: int) -> _Evaluator | None:
+        """The evaluator of the mask of a foreign function; None if it is needed at all points."""
+        mask = self.recorder.externals[external].mask
+        if mask is None:
+            return None
+        if external not in self._masks:
+            self._masks[external] = _Evaluator(self.recorder, [mask])
+        return self._masks[external]
 
     def _map_grid(self, external: int, axes: Axes) -> list[Array]:
         """Coordinates of a foreign function on a grid; those of a grid again if each depends on its own axis only."""
@@ -182,11 +196,17 @@ class _Evaluator:
                 parts[k] = own.at_points(columns)[k]
         return [parts[0][:, None, None], parts[1][None, :, None], parts[2][None, None, :]]
 
-    def _fill(self, inputs: Array, external: int, coordinates: Sequence[Any]) -> None:
-        """Write the value, or value and derivatives, of a foreign function into its rows of the inputs."""
-        source = self.recorder.externals[external][0]
+    def _fill(self, inputs: Array, external: int, coordinates: Sequence[Any], is_needed: BoolArray | None) -> None:
+        """Write the value, or value and derivatives, of a foreign function into its rows of the inputs; 0 where not needed."""
+        source = self.recorder.externals[external].source
+        rows = [row for row, node in enumerate(self.inputs) if node.numbers[0] == external]
+        columns: slice | BoolArray = slice(None)
+        if is_needed is not None and not is_needed.all():
+            inputs[rows] = 0.0
+            if not is_needed.any():
+                return
+            coordinates, columns = [c.ravel()[is_needed] for c in np.broadcast_arrays(*coordinates)], is_needed
         results = source.jet(*coordinates) if external in self.needs_jet else (source.at(*coordinates),)
         shape = np.broadcast_shapes(*(c.shape for c in coordinates))
-        for row, node in enumerate(self.inputs):
-            if node.numbers[0] == external:
-                inputs[row] = np.broadcast_to(results[node.output], shape).ravel()
+        for row in rows:
+            inputs[row, columns] = np.broadcast_to(results[self.inputs[row].output], shape).ravel()

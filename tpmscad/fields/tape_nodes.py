@@ -133,6 +133,15 @@ class Node:
         return self * other
 
 
+@dataclass(slots=True, eq=False)
+class ForeignFunction:
+    """A function evaluated outside the tape by `source.at` and `source.jet`, at coordinates, where the mask, if any, holds."""
+
+    source: Any
+    coordinates: tuple[Node, Node, Node]
+    mask: Node | None
+
+
 class Recorder:
     """The nodes of one tape, in the order of recording, and the foreign functions that it calls."""
 
@@ -140,7 +149,7 @@ class Recorder:
         self.nodes: list[Node] = []
         self.region: Region | None = None
         self.known: dict[Any, Node] = {}
-        self.externals: list[tuple[Any, tuple[Node, Node, Node]]] = []
+        self.externals: list[ForeignFunction] = []
         self.refusals: list[Refusal] = []
         x, y, z = (self.record("coordinate", (), (axis,), depends=1 << axis) for axis in range(3))
         self.coordinates = x, y, z
@@ -179,18 +188,21 @@ class Recorder:
             yield
 
     def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
-        """The value of a foreign function of coordinates, which `source.at` and `source.jet` evaluate outside the tape."""
-        known = [k for k, each in enumerate(self.externals) if each[0] is source and each[1] == coordinates]
+        """The value of a foreign function of coordinates, needed at the points of the region.
+
+        `source.at` and `source.jet` evaluate it outside the tape, once for all calls with coordinates of the same values.
+        """
+        x, y, z = (resolve_alias(node) for node in coordinates)
+        mask = None if self.region is None else self.mask_of(self.region)
+        known = [k for k, each in enumerate(self.externals) if each.source is source and each.coordinates == (x, y, z)]
         number = known[0] if known else len(self.externals)
         if not known:
-            self.externals.append((source, coordinates))
+            self.externals.append(ForeignFunction(source, (x, y, z), mask))
+        elif self.externals[number].mask is not mask:
+            self.externals[number].mask = None
         with self.inside(None):
-            value = self.record("input", (), (number,), depends=EVERY_AXIS)
-            value.rule = (
-                coordinates,
-                lambda: [self.record("input", (), (number,), output=k, depends=EVERY_AXIS) for k in (1, 2, 3)],
-            )
-        return value
+            value, *slopes = (self.record("input", (), (number,), output=k, depends=EVERY_AXIS) for k in range(4))
+            return self.with_gradient(value, coordinates, lambda: slopes)
 
     def require_within(
         self, node: Node, low: float, high: float, refuse: Refusal, refuse_slope: Refusal | None = None
@@ -210,10 +222,12 @@ class Recorder:
 
     def check(self, node: Node, numbers: tuple[float, ...]) -> Node:
         """The node, checked in its region: the numbers are the limits, and of the refusals of its values and derivatives."""
-        mask, region = self.constant(1.0), self.region
-        while region is not None:
-            mask, region = mask * region.mask, region.parent
+        mask = self.constant(1.0) if self.region is None else self.mask_of(self.region)
         return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
+
+    def mask_of(self, region: Region) -> Node:
+        """The mask that holds where those of a region and of all round it do."""
+        return region.mask if region.parent is None else region.mask * self.mask_of(region.parent)
 
     @contextmanager
     def inside(self, region: Region | None) -> Iterator[None]:
@@ -223,6 +237,13 @@ class Recorder:
             yield
         finally:
             self.region = before
+
+
+def resolve_alias(node: Node) -> Node:
+    """The node whose value an alias has."""
+    while node.name == "alias":
+        node = node.args[0]
+    return node
 
 
 def find_ancestors(

@@ -10,7 +10,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.tape_kernel import CODES
-from tpmscad.fields.tape_nodes import Node, Region, find_ancestors
+from tpmscad.fields.tape_nodes import Node, Region, find_ancestors, resolve_alias
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
 OPERATIONS_OF_SEVERAL_RESULTS = ("sine_cosine", "piecewise", "tensor")
@@ -69,13 +69,6 @@ def compile_program(outputs: Sequence[Node], loads: Mapping[int, Source], guarde
     for k, node in enumerate(outputs):
         writer.write("output", [k], [writer.row_of[node.index]], ())
     return writer.finish()
-
-
-def resolve_alias(node: Node) -> Node:
-    """The node whose value an alias has."""
-    while node.name == "alias":
-        node = node.args[0]
-    return node
 
 
 def list_operands(node: Node, guarded: bool = True) -> list[Node]:
