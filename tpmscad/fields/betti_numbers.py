@@ -7,6 +7,8 @@ are added at geometrically decreasing distances from each: near a saddle the lev
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from tpmscad import topology
@@ -28,6 +30,9 @@ SADDLE_LINE_OFFSETS_SPACINGS = 1.5 ** -np.arange(13.0)
 """Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings."""
 
 
+Betti = tuple[int, int, int]
+"""Components, handles and cavities."""
+
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
 """Grid lines of a third grid, beyond two that agree."""
 
@@ -41,35 +46,58 @@ def compute_betti_numbers(
     satisfy b(A and B) = b(A) + b(B) except for one component (Mayer-Vietoris), so that walls thinner than any grid are counted
     correctly.
     """
+    counted = _count_operands(_list_operands(field), lo, hi, lines, n_agreeing)
+    return None if counted is None else _add_betti_numbers(field, iter(counted))
+
+
+def _list_operands(field: Field) -> list[Field]:
+    """The fields whose minima and maxima the field is."""
     if isinstance(field, MinMaxField):
-        first, second = (compute_betti_numbers(f, lo, hi, lines, n_agreeing) for f in (field.first, field.second))
-        if first is None or second is None:
-            return None
-        components = first[0] + second[0] - (1 if field.sign > 0 else 0)
-        return components, first[1] + second[1], first[2] + second[2]
-    previous, n_equal = None, 0
-    while True:
+        return _list_operands(field.first) + _list_operands(field.second)
+    return [field]
+
+
+def _add_betti_numbers(field: Field, counted: Iterator[Betti]) -> Betti:
+    """Betti numbers of minima and maxima from those of their operands, in the order of `_list_operands`."""
+    if not isinstance(field, MinMaxField):
+        return next(counted)
+    first, second = _add_betti_numbers(field.first, counted), _add_betti_numbers(field.second, counted)
+    return first[0] + second[0] - (1 if field.sign > 0 else 0), first[1] + second[1], first[2] + second[2]
+
+
+def _count_operands(
+    operands: Sequence[Field], lo: Array, hi: Array, lines: float, n_agreeing: int
+) -> list[Betti] | None:
+    """Betti numbers of each field from successive grids that agree; None if too few of one do."""
+    counted: dict[int, Betti] = {}
+    previous: dict[int, Betti] = {}
+    n_equal = dict.fromkeys(range(len(operands)), 0)
+    while len(counted) < len(operands):
         counts = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
         if np.prod(counts + 1.0) > MAX_NODES:
             return None
-        betti = topology.betti(_sample_on_graded_grid(field, lo, hi, counts))
-        current = (betti.b0, betti.b1, betti.b2)
-        n_equal = n_equal + 1 if current == previous else 1
-        if n_equal == n_agreeing:
-            return current
-        previous = current
+        open_ones = [k for k in n_equal if k not in counted]
+        samples = _sample_on_graded_grids([operands[k] for k in open_ones], lo, hi, counts)
+        for k, values in zip(open_ones, samples, strict=True):
+            betti = topology.betti(values)
+            current = betti.b0, betti.b1, betti.b2
+            n_equal[k] = n_equal[k] + 1 if current == previous.get(k) else 1
+            previous[k] = current
+            if n_equal[k] == n_agreeing:
+                counted[k] = current
         lines = REFINEMENT_RATIO * lines
+    return [counted[k] for k in range(len(operands))]
 
 
-def _sample_on_graded_grid(field: Field, lo: Array, hi: Array, counts: Array) -> Array:
-    """Values on a uniform grid, or on one with lines graded towards necks as well unless its nodes would exceed MAX_NODES."""
+def _sample_on_graded_grids(operands: Sequence[Field], lo: Array, hi: Array, counts: Array) -> Iterator[Array]:
+    """Values of each field on a uniform grid, or on one with lines graded towards necks as well if MAX_NODES allow it."""
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
     half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
-    narrow, values = find_narrow_points(field, grid, half_width)
     steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
-    axes = []
-    for axis, uniform in enumerate(grid.axes):
-        added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
-        axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
-    too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
-    return values if too_many or not len(narrow) else field.on_grid(*axes)
+    for field, (narrow, values) in zip(operands, find_narrow_points(operands, grid, half_width), strict=True):
+        axes = []
+        for axis, uniform in enumerate(grid.axes):
+            added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
+            axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
+        too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
+        yield values if too_many or not len(narrow) else field.on_grid(*axes)

@@ -6,7 +6,7 @@ and of grids run the same operations in the same order, so that both give the sa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from threading import Lock
 from typing import Any, Protocol
@@ -72,13 +72,31 @@ class FieldTape:
     def _make_evaluator(self, with_gradient: bool) -> _Evaluator:
         with self._lock:  # threads may evaluate one field, and recording is in steps
             if with_gradient not in self._evaluators:
-                outputs = [self.value]
-                if with_gradient:
-                    zero = self.recorder.constant(0.0)
-                    partials = differentiate(self.value, self.recorder.coordinates)
-                    outputs += [zero if p is None else p for p in partials]
+                outputs = _make_jet(self.value) if with_gradient else [self.value]
                 self._evaluators[with_gradient] = _Evaluator(self.recorder, outputs)
             return self._evaluators[with_gradient]
+
+
+class JointTape:
+    """The tape of several fields: what their formulas have in common, foreign functions included, is evaluated once."""
+
+    def __init__(self, sources: Sequence[Traced]) -> None:
+        recorder = Recorder()
+        values = [source.trace(*recorder.coordinates) for source in sources]
+        self._evaluator = _Evaluator(recorder, [node for value in values for node in _make_jet(value)])
+
+    def jets_on_grid(self, x: Array, y: Array, z: Array) -> Iterator[tuple[Array, Array]]:
+        """Values (nx, ny, nz) and gradients (nx, ny, nz, 3) of each field on the grid of the axes."""
+        jets = self._evaluator.on_grid((x, y, z))
+        for first in range(0, len(jets), 4):
+            yield jets[first], np.moveaxis(jets[first + 1 : first + 4], 0, -1)
+
+
+def _make_jet(value: Node) -> list[Node]:
+    """A formula and its derivatives by the coordinates."""
+    recorder = value.recorder
+    zero = recorder.constant(0.0)
+    return [value, *(zero if p is None else p for p in differentiate(value, recorder.coordinates))]
 
 
 class _Evaluator:

@@ -16,6 +16,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields import Field
+from tpmscad.fields.field_tape import JointTape
 from tpmscad.fields.sample_grid import SampleGrid
 
 MAX_NEWTON_STEPS = 12
@@ -105,31 +106,36 @@ def find_saddles(
     return Saddles(found.points[found.is_saddle], found.values[found.is_saddle])
 
 
-def find_narrow_points(field: Field, grid: SampleGrid, closest: float) -> tuple[Array, Array]:
-    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, and the field's values on the grid.
+def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float) -> list[tuple[Array, Array]]:
+    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, and values on the grid, of each field.
 
-    They lie in the box and on its faces and edges. On a face or an edge they are those of the field's restriction: as a level
-    passes their values, the part of the solid in the box changes its topology there, though the field itself has no critical
-    point (stratified Morse theory). Besides saddles they include minima of the solid and maxima of the void, which are specks.
+    The points lie in the box and on its faces and edges. On a face or an edge they are those of the field's restriction: as a
+    level passes their values, the part of the solid in the box changes its topology there, though the field itself has no
+    critical point (stratified Morse theory). Besides saddles they include minima of the solid and maxima of the void, which are
+    specks. The fields are sampled together, so that what their formulas have in common is evaluated once.
     """
+    tape = JointTape(fields)
     x, y, z = grid.axes
-    values = np.empty(grid.shape)
-    inside = []
+    values = np.empty((len(fields), *grid.shape))
+    cells: list[list[IntArray]] = [[] for _ in fields]
     planes = max(1, POINTS_PER_SLAB // (len(y) * len(z)))
     for first in range(0, len(x) - 1, planes):
         slab = slice(first, first + planes + 1)
-        samples = field.value_and_gradient_on_grid(x[slab], y, z)
-        values[slab] = samples[0]
-        cells = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
-        inside.append(cells + np.array([first, 0, 0]))
-    points = [_find_in_cells(field, grid, (None, None, None), np.concatenate(inside), closest).points]
+        for k, samples in enumerate(tape.jets_on_grid(x[slab], y, z)):
+            values[k, slab] = samples[0]
+            found = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
+            cells[k].append(found + np.array([first, 0, 0]))
+    inside = (None, None, None)
+    points = [
+        [_find_in_cells(f, grid, inside, np.concatenate(c), closest).points] for f, c in zip(fields, cells, strict=True)
+    ]
     for sides in product((None, 0, -1), repeat=3):
-        if None in sides and sides != (None, None, None):
+        if None in sides and sides != inside:
             axes = [axis if side is None else axis[[side]] for axis, side in zip(grid.axes, sides, strict=True)]
-            samples = field.value_and_gradient_on_grid(*axes)
-            cells = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
-            points.append(_find_in_cells(field, grid, sides, cells, closest).points)
-    return np.concatenate(points), values
+            for k, samples in enumerate(tape.jets_on_grid(*axes)):
+                found = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
+                points[k].append(_find_in_cells(fields[k], grid, sides, found, closest).points)
+    return [(np.concatenate(p), v) for p, v in zip(points, values, strict=True)]
 
 
 def _find_in_cells(

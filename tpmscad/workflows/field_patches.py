@@ -27,15 +27,13 @@ from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
 from tpmscad.errors import LevelSetError
 from tpmscad.fields import volume_quadrature
-from tpmscad.fields.betti_numbers import FINER_LINES, compute_betti_numbers
+from tpmscad.fields.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
 from tpmscad.parallel import task_runner
 from tpmscad.stage_timer import StageTimer
-
-Betti = tuple[int, int, int]
 
 ROUNDING_TOL_FRACTION = 0.8
 """Fraction of the tolerance by which rounding may move the surface at edges; the fit seldom needs a tenth of it."""
