@@ -34,6 +34,11 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("homogenize gyroid", "give exactly one of --volume-fraction, --porosity; here: none of them"),
         ("homogenize gyroid --porosity 0.3 --volume-fraction 0.7", "here: both"),
         ("lattice gyroid --cell 10mm -o a.step", "leave the unit out, lengths are in mm"),
+        ("lattice gyroid --cell 10 --thickness 0.6mm -o a.step", "'0.6mm' is not a number: leave the unit out"),
+        ("lattice gyroid --cell 10 --thickness 0,6 -o a.step", "'0,6' is not a number: write a decimal point"),
+        ("lattice gyroid --cell 10 --thickness thin -o a.step", "--thickness': 'thin' is not a number ("),
+        ("lattice gyroid --cell 10 --porosity 70% -o a.step", "'70%' is not a number: leave the sign out, 0.7 is 70 %"),
+        ("lattice gyroid --cell 10 --jobs 2.5 -o a.step", "'2.5' is not a whole number"),
         ("lattice gyriod --cell 10 -o a.step", "did you mean 'gyroid'?"),
         (
             "infill gyroid part.step --cell 10 -o a.step",

@@ -198,8 +198,11 @@ def _exit_with_usage_error(error: typer.TyperException) -> NoReturn:
         print(context.get_help())
         sys.exit(error.exit_code)
     message = error.format_message().rstrip(".").replace("Value error, ", "")
-    from tpmscad.cli.usage_hints import hint_at_meaning  # loads NumPy, for which help does not wait
+    # loads NumPy, for which help does not wait
+    from tpmscad.cli.usage_hints import describe_bad_number, hint_at_meaning
 
+    if described := describe_bad_number(error):
+        message = f"{message.split(': ')[0]}: {described}"
     meant = hint_at_meaning(error)
     if meant:  # better than the options that are spelled alike
         message = f"{re.split(r' .Possible options|. Did you mean', message)[0]}: {meant}"

@@ -12,8 +12,8 @@ OUTPUT_PANEL = "Result"
 
 MODEL_FORMATS = ".step, .stl, .3mf, .brep or .glb"
 
-
 _NUMBER_WITH_UNIT = re.compile(r"[-+.,x\d]+ *(mm|cm|um|µm|m|in|inch|°|deg|%)$", re.IGNORECASE)
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+$")
 
 
 def parse_numbers(text: str) -> float | tuple[float, ...]:
@@ -21,11 +21,22 @@ def parse_numbers(text: str) -> float | tuple[float, ...]:
     try:
         values = tuple(float(part) for part in text.lower().replace("x", ",").split(","))
     except ValueError:
-        unit = ": leave the unit out, lengths are in mm and angles in degrees" if _NUMBER_WITH_UNIT.match(text) else ""
+        remedy = remedy_for_number(text)
         raise typer.BadParameter(
-            f"{text!r} is neither a number nor a list of numbers with commas between{unit}"
+            f"{text!r} is neither a number nor a list of numbers with commas between{remedy}"
         ) from None
     return values if len(values) > 1 else values[0]
+
+
+def remedy_for_number(text: str) -> str:
+    """What to write for a number with a unit or a decimal comma, after a colon; "" for other texts."""
+    if match := _NUMBER_WITH_UNIT.match(text):
+        return (
+            ": leave the sign out, 0.7 is 70 %"
+            if match[1] == "%"
+            else ": leave the unit out, lengths are in mm and angles in degrees"
+        )
+    return ": write a decimal point" if _DECIMAL_COMMA.match(text) else ""
 
 
 TolOption = Annotated[

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tpmscad.catalogue import find_surface
+from tpmscad.cli.options import remedy_for_number
 from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import SYNONYMS
 
@@ -86,6 +87,13 @@ COMMAND_REMEDIES: Mapping[str, str] = {
 }
 """What answers the word of another program for a command."""
 
+BAD_NUMBERS: Mapping[str, str] = {
+    "float_parsing": "a number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+}
+"""What a value should have been, by the kind of error with which it was refused."""
+
 _UNKNOWN_COMMAND = re.compile(r"No such command '([^']*)'")
 _MISSING_FILE = re.compile(r"Invalid value for 'BODY\.step': file '(?P<name>.*)' does not exist")
 
@@ -106,6 +114,16 @@ def hint_at_meaning(error: Any) -> str:
     if (match := _MISSING_FILE.search(message)) and command is not None and _is_surface(match["name"]):
         return f"the file comes first, as in `tpmscad {command.name} body.step {match['name']}`"
     return ""
+
+
+def describe_bad_number(error: Any) -> str:
+    """The value of an option that is not a number, and what to write; "" for other errors."""
+    cause = getattr(error, "__cause__", None) or getattr(error, "__context__", None)
+    if cause is None or not hasattr(cause, "errors"):
+        return ""
+    refused = cause.errors()[0]
+    expected = BAD_NUMBERS.get(refused["type"])
+    return f"{refused['input']!r} is not {expected}{remedy_for_number(refused['input'])}" if expected else ""
 
 
 def _hint_at_option(option: str, known: Sequence[str]) -> str:
