@@ -7,6 +7,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.foot_points import POINTS_PER_BATCH
 from tpmscad.fields.isometries import find_isometries
 
 RNG = np.random.default_rng(5)
@@ -67,3 +68,14 @@ def test_axes_of_symmetry_have_the_distance_of_the_points_beside_them() -> None:
     beside = distance(on_axis + 1e-4)
     np.testing.assert_allclose(distance(on_axis), beside, rtol=0, atol=1e-3)
     assert (np.abs(distance(on_axis)) > 1.5).all()
+
+
+def test_the_distance_of_a_point_does_not_depend_on_the_points_it_is_evaluated_with() -> None:
+    distance = fields.normal_distance(fields.tpms("gyroid", 5.0))
+    points = RNG.uniform(0, 5, (POINTS_PER_BATCH + 500, 3))
+    value, normal = distance.value_and_gradient(points)
+    chosen = RNG.permutation(len(points))[:40]
+    for k in chosen:
+        alone, slope = distance.value_and_gradient(points[k])
+        assert alone == value[k]
+        assert np.array_equal(slope, normal[k])

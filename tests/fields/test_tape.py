@@ -8,6 +8,8 @@ import pytest
 from benchmarks.field_tape import HIGH, LOW, compare, make_kinds
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field_tape import JointTape
+from tpmscad.fields.linear_extension import extend_linearly
 from tpmscad.fields.tape_nodes import Node, select
 
 KINDS = make_kinds()
@@ -104,3 +106,48 @@ def test_a_foreign_function_that_is_used_twice_is_called_once() -> None:
     calls.clear()
     wall(np.ones((50, 3)))
     assert calls == [50]
+
+
+class CountedField(fields.Field):
+    """x y + z outside the tape, with the number of points of every call."""
+
+    __slots__ = ("counts",)
+
+    def __init__(self) -> None:
+        self.counts: list[int] = []
+
+    def at(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return self.jet(x, y, z)[0]
+
+    def jet(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, ...]:
+        value = x * y + z
+        self.counts.append(value.size)
+        return value, y + 0 * value, x + 0 * value, np.ones_like(value)
+
+
+def test_a_function_outside_the_tape_is_called_once_for_points_inside_the_box_of_an_extension() -> None:
+    counted = CountedField()
+    extended = extend_linearly(counted, np.zeros(3), np.ones(3))
+    points = np.random.default_rng(6).uniform(0, 1, (500, 3))
+    points[:7, 0] += 1.0
+    values, gradients = extended.value_and_gradient(points)
+    assert counted.counts == [500, 7]  # at the clamped points, and beside those outside for the extension's derivative
+    x, y, z = points[7:].T
+    np.testing.assert_allclose(values[7:], x * y + z, rtol=1e-15)
+    np.testing.assert_allclose(gradients[7:], np.stack([y, x, np.ones_like(x)], axis=1), rtol=1e-15)
+    np.testing.assert_allclose(values[:7], points[:7, 0] * points[:7, 1] + points[:7, 2], rtol=1e-9)
+    counted.counts.clear()
+    extended.on_grid(*np.linspace(0, 1, 60).reshape(3, 20))
+    assert counted.counts == [8000]
+
+
+def test_fields_sampled_together_have_the_values_of_each_and_call_what_they_share_once() -> None:
+    counted = CountedField()
+    first, second = counted - fields.sphere((0.5, 0.5, 0.5), 0.3), -counted - 0.25
+    axes = [np.linspace(0, 1, n) for n in (4, 5, 33)]
+    jets = list(JointTape((first, second)).jets_on_grid(*axes))
+    assert counted.counts == [4 * 5 * 33]
+    for field, (values, gradients) in zip((first, second), jets, strict=True):
+        expected, slopes = field.value_and_gradient_on_grid(*axes)
+        assert np.array_equal(values, expected)
+        assert np.array_equal(gradients, slopes)

@@ -41,6 +41,9 @@ CONGRUENCE_SAMPLES_PER_PARAMETER = 13
 MAX_PARAMETRIC_EXCESS = 3.0
 """Greatest ratio of differences at equal parameters to orthogonal distances."""
 
+MAX_DEVIATION_CELLS = 0.1
+"""Deviation, in cells, beyond which a fit is no image of the surface: its patches oscillate."""
+
 PATCH_BULGE_FRACTION = 0.125
 """Part of its extent by which a patch bulges at most between samples."""
 
@@ -157,6 +160,7 @@ def fit_mapped_layers(
     """Fit the lower and upper surface at their normal distances (model units; None: no surface).
 
     The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
+    InvalidRequest if even that deviates by a tenth of a cell.
     """
     t = g2_fit.sample_parameters()
     u, v = np.meshgrid(t, t, indexing="ij")
@@ -178,9 +182,16 @@ def fit_mapped_layers(
         deviations = _measure_patches(mapped, given, layers, classes, np.inf if last else tol, progress)
         if last or max(d.max for d in deviations) <= tol:
             break
+    deviation = combine_deviations(deviations)
+    if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
+        raise InvalidRequest(
+            f"under {mapped.map.name} the patches deviate by {deviation.max:.3g} from the surface, more than a tenth of the "
+            "cell: the map bends too sharply for one patch, as near the axis of a cylinder; use a larger radius, smaller cells, or "
+            "a map that varies less over a cell"
+        )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
-    return MappedFit(lower, upper, combine_deviations(deviations), NetConvergence.worst(c for _, c in fits))
+    return MappedFit(lower, upper, deviation, NetConvergence.worst(c for _, c in fits))
 
 
 def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
