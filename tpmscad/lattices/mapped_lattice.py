@@ -186,8 +186,8 @@ def fit_mapped_layers(
     if deviation.max > max(tol, MAX_DEVIATION_CELLS * mapped.cell):
         raise InvalidRequest(
             f"under {mapped.map.name} the patches deviate by {deviation.max:.3g} from the surface, more than a tenth of the "
-            "cell: the map bends too sharply for one patch, as near the axis of a cylinder; use a larger radius, smaller cells, or "
-            "a map that varies less over a cell"
+            "cell: the map bends too sharply for one patch, as near the axis of a cylinder; use a larger radius, smaller "
+            "cells, or a map that varies less over a cell"
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
