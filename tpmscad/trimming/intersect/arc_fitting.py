@@ -68,7 +68,8 @@ def fit_arcs(
     initial = [path.points if len(path.foci) else _thin_path(path.points, INITIAL_PATH_POINTS) for path in paths]
     for pending in (np.flatnonzero(~has_foci), np.flatnonzero(has_foci)):
         error = np.zeros(0)
-        for graded in (pairs, pairs.without_foci()):  # grading towards distant foci may be harmful
+        # grading towards distant foci may be harmful; a patch that is nearly singular needs grading of its own
+        for graded in (pairs, pairs.without_foci(), pairs.graded_by_parameters()):
             if len(pending) == 0:
                 break
             problem = graded.take(pending)
