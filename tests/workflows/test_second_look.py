@@ -22,13 +22,13 @@ BALL = fields.sphere((1.0, 1.1, 0.9), 0.7)
 def fit(monkeypatch: pytest.MonkeyPatch, betti: Any) -> tuple[FieldPatches, list[bool]]:
     """The ball's patches, with Betti numbers said of the field (value or function), and which fits sought hidden crossings."""
     looks: list[bool] = []
-    fit_field_solid = field_patches.fit_field_solid
+    fit_field = field_patches.fit_field
 
     def record(*args: Any, **options: Any) -> Any:
-        looks.append(options["detect_hidden_crossings"])
-        return fit_field_solid(*args, **options)
+        looks.append(options.get("detect_hidden_crossings", False))
+        return fit_field(*args, **options)
 
-    monkeypatch.setattr(field_patches, "fit_field_solid", record)
+    monkeypatch.setattr(field_patches, "fit_field", record)
     monkeypatch.setattr(field_patches, "compute_betti_numbers", betti if callable(betti) else lambda *_: betti)
     return fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
 

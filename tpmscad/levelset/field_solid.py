@@ -7,12 +7,12 @@ cannot be fitted within the request ends in a LevelSetError that names the place
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, FractionProgress
+from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fields.field import Field
@@ -71,6 +71,23 @@ class FieldSolid:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class FieldFit:
+    """The fits of the level sets that bound a field's solid in the box [lo, hi], and the Brep they make with its caps.
+
+    `field` as in `FieldSolid`; `fits` are those of the level sets that meet the box, `min_wall` the least distance between two.
+    """
+
+    fits: tuple[LevelSetFit, ...]
+    lo: Array
+    hi: Array
+    field: Field
+    tol: float
+    min_wall: float
+    notes: tuple[str, ...]
+    brep: Brep
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _LevelSetPart:
     """One of the level sets that bound the solid, extended linearly beyond the box, and samples (n, 3) of it."""
 
@@ -79,53 +96,59 @@ class _LevelSetPart:
 
 
 def fit_field_solid(
+    field: Field, lo: Array, hi: Array, tol: float, *, run_tasks: TaskRunner = run_serial
+) -> FieldSolid:
+    """The solid {field < 0} in the box [lo, hi], within tol of the field's level set in both directions, with few patches.
+
+    Arguments and errors as in `fit_field`. Betti numbers and volume are compared by the caller (`tpmscad.workflows.solidify`).
+    """
+    return measure_field_fit(simplify_field_fit(fit_field(field, lo, hi, tol, run_tasks=run_tasks)))
+
+
+def fit_field(
     field: Field,
     lo: Array,
     hi: Array,
     tol: float,
     *,
     detect_hidden_crossings: bool = False,
-    is_worth_simplifying: Callable[[Field, Brep], bool] | None = None,
     run_tasks: TaskRunner = run_serial,
     progress: FractionProgress | None = None,
-) -> FieldSolid:
-    """The solid {field < 0} in the box [lo, hi], within tol of the field's level set in both directions.
+) -> FieldFit:
+    """The level sets of a field's solid in the box [lo, hi], fitted within tol.
 
     `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, at the price of more patches;
-    for solids whose Betti numbers would differ from the field's. `is_worth_simplifying` is asked before patches are merged, which
-    takes most of the time, with the field, its levels shifted off the corners of the box, and the solid; if it says no, that
-    solid is the result. `run_tasks` runs the fits, in this process or elsewhere
+    for solids whose Betti numbers would differ from the field's. `run_tasks` runs the fits, in this process or elsewhere
     (`tpmscad.parallel`), with the same result. `progress` is called with the fraction done.
 
-    Raises LevelSetError where the level set cannot be fitted, and InvalidRequest for a bad box or tolerance. Betti numbers and
-    volume are compared by the caller (`tpmscad.workflows.implicit_solid`).
+    Raises LevelSetError where the level set cannot be fitted, and InvalidRequest for a bad box or tolerance.
     """
     lo, hi = validate_box(lo, hi, tol)
     parts, notes = _prepare_parts(field, lo, hi, tol)
     level_sets = tuple(part.field for part in parts)
     fitted_field = replace_level_sets(field, level_sets)
     min_wall = check_separation(fitted_field, level_sets, [part.samples for part in parts], tol)
-
-    def tell(steps: int) -> None:
-        if progress:
-            progress(steps / (2 * len(parts)))
-
     fits = []
     for i, part in enumerate(parts):
         if len(part.samples):
             request = FitRequest(part.field, tol, part.samples, run_tasks)
             fits.append(fit_level_set_adaptively(request, lo, hi, detect_hidden_crossings))
-        tell(i + 1)
-    corner_solid = fitted_field(box_corners(lo, hi)) <= 0
-    brep = _assemble(fits, lo, hi, corner_solid)
-    if is_worth_simplifying is None or is_worth_simplifying(fitted_field, brep):
-        simplified = []
-        for i, fit in enumerate(fits):
-            simplified.append(simplify_fit(fit))
-            tell(len(parts) + i + 1)
-        if any(new is not old for new, old in zip(simplified, fits, strict=True)):
-            fits, brep = simplified, _assemble(simplified, lo, hi, corner_solid)
-    return _summarise_quality(brep, fitted_field, tol, fits, min_wall, notes)
+        if progress:
+            progress((i + 1) / len(parts))
+    brep = _assemble(fits, fitted_field, lo, hi)
+    return FieldFit(tuple(fits), lo, hi, fitted_field, tol, min_wall, notes, brep)
+
+
+def simplify_field_fit(fit: FieldFit, progress: FractionProgress | None = None) -> FieldFit:
+    """The fit with patches merged where the tolerance allows it, which takes longer than the fit itself."""
+    simplified = []
+    for i, each in enumerate(fit.fits):
+        simplified.append(simplify_fit(each))
+        if progress:
+            progress((i + 1) / len(fit.fits))
+    if all(new is old for new, old in zip(simplified, fit.fits, strict=True)):
+        return fit
+    return replace(fit, fits=tuple(simplified), brep=_assemble(simplified, fit.field, fit.lo, fit.hi))
 
 
 def check_field_in_box(field: Field, lo: Array, hi: Array, tol: float) -> None:
@@ -171,31 +194,30 @@ def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list
     return parts, tuple(notes)
 
 
-def _assemble(fits: list[LevelSetFit], lo: Array, hi: Array, corner_solid: BoolArray) -> Brep:
-    """The patches of the level sets with the caps of the box, of whose corners (8,) some are solid."""
+def _assemble(fits: Sequence[LevelSetFit], field: Field, lo: Array, hi: Array) -> Brep:
+    """The patches of the level sets with the caps of the box, whose corners are solid where the field is not positive."""
+    corner_solid = field(box_corners(lo, hi)) <= 0
     return assemble_field_brep([(f.network, f.fit) for f in fits], [f.fixed for f in fits], lo, hi, corner_solid)
 
 
-def _summarise_quality(
-    brep: Brep, field: Field, tol: float, fits: list[LevelSetFit], min_wall: float, notes: tuple[str, ...]
-) -> FieldSolid:
-    """The solid with the worst measurements of its level sets."""
-    qualities = [fit.quality for fit in fits]
+def measure_field_fit(fit: FieldFit) -> FieldSolid:
+    """The solid of a fit with the worst measurements of its level sets."""
+    qualities = [each.quality for each in fit.fits]
     jump = np.concatenate([q.tangent_jump_deg for q in qualities])
     max_curvature = max(float(q.max_curvature.max(initial=0.0)) for q in qualities)
     curvature_jump = max(float(q.curvature_jump.max(initial=0.0)) for q in qualities)
     return FieldSolid(
-        brep=brep,
-        field=field,
-        tol=tol,
+        brep=fit.brep,
+        field=fit.field,
+        tol=fit.tol,
         patches_to_field=max(float(q.distance.max()) for q in qualities),
-        field_to_patches=max(float(fit.sample_distances.max(initial=0.0)) for fit in fits),
+        field_to_patches=max(float(each.sample_distances.max(initial=0.0)) for each in fit.fits),
         rms=float(np.sqrt(np.mean(np.concatenate([q.mean_square_distance for q in qualities])))),
         min_normal_cosine=min(float(q.min_normal_cosine.min()) for q in qualities),
         jump_deg=float(jump.max(initial=0.0)),
         jump_p95_deg=float(np.percentile(jump, 95)) if len(jump) else 0.0,
         curvature_jump=curvature_jump / max(max_curvature, MIN_DIVISOR),
-        min_wall=min_wall,
-        n_leaves=sum(len(fit.tree.size) for fit in fits),
-        notes=notes,
+        min_wall=fit.min_wall,
+        n_leaves=sum(len(each.tree.size) for each in fit.fits),
+        notes=fit.notes,
     )

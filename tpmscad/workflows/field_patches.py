@@ -31,7 +31,14 @@ from tpmscad.fields.betti_numbers import FINER_LINES, Betti, compute_betti_numbe
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
-from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid, validate_box
+from tpmscad.levelset.field_solid import (
+    FieldFit,
+    FieldSolid,
+    fit_field,
+    measure_field_fit,
+    simplify_field_fit,
+    validate_box,
+)
 from tpmscad.parallel import task_runner
 from tpmscad.stage_timer import StageTimer
 
@@ -97,36 +104,18 @@ def fit_field_patches(
     lo, hi = validate_box(lo, hi, tol)
     rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
     with stages("fit") as done, task_runner(executor, rounded) as run_tasks:
-        betti: Betti | None = None
-
-        def has_betti_numbers_of(of: Field, brep: Brep) -> bool:
-            """Whether patches not yet merged have the field's Betti numbers, as far as shells and their sum tell."""
-            nonlocal betti
-            betti = compute_betti_numbers(of, lo, hi)
-            if betti is None or _could_have(brep, betti):
-                return True
-            # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
-            finer = compute_betti_numbers(of, lo, hi, FINER_LINES, 1)
-            if finer is None or not _could_have(brep, finer):
-                return False
-            betti = finer
-            return True
-
-        for detect_hidden in (False, True):
-            fitted = fit_field_solid(
-                rounded,
-                lo,
-                hi,
-                tol - moved,
-                detect_hidden_crossings=detect_hidden,
-                is_worth_simplifying=None if detect_hidden else has_betti_numbers_of,
-                run_tasks=run_tasks,
-                progress=done,
-            )
-            moments = integral_properties.integrate_faces(fitted.brep)
-            properties = measure_solid(fitted.brep, moments)
-            if betti is None or properties.betti == betti:
-                break
+        fit = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
+        betti, is_possible = _compute_betti_numbers_of(fit)
+        if is_possible:  # else patches that miss a neck would be merged in vain
+            fit = simplify_field_fit(fit, lambda part: done(0.5 + 0.5 * part))
+        moments = integral_properties.integrate_faces(fit.brep)
+        properties = measure_solid(fit.brep, moments)
+        if betti is not None and properties.betti != betti:
+            fit = fit_field(rounded, lo, hi, tol - moved, detect_hidden_crossings=True, run_tasks=run_tasks)
+            fit = simplify_field_fit(fit)
+            moments = integral_properties.integrate_faces(fit.brep)
+            properties = measure_solid(fit.brep, moments)
+        fitted = measure_field_fit(fit)
     with stages("check"):
         if moved and betti is not None:
             unrounded = compute_betti_numbers(field, lo, hi)
@@ -146,6 +135,18 @@ def fit_field_patches(
         notes=notes + fitted.notes,
     )
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
+
+
+def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
+    """The Betti numbers of a fit's field, None if unknown, and whether its patches can have them: shells and sum agree."""
+    betti = compute_betti_numbers(fit.field, fit.lo, fit.hi)
+    if betti is None or _could_have(fit.brep, betti):
+        return betti, True
+    # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
+    finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1)
+    if finer is None or not _could_have(fit.brep, finer):
+        return betti, False
+    return finer, True
 
 
 def _could_have(brep: Brep, betti: Betti) -> bool:
