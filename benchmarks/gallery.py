@@ -26,8 +26,11 @@ PICTURE_WIDTH = 640
 PALETTE = 256
 """Colours of a kept picture, for small files."""
 
-APPLICATIONS = ("trimmed", "build123d_bracket", "implant")
+APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone")
 """Examples that make a solid, without CadQuery."""
+
+FULL_SIZE: dict[str, dict[str, Any]] = {"bone": {"arrangements": ("quadrants", "layers")}}
+"""Arguments of examples that make less by default."""
 
 
 def flatten(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -52,7 +55,7 @@ def run_example(name: str) -> list[dict[str, Any]]:
     sys.path.insert(0, str(ROOT / "examples"))
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         begun = sum(os.times()[:4])  # with child processes
-        found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"]()
+        found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"](**FULL_SIZE.get(name, {}))
         seconds = sum(os.times()[:4]) - begun
         for key, value in found.items():
             print(f"{name}: {key}: {value}")

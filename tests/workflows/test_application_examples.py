@@ -59,6 +59,21 @@ def test_an_implant_is_dense_where_the_image_is(load: Any) -> None:
     assert solid[radius < 3].mean() < 0.5 < 0.6 < solid[(radius > 5) & (radius < 6)].mean()
 
 
+def test_a_scaffold_of_four_quadrants_is_denser_at_its_rim(load: Any) -> None:
+    pytest.importorskip("build123d")
+    bone = load("bone")
+    period = radius = 4.0
+    blended = bone.blend_quadrants(period, radius, period)
+    assert blended.converged
+    x = np.random.default_rng(1).uniform((-4, -4, 0), (4, 4, 4), (60_000, 3))
+    distance, solid = np.hypot(x[:, 0], x[:, 1]), blended.field(x) < 0
+    assert solid[distance < 2].mean() < solid[(distance > 3) & (distance < 4)].mean() - 0.08
+    for k, rods in enumerate(bone.graded_rods(period, radius)):
+        quadrant = (1 if k % 2 else -1, 1 if k // 2 else -1)
+        own = (x[:, :2] * quadrant > period / 2).all(axis=1)
+        assert np.array_equal(blended.field(x[own]), rods(x[own]))
+
+
 def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
     pytest.importorskip("pyamg")
     length, height = 40.0, 10.0
