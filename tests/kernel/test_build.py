@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -100,3 +101,24 @@ def test_the_result_is_a_build123d_solid_or_compound() -> None:
     assert isinstance(one.solid, Solid)
     assert isinstance(two.solid, Compound)
     assert [s.volume for s in two.solid.solids()] == pytest.approx([45.0, 2.0])
+
+
+@pytest.mark.parametrize("case", ["drilled dome", "hollow bar in a notch", "two boxes"])
+def test_solids_that_were_not_made_yet_are_stored_without_shapes_and_made_alike(case: str) -> None:
+    built = kernel.build_solids(CASES[case]())
+    stored = pickle.dumps(built)
+    restored = pickle.loads(stored)
+    assert not {"faces", "solids", "shape"} & set(vars(restored))
+    assert kernel.check_shape(restored.shape) == kernel.check_shape(built.shape)
+    assert len(pickle.dumps(restored)) == len(stored)
+
+
+def test_parts_of_solids_are_the_same_whether_faces_were_made_before_or_not() -> None:
+    brep = CASES["two boxes"]()
+    nested = kernel.build_solids(brep)
+    made = replace(nested, known_faces=nested.faces)
+    for built in (replace(nested, known_faces=None), made):
+        part, one = kernel.select_solids(brep, built, [0])
+        assert len(one.solids) == 1
+        assert kernel.check_shape(one.shape).volume == pytest.approx(45.0)
+        assert len(part.faces) == len(one.faces)

@@ -37,6 +37,7 @@ def test_a_sound_solid_passes_the_short_verification_and_the_kernel_reads_its_ex
     brep = SHAPES[name]()
     built = kernel.build_solids(brep)
     assert kernel.is_brep_valid(brep, built.faces)
+    assert kernel.is_brep_valid(brep)  # with the faces alone that are checked
     kernel.write_step(brep, built.nesting, tmp_path / "a.step")
     kernel.check_excerpt(tmp_path / "a.step", brep, built.nesting, 1, 1e-7)
 
@@ -48,7 +49,9 @@ def test_faults_of_solids_that_the_kernel_notices_are_noticed(fault) -> None:
         built = kernel.build_solids(mutant)
     except TpmscadError:
         return  # both verifications begin with this
-    assert kernel.is_valid(built.shape) or not kernel.is_brep_valid(mutant, built.faces)
+    seen = kernel.is_brep_valid(mutant, built.faces)
+    assert kernel.is_valid(built.shape) or not seen
+    assert kernel.is_brep_valid(mutant) == seen
 
 
 @pytest.mark.parametrize("vertex", [5, 9, 42, 47])

@@ -235,3 +235,12 @@ def test_a_result_that_misses_its_tolerance_says_so(monkeypatch: pytest.MonkeyPa
     primitive.fit_primitive.cache_clear()
     assert not certificate.met
     assert "deviation" in certificate.shortfalls[0]
+
+
+def test_a_lattice_is_certified_written_and_verified_without_the_kernels_solid(tmp_path: Path) -> None:
+    model = tpmscad.lattice("gyroid", cell=CELL, cells=(2, 1, 1), thickness=0.8, tol=0.01)
+    assert model.certificate.met
+    model.export_step(tmp_path / "sheet.step")
+    assert "faces" not in vars(model.built)
+    assert model.solid.is_valid
+    assert len(model.built.faces) == model.certificate.n_faces

@@ -176,12 +176,12 @@ def make_lattice(
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, kernel.build_solids(made.brep), loose)
     with stages("check"):
-        valid = kernel.is_brep_valid(brep, built.faces)
+        valid = kernel.is_brep_valid(brep, built.known_faces)
         properties = measure_solid(brep, built.nesting.moments)
         notes = (
             *made.notes,
             *dropped.notes,
-            *(_note_phase(request, len(dropped.volumes) + len(built.solids)) if map is None else ()),
+            *(_note_phase(request, len(dropped.volumes) + len(built.nesting.shells_of_solid)) if map is None else ()),
         )
         measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
         edge_gap = float(brep.edges.deviation.max(initial=0.0))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -41,21 +41,37 @@ from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid, to_build123d
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.shape_bundles import Dismantled, pack_results, unpack_result
+from tpmscad.kernel.occt.shape_bundles import Dismantled
 from tpmscad.splines.bspline import BSplineSurface
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BuiltSolids:
-    """OCCT solids of a boundary representation.
+    """OCCT solids of a boundary representation, made when they are first asked for.
 
-    shape: the TopoDS_Solid, or a compound if there are several. faces[i]: OCCT face of face i. nesting: the faces of each solid.
+    brep: the boundary representation. nesting: the faces of each solid. known_faces: its OCCT faces, if they were made already.
     """
 
-    shape: TopoDS_Shape
-    solids: tuple[TopoDS_Solid, ...]
-    faces: tuple[TopoDS_Face, ...]
+    brep: Brep
     nesting: ShellNesting
+    known_faces: tuple[TopoDS_Face, ...] | None = None
+
+    @cached_property
+    def faces(self) -> tuple[TopoDS_Face, ...]:
+        """The OCCT face of each face."""
+        return build_faces(self.brep) if self.known_faces is None else self.known_faces
+
+    @cached_property
+    def solids(self) -> tuple[TopoDS_Solid, ...]:
+        """The solids, largest first."""
+        members = _split_by_shell(self.nesting.shell_of_face, len(self.nesting.volume))
+        shells = [make_shell(self.faces[i] for i in of) for of in members]
+        return tuple(make_solid([shells[s] for s in piece]) for piece in self.nesting.shells_of_solid)
+
+    @cached_property
+    def shape(self) -> TopoDS_Shape:
+        """The TopoDS_Solid, or a compound if there are several."""
+        return self.solids[0] if len(self.solids) == 1 else make_compound(self.solids)
 
     @property
     def solid(self) -> Any:
@@ -64,34 +80,57 @@ class BuiltSolids:
 
     def dismantle(self) -> Dismantled:
         """The solids and faces, and the function that puts them together again."""
-        return self.solids, self.faces, partial(_assemble_solids, self.nesting)
+        return self.solids, self.faces, partial(_assemble_solids, self.brep, self.nesting)
 
     def __reduce__(self) -> Any:
-        return unpack_result, pack_results([self.dismantle()])
+        return BuiltSolids, (self.brep, self.nesting)  # the shapes are made anew where they are asked for
 
 
-def _assemble_solids(nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BuiltSolids:
-    return _collect_solids(tuple(solids), faces, nested)
+def _assemble_solids(brep: Brep, nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BuiltSolids:
+    built = BuiltSolids(brep, nested, tuple(faces))
+    vars(built)["solids"] = tuple(solids)
+    return built
 
 
 def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:
     """Solids bounded by a closed boundary representation, in model units, largest first.
 
     `moments` are those of its faces, if known already; the result holds them in `nesting`. Raises KernelError if an edge does not
-    join two faces or if a shell is inside out.
+    join two faces or if a shell is inside out. The kernel's faces are made here only if shells must be told inside or outside
+    one another.
     """
     unmatched = connectivity.find_unmatched_edges(brep)
     if len(unmatched):
         at = brep.vertices[brep.edges.start[unmatched[0]]]
         raise KernelError("build", f"{len(unmatched)} edges do not join two faces, the first at {at.round(6)}")
-    faces = build_faces(brep)
     count, label = connectivity.label_shells(brep)
-    members = np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
-    shells = [make_shell(faces[i] for i in of) for of in members]
+    return _nest_and_collect(brep, None, _split_by_shell(label, count), moments)
 
-    nested = nest_shells(brep, lambda shell, point: shell_contains(shells[shell], point), moments)
-    solids = tuple(make_solid([shells[s] for s in piece]) for piece in nested.shells_of_solid)
-    return _collect_solids(solids, faces, nested)
+
+def _nest_and_collect(
+    brep: Brep,
+    faces: tuple[TopoDS_Face, ...] | None,
+    members: Sequence[IntArray],
+    moments: integral_properties.FaceMoments | None = None,
+) -> BuiltSolids:
+    """The solids of faces grouped by shells; faces and shells are made when they are needed."""
+    shells: dict[int, TopoDS_Shell] = {}
+
+    def contains(number: int, point: Array) -> bool:
+        nonlocal faces
+        if faces is None:
+            faces = build_faces(brep)
+        if number not in shells:
+            shells[number] = make_shell(faces[i] for i in members[number])
+        return shell_contains(shells[number], point)
+
+    nested = nest_shells(brep, contains, moments)
+    return BuiltSolids(brep, nested, faces)
+
+
+def _split_by_shell(label: IntArray, count: int) -> list[IntArray]:
+    """The faces of each of `count` shells, in ascending order."""
+    return np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
 
 
 def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tuple[Brep, BuiltSolids]:
@@ -110,10 +149,9 @@ def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tu
         ),
         shells_of_solid=tuple(tuple(number[shell] for shell in piece) for piece in pieces),
     )
-    solids = tuple(built.solids[s] for s in selected)
-    shape = solids[0] if len(solids) == 1 else make_compound(solids)
     part = drop_unused_geometry(select_faces(brep, faces))
-    return part, BuiltSolids(shape, solids, tuple(built.faces[f] for f in faces.tolist()), kept)
+    known = None if built.known_faces is None else tuple(built.known_faces[f] for f in faces.tolist())
+    return part, BuiltSolids(part, kept, known)
 
 
 def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
@@ -196,31 +234,6 @@ def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArra
             faces[m] if brep.faces.sense[m] == sense else convert.as_face(faces[m].Reversed())
             for m, sense in zip(member.tolist(), region.faces.sense.tolist(), strict=True)
         ]
-        result.append(_build_region(region, own))
+        count, label = connectivity.label_shells(region)
+        result.append(_nest_and_collect(region, tuple(own), _split_by_shell(label, count)))
     return tuple(result)
-
-
-def _build_region(region: Brep, faces: list[Any]) -> BuiltSolids:
-    """Solids of one region; shells are built only when they are needed."""
-    built: dict[int, TopoDS_Shell] = {}
-
-    def shell(number: int) -> TopoDS_Shell:
-        if number not in built:
-            built[number] = make_shell(faces[i] for i in shells[number])
-        return built[number]
-
-    count, label = connectivity.label_shells(region)
-    shells: list[list[int]] = [[] for _ in range(count)]
-    for face, number in enumerate(label.tolist()):
-        shells[number].append(face)
-    nested = nest_shells(region, lambda s, point: shell_contains(shell(s), point))
-    return _collect_solids(
-        tuple(make_solid([shell(s) for s in piece]) for piece in nested.shells_of_solid), faces, nested
-    )
-
-
-def _collect_solids(
-    solids: tuple[TopoDS_Solid, ...], faces: Sequence[TopoDS_Face], nested: ShellNesting
-) -> BuiltSolids:
-    """The solids as one shape, with their faces and nesting."""
-    return BuiltSolids(solids[0] if len(solids) == 1 else make_compound(solids), solids, tuple(faces), nested)

@@ -17,10 +17,11 @@ from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import IntArray
 from tpmscad.brep import connectivity
-from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.brep.face_classes import group_congruent_faces
 from tpmscad.brep.planar_faces import find_simple_planar_faces
 from tpmscad.kernel.build.edges import end_misses
+from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -36,16 +37,19 @@ MAX_END_MISS = 10.0
 kernel's vertex would cover any distance, and faces that are not given to the kernel would hide it."""
 
 
-def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face]) -> bool:
+def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face] | None = None) -> bool:
     """Whether the boundary is closed, its loops are connected, and the kernel accepts a face of each class.
 
-    `faces` are the kernel's faces of `brep`, in its order.
+    `faces` are the kernel's faces of `brep`, in its order; without them those that are checked are made.
     """
     if not connectivity.is_closed(brep) or len(connectivity.find_broken_loops(brep)):
         return False
     if (end_misses(brep) > MAX_END_MISS * np.maximum(CONFUSION_TOLERANCE, brep.edges.deviation)[:, None]).any():
         return False
-    return is_valid(make_compound(faces[i] for i in find_faces_to_check(brep).tolist()))
+    checked = find_faces_to_check(brep)
+    if faces is None:
+        return is_valid(make_compound(build_faces(drop_unused_geometry(select_faces(brep, np.sort(checked))))))
+    return is_valid(make_compound(faces[i] for i in checked.tolist()))
 
 
 def find_faces_to_check(brep: Brep) -> IntArray:
