@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -83,6 +84,18 @@ def test_a_box_has_its_volume_and_its_closed_boundary(kind: str) -> None:
         tuple(e) for face in faces[:, : SHAPES[facet_kind].corners] for e in zip(face, np.roll(face, -1), strict=True)
     ]
     assert sorted(edges) == sorted((b, a) for a, b in edges)
+
+
+def test_a_mesh_travels_between_processes() -> None:
+    mesh = block("hexahedron27", bend=0.1)
+    copy = pickle.loads(pickle.dumps(mesh))
+    for name in ("cells", "facets", "cell_groups", "facet_groups", "periodic"):
+        own, other = getattr(mesh, name), getattr(copy, name)
+        assert own.keys() == other.keys()
+        assert all(np.array_equal(own[key], other[key]) for key in own)
+    assert np.array_equal(copy.points, mesh.points)
+    assert np.array_equal(copy.periods, mesh.periods, equal_nan=True)
+    assert (copy.name, copy.quality) == (mesh.name, mesh.quality)
 
 
 @pytest.mark.parametrize("kind", ["tetra10", "hexahedron27"])

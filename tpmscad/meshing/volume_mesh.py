@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -106,6 +106,10 @@ class VolumeMesh:
                 raise InvalidRequest(f"{kind} has {len(SHAPES[kind].nodes)} nodes, not an array of {nodes.shape}")
             if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.points):
                 raise InvalidRequest(f"{kind} names the nodes {nodes.min()} to {nodes.max()} of {len(self.points)}")
+
+    def __reduce__(self) -> Any:
+        own = {f.name: getattr(self, f.name) for f in fields(self)}  # read-only mappings cannot be pickled
+        return VolumeMesh, tuple(dict(v) if isinstance(v, Mapping) else v for v in own.values())
 
     @property
     def n_cells(self) -> int:
