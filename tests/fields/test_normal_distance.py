@@ -7,7 +7,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.foot_points import POINTS_PER_BATCH
+from tpmscad.fields.foot_point_search import POINTS_PER_BATCH
 from tpmscad.fields.isometries import find_isometries
 
 RNG = np.random.default_rng(5)

@@ -22,7 +22,7 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.fields.evaluation import FieldJet, Triple, stack_points
 from tpmscad.fields.field import Field, FieldLike, as_field
-from tpmscad.fields.foot_points import search_foot_points
+from tpmscad.fields.foot_point_search import search_foot_points
 from tpmscad.fields.thresholds import sheet
 from tpmscad.public_calls import public
 

@@ -47,6 +47,8 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face] | None = None) -> boo
     if (end_misses(brep) > MAX_END_MISS * np.maximum(CONFUSION_TOLERANCE, brep.edges.deviation)[:, None]).any():
         return False
     checked = find_faces_to_check(brep)
+    if not len(checked):
+        return True
     if faces is None:
         return is_valid(make_compound(build_faces(drop_unused_geometry(select_faces(brep, np.sort(checked))))))
     return is_valid(make_compound(faces[i] for i in checked.tolist()))
