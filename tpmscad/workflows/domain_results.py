@@ -266,7 +266,7 @@ class FluidDomains:
         diameters = self.hydraulic_diameters
         domains = {
             name: {
-                "pieces": len(model.built.solids),
+                "pieces": model.built.n_solids,
                 "volume": model.volume,
                 "area": model.area,
                 "hydraulic_diameter": diameters.get(name),
@@ -302,7 +302,7 @@ class FluidDomains:
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
         for name, model in self.domains.items():
-            pieces = count_pieces(len(model.built.solids))
+            pieces = count_pieces(model.built.n_solids)
             lines.append(f"  {name:10}{pieces}, volume {model.volume:.7g}, area {model.area:.7g}")
         shortfalls = self.certificate.shortfalls
         lines.append(

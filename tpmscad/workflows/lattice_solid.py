@@ -181,7 +181,7 @@ def make_lattice(
         notes = (
             *made.notes,
             *dropped.notes,
-            *(_note_phase(request, len(dropped.volumes) + len(built.nesting.shells_of_solid)) if map is None else ()),
+            *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
         )
         measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
         edge_gap = float(brep.edges.deviation.max(initial=0.0))

@@ -73,7 +73,7 @@ def make_originals(
     for number, count in enumerate(cells):
         model = make_lattice(replace(request, cells=count), KEEP, StageTimer(False))
         certificates.append(model.certificate)
-        solids.append(len(model.built.nesting.shells_of_solid))
+        solids.append(model.built.n_solids)
         if not model.certificate.met:
             return (SlabOriginal(folder, count, name, (0, 0, 0), 0, "", model.certificate, solids[-1]),)
         exported = folder / f"exported-{number}.step"

@@ -40,6 +40,11 @@ class KernelSolids:
         """The build123d Solid, or a Compound if there are several, with a placement of its own."""
         return to_build123d(self.shape, len(self.solids))
 
+    @property
+    def n_solids(self) -> int:
+        """Number of solids."""
+        return len(self.solids)
+
     def dismantle(self) -> Dismantled:
         """The solids, and the function that puts them together again."""
         return self.solids, (), _assemble_kernel_solids

@@ -56,6 +56,11 @@ class BuiltSolids:
     nesting: ShellNesting
     known_faces: tuple[TopoDS_Face, ...] | None = None
 
+    @property
+    def n_solids(self) -> int:
+        """Number of solids."""
+        return len(self.nesting.shells_of_solid)
+
     @cached_property
     def faces(self) -> tuple[TopoDS_Face, ...]:
         """The OCCT face of each face."""
