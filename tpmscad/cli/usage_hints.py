@@ -118,7 +118,7 @@ def hint_at_meaning(error: Any) -> str:
 
 def describe_bad_number(error: Any) -> str:
     """The value of an option that is not a number, and what to write; "" for other errors."""
-    cause = getattr(error, "__cause__", None) or getattr(error, "__context__", None)
+    cause = error.__cause__ or error.__context__
     if cause is None or not hasattr(cause, "errors"):
         return ""
     refused = cause.errors()[0]

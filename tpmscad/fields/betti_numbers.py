@@ -17,21 +17,23 @@ from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.fields.saddles import find_narrow_points
 from tpmscad.fields.sample_grid import SampleGrid
 
+Betti = tuple[int, int, int]
+"""Components, handles and cavities."""
+
 INITIAL_LINES, REFINEMENT_RATIO = 96, 1.4
 """Grid lines along the longest edge of the first grid, and the factor from one grid to the next."""
 
 MAX_NODES = 2**24
 """Greatest number of nodes of a grid, 128 MB of values."""
 
+SAMPLED_TOGETHER = 2
+"""Operands that are sampled together: the two sides of a wall, whose formulas share most; memory bounds the number."""
+
 NARROW_HALF_WIDTH_SPACINGS = 0.75
 """Half width of a neck, in grid spacings, below which grid lines are added through it."""
 
 SADDLE_LINE_OFFSETS_SPACINGS = 1.5 ** -np.arange(13.0)
 """Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings."""
-
-
-Betti = tuple[int, int, int]
-"""Components, handles and cavities."""
 
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
 """Grid lines of a third grid, beyond two that agree."""
@@ -46,8 +48,14 @@ def compute_betti_numbers(
     satisfy b(A and B) = b(A) + b(B) except for one component (Mayer-Vietoris), so that walls thinner than any grid are counted
     correctly.
     """
-    counted = _count_operands(_list_operands(field), lo, hi, lines, n_agreeing)
-    return None if counted is None else _add_betti_numbers(field, iter(counted))
+    operands = _list_operands(field)
+    counted: list[Betti] = []
+    for first in range(0, len(operands), SAMPLED_TOGETHER):
+        found = _count_operands(operands[first : first + SAMPLED_TOGETHER], lo, hi, lines, n_agreeing)
+        if found is None:
+            return None
+        counted += found
+    return _add_betti_numbers(field, iter(counted))
 
 
 def _list_operands(field: Field) -> list[Field]:
@@ -69,24 +77,22 @@ def _count_operands(
     operands: Sequence[Field], lo: Array, hi: Array, lines: float, n_agreeing: int
 ) -> list[Betti] | None:
     """Betti numbers of each field from successive grids that agree; None if too few of one do."""
-    counted: dict[int, Betti] = {}
-    previous: dict[int, Betti] = {}
-    n_equal = dict.fromkeys(range(len(operands)), 0)
-    while len(counted) < len(operands):
-        counts = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
-        if np.prod(counts + 1.0) > MAX_NODES:
+    counts: list[list[Betti]] = [[] for _ in operands]
+    while unsettled := [k for k, found in enumerate(counts) if not _agree(found[-n_agreeing:], n_agreeing)]:
+        cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
+        if np.prod(cells + 1.0) > MAX_NODES:
             return None
-        open_ones = [k for k in n_equal if k not in counted]
-        samples = _sample_on_graded_grids([operands[k] for k in open_ones], lo, hi, counts)
-        for k, values in zip(open_ones, samples, strict=True):
+        samples = _sample_on_graded_grids([operands[k] for k in unsettled], lo, hi, cells)
+        for k, values in zip(unsettled, samples, strict=True):
             betti = topology.betti(values)
-            current = betti.b0, betti.b1, betti.b2
-            n_equal[k] = n_equal[k] + 1 if current == previous.get(k) else 1
-            previous[k] = current
-            if n_equal[k] == n_agreeing:
-                counted[k] = current
+            counts[k].append((betti.b0, betti.b1, betti.b2))
         lines = REFINEMENT_RATIO * lines
-    return [counted[k] for k in range(len(operands))]
+    return [found[-1] for found in counts]
+
+
+def _agree(last: Sequence[Betti], n_agreeing: int) -> bool:
+    """Whether the last counts are as many as have to agree, and equal."""
+    return len(last) == n_agreeing and len(set(last)) == 1
 
 
 def _sample_on_graded_grids(operands: Sequence[Field], lo: Array, hi: Array, counts: Array) -> Iterator[Array]:

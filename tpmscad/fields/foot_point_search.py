@@ -155,7 +155,6 @@ def _resume(p, jets, k):  # type: ignore[no-untyped-def]  # pragma: no cover
 def _plan_descent(p):  # type: ignore[no-untyped-def]  # pragma: no cover
     """A step of Newton's method for f = 0 along the gradient, or the move of a start off a critical point."""
     if p.steps == MAX_DESCENT_STEPS:
-        p.steps = 0
         _choose_tangents(p)
         return
     square = p.gx * p.gx + p.gy * p.gy + p.gz * p.gz

@@ -135,7 +135,7 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
             _check_volume_by_sampling(0.0, patches, body)
             return BooleanResult(KernelSolids(()), None, TRIMMED_PATCHES, ())
         built = kernel.build_solids(cut.brep)
-        if not kernel.is_brep_valid(cut.brep, built.known_faces):
+        if not kernel.is_brep_valid(cut.brep, built.faces):
             raise _RejectedTrim("the kernel's check rejects the trimmed lattice")
         notes = ["trimmed on the patches' parameters"]
         if cut.report.shifted:

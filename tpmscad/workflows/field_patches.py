@@ -106,15 +106,13 @@ def fit_field_patches(
     with stages("fit") as done, task_runner(executor, rounded) as run_tasks:
         fit = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
         betti, is_possible = _compute_betti_numbers_of(fit)
-        if is_possible:  # else patches that miss a neck would be merged in vain
+        if is_possible:  # else patches that miss a neck would be merged and measured in vain
             fit = simplify_field_fit(fit, lambda part: done(0.5 + 0.5 * part))
-        moments = integral_properties.integrate_faces(fit.brep)
-        properties = measure_solid(fit.brep, moments)
-        if betti is not None and properties.betti != betti:
+            moments, properties = _measure_brep(fit.brep)
+        if not is_possible or (betti is not None and properties.betti != betti):
             fit = fit_field(rounded, lo, hi, tol - moved, detect_hidden_crossings=True, run_tasks=run_tasks)
             fit = simplify_field_fit(fit)
-            moments = integral_properties.integrate_faces(fit.brep)
-            properties = measure_solid(fit.brep, moments)
+            moments, properties = _measure_brep(fit.brep)
         fitted = measure_field_fit(fit)
     with stages("check"):
         if moved and betti is not None:
@@ -135,6 +133,12 @@ def fit_field_patches(
         notes=notes + fitted.notes,
     )
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
+
+
+def _measure_brep(brep: Brep) -> tuple[FaceMoments, SolidProperties]:
+    """The moments of the faces, and the properties of the solid that they bound."""
+    moments = integral_properties.integrate_faces(brep)
+    return moments, measure_solid(brep, moments)
 
 
 def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:

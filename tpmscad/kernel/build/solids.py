@@ -84,17 +84,15 @@ class BuiltSolids:
         return to_build123d(self.shape, len(self.solids))
 
     def dismantle(self) -> Dismantled:
-        """The solids and faces, and the function that puts them together again."""
-        return self.solids, self.faces, partial(_assemble_solids, self.brep, self.nesting)
+        """The faces, and the function that makes the solids of them again."""
+        return (), self.faces, partial(_assemble_solids, self.brep, self.nesting)
 
     def __reduce__(self) -> Any:
         return BuiltSolids, (self.brep, self.nesting)  # the shapes are made anew where they are asked for
 
 
 def _assemble_solids(brep: Brep, nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BuiltSolids:
-    built = BuiltSolids(brep, nested, tuple(faces))
-    vars(built)["solids"] = tuple(solids)
-    return built
+    return BuiltSolids(brep, nested, tuple(faces))
 
 
 def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:
@@ -139,7 +137,7 @@ def _split_by_shell(label: IntArray, count: int) -> list[IntArray]:
 
 
 def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tuple[Brep, BuiltSolids]:
-    """Some of the solids of `built`, with the boundary representation of these alone; nothing is built anew."""
+    """Some of the solids of `built`, with the boundary representation of these alone; faces that are known stay the same."""
     nesting = built.nesting
     pieces = [nesting.shells_of_solid[s] for s in selected]
     faces = np.flatnonzero(np.isin(nesting.shell_of_face, [shell for piece in pieces for shell in piece]))

@@ -50,7 +50,7 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face] | None = None) -> boo
     if not len(checked):
         return True
     if faces is None:
-        return is_valid(make_compound(build_faces(drop_unused_geometry(select_faces(brep, np.sort(checked))))))
+        return is_valid(make_compound(build_faces(drop_unused_geometry(select_faces(brep, checked)))))
     return is_valid(make_compound(faces[i] for i in checked.tolist()))
 
 

@@ -69,7 +69,7 @@ def fit_arcs(
     for pending in (np.flatnonzero(~has_foci), np.flatnonzero(has_foci)):
         error = np.zeros(0)
         # grading towards distant foci may be harmful; a patch that is nearly singular needs grading of its own
-        for graded in (pairs, pairs.without_foci(), pairs.graded_by_parameters()):
+        for graded in (pairs, pairs.without_foci(), pairs.following_pcurves()):
             if len(pending) == 0:
                 break
             problem = graded.take(pending)

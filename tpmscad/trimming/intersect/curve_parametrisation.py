@@ -47,14 +47,14 @@ class PatchSurfacePairs:
     """n pairs of a patch and a surface; the patches share one spline space and have the poles (n, U, V, 3).
 
     Points are given as (u, v): (n, m, 2). `foci` (n, q, 4): points and radii in model units, with infinite radii for padding.
-    The apex of a cone always is a focus. `graded_by_pcurve`: the even parameter also follows the variation of (u, v).
+    The apex of a cone always is a focus. `follows_pcurves`: the even parameter also follows the variation of (u, v).
     """
 
     poles: Array
     space: tuple[Array, Array, int, int]
     surfaces: ImplicitSurfaces
     foci: Array
-    graded_by_pcurve: bool = False
+    follows_pcurves: bool = False
 
     def take(self, rows: IntArray) -> PatchSurfacePairs:
         """The pairs of the given rows."""
@@ -69,9 +69,9 @@ class PatchSurfacePairs:
         """The pairs without foci: their parameters follow arc length and turning only."""
         return replace(self, foci=np.full_like(self.foci, np.inf))
 
-    def graded_by_parameters(self) -> PatchSurfacePairs:
+    def following_pcurves(self) -> PatchSurfacePairs:
         """The pairs without foci, for patches that are nearly singular: their parameters follow the variation of (u, v), too."""
-        return replace(self.without_foci(), graded_by_pcurve=True)
+        return replace(self.without_foci(), follows_pcurves=True)
 
     def jet(self, uv: Array, order: int) -> list[Array]:
         """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) of the patches up to `order`: (n, m, 3) each."""
@@ -157,8 +157,8 @@ class PatchSurfacePairs:
                 continue
             apart = ((points - self.foci[:, f, None, :3]) ** 2).sum(axis=2)
             density = np.sqrt(density**2 + FOCUS_GRADING**2 / (apart + self.foci[:, f, None, 3] ** 2))
-        if self.graded_by_pcurve:
-            variation = self._measure_pcurve_variation((su, sv, suu, suv, svv), across, a, b, slope)
+        if self.follows_pcurves:
+            variation = _measure_pcurve_variation((su, sv, suu, suv, svv), across, speed, slope)
             density = np.hypot(density, PARAMETER_GRADING * variation)
         x = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(chord, axis=1)], axis=1)
         apart = np.maximum(x[:, 2:] - x[:, :-2], MIN_DIVISOR_LENGTH)  # coincident points are kept apart
@@ -170,31 +170,6 @@ class PatchSurfacePairs:
         total = np.concatenate([np.zeros((len(uv), 1)), np.cumsum(steps, axis=1)], axis=1)
         length = total[:, -1:]
         return x, slope, total / length, density / length
-
-    def _measure_pcurve_variation(
-        self, jet: Sequence[Array], across: Sequence[Array], a: Array, b: Array, slope: Array
-    ) -> Array:
-        """Relative change (n, m) of d(u, v)/dx per length: |T'| / |T| with T = d(u, v)/dx; 0 where it is not defined.
-
-        `jet`: derivatives of the patches; `across`: those of the surfaces' distance; (a, b): the direction of T.
-        """
-        su, sv, suu, suv, svv = jet
-        guu, guv, gvv = ((second * across[0]).sum(axis=2) for second in (suu, suv, svv))
-        if len(across) > 1:
-            pairs = ((su, su), (su, sv), (sv, sv))
-            bent = [np.einsum("nmi,nmij,nmj->nm", first, across[1], other) for first, other in pairs]
-            guu, guv, gvv = guu + bent[0], guv + bent[1], gvv + bent[2]
-        u, v = slope[..., 0], slope[..., 1]
-        da, db = -(guv * u + gvv * v), guu * u + guv * v
-        along = a[..., None] * su + b[..., None] * sv
-        change = da[..., None] * su + db[..., None] * sv
-        change = change + (a * u)[..., None] * suu + (a * v + b * u)[..., None] * suv + (b * v)[..., None] * svv
-        square = (along**2).sum(axis=2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = (along * change).sum(axis=2) / square
-            turn = np.stack([da, db], axis=2) / np.sqrt(square)[..., None] - slope * ratio[..., None]
-            variation = np.linalg.norm(turn, axis=2) / np.linalg.norm(slope, axis=2)
-        return np.where(np.isfinite(variation), variation, 0.0)
 
     def parametrise(self, uv: Array) -> EvenParametrisation:
         """The even parametrisation of the curves through points uv (n, m, 2) on them."""
@@ -261,6 +236,30 @@ def map_foci_to_space(surfaces: Sequence[BSplineSurface], foci: Sequence[Array])
             result[i, : len(own), :3] = surface(u, v)
             result[i, : len(own), 3] = radius * np.sqrt(np.linalg.norm(surface.normal(u, v), axis=1))
     return result
+
+
+def _measure_pcurve_variation(jet: Sequence[Array], across: Sequence[Array], speed: Array, slope: Array) -> Array:
+    """Relative change (n, m) of T = d(u, v)/dx per length, |T'| / |T|; 0 where T is not defined.
+
+    `jet`: derivatives of the patches; `across`: gradient and perhaps Hessian of the surfaces' distance g; `slope`: T, which is
+    (-g_v, g_u) / `speed`.
+    """
+    su, sv, suu, suv, svv = jet
+    guu, guv, gvv = ((second * across[0]).sum(axis=2) for second in (suu, suv, svv))
+    if len(across) > 1:
+        pairs = ((su, su), (su, sv), (sv, sv))
+        bent = [np.einsum("nmi,nmij,nmj->nm", first, across[1], other) for first, other in pairs]
+        guu, guv, gvv = guu + bent[0], guv + bent[1], gvv + bent[2]
+    u, v = slope[..., :1], slope[..., 1:]
+    tangent, bend = u * su + v * sv, u * u * suu + 2 * u * v * suv + v * v * svv
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = (
+            np.stack([-(guv * u[..., 0] + gvv * v[..., 0]), guu * u[..., 0] + guv * v[..., 0]], axis=2)
+            / speed[..., None]
+        )
+        along = (tangent * (turn[..., :1] * su + turn[..., 1:] * sv + bend)).sum(axis=2)
+        variation = np.linalg.norm(turn - slope * along[..., None], axis=2) / np.linalg.norm(slope, axis=2)
+    return np.where(np.isfinite(variation), variation, 0.0)
 
 
 def _pad_intervals(interval: Array, side: int) -> Array:
