@@ -63,6 +63,11 @@ class Recorder:
         self.called |= {"file": path.name, **how}
         path.write_text("ISO-10303-21;")
 
+    def export_instances(self, surface: str, path: Path, **request: Any) -> Any:
+        self.called = {"operands": (surface, path), **request}
+        path.write_text("ISO-10303-21;")
+        return SimpleNamespace(to_dict=lambda: {"copies": 8000}, summary=lambda verbose: "8000 copies")
+
     def check_step(self, path: Path) -> Any:
         ok = "bad" not in path.name
 
@@ -96,7 +101,7 @@ def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
     recorder = Recorder()
     for name in ("lattice", "infill", "fluid_domains"):
         monkeypatch.setitem(vars(tpmscad.workflows), name, recorder.make)
-    for name in ("check_step", "render_step", "slice_step"):
+    for name in ("check_step", "export_instances", "render_step", "slice_step"):
         monkeypatch.setitem(vars(tpmscad.workflows), name, getattr(recorder, name))
     monkeypatch.chdir(tmp_path)
     return recorder
@@ -115,7 +120,7 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
     assert (
         run(
             "lattice gyroid --cell 10,10,14 --cells 2,3,4 --offset -0.6,0.4 --tol 0.01 --kind skeletal --side + "
-            "--reference nodal --boundary natural --phase 0.125,0,-0.5 --keep-loose --instanced --schema ap214 -o out.step"
+            "--reference nodal --boundary natural --phase 0.125,0,-0.5 --keep-loose --schema ap214 -o out.step"
         )
         == 0
     )
@@ -132,9 +137,26 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
         "phase": (0.125, 0.0, -0.5),
         "loose": "keep",
         "file": "out.step",
-        "instanced": True,
         "schema": "ap214",
     }
+
+
+def test_instanced_asks_for_copies_of_one_cell(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+    line = "lattice gyroid --cell 10 --cells 20 --thickness 1 --instanced --verify kernel --report out.json -o out.step"
+    assert run(line) == 0
+    called = {key: value for key, value in workflows.called.items() if key != "progress"}
+    assert called == {
+        "operands": ("gyroid", Path("out.step")),
+        "cell": 10.0,
+        "cells": 20,
+        "thickness": 1.0,
+        "kind": "sheet",
+        "side": "-",
+        "schema": "ap242",
+        "verify": "kernel",
+    }
+    assert capsys.readouterr().out == "8000 copies\n"
+    assert json.loads(Path("out.json").read_text()) == {"copies": 8000}
 
 
 def test_every_option_of_infill_reaches_the_workflow(workflows: Recorder) -> None:

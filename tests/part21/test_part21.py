@@ -33,7 +33,7 @@ PAIR = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], 
 SAMPLES = {
     "box": (plane_box, {}),
     "dome": (drilled_dome, {"colours": COLOURS}),
-    "pair": (plane_box, {"instances": PAIR}),
+    "pair": (plane_box, {"instances": [PAIR]}),
     "void": (hollow_box, {}),
     "cone": (lambda: frustum(3, 1, 2), {}),
     "replicas": (drilled_dome, {"replicas": True}),

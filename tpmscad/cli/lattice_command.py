@@ -23,6 +23,7 @@ from tpmscad.cli.lattice_options import (
     ThicknessOption,
     VolumeFractionOption,
 )
+from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     DeviationOption,
     InstancedOption,
@@ -105,6 +106,9 @@ def lattice(
         return
     if jobs > 1:
         raise InvalidRequest("`jobs` is the number of processes that make slabs: give `slab`, too, or leave it out")
+    if instanced:
+        make_copies(surface, request, writing)
+        return
     make_and_write(
         f"{surface} lattice",
         lambda progress: workflows.lattice(surface, progress=progress, **request),
@@ -139,6 +143,17 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
     write_report(writing.report, files.to_dict())
     if not writing.quiet:
         print(files)
+
+
+def make_copies(surface: str, request: Mapping[str, Any], writing: Writing) -> None:
+    """Write a lattice as copies of one cell, and the certificate of the cell as JSON, and print both."""
+    with report_unmet_request(writing.report), progress_bar(f"{surface} cell", writing.quiet) as progress:
+        file = workflows.export_instances(
+            surface, writing.output, schema=writing.schema, verify=writing.verify, progress=progress, **request
+        )
+    write_report(writing.report, file.to_dict())
+    if not writing.quiet:
+        print(speak_in_options(file.summary(verbose=writing.verbose), RENAMED_KEYWORDS))
 
 
 def read_map(text: str, cell: Any, cells: Any) -> Any:

@@ -30,6 +30,8 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     "slice_step": "slice",
     "mesh_step": "mesh",
     "homogenize": "homogenize",
+    "export_slabs": "lattice --slab",
+    "export_instances": "lattice --instanced",
 }
 """Commands by the public functions that they call."""
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
     from tpmscad.kernel.measure.face_charts import FaceChart
-    from tpmscad.kernel.measure.file_check import check_excerpt
+    from tpmscad.kernel.measure.file_check import check_excerpt, check_whole_text
     from tpmscad.kernel.measure.foreign_files import (
         ForeignShape,
         check_foreign_step,
@@ -84,7 +84,8 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.polar_surface import draw_polar_surface
     from tpmscad.kernel.render.scene import Scene, pieces_of
     from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
-    from tpmscad.kernel.step.brep_writer import Instances, write_step
+    from tpmscad.kernel.step.brep_writer import write_step
+    from tpmscad.kernel.step.cell_assembly import Instances, arrange_cells
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
         find_label_colour,
@@ -96,7 +97,6 @@ if TYPE_CHECKING:
     from tpmscad.kernel.step.product_entities import Colour
     from tpmscad.kernel.step.shape_writer import name_solids
     from tpmscad.kernel.step.step_reader import StepContent, read_step
-    from tpmscad.kernel.step.text_check import check_text
 
 __all__ = [
     "CONFUSION_TOLERANCE",
@@ -125,6 +125,7 @@ __all__ = [
     "StepContent",
     "StepReport",
     "Width",
+    "arrange_cells",
     "betti_numbers",
     "body_field",
     "bounding_box",
@@ -136,7 +137,7 @@ __all__ = [
     "check_foreign_step",
     "check_shape",
     "check_step",
-    "check_text",
+    "check_whole_text",
     "copy_placement",
     "count_closed_cavities",
     "diverging_scale",
@@ -217,7 +218,7 @@ _MODULE_OF_NAME = {
     "Colour": "tpmscad.kernel.step.product_entities",
     "Creases": "tpmscad.kernel.measure.shape_sampling",
     "FaceSamples": "tpmscad.kernel.measure.shape_sampling",
-    "Instances": "tpmscad.kernel.step.brep_writer",
+    "Instances": "tpmscad.kernel.step.cell_assembly",
     "KernelSolids": "tpmscad.kernel.boolean.boolean_operations",
     "NamedSolid": "tpmscad.kernel.step.face_labels",
     "NotQuadric": "tpmscad.errors",
@@ -226,6 +227,7 @@ _MODULE_OF_NAME = {
     "SplitSolid": "tpmscad.kernel.boolean.body_split",
     "StepContent": "tpmscad.kernel.step.step_reader",
     "StepReport": "tpmscad.kernel.measure.shape_report",
+    "arrange_cells": "tpmscad.kernel.step.cell_assembly",
     "betti_numbers": "tpmscad.kernel.boolean.boolean_operations",
     "FaceChart": "tpmscad.kernel.measure.face_charts",
     "body_field": "tpmscad.kernel.measure.signed_distance",
@@ -237,7 +239,7 @@ _MODULE_OF_NAME = {
     "check_excerpt": "tpmscad.kernel.measure.file_check",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
-    "check_text": "tpmscad.kernel.step.text_check",
+    "check_whole_text": "tpmscad.kernel.measure.file_check",
     "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
     "draw_polar_surface": "tpmscad.kernel.render.polar_surface",

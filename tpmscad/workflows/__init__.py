@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.homogenization import homogenize
     from tpmscad.workflows.implicit_solid import solidify
     from tpmscad.workflows.lattice_infill import infill
+    from tpmscad.workflows.lattice_instances import InstancedFile, export_instances
     from tpmscad.workflows.lattice_slabs import SlabFiles, export_slabs
     from tpmscad.workflows.lattice_solid import lattice
     from tpmscad.workflows.layer_slices import Layer, Slices
@@ -40,6 +41,7 @@ __all__ = [
     "DesignDerivatives",
     "FaceContact",
     "FluidDomains",
+    "InstancedFile",
     "Layer",
     "LocatedWidth",
     "Metrics",
@@ -53,6 +55,7 @@ __all__ = [
     "check_print",
     "check_step",
     "design_derivatives",
+    "export_instances",
     "export_slabs",
     "export_step",
     "fluid_domains",
@@ -84,11 +87,13 @@ _MODULE_OF_NAME = {
     "Model": "tpmscad.workflows.model",
     "PrintFinding": "tpmscad.workflows.print_check",
     "PrintReport": "tpmscad.workflows.print_check",
+    "InstancedFile": "tpmscad.workflows.lattice_instances",
     "SlabFiles": "tpmscad.workflows.lattice_slabs",
     "SolidPreview": "tpmscad.workflows.solid_preview",
     "body_field": "tpmscad.kernel.measure.signed_distance",
     "check_print": "tpmscad.workflows.print_check",
     "check_step": "tpmscad.workflows.step_files",
+    "export_instances": "tpmscad.workflows.lattice_instances",
     "export_slabs": "tpmscad.workflows.lattice_slabs",
     "export_step": "tpmscad.workflows.step_files",
     "fluid_domains": "tpmscad.workflows.fluid_volumes",

@@ -7,6 +7,7 @@ without healing and finds valid closed solids of the expected volume; of a large
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -71,23 +72,23 @@ def write_checked_brep(
     name: str,
     rtol: float,
     labels: Sequence[str],
-    placements: kernel.Instances | None = None,
-    n_placements: int = 1,
+    instances: Sequence[kernel.Instances] = (),
     verify: str | None = None,
 ) -> None:
-    """Write a boundary representation as STEP, once for each placement, and check what the file holds.
+    """Write a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
 
-    `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the faces. If `verify` is "kernel", the
-    kernel reads the whole file, however large. KernelError if the file does not hold what was written.
+    `nesting` says which shells bound which solid (`BuiltSolids.nesting`), `labels` name the faces, `instances` are the levels of
+    the assembly as for `kernel.write_step`. If `verify` is "kernel", the kernel reads the whole file, however large. KernelError
+    if the file does not hold what was written.
     """
-    volume = n_placements * float(integral_properties.volume(nesting.moments)[0])
+    volume = math.prod(map(len, instances)) * float(integral_properties.volume(nesting.moments)[0])
 
     def check(written: Path) -> None:
         if verify == "kernel" or written.stat().st_size <= KERNEL_READ_LIMIT:
-            kernel.check_text(written, brep, nesting)
+            kernel.check_whole_text(written, brep, nesting, instances)
             make_volume_check(volume, rtol)(written)
         else:
-            kernel.check_excerpt(written, brep, nesting, n_placements, rtol)
+            kernel.check_excerpt(written, brep, nesting, rtol, instances)
 
     kernel.write_step(
         brep,
@@ -95,10 +96,35 @@ def write_checked_brep(
         path,
         schema=schema,
         name=name,
-        instances=placements,
+        instances=instances,
         labels=labels,
         colours={label: kernel.find_label_colour(label) for label in set(labels)},
         verify=check,
+    )
+
+
+def write_copies_of_cell(
+    cell: Brep,
+    path: str | Path,
+    *,
+    name: str,
+    edges: Sequence[float],
+    counts: tuple[int, int, int],
+    outer_faces: str,
+    schema: str,
+    verify: str | None,
+) -> None:
+    """Write a cell with the given edges (mm) once, with `counts` copies of it along the axes, and check what the file holds."""
+    write_checked_brep(
+        cell,
+        kernel.build_solids(cell).nesting,
+        path,
+        schema=schema,
+        name=name,
+        rtol=REREAD_VOLUME_RTOL,
+        labels=kernel.label_faces(cell, outer_faces),
+        instances=kernel.arrange_cells(edges, counts),
+        verify=verify,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from contextlib import suppress
 from functools import partial
@@ -182,5 +183,5 @@ def _choose_size(model: Model) -> float:
     low, high = np.array(model.bounding_box)
     cell = float((high - low).min())
     if model.unit_cell is not None:
-        cell /= round(len(model.unit_cell.translations) ** (1.0 / 3.0))
+        cell /= round(math.prod(model.unit_cell.counts) ** (1.0 / 3.0))
     return min(2.0 * model.volume / model.area / EDGES_PER_WALL, MAX_SIZE * cell)

@@ -159,7 +159,7 @@ def lattice(
         math.prod(request.cells),
         BYTES_PER_CELL,
         f"a solid of {' x '.join(f'{n}' for n in request.cells)} cells",
-        "use larger or fewer cells, or write it in slabs by tpmscad.export_slabs",
+        "use fewer cells, or write it in slabs (tpmscad.export_slabs) or as copies of one cell (tpmscad.export_instances)",
     )
     return make_lattice(request, check_loose(loose), StageTimer(progress), map)
 
@@ -276,10 +276,7 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
             source = resolve_source(request)
             fit = source.fit(request.layer_offsets, cell, tol)
         brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
-        unit_cell = UnitCell(
-            partial(_copy_one_cell, request, fit.sheet),
-            np.array(request.cell) * _cell_origins(request.cells),
-        )
+        unit_cell = UnitCell(partial(_copy_one_cell, request, fit.sheet), request.cell, request.cells)
         fill = partial(_fill_cells, request, fit.sheet) if _has_patches_on_both_sides(request) and not notes else None
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
 
@@ -357,9 +354,3 @@ def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str,
     if cut.report.shifted == 0.0:
         return cut.brep, ()
     return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)
-
-
-def _cell_origins(cells: tuple[int, int, int]) -> Array:
-    """Lower corners (n, 3) of the cells of a block, in cells."""
-    axes = [np.arange(n, dtype=float) for n in cells]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -25,6 +25,7 @@ from tpmscad.workflows.checked_write import (
     REREAD_VOLUME_RTOL_OF_BODIES,
     write_checked_brep,
     write_checked_solids,
+    write_copies_of_cell,
 )
 from tpmscad.workflows.file_formats import (
     STEP_SUFFIXES,
@@ -41,10 +42,11 @@ from tpmscad.workflows.result_summary import format_html, format_summary
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnitCell:
-    """The cell that a lattice repeats, made on demand, and the translations of its copies: (n, 3), model units."""
+    """The cell that a lattice repeats, made on demand, the edges of its box (model units), and its copies along each axis."""
 
     make: Callable[[], Brep]
-    translations: Array
+    edges: tuple[float, float, float]
+    counts: tuple[int, int, int]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -183,7 +185,8 @@ class Model(MeshableSolid):
         path : str or Path
             The file to write. It is complete and verified, or absent.
         instanced : bool, optional
-            Store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
+            Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more than 64 come in
+            rows, layers and a block. `tpmscad.export_instances` writes such a file without making the whole lattice.
         schema : {"ap242", "ap214"}, optional
             STEP application protocol.
         verify : {"kernel"}, optional
@@ -224,17 +227,14 @@ class Model(MeshableSolid):
         """Write the unit cell once and place it as often as the solid repeats it."""
         if self.unit_cell is None:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
-        cell = self.unit_cell.make()
-        write_checked_brep(
-            cell,
-            kernel.build_solids(cell).nesting,
+        write_copies_of_cell(
+            self.unit_cell.make(),
             path,
-            schema=schema,
             name=self.name,
-            rtol=REREAD_VOLUME_RTOL,
-            labels=kernel.label_faces(cell, self.outer_faces),
-            placements=kernel.Instances.translated(self.unit_cell.translations),
-            n_placements=len(self.unit_cell.translations),
+            edges=self.unit_cell.edges,
+            counts=self.unit_cell.counts,
+            outer_faces=self.outer_faces,
+            schema=schema,
             verify=verify,
         )
 

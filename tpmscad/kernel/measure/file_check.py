@@ -6,12 +6,14 @@ such text is shown on an excerpt of the same file with a face of each class, who
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tpmscad._typing import IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier
 from tpmscad.errors import InvalidRequest, KernelError
@@ -21,7 +23,10 @@ from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.step.cell_assembly import Instances
+from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.excerpt import write_excerpt
+from tpmscad.kernel.step.placement_check import check_placements
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.splines.bspline import BSplineSurface
@@ -35,10 +40,26 @@ MAX_EXCERPT_EDGES = 300
 MILLIMETRE = "millimetre"
 
 
-def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, n_placements: int, area_rtol: float) -> None:
-    """KernelError unless the text holds the solids of `brep` and the kernel reads an excerpt of the file as valid faces."""
+def check_whole_text(
+    path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Instances] = ()
+) -> tuple[EntityTable, Array]:
+    """The entities of a file and the entity number of each face, if it holds the solids of `brep`, placed as `instances` say.
+
+    KernelError that names the first difference otherwise.
+    """
     table, numbers = check_text(path, brep, nesting)
+    if instances:
+        check_placements(table, instances)
+    return table, numbers
+
+
+def check_excerpt(
+    path: Path, brep: Brep, nesting: ShellNesting, area_rtol: float, instances: Sequence[Instances] = ()
+) -> None:
+    """KernelError unless the text holds what was meant and the kernel reads an excerpt of the file as valid faces."""
+    table, numbers = check_whole_text(path, brep, nesting, instances)
     chosen = choose_faces(brep, nesting)
+    n_placements = math.prod(map(len, instances))
     with TemporaryDirectory() as folder:
         part = Path(folder) / "excerpt.step"
         write_excerpt(path, table, numbers[chosen], part)

@@ -7,53 +7,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.step.cell_assembly import Instances, write_cell_assembly
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     Colour,
     MassProperties,
-    write_assembly,
     write_colours,
     write_file_context,
     write_product,
     write_validation_properties,
 )
 from tpmscad.kernel.step.topology_entities import write_solids
-
-ROTATION_TOL = 1e-9
-"""Deviation of a placement from a proper rotation; a STEP placement can represent nothing else."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Instances:
-    """Placements of a cell in an assembly: proper rotations (N, 3, 3) and translations (N, 3) in mm."""
-
-    rotation: Array
-    translation: Array
-
-    def __post_init__(self) -> None:
-        off = np.abs(self.rotation @ np.swapaxes(self.rotation, 1, 2) - np.eye(3)).max(initial=0.0)
-        if off > ROTATION_TOL or (np.linalg.det(self.rotation) < 0).any():
-            raise InvalidRequest(
-                "instances of a cell are placed by proper rotations: mirror the boundary representation instead"
-            )
-
-    @classmethod
-    def translated(cls, translation: Array) -> Instances:
-        """Placements by translations (N, 3) alone."""
-        return cls(np.tile(np.eye(3), (len(translation), 1, 1)), translation)
 
 
 def write_step(
@@ -63,7 +38,7 @@ def write_step(
     *,
     schema: str = "ap242",
     name: str | None = None,
-    instances: Instances | None = None,
+    instances: Sequence[Instances] = (),
     labels: Sequence[str] | None = None,
     colours: Mapping[str, Colour] | None = None,
     replicas: bool = False,
@@ -73,10 +48,11 @@ def write_step(
     """Write the solids of a closed boundary representation, in mm, to a STEP file.
 
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
-    placed by an assembly. labels: names of the faces, by default their tags. colours: red, green and blue from 0 to 1 by label.
-    replicas: store each primitive surface once; smaller, read by most readers, but outside the standard (`geometry_entities`).
-    verify: called with the complete file under its temporary name; if it raises, no file is left. Equal requests write equal
-    bytes, but for `time_stamp` (by default the current time) on a line of its own.
+    placed by an assembly, which each further level places again (`cell_assembly`). labels: names of the faces, by default their
+    tags. colours: red, green and blue from 0 to 1 by label. replicas: store each primitive surface once; smaller, read by most
+    readers, but outside the standard (`geometry_entities`). verify: called with the complete file under its temporary name; if
+    it raises, no file is left. Equal requests write equal bytes, but for `time_stamp` (by default the current time) on a line
+    of its own.
 
     Raises InvalidRequest for an unknown schema, a missing folder or an extension other than .step and .stp.
     """
@@ -85,7 +61,7 @@ def write_step(
     title = name or target.stem
     section = DataSection()
     setting = write_file_context(section, protocol, CONFUSION_TOLERANCE)
-    part_name = title if instances is None else f"{title} cell"
+    part_name = f"{title} cell" if instances else title
     names = [brep.tags[t] for t in brep.faces.tag.tolist()] if labels is None else labels
     written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names, replicas)
     part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
@@ -93,13 +69,8 @@ def write_step(
         write_colours(section, part.context, written.faces, names, colours)
     mass = compute_mass_properties(nesting)
     write_validation_properties(section, setting, part, mass)
-    if instances is not None:
-        count = len(instances.translation)
-        labels_of_cells = [f"cell {i}" for i in range(1, count + 1)]
-        assembly = write_assembly(
-            section, setting, title, [part] * count, labels_of_cells, instances.rotation, instances.translation
-        )
-        write_validation_properties(section, setting, assembly, _instanced_mass_properties(mass, instances))
+    if instances:
+        write_cell_assembly(section, setting, title, part, mass, instances)
     with atomic_write(target) as aside:
         write_exchange_structure(aside, section, schema=protocol, name=target.name, time_stamp=stamp, author="")
         if verify is not None:
@@ -119,10 +90,3 @@ def compute_mass_properties(nesting: ShellNesting) -> MassProperties:
     x, y, z = integral_properties.centroid(nesting.moments)
     volume = float(integral_properties.volume(nesting.moments)[0])
     return MassProperties(volume, float(nesting.moments.area.sum()), (float(x), float(y), float(z)))
-
-
-def _instanced_mass_properties(mass: MassProperties, instances: Instances) -> MassProperties:
-    """Mass properties of all instances together."""
-    n = len(instances.translation)
-    x, y, z = (instances.rotation @ np.array(mass.centroid) + instances.translation).mean(axis=0)
-    return MassProperties(n * mass.volume, n * mass.area, (float(x), float(y), float(z)))

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import (
     Circle,
@@ -27,20 +27,11 @@ from tpmscad.brep.carriers import (
     ToroidalSurface,
 )
 from tpmscad.brep.moments import integral_properties
-from tpmscad.errors import KernelError
 from tpmscad.kernel.build.shell_nesting import ShellNesting
+from tpmscad.kernel.step.entity_rows import ROUND_OFF, EntityRows, agree, require, template_marks
 from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
 from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-
-ROUND_OFF = 1e-12
-"""Difference of directions, radii and lengths, relative to their size, that comes from another order of operations."""
-
-
-def require(condition: Any, what: str) -> None:
-    """KernelError that names what differs, unless the condition holds."""
-    if not np.all(condition):
-        raise KernelError("export_step", f"the text of the file is not what was meant: {what}")
 
 
 def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> tuple[EntityTable, Array]:
@@ -52,14 +43,13 @@ def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> tuple[EntityTab
     return table, FileText(table, brep, nesting).check()
 
 
-class FileText:
+class FileText(EntityRows):
     """The entities of a file and what they are meant to be."""
 
     def __init__(self, table: EntityTable, brep: Brep, nesting: ShellNesting) -> None:
         require(np.diff(np.sort(table.number)) > 0, "two entities have one number")
-        self.table, self.brep, self.nesting = table, brep, nesting
-        self.keyword = table.keywords()
-        self.known = np.zeros(len(table.number), bool)
+        super().__init__(table)
+        self.brep, self.nesting = brep, nesting
         sizes = [np.abs(brep.vertices).max(initial=1e-9)]
         for items, placed in ((brep.carriers, brep.faces.carrier), (brep.curves, brep.edges.curve)):
             motions = brep.faces.motion if items is brep.carriers else brep.edges.motion
@@ -90,16 +80,6 @@ class FileText:
 
     # entities and their numbers
 
-    def rows(self, numbers: Array, template: str) -> Array:
-        """Numbers (n, m) in the entities of the given numbers, all of which must have the template."""
-        at = self.table.positions(numbers)
-        require(at >= 0, f"a reference leads nowhere instead of to {template}")
-        wanted = [i for i, t in enumerate(self.table.templates) if t == template]
-        require(np.isin(self.table.template[at], wanted), f"there is another entity in place of {template}")
-        self.known[at] = True
-        start = self.table.start[at]
-        return self.table.values[start[:, None] + np.arange(template_size(template))]
-
     def lists(self, numbers: Array, before: str, after: str) -> tuple[Array, IntArray]:
         """References listed in entities whose template is `before`, a list, `after`; and the length of each list."""
         at = self.table.positions(numbers)
@@ -114,10 +94,6 @@ class FileText:
         self.known[at] = True
         count = length[self.table.template[at]]
         return self.table.values[_ranges(self.table.start[at], count)], count
-
-    def with_keyword(self, keyword: str) -> IntArray:
-        """Positions of the entities with a keyword."""
-        return np.flatnonzero(np.isin(self.table.template, [i for i, k in enumerate(self.keyword) if k == keyword]))
 
     def _check_references(self) -> None:
         """Every reference leads to an entity."""
@@ -211,10 +187,6 @@ class FileText:
 
     # geometry
 
-    def points(self, numbers: Array) -> Array:
-        """Coordinates of points (n, 3)."""
-        return self.rows(numbers, "CARTESIAN_POINT('',(&,&,&))")
-
     def meant(self, points: Array) -> Array:
         """The coordinates that a file states for points."""
         return np.rint(points * 10.0**self.decimals) / 10.0**self.decimals
@@ -238,7 +210,7 @@ class FileText:
                 through, vector = self.rows(number, "LINE('',#,#)").T
                 require(self.points(through) == self.meant(a), "the origin of a line")
                 direction, length = self.rows(vector, "VECTOR('',#,&)").T
-                require(_near(self._directions(direction) * length[:, None], b - a), "the direction of a line")
+                require(agree(self.directions(direction) * length[:, None], b - a), "the direction of a line")
             else:
                 placed = [curve.moved(m) for m in motion]
                 radii = [[c.radius] if isinstance(c, Circle) else [c.major, c.minor] for c in placed]
@@ -289,16 +261,12 @@ class FileText:
         poles = rows[:, len(degrees) : rows.shape[1] - len(fixed)]
         return self.points(poles.ravel()).reshape(*poles.shape, 3)
 
-    def _directions(self, numbers: Array) -> Array:
-        return self.rows(numbers, "DIRECTION('',(&,&,&))")
-
     def _check_placements(self, numbers: Array, kind: str, frames: Array, sizes: Array) -> None:
         """Origin, axis and reference direction (n, 3, 3), and the sizes (n, m), of planes, quadrics and conics."""
         rows = self.rows(numbers, kind)
-        origin, axis, x = self.rows(rows[:, 0], "AXIS2_PLACEMENT_3D('',#,#,#)").T
-        read = np.stack([self.points(origin), self._directions(axis), self._directions(x)], axis=1)
-        require(_near(read[:, 0], frames[:, 0]) & _near(read[:, 1:].reshape(-1, 6), frames[:, 1:].reshape(-1, 6)), kind)
-        require(_near(rows[:, 1:], sizes), f"a size of {kind}")
+        read = self.frames(rows[:, 0])
+        require(agree(read[:, 0], frames[:, 0]) & agree(read[:, 1:].reshape(-1, 6), frames[:, 1:].reshape(-1, 6)), kind)
+        require(agree(rows[:, 1:], sizes), f"a size of {kind}")
 
     # what stands beside the solids
 
@@ -329,26 +297,10 @@ class FileText:
         require(len(np.unique(item)) == len(item), "a face has two colours")
 
 
-def template_marks(template: str) -> str:
-    """The marks of a template in order, strings left out."""
-    return "".join(re.findall(r"[#@&]", re.sub(r"'(?:[^']|'')*'", "", template)))
-
-
-def template_size(template: str) -> int:
-    """Number of numbers in an entity with a template."""
-    return len(template_marks(template))
-
-
 def _ranges(start: IntArray, count: IntArray) -> IntArray:
     """The indices start[i] .. start[i] + count[i] - 1, one range after another."""
     ends = np.cumsum(count)
     return np.repeat(start - ends + count, count) + np.arange(int(count.sum()))
-
-
-def _near(read: Array, meant: Array) -> BoolArray:
-    """Whether rows agree to round-off: (n,)."""
-    size = np.maximum(1.0, np.abs(meant).max(axis=1, initial=0.0))
-    return np.asarray(np.abs(read - meant).max(axis=1, initial=0.0) <= ROUND_OFF * size, bool)
 
 
 def _poles(value: Any) -> Array | None:
