@@ -1,12 +1,13 @@
 """Parts filled with a lattice beside the kernel's plain boolean of the same lattice and body, in one run.
 
     python -m benchmarks.infill [--bodies box,cylinder,sphere,bracket,torus] [--surfaces gyroid,diamond,schwarz_p,iwp] [--cells 4]
-                                [--plain] [--lines 160]
+                                [--plain] [--limit 8] [--lines 160]
 
 Columns: faces of the result; CPU seconds of the trimming, from the whole patches to the solid, with the kernel's check of it and
 a sample's; with `--plain` those of BRepAlgoAPI_Common of the block of the same patches with the body and of the kernel's check of
-what comes out (the making of the block is not counted), the ratio of both together to the trimming, and of volumes; the volume,
-and how far it is from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's line
+what comes out (the making of the block is not counted), the ratio of both together to the trimming, and of volumes; with
+`--limit` the kernel is stopped after so many times the seconds of the trimming, and the ratio says only that it is above; the
+volume, and how far it is from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's line
 intersector, and between these where the distance to the walls, by densely spread nodes of theirs, changes sign; last, CPU seconds
 of the whole row.
 """
@@ -14,6 +15,10 @@ of the whole row.
 from __future__ import annotations
 
 import argparse
+import json
+import math
+import os
+import resource
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -161,6 +166,29 @@ def quadrature(solid: object, volume: float, patches: object, lines: int, step: 
     return total / sum(b - a for _, a, b in spans) * volume
 
 
+def intersect_by_kernel(block: object, body: object, limit: float) -> tuple[float, float, float] | None:
+    """CPU seconds of the kernel's common and of its check, and its volume; None after `limit` CPU seconds, in a process apart."""
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reading)
+        used = time.process_time()
+        if np.isfinite(limit):
+            resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + limit), math.ceil(used + limit)))
+        common = BRepAlgoAPI_Common(block, body).Shape()
+        made = time.process_time()
+        BRepCheck_Analyzer(common, True, True).IsValid()
+        checked = time.process_time()
+        text = json.dumps([made - used, checked - made, kernel.check_shape(common).volume])
+        os.write(writing, text.encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading) as pipe:
+        text = pipe.read()
+    os.waitpid(child, 0)
+    return tuple(json.loads(text)) if text else None
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--bodies", default="box,cylinder,sphere,bracket,torus")
@@ -168,6 +196,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--cells", type=float, default=4.0)
     parser.add_argument("--lines", type=int, default=160)
     parser.add_argument("--plain", action="store_true")
+    parser.add_argument("--limit", type=float, default=math.inf)
     options = parser.parse_args(arguments)
     print(
         f"{'body':>9} {'surface':>10} {'by':>8} {'faces':>6} {'trim s':>7} {'common s':>8} {'check s':>7} {'ratio':>6} "
@@ -184,16 +213,14 @@ def main(arguments: list[str] | None = None) -> None:
             own = time.process_time() - begun
             report = kernel.check_shape(cut.built.shape)
             assert report.ok, report
-            plain, check, apart = float("nan"), float("nan"), float("nan")
+            plain, check, apart, ratio = float("nan"), float("nan"), float("nan"), ""
             if options.plain:
-                shape = block.shape
-                begun = time.process_time()
-                common = BRepAlgoAPI_Common(shape, body.shape).Shape()
-                plain = time.process_time() - begun
-                begun = time.process_time()
-                BRepCheck_Analyzer(common, True, True).IsValid()
-                check = time.process_time() - begun
-                apart = kernel.check_shape(common).volume / report.volume - 1
+                found = intersect_by_kernel(block.shape, body.shape, options.limit * own)
+                if found is None:
+                    ratio = f"> {options.limit:g}"
+                else:
+                    plain, check, volume = found
+                    ratio, apart = f"{(plain + check) / own:.1f}", volume / report.volume - 1
             lines = (
                 quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / STEPS)
                 / report.volume
@@ -201,7 +228,7 @@ def main(arguments: list[str] | None = None) -> None:
             )
             print(
                 f"{body_name:>9} {surface:>10} {cut.method:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
-                f"{(plain + check) / own:6.1f} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
+                f"{ratio:>6} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
                 f"{time.process_time() - first:6.0f}",
                 flush=True,
             )

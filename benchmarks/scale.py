@@ -3,7 +3,8 @@
     python -m benchmarks.scale [--surfaces gyroid,diamond,schwarz_p] [--cells 1,2,3,5,10] [--instanced 5] [--verify kernel]
 
 Cell 10, thickness 1, tol 0.01. `made` is `tpmscad.lattice` without its check, with the start of Python; `check` its check; `file`
-`export_step`: writing and verification. `--instanced` is `tpmscad.export_instances`, one cell that is placed many times. Wall and CPU seconds; the peak is the resident memory of the process.
+`export_step`: writing and verification. `--instanced` is `tpmscad.export_instances`, whose figures of a cell include the file.
+Wall and CPU seconds; the peak is the resident memory of the process.
 """
 
 from __future__ import annotations
