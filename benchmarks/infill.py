@@ -7,9 +7,9 @@ Columns: faces of the result; CPU seconds of the trimming, from the whole patche
 a sample's; with `--plain` those of BRepAlgoAPI_Common of the block of the same patches with the body and of the kernel's check of
 what comes out (the making of the block is not counted), the ratio of both together to the trimming, and of volumes; with
 `--limit` the kernel is stopped after so many times the seconds of the trimming, and the ratio says only that it is above; the
-volume, and how far it is from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's line
-intersector, and between these where the distance to the walls, by densely spread nodes of theirs, changes sign; last, CPU seconds
-of the whole row.
+volume, and how far it is from a quadrature that knows neither: straight lines through the body, cut at its faces by the kernel's
+line intersector, and between these where the distance to the walls, by densely spread nodes of theirs, changes sign; last, CPU
+seconds of the whole row.
 """
 
 from __future__ import annotations

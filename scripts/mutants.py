@@ -59,6 +59,13 @@ TESTS = {
     "workflows": ["tests/workflows", "tests/refusals/test_refused_solids.py"],
     "recipe": ["tests/recipe", "tests/refusals/test_refused_recipes.py"],
     "cli": ["tests/cli"],
+    "meshing": ["tests/meshing", "tests/workflows/test_hexahedra_of_models.py", "tests/workflows/test_meshing.py"],
+    "simulation": [
+        "tests/simulation",
+        "tests/workflows/test_homogenization.py",
+        "tests/workflows/test_permeability.py",
+    ],
+    "sweeps": ["tests/sweeps"],
 }
 """The tests of each room, those first that fail soonest."""
 
