@@ -182,7 +182,7 @@ def run_tests(tree: Path, tests: list[str], seconds: float, marks: str) -> str:
         ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
         return "too long"
-    if ended.returncode not in (0, 1, 2, 3):
+    if ended.returncode > 3:  # below zero: ended by a signal, as compiled code may be
         raise SystemExit(f"pytest ended with {ended.returncode}:\n{ended.stdout.decode()[-2000:]}")
     return "noticed" if ended.returncode else "survived"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from tpmscad import fields, topology
 from tpmscad.blending import blend
@@ -16,7 +17,7 @@ from tpmscad.blending.initial_weights import LineWeightSpec, VolumeWeightSpec, m
 from tpmscad.blending.optimise.gradient_descent import descend, evaluate_objective
 from tpmscad.blending.weights.constraints import WeightConstraints, add_consistent_constraints, project_onto_constraints
 from tpmscad.blending.weights.coordinates import LinearCoordinate
-from tpmscad.fields.saddles import find_saddles, measure_neck_widths
+from tpmscad.fields.saddles import Saddles, find_saddles, measure_neck_widths
 from tpmscad.fields.sample_grid import SampleGrid
 
 LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))
@@ -160,6 +161,23 @@ def test_a_neck_is_as_wide_as_the_throat_of_a_known_shape():
     found = find_saddles(throat, grid, np.ones(grid.shape, bool), 0.5)
     assert found.points == pytest.approx(np.zeros((1, 3)), abs=1e-7)
     assert measure_neck_widths(throat, found, grid, 0.3)[0] == pytest.approx([2 * radius], rel=3e-3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_least_width_of_an_oval_neck_is_found_in_any_direction(seed: int):
+    least, most = 0.11, 0.3
+    axes = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+
+    def oval(p: np.ndarray) -> np.ndarray:
+        x, y, z = (p @ axes).T
+        return (x / least) ** 2 + (y / most) ** 2 - 0.5 * (z / least) ** 2 - 1.0
+
+    throat = fields.from_function(oval, step=1e-4)
+    grid = SampleGrid((-0.5, -0.5, -0.5), (0.5, 0.45, 0.55), (14, 15, 16))
+    saddle = Saddles(np.zeros((1, 3)), np.array([-1.0]))
+    width, direction = measure_neck_widths(throat, saddle, grid, 0.3)
+    assert width == pytest.approx([2 * least], rel=3e-3)
+    assert abs(direction[0] @ axes[:, 0]) == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.slow

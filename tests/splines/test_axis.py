@@ -69,3 +69,17 @@ def test_a_linear_spline_has_the_greville_points_for_poles() -> None:
 def test_samples_that_leave_the_spline_open_are_refused(points: np.ndarray, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         sampled_axis(uniform_knots(5, 3), 3, points)
+
+
+@pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
+def test_no_spline_exceeds_its_coordinates_by_more_than_the_factor(axis: SplineAxis) -> None:
+    greatest = np.linalg.norm(
+        axis.design_matrix(np.linspace(*axis.domain, 401)), axis=1
+    ).max()  # of |S(t)| where |x| = 1
+    assert greatest <= axis.max_norm_factor * (1 + 1e-12)
+
+
+def test_the_factor_of_orthonormal_legendre_polynomials_is_attained() -> None:
+    axis = gauss_axis(bezier_knots(7), 7)
+    at_end = np.linalg.norm(axis.design_matrix(np.array([1.0])))
+    assert axis.max_norm_factor == pytest.approx(at_end, rel=1e-9)
