@@ -1,7 +1,7 @@
 """Parts filled with a lattice beside the kernel's plain boolean of the same lattice and body, in one run.
 
     python -m benchmarks.infill [--bodies box,cylinder,sphere,bracket,torus] [--surfaces gyroid,diamond,schwarz_p,iwp] [--cells 4]
-                                [--plain] [--limit 8] [--lines 160]
+                                [--plain] [--limit 8] [--lines 160, 0 for none]
 
 Columns: faces of the result; CPU seconds of the trimming, from the whole patches to the solid, with the kernel's check of it and
 a sample's; with `--plain` those of BRepAlgoAPI_Common of the block of the same patches with the body and of the kernel's check of
@@ -177,7 +177,7 @@ def intersect_by_kernel(block: object, body: object, limit: float) -> tuple[floa
             resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(used + limit), math.ceil(used + limit)))
         common = BRepAlgoAPI_Common(block, body).Shape()
         made = time.process_time()
-        BRepCheck_Analyzer(common, True, True).IsValid()
+        BRepCheck_Analyzer(common, True, False).IsValid()  # the kernel's threads do not survive a fork
         checked = time.process_time()
         text = json.dumps([made - used, checked - made, kernel.check_shape(common).volume])
         os.write(writing, text.encode())
@@ -221,11 +221,11 @@ def main(arguments: list[str] | None = None) -> None:
                 else:
                     plain, check, volume = found
                     ratio, apart = f"{(plain + check) / own:.1f}", volume / report.volume - 1
-            lines = (
-                quadrature(body.shape, body.volume, block.patches, options.lines, request.cell[0] / STEPS)
-                / report.volume
-                - 1
-            )
+            lines = float("nan")
+            if options.lines:
+                step = request.cell[0] / STEPS
+                counted = quadrature(body.shape, body.volume, block.patches, options.lines, step)
+                lines = counted / report.volume - 1
             print(
                 f"{body_name:>9} {surface:>10} {cut.method:>8} {report.faces:>6} {own:7.2f} {plain:8.2f} {check:7.2f} "
                 f"{ratio:>6} {report.volume:12.4f} {apart:12.1e} {lines:13.1e} "
