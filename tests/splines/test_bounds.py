@@ -50,6 +50,17 @@ def test_filip_bounds_the_distance_to_the_mesh(seed: int, degree_u: int, degree_
     assert distance <= filip_bound(*second_derivative_bounds(surface), 1 / n, 1 / n)
 
 
+@pytest.mark.parametrize(
+    ("du", "dv", "greatest"), [(3, 0, 6.0), (0, 2, 2.0), (3, 2, 12.0), (4, 0, 0.0), (0, 3, 0.0), (2, 1, 12.0)]
+)
+def test_bounds_of_derivatives_up_to_the_degree_and_beyond(du: int, dv: int, greatest: float) -> None:
+    """S = (u^3 v^2, 0, 0) on the unit square."""
+    poles = np.zeros((4, 3, 3))
+    poles[3, 2, 0] = 1.0
+    surface = BSplineSurface(poles, bezier_knots(3), bezier_knots(2), 3, 2)
+    assert derivative_bounds(surface, du, dv) == pytest.approx(np.full((1, 1), greatest))
+
+
 def test_filip_is_sharp_for_quadratics_and_the_printed_form_is_no_bound() -> None:
     """S = (1, 1, 1) u^2 / 2: vector norms give the exact distance, maxima over components a third of sqrt(3) of it."""
     poles = np.zeros((3, 2, 3))

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest
+from tpmscad.surfaces.differential_geometry import maximise_on_unit_square
 
 NAMES = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 BOTH = list(itertools.product(NAMES, ("minimal", "nodal")))
@@ -266,3 +267,11 @@ def test_jets_have_the_shape_of_their_parameters(name: str, reference: str, shap
     if u.size:
         last = surfaces.primitive_patch(name, reference).jet(u.ravel()[-1], 0.25, 0.1)
         np.testing.assert_allclose(jet.duv.reshape(-1, 3)[-1], last.duv, rtol=0, atol=4e-15)
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)])
+def test_the_maximum_of_what_grows_beyond_a_corner_is_at_the_corner(corner: tuple[float, float]) -> None:
+    a, b = corner
+    simplex = np.array([[0.5, 0.5], [0.6, 0.5], [0.5, 0.6]])
+    found = maximise_on_unit_square(lambda u, v: (2 * a - 1) * u + (2 * b - 1) * v, simplex, fatol=1e-12)
+    assert found == pytest.approx(a + b, abs=1e-6)
