@@ -13,7 +13,6 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.mapped_surface import MappedSurface
-from tpmscad.workflows import lattice
 
 RNG = np.random.default_rng(11)
 POINTS = 10 * RNG.random((40, 3))
@@ -129,14 +128,6 @@ def test_a_map_with_a_branch_point_in_the_lattice_is_refused_with_place_amount_a
     match = r"under square neighbouring patches near \(.*\) differ by .*, more than .*: .*keep the lattice away"
     with pytest.raises(InvalidRequest, match=match):
         mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
-
-
-@pytest.mark.slow
-def test_patches_that_a_map_bends_until_they_oscillate_are_refused_before_they_are_cut() -> None:
-    """Patches of the diamond that reach beyond the box cross the axis of so small a cylinder."""
-    with pytest.raises(InvalidRequest, match=r"deviate by .*, more than a tenth of the cell.*larger radius") as refused:
-        lattice("diamond", map=maps.cylinder(2.65), cell=10.0, cells=1, thickness=0.5, tol=0.07)
-    assert "radius 2.65" in str(refused.value)
 
 
 @pytest.mark.parametrize("name", ["graded", "cylinder"])

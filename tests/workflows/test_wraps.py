@@ -99,3 +99,11 @@ def test_wraps_that_are_not_one_to_one_are_refused(options: dict[str, object], m
     request = {"cell": 10.0, "thickness": 0.6, "tol": 0.3, "boundary": "natural", **options}
     with pytest.raises(InvalidRequest, match=match):
         tpmscad.lattice("schwarz_p", **request)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+def test_patches_that_a_map_bends_until_they_oscillate_are_refused_before_they_are_cut() -> None:
+    """Patches of the diamond that reach beyond the box cross the axis of so small a cylinder."""
+    with pytest.raises(InvalidRequest, match=r"deviate by .*, more than a tenth of the cell.*larger radius") as refused:
+        tpmscad.lattice("diamond", map=maps.cylinder(2.65), cell=10.0, cells=1, thickness=0.5, tol=0.07)
+    assert "radius 2.65" in str(refused.value)
