@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmscad.brep.deviation import measure_deviation
+from tpmscad.brep.deviation import measure_deviation, project_to_patch
 from tpmscad.brep.edge_continuity import evaluate_curvature, measure_edge_continuity
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
@@ -87,3 +87,26 @@ def test_halves_of_one_surface_join_without_a_jump_and_a_kinked_pair_does_not() 
 
     assert measured(0.0) < 1e-12
     assert measured(0.01) == pytest.approx(np.degrees(np.arctan(0.01)), rel=1e-9)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_the_foot_of_a_point_beyond_a_side_slides_along_the_side(side: int, end: float) -> None:
+    """A sheared parallelogram: without sliding, the foot would stay where the first step leaves the patch."""
+    x = np.linspace(0, 1, 4)
+    u, v = np.meshgrid(x, x, indexing="ij")
+    along = (u, v)[1 - side]
+    poles = np.stack([u, v, np.zeros_like(u)], axis=-1)
+    poles[..., 1 - side] += 0.8 * (u, v)[side] * along  # the lines of constant parameter are not square to the side
+    patch = BSplineSurface(poles, KNOTS, KNOTS, 3, 3)
+    t = np.linspace(0.0, 1.0, 4001)
+    at_side = patch(np.full_like(t, end), t) if side == 0 else patch(t, np.full_like(t, end))
+    beyond = np.array([0.3, 0.5, 0.7])
+    points = np.zeros((3, 3))
+    points[:, side] = end + (0.25 if end else -0.25)
+    points[:, 1 - side] = beyond
+    points[:, 2] = 0.1
+    expected = np.linalg.norm(points[:, None] - at_side, axis=-1).min(axis=1)
+    found, foot_u, foot_v = project_to_patch(patch, points, np.full(3, 0.5), np.full(3, 0.5))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+    assert ((foot_u, foot_v)[side] == end).all()

@@ -55,6 +55,15 @@ def test_the_box_of_a_curve_holds_it_however_sharply_it_turns_between_samples(se
     assert (high[0] >= points.max(axis=0)).all()
 
 
+def test_the_box_of_a_curve_is_little_larger_than_the_curve() -> None:
+    poles = np.array([[0.0, 0.0], [1.0, 2.0], [2.0, -1.0], [3.0, 0.5]])
+    curve = BSplineCurve(poles, np.repeat([0.0, 1.0], 4), 3)
+    low, high = bound_curves([curve], np.array([0]), np.array([[0.2, 0.9]]))
+    points = curve(np.linspace(0.2, 0.9, 20001))
+    np.testing.assert_allclose(low[0], points.min(axis=0), atol=0.02)
+    np.testing.assert_allclose(high[0], points.max(axis=0), atol=0.02)
+
+
 def test_a_face_whose_poles_stay_in_the_box_keeps_its_carrier() -> None:
     face = trimmed_face(PARABOLOID, np.array([[-0.3, -0.3], [0.3, -0.3], [0.0, 0.4]]))
     assert restrict_carriers(face, np.full(3, -9.0), np.full(3, 9.0)) is face

@@ -374,6 +374,22 @@ class TestScaffold:
         assert type(weight).__name__ == kind
         assert entries is None or weight.coefficients.size == entries  # type: ignore[attr-defined]
 
+    @pytest.mark.parametrize(
+        ("kind", "degree", "meant"),
+        [
+            ("along", "", 3),
+            ("along", ", degree = 2", 2),
+            ("volume", "", (3, 3, 3)),
+            ("volume", ", degree = [2, 3, 1]", (2, 3, 1)),
+        ],
+    )
+    def test_weights_have_the_degree_asked_for(self, tmp_path: Path, kind: str, degree: str, meant: object) -> None:
+        path = tmp_path / "scaffold.toml"
+        named = "direction = 'x', count = 50" if kind == "along" else "count = [20, 9, 8]"
+        text = f"weight = [{{ kind = '{kind}', {named}{degree} }}]"
+        path.write_text(SCAFFOLD.replace('weight = "auto"', f"{text}\nmethod = 'initial'"))
+        assert read_blend_recipe(path).options["weight"][0].degree == meant
+
     def test_a_blend_with_errors_left_is_not_passed_off(self, tmp_path: Path) -> None:
         path = tmp_path / "scaffold.toml"
         path.write_text(TORN)
