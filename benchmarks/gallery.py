@@ -2,7 +2,7 @@
 
     python -m benchmarks.gallery [NAME ...]
 
-Each script of `examples/` that is named, or all of APPLICATIONS, runs in an empty folder. Its rows go into
+Each script of `examples/` that is named, or all of APPLICATIONS and PLOTS, runs in an empty folder. Its rows go into
 docs/gallery/measures.csv and its pictures, reduced, beside it; the page of examples shows both.
 """
 
@@ -28,6 +28,9 @@ PALETTE = 256
 
 APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone")
 """Examples that make a solid, without CadQuery."""
+
+PLOTS = ("sweep",)
+"""Examples that draw a plot, whose pictures are kept without a row of measures."""
 
 FULL_SIZE: dict[str, dict[str, Any]] = {"bone": {"arrangements": ("quadrants", "layers")}}
 """Arguments of examples that make less by default."""
@@ -57,11 +60,14 @@ def run_example(name: str) -> list[dict[str, Any]]:
         begun = sum(os.times()[:4])  # with child processes
         found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"](**FULL_SIZE.get(name, {}))
         seconds = sum(os.times()[:4]) - begun
+        for picture in Path().glob("*.png"):
+            keep_picture(name, picture)
+        if name in PLOTS:
+            print(found)
+            return []
         for key, value in found.items():
             print(f"{name}: {key}: {value}")
         files = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
-        for picture in Path().glob("*.png"):
-            keep_picture(name, picture)
         rows = []
         for solid, values in flatten(found).items():
             written = [file for file in files if solid in file.stem] or files
@@ -83,7 +89,7 @@ def run_example(name: str) -> list[dict[str, Any]]:
 def main() -> None:
     GALLERY.mkdir(exist_ok=True)
     path = GALLERY / "measures.csv"
-    for name in sys.argv[1:] or APPLICATIONS:
+    for name in sys.argv[1:] or (*APPLICATIONS, *PLOTS):
         rows = run_example(name)
         if path.exists():
             rows += [row for row in csv.DictReader(path.open(newline="")) if row["example"] != name]

@@ -25,6 +25,7 @@ MODULES = {
     "tpmscad": "Solids and files",
     "tpmscad.fields": "Fields",
     "tpmscad.maps": "Maps",
+    "tpmscad.sweeps": "Parameter studies",
     "tpmscad.blending": "Blends",
     "tpmscad.surfaces": "Surfaces",
     "tpmscad.topology": "Topology",

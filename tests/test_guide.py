@@ -34,7 +34,7 @@ COMMANDS = [
 def marks_of(page: str, script: str) -> list[pytest.MarkDecorator]:
     """The marks of a script by what it imports and how long it takes."""
     marks = [pytest.mark.kernel]
-    if page not in QUICK:
+    if page not in QUICK or "properties=True" in script:
         marks.append(pytest.mark.slow)
     if "cadquery" in script:
         marks.append(pytest.mark.frontend)
