@@ -1,9 +1,10 @@
-"""The applications of the gallery at full size: seconds, faces, megabytes, deviation and Betti numbers, and their pictures.
+"""The applications of the gallery at full size: measures, pictures, and meshes for the view in 3-D.
 
     python -m benchmarks.gallery [NAME ...]
 
 Each script of `examples/` that is named, or all of APPLICATIONS and PLOTS, runs in an empty folder. Its rows go into
-docs/gallery/measures.csv and its pictures, reduced, beside it; the page of examples shows both.
+docs/gallery/measures.csv (seconds, faces, megabytes, deviation, Betti numbers) and its pictures, reduced, beside it; the page of
+examples shows both. The solids of VIEWS are meshed coarsely into docs/gallery/models, for the interactive view of that page.
 """
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
+import build123d as bd
+import numpy as np
 from PIL import Image
+
+from tpmscad import kernel
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
@@ -31,6 +36,18 @@ APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone")
 
 PLOTS = ("sweep",)
 """Examples that draw a plot, whose pictures are kept without a row of measures."""
+
+VIEWS = ("build123d_bracket", "implant", "trimmed")
+"""Examples whose first STEP file is shown in 3-D, too."""
+
+MODELS = GALLERY / "models"
+VIEW_BYTES = 1_500_000
+"""Greatest size of a GLB file of the page."""
+
+VIEW_DEVIATION, VIEW_ANGLE = 2e-3, np.radians(25.0)
+"""Deviation of the meshes of views in diagonals of the solid, and the turn between facets; more if a file is too large."""
+
+COARSENING = 1.5
 
 FULL_SIZE: dict[str, dict[str, Any]] = {"bone": {"arrangements": ("quadrants", "layers")}}
 """Arguments of examples that make less by default."""
@@ -53,6 +70,37 @@ def keep_picture(example: str, path: Path) -> None:
         reduced.quantize(PALETTE).save(GALLERY / f"{name}.png", optimize=True)
 
 
+def write_view(step: Path, target: Path) -> None:
+    """The solids of a STEP file as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
+    shape = bd.import_step(step)
+    solids = shape.solids()
+    colours = [kernel.SURFACE_COLOUR] if len(solids) == 1 else [kernel.piece_colour(i) for i in range(len(solids))]
+    deviation, angle = VIEW_DEVIATION * shape.bounding_box().diagonal, VIEW_ANGLE
+    while True:
+        meshes = kernel.mesh_solids(shape.wrapped, deviation, angle)
+        parts = [
+            kernel.group_faces(
+                f"solid {i}", mesh, [smooth_group(face) for face in solid.faces()], lambda _, i=i: colours[i]
+            )
+            for i, (solid, mesh) in enumerate(zip(solids, meshes, strict=True))
+        ]
+        kernel.write_glb(parts, target, target.stem)
+        size = target.stat().st_size
+        print(f"{target.name}: {size / 1e6:.2f} MB, deviation {deviation:.3g} mm", flush=True)
+        if size <= VIEW_BYTES:
+            return
+        deviation, angle = COARSENING * deviation, min(COARSENING * angle, np.radians(80.0))
+
+
+def smooth_group(face: bd.Face) -> str:
+    """The faces within which normals are averaged: all patches, all faces in one plane, all quadrics of one kind."""
+    if face.geom_type != bd.GeomType.PLANE:
+        return face.geom_type.name
+    normal = face.normal_at()
+    place = np.round([*normal, normal.dot(face.center())], 3) + 0.0  # no -0
+    return f"PLANE {place.tolist()}"
+
+
 def run_example(name: str) -> list[dict[str, Any]]:
     """Run an example, keep its pictures, and return a row for each of its solids."""
     sys.path.insert(0, str(ROOT / "examples"))
@@ -68,6 +116,9 @@ def run_example(name: str) -> list[dict[str, Any]]:
         for key, value in found.items():
             print(f"{name}: {key}: {value}")
         files = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
+        if name in VIEWS:
+            MODELS.mkdir(exist_ok=True)
+            write_view(files[0], MODELS / f"{name}.glb")
         rows = []
         for solid, values in flatten(found).items():
             written = [file for file in files if solid in file.stem] or files
