@@ -14,6 +14,7 @@ import os
 import runpy
 import sys
 import tempfile
+from collections.abc import Iterable
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
@@ -31,14 +32,19 @@ PICTURE_WIDTH = 640
 PALETTE = 256
 """Colours of a kept picture, for small files."""
 
-APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone")
+APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone", "counter_flow_exchanger")
 """Examples that make a solid, without CadQuery."""
 
 PLOTS = ("sweep",)
 """Examples that draw a plot, whose pictures are kept without a row of measures."""
 
-VIEWS = ("build123d_bracket", "implant", "trimmed")
-"""Examples whose first STEP file is shown in 3-D, too."""
+VIEWS = {
+    "build123d_bracket": "*.step",
+    "counter_flow_exchanger": "*fluid*.step",
+    "implant": "*.step",
+    "trimmed": "*.step",
+}
+"""Examples that are shown in 3-D, too, and their STEP files of which the solids are taken."""
 
 MODELS = GALLERY / "models"
 VIEW_BYTES = 1_500_000
@@ -70,11 +76,11 @@ def keep_picture(example: str, path: Path) -> None:
         reduced.quantize(PALETTE).save(GALLERY / f"{name}.png", optimize=True)
 
 
-def write_view(step: Path, target: Path) -> None:
-    """The solids of a STEP file as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
-    shape = bd.import_step(step)
+def write_view(files: Iterable[Path], target: Path) -> None:
+    """The solids of STEP files as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
+    shape = bd.Compound([solid for file in sorted(files) for solid in bd.import_step(file).solids()])
     solids = shape.solids()
-    colours = [kernel.SURFACE_COLOUR] if len(solids) == 1 else [kernel.piece_colour(i) for i in range(len(solids))]
+    colours = [kernel.SURFACE_COLOUR] if len(solids) == 1 else [kernel.piece_colour("", i) for i in range(len(solids))]
     deviation, angle = VIEW_DEVIATION * shape.bounding_box().diagonal, VIEW_ANGLE
     while True:
         meshes = kernel.mesh_solids(shape.wrapped, deviation, angle)
@@ -118,7 +124,7 @@ def run_example(name: str) -> list[dict[str, Any]]:
         files = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
         if name in VIEWS:
             MODELS.mkdir(exist_ok=True)
-            write_view(files[0], MODELS / f"{name}.glb")
+            write_view(Path().glob(VIEWS[name]), MODELS / f"{name}.glb")
         rows = []
         for solid, values in flatten(found).items():
             written = [file for file in files if solid in file.stem] or files
