@@ -1,9 +1,10 @@
-"""The applications of the gallery at full size: seconds, faces, megabytes, deviation and Betti numbers, and their pictures.
+"""The applications of the gallery at full size: measures, pictures, and meshes for the view in 3-D.
 
     python -m benchmarks.gallery [NAME ...]
 
-Each script of `examples/` that is named, or all of APPLICATIONS, runs in an empty folder. Its rows go into
-docs/gallery/measures.csv and its pictures, reduced, beside it; the page of examples shows both.
+Each script of `examples/` that is named, or all of APPLICATIONS and PLOTS, runs in an empty folder. Its rows go into
+docs/gallery/measures.csv (seconds, faces, megabytes, deviation, Betti numbers) and its pictures, reduced, beside it; the page of
+examples shows both. The solids of VIEWS are meshed coarsely into docs/gallery/models, for the interactive view of that page.
 """
 
 from __future__ import annotations
@@ -13,11 +14,16 @@ import os
 import runpy
 import sys
 import tempfile
+from collections.abc import Iterable
 from contextlib import chdir
 from pathlib import Path
 from typing import Any
 
+import build123d as bd
+import numpy as np
 from PIL import Image
+
+from tpmscad import kernel
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
@@ -26,8 +32,28 @@ PICTURE_WIDTH = 640
 PALETTE = 256
 """Colours of a kept picture, for small files."""
 
-APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone")
+APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone", "counter_flow_exchanger")
 """Examples that make a solid, without CadQuery."""
+
+PLOTS = ("sweep",)
+"""Examples that draw a plot, whose pictures are kept without a row of measures."""
+
+VIEWS = {
+    "build123d_bracket": "*.step",
+    "counter_flow_exchanger": "*fluid*.step",
+    "implant": "*.step",
+    "trimmed": "*.step",
+}
+"""Examples that are shown in 3-D, too, and their STEP files of which the solids are taken."""
+
+MODELS = GALLERY / "models"
+VIEW_BYTES = 1_500_000
+"""Greatest size of a GLB file of the page."""
+
+VIEW_DEVIATION, VIEW_ANGLE = 2e-3, np.radians(25.0)
+"""Deviation of the meshes of views in diagonals of the solid, and the turn between facets; more if a file is too large."""
+
+COARSENING = 1.5
 
 FULL_SIZE: dict[str, dict[str, Any]] = {"bone": {"arrangements": ("quadrants", "layers")}}
 """Arguments of examples that make less by default."""
@@ -50,6 +76,37 @@ def keep_picture(example: str, path: Path) -> None:
         reduced.quantize(PALETTE).save(GALLERY / f"{name}.png", optimize=True)
 
 
+def write_view(files: Iterable[Path], target: Path) -> None:
+    """The solids of STEP files as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
+    shape = bd.Compound([solid for file in sorted(files) for solid in bd.import_step(file).solids()])
+    solids = shape.solids()
+    colours = [kernel.SURFACE_COLOUR] if len(solids) == 1 else [kernel.piece_colour("", i) for i in range(len(solids))]
+    deviation, angle = VIEW_DEVIATION * shape.bounding_box().diagonal, VIEW_ANGLE
+    while True:
+        meshes = kernel.mesh_solids(shape.wrapped, deviation, angle)
+        parts = [
+            kernel.group_faces(
+                f"solid {i}", mesh, [smooth_group(face) for face in solid.faces()], lambda _, i=i: colours[i]
+            )
+            for i, (solid, mesh) in enumerate(zip(solids, meshes, strict=True))
+        ]
+        kernel.write_glb(parts, target, target.stem)
+        size = target.stat().st_size
+        print(f"{target.name}: {size / 1e6:.2f} MB, deviation {deviation:.3g} mm", flush=True)
+        if size <= VIEW_BYTES:
+            return
+        deviation, angle = COARSENING * deviation, min(COARSENING * angle, np.radians(80.0))
+
+
+def smooth_group(face: bd.Face) -> str:
+    """The faces within which normals are averaged: all patches, all faces in one plane, all quadrics of one kind."""
+    if face.geom_type != bd.GeomType.PLANE:
+        return face.geom_type.name
+    normal = face.normal_at()
+    place = np.round([*normal, normal.dot(face.center())], 3) + 0.0  # no -0
+    return f"PLANE {place.tolist()}"
+
+
 def run_example(name: str) -> list[dict[str, Any]]:
     """Run an example, keep its pictures, and return a row for each of its solids."""
     sys.path.insert(0, str(ROOT / "examples"))
@@ -57,11 +114,17 @@ def run_example(name: str) -> list[dict[str, Any]]:
         begun = sum(os.times()[:4])  # with child processes
         found = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"](**FULL_SIZE.get(name, {}))
         seconds = sum(os.times()[:4]) - begun
+        for picture in Path().glob("*.png"):
+            keep_picture(name, picture)
+        if name in PLOTS:
+            print(found)
+            return []
         for key, value in found.items():
             print(f"{name}: {key}: {value}")
         files = sorted(Path().glob("*.step"), key=lambda file: len(file.stem))
-        for picture in Path().glob("*.png"):
-            keep_picture(name, picture)
+        if name in VIEWS:
+            MODELS.mkdir(exist_ok=True)
+            write_view(Path().glob(VIEWS[name]), MODELS / f"{name}.glb")
         rows = []
         for solid, values in flatten(found).items():
             written = [file for file in files if solid in file.stem] or files
@@ -83,7 +146,7 @@ def run_example(name: str) -> list[dict[str, Any]]:
 def main() -> None:
     GALLERY.mkdir(exist_ok=True)
     path = GALLERY / "measures.csv"
-    for name in sys.argv[1:] or APPLICATIONS:
+    for name in sys.argv[1:] or (*APPLICATIONS, *PLOTS):
         rows = run_example(name)
         if path.exists():
             rows += [row for row in csv.DictReader(path.open(newline="")) if row["example"] != name]

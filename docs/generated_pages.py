@@ -19,12 +19,28 @@ from tpmscad import fields, recipe
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
+MODELS = GALLERY / "models"
 PICTURE_SIZE = (640, 480)
+
+VIEWER = """<script type="module" crossorigin="anonymous"
+src="https://cdn.jsdelivr.net/npm/@google/model-viewer@4.4.0/dist/model-viewer.min.js"
+integrity="sha384-wjsPzEO+lXOf7d9csIDfAQpPt2OKuUU3m0K9qsdKIuzX4N8czSF6hdh23eAbZa3p"></script>
+<style>model-viewer { width: 100%; height: 480px } model-viewer:not(:defined) { display: none }</style>"""
+"""The web component that shows glTF, of one version, whose content browsers check. Without it, offline for example, the page
+shows the pictures only."""
+
+VIEW = (
+    '<model-viewer src="../_static/{name}.glb" alt="{title}, to be turned" camera-controls touch-action="pan-y" '
+    'camera-orbit="35deg 65deg auto" exposure="0.75" loading="lazy" interaction-prompt="none">'
+    '<div slot="poster">The model is loading.</div></model-viewer>'
+)
+"""The view of a model. The distance of the camera follows from the model's size: glTF is in metres, with y up."""
 
 MODULES = {
     "tpmscad": "Solids and files",
     "tpmscad.fields": "Fields",
     "tpmscad.maps": "Maps",
+    "tpmscad.sweeps": "Sweeps",
     "tpmscad.blending": "Blends",
     "tpmscad.surfaces": "Surfaces",
     "tpmscad.topology": "Topology",
@@ -97,9 +113,11 @@ def describe_examples() -> str:
     pages = [
         "# Examples",
         "",
-        "The scripts in `examples/`; each runs as it is (those for CadQuery with the extra `cadquery`), and the tests run them.",
+        "The scripts in `examples/`; each runs as it is (those for CadQuery with the extra `cadquery`), and the tests run them. "
+        "Views in 3-D are turned by dragging; they need WebGL, and the network for their script.",
         "",
         *describe_measures(),
+        *_raw_html(VIEWER),
     ]
     for path in sorted((ROOT / "examples").glob("*.py")):
         text = ast.get_docstring(ast.parse(path.read_text())) or ""
@@ -108,15 +126,24 @@ def describe_examples() -> str:
             "",
             text.split("\n\n")[0],
             "",
-            *(
-                f"![{picture.stem.replace('_', ' ')}](../gallery/{picture.name})\n"
-                for picture in find_pictures(path.stem)
-            ),
+            *show_pictures(path.stem),
             f"{{download}}`{path.name} <../../examples/{path.name}>`",
             "",
         ]
         pages += [f"```{{literalinclude}} ../../examples/{path.name}", ":language: python", "```", ""]
     return "\n".join(pages)
+
+
+def show_pictures(example: str) -> list[str]:
+    """The pictures of an example, and the view of its model if one is kept."""
+    lines = [f"![{path.stem.replace('_', ' ')}](../gallery/{path.name})\n" for path in find_pictures(example)]
+    if (MODELS / f"{example}.glb").exists():
+        lines += _raw_html(VIEW.format(name=example, title=example.replace("_", " ")))
+    return lines
+
+
+def _raw_html(text: str) -> list[str]:
+    return ["```{raw} html", text, "```", ""]
 
 
 def find_pictures(example: str) -> list[Path]:

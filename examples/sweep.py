@@ -1,7 +1,9 @@
-"""Area against porosity of three surfaces: a sweep of wall thicknesses, and a plot of its results.
+"""Stiffness against porosity of three surfaces: a sweep of wall thicknesses with homogenised properties, and a plot of it.
 
 The results are kept in a CSV file: run again, the script makes only the designs that are missing there. On a machine with many
-cores give `tpmscad.sweep` a process pool, as `tpmscad sweep designs.csv --jobs 8` does.
+cores give `tpmscad.sweep` a process pool, as `tpmscad sweep designs.csv --properties --jobs 8` does.
+
+    pip install "tpmscad[simulation,plot]"
 
     python examples/sweep.py
 """
@@ -17,31 +19,28 @@ SURFACES = ("gyroid", "diamond", "schwarz_p")
 CELL = 10.0
 
 
-def main(path: str | Path = "sweep.csv", thicknesses: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0)) -> SweepResults:
-    """Make one cell of each surface with each thickness and return the results."""
+def main(
+    path: str | Path = "sweep.csv",
+    surfaces: tuple[str, ...] = SURFACES,
+    thicknesses: tuple[float, ...] = (0.5, 1.0, 1.5, 2.0),
+) -> SweepResults:
+    """Make one cell of each surface with each thickness, plot Young's modulus over porosity, and return the results."""
     designs = [
         {"surface": surface, "cell": CELL, "thickness": thickness, "tol": 0.1, "boundary": "natural", "loose": "keep"}
-        for surface in SURFACES
+        for surface in surfaces
         for thickness in thicknesses
     ]
-    return tpmscad.sweep(designs, output=path)
-
-
-def picture(results: SweepResults, path: str | Path = "sweep.png") -> None:
-    """Draw area per volume against porosity. Needs matplotlib."""
-    import matplotlib.pyplot as plt
-
-    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for surface in SURFACES:
-        rows = [row for row in results.rows if row["surface"] == surface and row["met"]]
-        axes.plot([r["porosity"] for r in rows], [r["area"] / CELL**3 for r in rows], "o-", label=surface)
-    axes.set(xlabel="porosity", ylabel="area of the solid / volume of the cell, 1/mm")
-    axes.legend()
-    figure.savefig(path, dpi=100)
-    plt.close(figure)
+    results = tpmscad.sweep(designs, output=path, properties=True)
+    axes = results.plot("porosity", "E1", by="surface")
+    axes.set_title("one cell of the sheet, Poisson's ratio of the solid 0.3")
+    axes.set_ylim(bottom=0.0)
+    axes.grid(alpha=0.3)
+    axes.figure.savefig(Path(path).with_suffix(".png"), dpi=100)
+    return results
 
 
 if __name__ == "__main__":
     found = main()
     print(found)
-    picture(found)
+    for row in found.rows:
+        print(f"{row['surface']:10} {row['thickness']:.1f} mm  porosity {row['porosity']:.3f}  E {row['E1']:.4f}")

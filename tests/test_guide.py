@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
+import struct
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +37,7 @@ COMMANDS = [
 def marks_of(page: str, script: str) -> list[pytest.MarkDecorator]:
     """The marks of a script by what it imports and how long it takes."""
     marks = [pytest.mark.kernel]
-    if page not in QUICK:
+    if page not in QUICK or "properties=True" in script:
         marks.append(pytest.mark.slow)
     if "cadquery" in script:
         marks.append(pytest.mark.frontend)
@@ -74,11 +77,35 @@ def test_every_page_of_the_guide_is_in_the_index() -> None:
     assert len(SCRIPTS) >= 10
 
 
-@pytest.mark.kernel
-def test_the_generated_pages_hold_all_public_functions_and_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture
+def generated_pages(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+    """The module that writes pages of the guide."""
     monkeypatch.syspath_prepend(str(ROOT / "docs"))
-    import generated_pages
+    yield importlib.import_module("generated_pages")
+    sys.modules.pop("generated_pages")
 
+
+@pytest.mark.kernel
+def test_the_page_of_examples_shows_every_kept_model_and_picture_of_an_example(generated_pages: Any) -> None:
+    from benchmarks import gallery  # loads the kernel
+
+    page = generated_pages.describe_examples()
+    shown = re.findall(r'<model-viewer src="../_static/([^"]+)"', page)
+    models = sorted((ROOT / "docs" / "gallery" / "models").iterdir())
+    assert sorted(shown) == [path.name for path in models] == [f"{name}.glb" for name in sorted(gallery.VIEWS)]
+    for path in models:
+        head = path.read_bytes()[:12]
+        assert struct.unpack("<4sII", head) == (b"glTF", 2, path.stat().st_size)
+        assert path.stat().st_size <= gallery.VIEW_BYTES
+    pictures = re.findall(r"!\[[^]]*\]\(../gallery/([^)]+)\)", page)
+    assert sorted(pictures) == sorted(path.name for path in (ROOT / "docs" / "gallery").glob("*.png"))
+    assert all(generated_pages.find_pictures(name.removesuffix(".glb")) for name in shown), "seen without the script"
+    assert page.count("integrity=") == page.count("<script") == 1
+    assert '"gallery/models"' in (ROOT / "docs" / "conf.py").read_text()
+
+
+@pytest.mark.kernel
+def test_the_generated_pages_hold_all_public_functions_and_examples(generated_pages: Any) -> None:
     page = generated_pages.describe_module("tpmscad", "Solids", set())
     assert ".. autofunction:: sweep" in page
     for name in tpmscad.__all__:
@@ -86,4 +113,3 @@ def test_the_generated_pages_hold_all_public_functions_and_examples(monkeypatch:
             assert f":: {name}\n" in page
     examples = generated_pages.describe_examples()
     assert all(path.name in examples for path in (ROOT / "examples").glob("*.py"))
-    sys.modules.pop("generated_pages")

@@ -101,12 +101,8 @@ def test_a_lost_file_is_made_again_and_other_rows_are_kept(folder: Path) -> None
     fewer = tpmscad.sweep([*TABLE[2:], {**TABLE[2], "phase": (0, 0, 0)}])
     assert fewer.reused == 1
     after = read_lines(folder / "results.csv")
-    assert [line[3] for line in after[1:]] == [
-        "2",
-        "2",
-        "1",
-        "9",
-    ]  # the table's rows first, then those of the earlier table
+    thicknesses = [line[3] for line in after[1:]]
+    assert thicknesses == ["2", "2", "1", "9"]  # the table's rows first, then those of the earlier table
 
 
 def test_a_task_that_its_executor_gives_up_is_a_failure_of_its_row_and_a_dead_pool_is_an_error(folder: Path) -> None:

@@ -50,6 +50,27 @@ def test_a_body_with_holes_and_fillets_is_filled_and_cut_open(load: Any) -> None
     require_files("trimmed_schwarz_p")
 
 
+def test_the_fluids_of_an_exchanger_run_from_port_to_port_and_fill_it_with_the_wall(load: Any) -> None:
+    bd = pytest.importorskip("build123d")
+    found = load("counter_flow_exchanger").main(cells=(2, 2, 2), tol=0.1)
+    assert found["met"]
+    assert found["valid"]
+    assert found["betti"][2] == 2, "the channels are closed off before the holes are made"
+    names = ("wall", "fluid_plus", "fluid_minus")
+    assert found["pieces"] == found["shells"] == dict.fromkeys(names, 1)
+    assert sum(found["volumes"].values()) == pytest.approx(found["hull"], rel=1e-6)
+    assert found["gap between the fluids"] == pytest.approx(0.8, abs=0.25)
+    ends = {}
+    for name in names:
+        assert kernel.check_step(f"counter_flow_exchanger_{name}.step").ok
+        box = bd.import_step(f"counter_flow_exchanger_{name}.step").bounding_box()
+        ends[name] = [*np.round([*box.min, *box.max], 3)]
+    assert ends["wall"] == [-10, 0, -10, 26, 16, 26]
+    assert [ends["fluid_plus"][k] for k in (2, 5)] == [-10, 26]
+    assert [ends["fluid_minus"][k] for k in (0, 3)] == [-10, 26]
+    assert Path("counter_flow_exchanger.png").stat().st_size > 10_000
+
+
 def test_an_implant_is_dense_where_the_image_is(load: Any) -> None:
     pytest.importorskip("build123d")
     implant = load("implant")

@@ -51,6 +51,15 @@ def test_every_solid_has_its_own_colour_when_coloured_by_piece() -> None:
     assert np.abs(plain[100, 50] - plain[100, 150]).max() < 0.05
 
 
+def test_the_children_of_an_assembly_are_pieces_by_their_labels() -> None:
+    wall, fluid, plain = bd.Box(1, 1, 1), bd.Pos(3, 0, 0) * bd.Sphere(1), bd.Pos(6, 0, 0) * bd.Box(1, 1, 2)
+    wall.label, fluid.label = "wall", "fluid"
+    pieces = find_pieces(bd.Compound(children=[wall, fluid, plain]), with_groups=True)
+    assert [piece.name for piece in pieces] == ["wall", "fluid", "piece 3"]
+    assert [bd.Solid(piece.shape).volume for piece in pieces] == pytest.approx([1.0, 4 / 3 * np.pi, 2.0])
+    assert [piece.name for piece in find_pieces(wall + plain, with_groups=True)] == ["piece", "piece 2"]
+
+
 def test_the_colours_in_a_file_are_shown_unless_others_are_asked_for(tmp_path: Path) -> None:
     small, tall = two_boxes().solids()
     small.color, tall.color = bd.Color(*RED), bd.Color(*BLUE)

@@ -35,6 +35,13 @@ ResultsOption = Annotated[
 WidthsOption = Annotated[
     bool, typer.Option("--metrics", help="Measure smallest wall, smallest pore and hydraulic diameter, too.")
 ]
+PropertiesOption = Annotated[
+    bool,
+    typer.Option(
+        "--properties",
+        help="Compute homogenised stiffness and conductivity, too, relative to a solid of Poisson's ratio 0.3.",
+    ),
+]
 
 
 def sweep(
@@ -42,6 +49,7 @@ def sweep(
     *,
     output: ResultsOption = Path("results.csv"),
     metrics: WidthsOption = False,
+    properties: PropertiesOption = False,
     jobs: JobsOption = 1,
     report: ReportOption = None,
     quiet: QuietOption = False,
@@ -51,7 +59,7 @@ def sweep(
 
     check_report(report)
     with progress_bar(f"sweep of {table.name}", quiet) as progress, start_processes(jobs) as executor:
-        results = sweeps.sweep(table, executor, output, metrics=metrics, progress=progress)
+        results = sweeps.sweep(table, executor, output, metrics=metrics, properties=properties, progress=progress)
     write_report(report, results.to_dict())
     if not quiet:
         print(results)

@@ -1,7 +1,8 @@
 """Parameter studies: a table of designs in, each made and measured by any executor, a table of results out.
 
 `sweep` reads the table (`parameter_table`), makes the designs that the table of results does not hold yet (`design_runs`), and
-appends a row for each as it is finished (`results_table`). The modules are loaded at their first use, because they need NumPy.
+appends a row for each as it is finished (`results_table`). `results_plot` draws columns of results. The modules are loaded at
+their first use, because they need NumPy.
 """
 
 from __future__ import annotations

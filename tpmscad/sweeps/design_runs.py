@@ -17,6 +17,7 @@ import numpy as np
 from tpmscad.errors import NotMet
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
+from tpmscad.workflows.homogenization import homogenize
 from tpmscad.workflows.lattice_infill import infill
 from tpmscad.workflows.lattice_request import lattice_size
 from tpmscad.workflows.lattice_solid import lattice
@@ -38,6 +39,18 @@ FIGURES: Mapping[str, type] = {
     "smallest_wall": float,
     "smallest_pore": float,
     "hydraulic_diameter": float,
+    "E1": float,
+    "E2": float,
+    "E3": float,
+    "nu12": float,
+    "nu13": float,
+    "nu23": float,
+    "G12": float,
+    "G13": float,
+    "G23": float,
+    "bulk_modulus": float,
+    "conductivity": float,
+    "property_error": float,
     "file": str,
     "error": str,
     "message": str,
@@ -48,10 +61,19 @@ FIGURES: Mapping[str, type] = {
 METRICS = ("smallest_wall", "smallest_pore", "hydraulic_diameter")
 """The figures that are measured on demand only, as they take longer than most lattices."""
 
+PROPERTIES = tuple(FIGURES)[tuple(FIGURES).index("E1") : tuple(FIGURES).index("property_error") + 1]
+"""The homogenised properties and their relative error, which are computed on demand only. Moduli are relative to Young's modulus
+of the solid, the conductivity to that of the solid."""
+
+POISSON_RATIO = 0.3
+"""Of the solid in homogenised properties."""
+
 Corners = tuple[tuple[float, ...], tuple[float, ...]]
 
 
-def run_design(function: str, parameters: Mapping[str, Any], file: Path | None, metrics: bool) -> dict[str, Any]:
+def run_design(
+    function: str, parameters: Mapping[str, Any], file: Path | None, metrics: bool, properties: bool
+) -> dict[str, Any]:
     """The figures of a design, or the type and the message of the error that it ended in."""
     begun = time.perf_counter()
     figures: dict[str, Any] = {"met": False}
@@ -64,6 +86,8 @@ def run_design(function: str, parameters: Mapping[str, Any], file: Path | None, 
         if file is not None:
             model.export(file)
             figures["file"] = str(file)
+        if properties:
+            figures |= _homogenize(model)
         figures["met"] = True
     except Exception as error:  # whatever it is, it is the result of this row, and the others go on
         figures |= describe_failure(error)
@@ -98,6 +122,18 @@ def _measure(model: Model, envelope: Corners | Path | None, metrics: bool) -> di
             zip(METRICS, [*(None if w is None else w.width for w in widths), found.hydraulic_diameter], strict=True)
         )
     return figures
+
+
+def _homogenize(model: Model) -> dict[str, float]:
+    """The homogenised properties of a model that repeats, with a solid of Young's modulus and conductivity 1."""
+    found = homogenize(model, poisson_ratio=POISSON_RATIO, progress=False)
+    figures = {
+        **found.engineering_constants,
+        "bulk_modulus": found.bulk_modulus,
+        "conductivity": float(np.trace(found.conductivity)) / 3.0,
+        "property_error": found.error,
+    }
+    return {name: figures[name] for name in PROPERTIES}
 
 
 def _volume_of(envelope: Corners | Path) -> float:

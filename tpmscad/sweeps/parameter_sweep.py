@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
+from tpmscad._lazy_import import import_extra
 from tpmscad._typing import ProgressOption
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
@@ -15,8 +17,9 @@ from tpmscad.parallel import run_as_completed
 from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.sweeps.cell_text import parse_cell
-from tpmscad.sweeps.design_runs import FIGURES, METRICS, describe_failure, run_design
+from tpmscad.sweeps.design_runs import FIGURES, METRICS, PROPERTIES, describe_failure, run_design
 from tpmscad.sweeps.parameter_table import Design, read_table
+from tpmscad.sweeps.results_plot import plot_columns
 from tpmscad.sweeps.results_table import ResultsTable, open_results, read_figure
 
 MAX_FAILURES_SHOWN = 10
@@ -63,10 +66,55 @@ class SweepResults:
         -------
         list
             Numbers, text, tuples of numbers, or None where the cell is empty.
+
+        Raises
+        ------
+        InvalidRequest
+            If there is no such column.
         """
-        if not any(name in row for row in self.rows):
-            raise InvalidRequest(f"there is no column {name!r}; the columns are {', '.join(self.rows[0])}")
-        return [row.get(name) for row in self.rows]
+        columns = list(self.rows[0])
+        if name not in columns:
+            near = get_close_matches(str(name), columns, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the columns are {', '.join(columns)}"
+            raise InvalidRequest(f"there is no column {name!r}; {hint}")
+        return [row[name] for row in self.rows]
+
+    @public('results.plot("porosity", "E1", by="surface")')
+    def plot(self, x: str, y: str, *, by: str | None = None, ax: Any = None) -> Any:
+        """Draw one column over another, as a line with a marker for each design that is met.
+
+        Parameters
+        ----------
+        x, y : str
+            Columns of numbers: parameters or figures, such as "porosity" and "E1".
+        by : str, optional
+            A column whose values part the designs, such as "surface": each has a line, a colour and an entry of the legend.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into; by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, labelled with quantities and units.
+
+        Raises
+        ------
+        InvalidRequest
+            If there is no such column, if it holds something else than numbers, if no design that is met has both numbers, or if
+            matplotlib is not installed (pip install "tpmscad[plot]").
+
+        Notes
+        -----
+        Points are joined in the order of x. Designs that are not met, and those without one of the numbers, are left out.
+
+        Examples
+        --------
+        >>> results = tpmscad.sweep("designs.csv", properties=True)  # doctest: +SKIP
+        >>> results.plot("porosity", "E1", by="surface").figure.savefig("stiffness.png")  # doctest: +SKIP
+        """
+        columns = [self.column(name) for name in (x, y, by or x)]
+        met = [cells for row, *cells in zip(self.rows, *columns, strict=True) if row["met"]]
+        return plot_columns((x, y, by), met, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, as in a report.
@@ -104,6 +152,7 @@ def sweep(
     output: str | Path = "results.csv",
     *,
     metrics: bool = False,
+    properties: bool = False,
     progress: ProgressOption = None,
 ) -> SweepResults:
     """Make and measure every design of a table, and write a table of results.
@@ -127,6 +176,10 @@ def sweep(
         The CSV file of the results.
     metrics : bool, optional
         Measure the smallest wall, the smallest pore and the hydraulic diameter, too; it takes longer than most lattices.
+    properties : bool, optional
+        Compute the homogenised stiffness and conductivity of every design with `homogenize`, too: seconds a design where the
+        walls are hexahedra (``boundary="natural"``), up to minutes with tetrahedra. The designs must repeat, as lattices of whole
+        cells do; the solid's Poisson ratio is 0.3. Needs ``pip install 'tpmscad[simulation]'``.
     progress : callable or bool, optional
         Called with "designs" and the fraction that is done. By default work of more than two seconds shows a bar in a terminal or
         a notebook; False shows nothing.
@@ -135,12 +188,15 @@ def sweep(
     -------
     SweepResults
         The rows: parameters, met, volume, area, porosity, faces, max_deviation, rms_deviation, Betti numbers (pieces, tunnels,
-        cavities), metrics, file, error, message, seconds. Lengths are in mm.
+        cavities), metrics, properties, file, error, message, seconds. Lengths are in mm. Properties are E1 to E3, nu12 to nu23,
+        G12 to G23, bulk_modulus, conductivity, and property_error, the relative change by the last refinement of the mesh. Moduli
+        are relative to Young's modulus of the solid, and the conductivity, the mean over the axes, to that of the solid.
 
     Raises
     ------
     InvalidRequest
-        If the table cannot be read: the message names row and column. Nothing has been made then.
+        If the table cannot be read: the message names row and column; or if properties are asked for of a
+        filled body, or without scikit-fem. Nothing has been made then.
     TpmscadError
         If a process of the executor dies; the rows that are finished have been written.
 
@@ -153,15 +209,18 @@ def sweep(
     """
     path = validate_output_path(output, (".csv",))
     designs = read_table(table)
+    if properties:
+        _require_lattices(designs.designs)
     results = open_results(path, designs.columns)
-    missing = [design for design in designs.designs if not _is_done(design, results, metrics)]
+    wanted = (METRICS,) * metrics + (PROPERTIES,) * properties
+    missing = [design for design in designs.designs if not _is_done(design, results, wanted)]
     order = [design.key for design in designs.designs]
+    tasks = []
     for design in missing:
-        results.rows.pop(design.key, None)
+        row = results.rows.pop(design.key, {})
+        measured = (metrics or _has_any(row, METRICS), properties or _has_any(row, PROPERTIES))  # none is lost
+        tasks.append((design.function, dict(design.parameters), design.file and design.file.resolve(), *measured))
     results.write(order)
-    tasks = [
-        (design.function, dict(design.parameters), design.file and design.file.resolve(), metrics) for design in missing
-    ]
     n_done = len(order) - len(missing)
     with StageTimer(progress)("designs") as report:
         for number, figures in run_as_completed(executor, run_design, tasks, describe_failure):
@@ -176,16 +235,32 @@ def sweep(
     return SweepResults(path, rows, len(order) - len(missing))
 
 
-def _is_done(design: Design, results: ResultsTable, metrics: bool) -> bool:
-    """Whether the results hold a design as it is asked for now: with its file, and with metrics if they are wanted."""
+def _require_lattices(designs: Sequence[Design]) -> None:
+    """InvalidRequest, before any work, if homogenised properties of the designs cannot be computed here."""
+    import_extra("skfem", "homogenised properties", "simulation")
+    for design in designs:
+        if design.function == "infill":
+            raise InvalidRequest(
+                f"row {design.number}, column body: homogenised properties are those of a lattice that repeats, not of a filled "
+                "body; leave out properties, or make a table of the lattices"
+            )
+
+
+def _is_done(design: Design, results: ResultsTable, wanted: Sequence[Sequence[str]]) -> bool:
+    """Whether the results hold a design as it is asked for now: with its file and the groups of figures that are wanted."""
     row = results.rows.get(design.key)
     if row is None:
         return False
     if row.get("error"):
         return True
-    if metrics and not any(row.get(name) for name in METRICS):
+    if not all(_has_any(row, group) for group in wanted):
         return False
     return design.file is None or (row.get("file") == str(design.file) and design.file.is_file())
+
+
+def _has_any(row: Mapping[str, str], group: Sequence[str]) -> bool:
+    """Whether one figure of a group, at least, was measured."""
+    return any(row.get(name) for name in group)
 
 
 def _read_row(results: ResultsTable, design: Design) -> Mapping[str, Any]:

@@ -52,7 +52,12 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
     if not hasattr(source, "wrapped") and hasattr(source, "vals"):  # the stack of a CadQuery workplane
         source = kernel.make_compound([value.wrapped for value in source.vals()])
     found = kernel.pieces_of(source)
-    return [PicturePiece(f"piece {k}" if k > 1 else "piece", shape) for k, shape in enumerate(found, 1)]
+    labels = [child.label for child in getattr(source, "children", ()) for _ in child.solids()]  # a build123d assembly
+    labels += [""] * (len(found) - len(labels))
+    return [
+        PicturePiece(label or (f"piece {k}" if k > 1 else "piece"), shape)
+        for k, (label, shape) in enumerate(zip(labels, found, strict=False), 1)
+    ]
 
 
 def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[PicturePiece]:
