@@ -30,6 +30,7 @@ COMMAND_OF_FUNCTION: Mapping[str, str] = {
     "slice_step": "slice",
     "mesh_step": "mesh",
     "homogenize": "homogenize",
+    "permeability": "permeability",
 }
 """Commands by the public functions that they call."""
 
