@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tpmscad.workflows.certificate import Certificate
     from tpmscad.workflows.channel_permeability import ChannelPermeability, permeability
     from tpmscad.workflows.domain_results import FaceContact, FluidDomains
+    from tpmscad.workflows.flow_estimates import FlowEstimate, FlowEstimateRow, estimate_flow
     from tpmscad.workflows.fluid_volumes import fluid_domains
     from tpmscad.workflows.homogenization import homogenize
     from tpmscad.workflows.implicit_solid import solidify
@@ -39,6 +40,8 @@ __all__ = [
     "ChannelPermeability",
     "DesignDerivatives",
     "FaceContact",
+    "FlowEstimate",
+    "FlowEstimateRow",
     "FluidDomains",
     "Layer",
     "LocatedWidth",
@@ -53,6 +56,7 @@ __all__ = [
     "check_print",
     "check_step",
     "design_derivatives",
+    "estimate_flow",
     "export_slabs",
     "export_step",
     "fluid_domains",
@@ -78,7 +82,10 @@ _MODULE_OF_NAME = {
     "ChannelPermeability": "tpmscad.workflows.channel_permeability",
     "permeability": "tpmscad.workflows.channel_permeability",
     "FaceContact": "tpmscad.workflows.domain_results",
+    "FlowEstimate": "tpmscad.workflows.flow_estimates",
+    "FlowEstimateRow": "tpmscad.workflows.flow_estimates",
     "FluidDomains": "tpmscad.workflows.domain_results",
+    "estimate_flow": "tpmscad.workflows.flow_estimates",
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",
