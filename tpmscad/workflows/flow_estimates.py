@@ -214,7 +214,7 @@ def _resolve_velocity(
     if volume_flow is not None and velocity is None:
         if area is None:
             raise InvalidRequest(
-                "volume_flow needs cross_section=, that of wall and both channels in mm2; or give velocity="
+                "`volume_flow` needs `cross_section`, that of wall and both channels in mm2; or give `velocity`"
             )
         return volume_flow / area, volume_flow
     here = "none of them" if velocity is None else "both"
@@ -257,7 +257,7 @@ def _require_a_value(
     if not drops and not heats:
         known = " and ".join(sorted({name for of in PRESSURE_DROP for name in of.surfaces}))
         raise InvalidRequest(
-            f"there is no correlation of the {surface}, only of {known}: give permeability=, of tpmscad.permeability, for "
+            f"there is no correlation of the {surface}, only of {known}: give `permeability`, of tpmscad.permeability, for "
             f"Darcy's law at Reynolds numbers up to 1, or {remedy}"
         )
     reasons = "; ".join(
@@ -267,5 +267,5 @@ def _require_a_value(
     )
     raise InvalidRequest(
         f"no correlation of the {surface} covers this flow ({reasons}). Here Reynolds number 1 is a velocity of "
-        f"{flow.velocity / flow.reynolds:.4g} m/s: change velocity=, cell= or thickness=, or {remedy}"
+        f"{flow.velocity / flow.reynolds:.4g} m/s: change `velocity`, `cell` or `thickness`, or {remedy}"
     )
