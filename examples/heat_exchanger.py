@@ -5,7 +5,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.workflows import FluidDomains
+from tpmscad.workflows import FlowEstimate, FluidDomains
 
 CELL, CELLS = 8.0, (4, 4, 6)
 PHASE = (0.25, 0.0, 0.0)
@@ -45,9 +45,19 @@ def exchanger(tol: float = 0.02) -> FluidDomains:
     return tpmscad.fluid_domains(body(), "gyroid", cell=CELL, thickness=0.8, phase=PHASE, tol=tol)
 
 
+WATER = {"density": 998.0, "viscosity": 1.0e-3, "conductivity": 0.6, "specific_heat": 4180.0}
+"""At 20 degrees Celsius, SI units."""
+
+
+def estimate(domains: FluidDomains, volume_flow: float = 5e-6) -> FlowEstimate:
+    """What published correlations say of 0.3 litres of water a minute through one channel, without its ports."""
+    return tpmscad.estimate_flow(domains, side="+", length=CELL * CELLS[2], volume_flow=volume_flow, **WATER)
+
+
 if __name__ == "__main__":
     made = exchanger()
     print(made.certificate)
     assert made.certificate.met
+    print(estimate(made))
     made.export_step("heat_exchanger.step")
     print(tpmscad.check_step("heat_exchanger.step"))

@@ -33,6 +33,15 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
         ("homogenize gyroid --thickness 1", "did you mean --volume-fraction? "),
         ("homogenize gyroid", "give exactly one of --volume-fraction, --porosity; here: none of them"),
         ("homogenize gyroid --porosity 0.3 --volume-fraction 0.7", "here: both"),
+        ("permeability gyroid", "give exactly one of --porosity, --thickness; here: none of them"),
+        ("permeability gyroid --porosity 0.3 --thickness 0.1", "here: both"),
+        ("permeability gyroid --porosity 1.2", "--porosity 1.2 must lie between 0 and 1"),
+        ("permeability gyroid --thickness 0", "--thickness 0 must be a positive number"),
+        ("permeability gyroid --porosity 0.4 --cell inf", "--cell inf must be a positive number"),
+        ("permeability gyroid --porosity 0.4 --report p.txt", ".json"),
+        ("permeability gyroid --wall 1", "did you mean --thickness? "),
+        ("permeability gyroid --void-fraction 0.4", "did you mean --porosity? "),
+        ("flow gyroid", "did you mean `tpmscad permeability`?"),
         ("lattice gyroid --cell 10mm -o a.step", "leave the unit out, lengths are in mm"),
         ("lattice gyroid --cell 10 --thickness 0.6mm -o a.step", "'0.6mm' is not a number: leave the unit out"),
         ("lattice gyroid --cell 10 --thickness 0,6 -o a.step", "'0,6' is not a number: write a decimal point"),
@@ -103,3 +112,35 @@ def test_the_porosity_of_a_lattice_to_homogenize_is_the_rest_of_its_volume(
     monkeypatch.setitem(vars(tpmscad.workflows), "homogenize", record)
     assert run("homogenize gyroid --porosity 0.75") == 0
     assert called["volume_fraction"] == 0.25
+
+
+@pytest.mark.parametrize(
+    ("options", "wall"),
+    [
+        ("--porosity 0.4", {"side": "-", "volume_fraction": 0.4}),
+        ("--thickness 0.8 --cell 8", {"side": "-", "offset": -0.4}),
+        ("--thickness 0.8 --cell 8 --side +", {"side": "+", "offset": 0.4}),
+    ],
+)
+def test_a_channel_is_what_the_wall_leaves_on_one_side(
+    monkeypatch: pytest.MonkeyPatch, options: str, wall: dict[str, object]
+) -> None:
+    called: dict[str, dict[str, object]] = {}
+
+    def make(surface: str, **request: object) -> str:
+        called["lattice"] = request
+        return "the channel"
+
+    def solve(channel: str, **request: object) -> SimpleNamespace:
+        assert channel == "the channel"
+        called["permeability"] = request
+        return SimpleNamespace(to_dict=dict)
+
+    monkeypatch.setitem(vars(tpmscad.workflows), "lattice", make)
+    monkeypatch.setitem(vars(tpmscad.workflows), "permeability", solve)
+    assert run(f"permeability gyroid {options} --size 0.2") == 0
+    cell = 8.0 if "--cell" in options else 1.0
+    fixed = {"cell": cell, "kind": "skeletal", "reference": None, "loose": "keep"}
+    called["lattice"].pop("progress")
+    assert called["lattice"] == fixed | wall
+    assert called["permeability"]["size"] == pytest.approx(0.2 * cell)

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import tpmscad
+from tests.cli.test_cli import run
 from tpmscad.errors import InvalidRequest
 from tpmscad.simulation.permeability import permeability
 
@@ -28,3 +32,29 @@ def test_a_channel_of_schwarz_p_lets_through_what_was_published() -> None:
         permeability(channel.mesh(0.5, order=1, periodic=True))
     with pytest.raises(InvalidRequest, match="a str is no model"):
         tpmscad.permeability("gyroid")
+
+
+@pytest.mark.parametrize(("side", "offset"), [("+", 0.4), ("-", -0.4)])
+def test_the_command_prints_and_reports_the_permeability_of_a_channel(
+    side: str, offset: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Gajetti et al., Int. J. Heat Mass Transf. 252 (2025) 127439: 0.0156 x porosity^2.78 cells squared, by finite volumes.
+
+    Both channels of a symmetric wall are congruent. The box cuts chips off them, which belong to the flow.
+    """
+    pytest.importorskip("gmsh")
+    pytest.importorskip("skfem")
+    line = f"permeability gyroid --cell 8 --thickness 0.8 --side {side} --size 0.2"
+    assert run(f"{line} --report {tmp_path / 'p.json'}") == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    found = json.loads((tmp_path / "p.json").read_text())
+    porosity = tpmscad.surfaces.skeletal_volume_fraction("gyroid", "minimal", offset / 8, side)
+    assert found["porosity"] == pytest.approx(porosity, rel=1e-3)
+    expected = 0.0156 * porosity**2.78 * 64
+    np.testing.assert_allclose(found["permeability"], expected * np.eye(3), atol=0.04 * expected)
+    assert 0.0 < found["error"] < 0.1
+    assert "gyroid skeletal, a channel of porosity 0.34" in out
+    assert "mm2; mean of the axes 0.05" in out
+    assert run(f"{line} --quiet") == 0
+    assert capsys.readouterr().out == ""

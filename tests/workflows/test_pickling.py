@@ -63,3 +63,9 @@ def test_domains_share_their_faces_after_pickling_as_before() -> None:
 
     assert 0 < shared(copy) == shared(domains)
     assert copy.touches[0].areas == domains.touches[0].areas
+    assert (copy.name, copy.volume, copy.surface, copy.cell) == (
+        domains.name,
+        domains.volume,
+        domains.surface,
+        domains.cell,
+    )

@@ -159,6 +159,15 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "homogenize P --volume-fraction 0.3 --youngs-modulus 210e3 -o p.inp",
         ),
     ),
+    (
+        SIMULATE,
+        simulation_commands.permeability,
+        "Compute the permeability of a channel of a lattice.",
+        (
+            "permeability gyroid --porosity 0.4",
+            "permeability P --cell 8 --thickness 0.8 --side + --report p.json",
+        ),
+    ),
     (LOOK, reference_commands.surfaces, "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
 )
 """The commands in the order of the help: panel, function, short help, examples."""

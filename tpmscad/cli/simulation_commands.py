@@ -1,7 +1,8 @@
-"""tpmscad mesh and homogenize: the volume mesh of a STEP file, and the properties of a lattice that repeats."""
+"""tpmscad mesh, homogenize and permeability: the volume mesh of a STEP file, and properties of a lattice and its channels."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -80,6 +81,35 @@ CellElementSizeOption = Annotated[
         metavar="L",
         help="Mean edge length of the tetrahedra of the finer mesh, in cells.",
         show_default="0.8 of the wall",
+    ),
+]
+ChannelPorosityOption = Annotated[
+    float | None,
+    typer.Option(
+        "--porosity",
+        metavar="0..1",
+        help="Volume of the channel over that of the cell. Required, unless --thickness is given.",
+    ),
+]
+ChannelWallOption = Annotated[
+    float | None,
+    typer.Option(
+        "--thickness",
+        metavar="MM",
+        help="Thickness of a wall in the middle, mm, of which the channel lies on one side; instead of --porosity.",
+    ),
+]
+ChannelSideOption = Annotated[
+    Literal["+", "-"], typer.Option("--side", help="Side of the surface on which the channel lies.")
+]
+ChannelCellOption = Annotated[float, typer.Option("--cell", metavar="MM", help="Edge length of the cubic cell, mm.")]
+ChannelElementSizeOption = Annotated[
+    float | None,
+    typer.Option(
+        "--size",
+        metavar="L",
+        help="Mean edge length of the tetrahedra of the finer mesh, in cells.",
+        show_default="0.1",
     ),
 ]
 CardOption = Annotated[
@@ -177,6 +207,53 @@ def homogenize(
             )
         if output is not None:
             found.write(output)
+        write_report(report, found.to_dict())
+    if not quiet:
+        print(found)
+
+
+def permeability(
+    surface: SurfaceArgument,
+    porosity: ChannelPorosityOption = None,
+    thickness: ChannelWallOption = None,
+    side: ChannelSideOption = "-",
+    cell: ChannelCellOption = 1.0,
+    reference: ReferenceOption = None,
+    size: ChannelElementSizeOption = None,
+    report: ReportOption = None,
+    quiet: QuietOption = False,
+) -> None:
+    """Compute the permeability, mm2, of one channel of a lattice that repeats, for slow viscous flow; needs scikit-fem and gmsh.
+
+    A cell of 1 mm, the default, gives squares of the cell.
+    """
+    if (porosity is None) == (thickness is None):
+        here = "none of them" if porosity is None else "both"
+        raise InvalidRequest(f"give exactly one of --porosity, --thickness; here: {here}")
+    if porosity is not None and not 0.0 < porosity < 1.0:
+        raise InvalidRequest(f"--porosity {porosity:g} must lie between 0 and 1")
+    for option, value in (("--cell", cell), ("--thickness", thickness), ("--size", size)):
+        if value is not None and not 0.0 < value < math.inf:
+            raise InvalidRequest(f"{option} {value:g} must be a positive number")
+    check_report(report)
+    wall = (
+        {"volume_fraction": porosity}
+        if thickness is None
+        else {"offset": (thickness if side == "+" else -thickness) / 2}
+    )
+    with report_unmet_request(report):
+        with progress_bar(f"flow through the {surface}", quiet) as progress:
+            channel = workflows.lattice(  # what the box cuts off the channel belongs to it beyond the box
+                surface,
+                cell=cell,
+                kind="skeletal",
+                side=side,
+                reference=reference,
+                loose="keep",
+                progress=progress,
+                **wall,
+            )
+            found = workflows.permeability(channel, size=None if size is None else size * cell, progress=progress)
         write_report(report, found.to_dict())
     if not quiet:
         print(found)

@@ -80,8 +80,9 @@ COMMAND_REMEDIES: Mapping[str, str] = {
     "print": "did you mean `tpmscad slice` or `tpmscad check --print`?",
     "exchanger": "did you mean `tpmscad domains`?",
     "channels": "did you mean `tpmscad domains`?",
-    "simulate": "did you mean `tpmscad mesh` or `tpmscad homogenize`?",
+    "simulate": "did you mean `tpmscad mesh`, `tpmscad homogenize` or `tpmscad permeability`?",
     "homogenise": "did you mean `tpmscad homogenize`?",
+    "flow": "did you mean `tpmscad permeability`?",
     "recipe": "`tpmscad template solidify` prints one to start from, `tpmscad recipe-keys` lists what they may hold",
     "init": "`tpmscad template solidify` prints a recipe to start from",
 }

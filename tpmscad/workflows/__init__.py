@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from tpmscad.workflows.certificate import Certificate
     from tpmscad.workflows.channel_permeability import ChannelPermeability, permeability
     from tpmscad.workflows.domain_results import FaceContact, FluidDomains
+    from tpmscad.workflows.flow_estimates import estimate_flow
+    from tpmscad.workflows.flow_results import FlowEstimate, FlowEstimateRow
     from tpmscad.workflows.fluid_volumes import fluid_domains
     from tpmscad.workflows.homogenization import homogenize
     from tpmscad.workflows.implicit_solid import solidify
@@ -40,6 +42,8 @@ __all__ = [
     "ChannelPermeability",
     "DesignDerivatives",
     "FaceContact",
+    "FlowEstimate",
+    "FlowEstimateRow",
     "FluidDomains",
     "InstancedFile",
     "Layer",
@@ -55,6 +59,7 @@ __all__ = [
     "check_print",
     "check_step",
     "design_derivatives",
+    "estimate_flow",
     "export_instances",
     "export_slabs",
     "export_step",
@@ -81,7 +86,10 @@ _MODULE_OF_NAME = {
     "ChannelPermeability": "tpmscad.workflows.channel_permeability",
     "permeability": "tpmscad.workflows.channel_permeability",
     "FaceContact": "tpmscad.workflows.domain_results",
+    "FlowEstimate": "tpmscad.workflows.flow_results",
+    "FlowEstimateRow": "tpmscad.workflows.flow_results",
     "FluidDomains": "tpmscad.workflows.domain_results",
+    "estimate_flow": "tpmscad.workflows.flow_estimates",
     "LocatedWidth": "tpmscad.workflows.metrics",
     "Metrics": "tpmscad.workflows.metrics",
     "Model": "tpmscad.workflows.model",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -22,12 +23,14 @@ REFINEMENT = 1.35
 """Ratio of the sizes of the two meshes."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class ChannelPermeability:
     """What meshes of a channel give.
 
     Attributes
     ----------
+    name : str
+        Name of the channel.
     permeability : (3, 3) array
         Mean velocity over the whole cell times viscosity over the pressure gradient, squares of the model's unit (mm2).
     coarse_permeability : (3, 3) array
@@ -40,6 +43,7 @@ class ChannelPermeability:
         CPU time of the whole.
     """
 
+    name: str
     permeability: Array
     coarse_permeability: Array
     porosity: float
@@ -50,6 +54,35 @@ class ChannelPermeability:
     def error(self) -> float:
         """Greatest change by the last refinement over the greatest entry; the finer value is too small, as a rule."""
         return float(np.abs(self.permeability - self.coarse_permeability).max() / np.abs(self.permeability).max())
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The attributes and `error` by their names; permeabilities are in squares of the model's unit (mm2).
+        """
+        return {
+            "name": self.name,
+            "porosity": self.porosity,
+            "permeability": self.permeability.tolist(),
+            "coarse_permeability": self.coarse_permeability.tolist(),
+            "error": self.error,
+            "cells": self.cells,
+            "seconds": self.seconds,
+        }
+
+    def __repr__(self) -> str:
+        rows = ("  ".join(f"{value:12.5g}" for value in row) for row in self.permeability)
+        return "\n".join(
+            [
+                f"{self.name}, a channel of porosity {self.porosity:.4f}",
+                *(f"{label}{row}" for label, row in zip(("permeability", *[" " * 12] * 2), rows, strict=True)),
+                f"mm2; mean of the axes {np.trace(self.permeability) / 3.0:.5g} mm2",
+                f"relative error {self.error:.1e}, {self.cells} elements, {self.seconds:.0f} s",
+            ]
+        )
 
 
 @public()
@@ -109,4 +142,4 @@ def permeability(channel: Model, *, size: float | None = None, progress: Progres
             found.append(solve_flow(mesh))
     coarse, fine = found
     porosity = channel.volume / float(np.prod(high - low))
-    return ChannelPermeability(fine, coarse, porosity, mesh.n_cells, time.process_time() - begun)
+    return ChannelPermeability(channel.name, fine, coarse, porosity, mesh.n_cells, time.process_time() - begun)

@@ -58,6 +58,10 @@ class FluidDomains:
         For every face of the body, the domains that reach it and their areas on it.
     volume : float
         Volume of the three domains together, which is the body's, model units cubed.
+    surface : str
+        Name of the surface in the catalogue.
+    cell : (float, float, float)
+        Edge lengths of its cell, model units.
     """
 
     name: str
@@ -66,6 +70,8 @@ class FluidDomains:
     minus: Model
     touches: tuple[FaceContact, ...]
     volume: float
+    surface: str
+    cell: tuple[float, float, float]
 
     @property
     def certificate(self) -> Certificate:
@@ -297,7 +303,8 @@ class FluidDomains:
         models = (self.wall, self.plus, self.minus)
         content, parts = pack_results([model.built.dismantle() for model in models])
         states = [{**model.__getstate__(), "built": None} for model in models]
-        return _restore_domains, (self.name, content, parts, states, self.touches, self.volume)
+        figures = self.touches, self.volume, self.surface, self.cell
+        return _restore_domains, (self.name, content, parts, states, figures)
 
     def __repr__(self) -> str:
         lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
@@ -318,7 +325,7 @@ class FluidDomains:
 
 
 def _restore_domains(
-    name: str, content: bytes, parts: Any, states: Sequence[dict[str, Any]], touches: Any, volume: float
+    name: str, content: bytes, parts: Any, states: Sequence[dict[str, Any]], figures: tuple[Any, ...]
 ) -> FluidDomains:
     """The domains of a pickle, whose solids share their faces as before."""
     models = []
@@ -327,4 +334,4 @@ def _restore_domains(
         model.__dict__.update(state, built=built)
         models.append(model)
     wall, plus, minus = models
-    return FluidDomains(name, wall, plus, minus, touches, volume)
+    return FluidDomains(name, wall, plus, minus, *figures)

@@ -160,7 +160,9 @@ def fluid_domains(
         )
         for name, domain in found.items()
     }
-    return FluidDomains(f"{request.surface} exchanger", models[WALL], models[PLUS], models[MINUS], touches, volume)
+    name = f"{request.surface} exchanger"
+    wall, plus, minus = (models[domain] for domain in (WALL, PLUS, MINUS))
+    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

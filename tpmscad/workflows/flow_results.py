@@ -1,0 +1,161 @@
+"""The result of `estimate_flow`: what each correlation says of a flow, with its source, as rows and as text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from tpmscad.simulation.flow_correlations import FlowCorrelation
+
+
+def _round(value: float | None) -> str:
+    """Three digits, all that estimates are worth."""
+    return "" if value is None else f"{float(f'{value:.3g}'):g}"
+
+
+@dataclass(frozen=True, slots=True)
+class FlowEstimateRow:
+    """What one correlation says of a flow.
+
+    Attributes
+    ----------
+    correlation : FlowCorrelation
+        The correlation: `name`, `authors`, `journal`, `year`, `doi`, `formula`, `basis`, `scatter`, and its range.
+    outside : tuple of str
+        What of the flow is outside the range of the correlation, which then has no values.
+    pressure_drop : float or None
+        Pa over the flow length; None outside the range, and of correlations of heat transfer.
+    friction_factor : float or None
+        Darcy friction factor.
+    pumping_power : float or None
+        Pressure drop times volume flow, W, without the losses of a pump; None if the volume flow is not known.
+    nusselt : float or None
+        Nusselt number of the hydraulic diameter; None outside the range, and of correlations of the pressure drop.
+    heat_transfer_coefficient : float or None
+        W/(m2 K), of the wetted area.
+    """
+
+    correlation: FlowCorrelation
+    outside: tuple[str, ...] = ()
+    pressure_drop: float | None = None
+    friction_factor: float | None = None
+    pumping_power: float | None = None
+    nusselt: float | None = None
+    heat_transfer_coefficient: float | None = None
+
+    @property
+    def within_range(self) -> bool:
+        """Whether the flow is inside the range of the correlation."""
+        return not self.outside
+
+    def to_dict(self) -> dict[str, Any]:
+        """The row as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The source, the range and the values by their names.
+        """
+        of = self.correlation
+        return {
+            "source": f"{of.authors}, {of.journal} ({of.year})",
+            "doi": of.doi or None,
+            "formula": of.formula,
+            "basis": of.basis,
+            "scatter": of.scatter,
+            "reynolds_range": of.reynolds,
+            "porosity_range": of.porosity,
+            "prandtl_range": of.prandtl,
+            "within_range": self.within_range,
+            "outside": list(self.outside),
+            "pressure_drop": self.pressure_drop,
+            "friction_factor": self.friction_factor,
+            "pumping_power": self.pumping_power,
+            "nusselt": self.nusselt,
+            "heat_transfer_coefficient": self.heat_transfer_coefficient,
+        }
+
+    def __str__(self) -> str:
+        of = self.correlation
+        if self.outside:
+            return f"{of.name}: no value, {'; '.join(self.outside)}"
+        if self.pressure_drop is not None:
+            power = "" if self.pumping_power is None else f", pumping power {_round(self.pumping_power)} W"
+            found = f"{_round(self.pressure_drop)} Pa, Darcy friction factor {_round(self.friction_factor)}{power}"
+        else:
+            found = f"{_round(self.heat_transfer_coefficient)} W/(m2 K), Nusselt number {_round(self.nusselt)}"
+        unknown = "; porosities not known" if of.porosity is None and of.surfaces else ""
+        return f"{of.name}: {found}; scatter: {of.scatter}{unknown}"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class FlowEstimate:
+    """Estimates of the flow through a channel, one row for each published correlation.
+
+    Attributes
+    ----------
+    name : str
+        Surface and channel.
+    hydraulic_diameter, length : float
+        4 x volume / wetted area of the channel, and the flow length, mm.
+    porosity : float
+        Volume of the channel over that of the whole: wall and both channels.
+    velocity : float
+        Mean velocity in the channel, m/s.
+    volume_flow : float or None
+        Through the channel, m3/s; None if no cross-section is known.
+    reynolds : float
+        Reynolds number of hydraulic diameter and velocity.
+    prandtl : float or None
+        Prandtl number; None if conductivity and specific heat were not given.
+    pressure_drops, heat_transfers : tuple of FlowEstimateRow
+        The rows, those outside of their ranges included.
+    """
+
+    name: str
+    hydraulic_diameter: float
+    length: float
+    porosity: float
+    velocity: float
+    volume_flow: float | None
+    reynolds: float
+    prandtl: float | None
+    pressure_drops: tuple[FlowEstimateRow, ...]
+    heat_transfers: tuple[FlowEstimateRow, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All figures as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The attributes by their names; rows as `FlowEstimateRow.to_dict` gives them.
+        """
+        return {
+            "name": self.name,
+            "hydraulic_diameter": self.hydraulic_diameter,
+            "length": self.length,
+            "porosity": self.porosity,
+            "velocity": self.velocity,
+            "volume_flow": self.volume_flow,
+            "reynolds": self.reynolds,
+            "prandtl": self.prandtl,
+            "pressure_drops": [row.to_dict() for row in self.pressure_drops],
+            "heat_transfers": [row.to_dict() for row in self.heat_transfers],
+        }
+
+    def __repr__(self) -> str:
+        prandtl = "" if self.prandtl is None else f", Prandtl number {self.prandtl:.4g}"
+        flow = "" if self.volume_flow is None else f" ({self.volume_flow:.4g} m3/s)"
+        lines = [
+            f"{self.name}: porosity {self.porosity:.4f}, hydraulic diameter {self.hydraulic_diameter:.4g} mm, "
+            f"length {self.length:.4g} mm",
+            f"velocity {self.velocity:.4g} m/s{flow}, Reynolds number {self.reynolds:.4g}{prandtl}",
+        ]
+        for title, rows in (
+            ("pressure drop", self.pressure_drops),
+            ("heat transfer coefficient", self.heat_transfers),
+        ):
+            if rows:
+                lines += [f"{title}, estimated by correlations:", *(f"  {row}" for row in rows)]
+        return "\n".join(lines)
