@@ -130,6 +130,12 @@ def test_an_inverted_element_is_counted_though_its_corners_are_right() -> None:
     assert spoilt.quality.smallest < 0.0
 
 
+def test_a_flat_element_is_counted_as_inverted() -> None:
+    points = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    mesh = VolumeMesh(points, {"tetra": np.array([[0, 1, 2, 3], [0, 1, 2, 4]])})
+    assert mesh.quality.inverted == 1
+
+
 def test_inverted_elements_are_mended_by_straight_edges_and_images_follow() -> None:
     mesh = block("tetra10")
     points = mesh.points.copy()
