@@ -79,6 +79,7 @@ def test_a_blend_with_a_univariate_weight_has_no_defect_on_grids_that_the_optimi
 
 def test_initial_errors_are_those_of_the_initial_weight():
     start = blend(RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], resolution=SIZE, method="initial")
+    assert start.iterations == 0
     result = recommended("components")
     assert start.errors.n0.final == start.errors.n0.initial == result.errors.n0.initial
     assert start.errors.n0.final[0] > 0
