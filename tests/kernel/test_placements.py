@@ -15,6 +15,7 @@ from tests.shapes.kernel_shapes import TURN, voxels
 from tpmscad import kernel
 from tpmscad.errors import KernelError
 from tpmscad.kernel.step.cell_assembly import MAX_SIDE_BY_SIDE, compose_levels
+from tpmscad.rigid_motion import Motion
 
 
 @pytest.mark.parametrize("counts", [(1, 1, 1), (4, 4, 4), (5, 4, 4), (65, 1, 1), (2, 1, 40), (9, 8, 7)])
@@ -31,8 +32,8 @@ def test_levels_place_every_cell_once(counts: tuple[int, int, int]) -> None:
 
 
 def test_turned_assemblies_turn_what_they_hold() -> None:
-    inner = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))
-    outer = kernel.Instances(np.stack([TURN, np.eye(3)]), np.array([[0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]))
+    inner = Motion(np.stack([np.eye(3), TURN]), np.array([[1.0, 0.0, 0.0], [0.0, 2.0, 0.0]]))
+    outer = Motion(np.stack([TURN, np.eye(3)]), np.array([[0.0, 0.0, 3.0], [4.0, 0.0, 0.0]]))
     points = np.random.default_rng(1).normal(size=(5, 3))
     whole = compose_levels([inner, outer])
     expected = [
@@ -45,8 +46,8 @@ def test_turned_assemblies_turn_what_they_hold() -> None:
 
 
 LEVELS = (
-    kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]])),
-    kernel.Instances.translated(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 9.0], [0.0, 0.0, 21.0]])),
+    Motion(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]])),
+    Motion.translations(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 9.0], [0.0, 0.0, 21.0]])),
 )
 
 
@@ -94,11 +95,11 @@ def test_a_copy_out_of_its_place_is_noticed(fault: str, tmp_path: Path) -> None:
     nesting = kernel.build_solids(brep).nesting
     path = tmp_path / "a.step"
     kernel.write_step(brep, nesting, path, instances=LEVELS)
-    kernel.check_whole_text(path, brep, nesting, LEVELS)
+    kernel.check_text(path, brep, nesting, LEVELS)
     assert kernel.check_step(path).shape.solids == 6
     path.write_text(FAULTS[fault](path.read_text()))
     with pytest.raises(KernelError, match="not what was meant"):
-        kernel.check_whole_text(path, brep, nesting, LEVELS)
+        kernel.check_text(path, brep, nesting, LEVELS)
 
 
 def test_another_number_of_copies_than_was_meant_is_noticed(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.occt.exploration import count_subshape_uses
 from tpmscad.kernel.step.part21 import format_real, format_string
 from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.rigid_motion import Motion
 
 STAMP = "2026-01-01T00:00:00"
 
@@ -252,7 +253,7 @@ class TestInstances:
     def test_512_copies_of_one_cell_take_little_room(self, tmp_path: Path) -> None:
         cell, path = CASES["bent frame"](), tmp_path / "lattice.step"
         shifts = 3.0 * np.stack(np.meshgrid(*[np.arange(8)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-        text = written(cell, path, instances=[kernel.Instances.translated(shifts)])
+        text = written(cell, path, instances=[Motion.translations(shifts)])
         assert path.stat().st_size < 2e6
         assert check.faults(parser.parse(text)[1], "ap242") == []
         found = kernel.check_step(path)
@@ -264,16 +265,17 @@ class TestInstances:
         )
 
     def test_copies_stand_where_they_are_put(self, tmp_path: Path) -> None:
-        place = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
+        place = Motion(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
         assert np.linalg.det(TURN) == pytest.approx(1.0)
         written(drilled_dome(), tmp_path / "pair.step", instances=[place])
         centre = integral_properties.centroid(integral_properties.integrate_faces(drilled_dome()))
         found = kernel.check_step(tmp_path / "pair.step").shape
         np.testing.assert_allclose(found.centroid, (centre + TURN @ centre + place.translation[1]) / 2, atol=1e-9)
 
-    def test_a_mirror_is_refused(self) -> None:
+    def test_a_mirror_is_refused(self, tmp_path: Path) -> None:
+        mirrored = Motion(np.diag([1.0, 1.0, -1.0])[None], np.zeros((1, 3)))
         with pytest.raises(InvalidRequest, match="mirror the boundary representation instead"):
-            kernel.Instances(np.diag([1.0, 1.0, -1.0])[None], np.zeros((1, 3)))
+            written(drilled_dome(), tmp_path / "mirrored.step", instances=[mirrored])
 
 
 class TestForeignShapes:

@@ -27,9 +27,10 @@ from tests.shapes.kernel_shapes import TURN, drilled_dome, hollow_box, plane_box
 from tests.shapes.round_shapes import frustum, pierced_block
 from tpmscad import kernel
 from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.rigid_motion import Motion
 
 COLOURS = {"side": (1.0, 0.0, 0.0), "hole": (0.0, 0.0, 1.0)}
-PAIR = kernel.Instances(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
+PAIR = Motion(np.stack([np.eye(3), TURN]), np.array([[0.0, 0.0, 0.0], [7.0, -2.0, 1.0]]))
 SAMPLES = {
     "box": (plane_box, {}),
     "dome": (drilled_dome, {"colours": COLOURS}),

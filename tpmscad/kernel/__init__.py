@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.measure.cad_body import CadBody, read_body
     from tpmscad.kernel.measure.edge_gaps import measure_accuracy
     from tpmscad.kernel.measure.face_charts import FaceChart
-    from tpmscad.kernel.measure.file_check import check_excerpt, check_whole_text
+    from tpmscad.kernel.measure.file_check import check_excerpt
     from tpmscad.kernel.measure.foreign_files import (
         ForeignShape,
         check_foreign_step,
@@ -85,7 +85,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.render.scene import Scene, pieces_of
     from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
     from tpmscad.kernel.step.brep_writer import write_step
-    from tpmscad.kernel.step.cell_assembly import Instances, arrange_cells
+    from tpmscad.kernel.step.cell_assembly import arrange_cells
     from tpmscad.kernel.step.face_labels import (
         NamedSolid,
         find_label_colour,
@@ -97,6 +97,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.step.product_entities import Colour
     from tpmscad.kernel.step.shape_writer import name_solids
     from tpmscad.kernel.step.step_reader import StepContent, read_step
+    from tpmscad.kernel.step.text_check import check_text
 
 __all__ = [
     "CONFUSION_TOLERANCE",
@@ -110,7 +111,6 @@ __all__ = [
     "FaceChart",
     "FaceSamples",
     "ForeignShape",
-    "Instances",
     "KernelSolids",
     "LayerContours",
     "NamedSolid",
@@ -137,7 +137,7 @@ __all__ = [
     "check_foreign_step",
     "check_shape",
     "check_step",
-    "check_whole_text",
+    "check_text",
     "copy_placement",
     "count_closed_cavities",
     "diverging_scale",
@@ -218,7 +218,6 @@ _MODULE_OF_NAME = {
     "Colour": "tpmscad.kernel.step.product_entities",
     "Creases": "tpmscad.kernel.measure.shape_sampling",
     "FaceSamples": "tpmscad.kernel.measure.shape_sampling",
-    "Instances": "tpmscad.kernel.step.cell_assembly",
     "KernelSolids": "tpmscad.kernel.boolean.boolean_operations",
     "NamedSolid": "tpmscad.kernel.step.face_labels",
     "NotQuadric": "tpmscad.errors",
@@ -239,7 +238,7 @@ _MODULE_OF_NAME = {
     "check_excerpt": "tpmscad.kernel.measure.file_check",
     "check_shape": "tpmscad.kernel.measure.shape_report",
     "check_step": "tpmscad.kernel.measure.shape_report",
-    "check_whole_text": "tpmscad.kernel.measure.file_check",
+    "check_text": "tpmscad.kernel.step.text_check",
     "count_closed_cavities": "tpmscad.kernel.boolean.hollow_body",
     "diverging_scale": "tpmscad.kernel.render.palette",
     "draw_polar_surface": "tpmscad.kernel.render.polar_surface",

@@ -17,6 +17,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel import NamedSolid
+from tpmscad.rigid_motion import Motion
 
 KERNEL_READ_LIMIT = 8_000_000
 """Bytes of a file that the kernel always reads as a whole, which takes it three seconds; of larger ones it reads an excerpt."""
@@ -72,7 +73,7 @@ def write_checked_brep(
     name: str,
     rtol: float,
     labels: Sequence[str],
-    instances: Sequence[kernel.Instances] = (),
+    instances: Sequence[Motion] = (),
     verify: str | None = None,
 ) -> None:
     """Write a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
@@ -85,7 +86,7 @@ def write_checked_brep(
 
     def check(written: Path) -> None:
         if verify == "kernel" or written.stat().st_size <= KERNEL_READ_LIMIT:
-            kernel.check_whole_text(written, brep, nesting, instances)
+            kernel.check_text(written, brep, nesting, instances)
             make_volume_check(volume, rtol)(written)
         else:
             kernel.check_excerpt(written, brep, nesting, rtol, instances)

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier
 from tpmscad.errors import InvalidRequest, KernelError
@@ -23,12 +23,10 @@ from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.step.cell_assembly import Instances
-from tpmscad.kernel.step.entity_table import EntityTable
 from tpmscad.kernel.step.excerpt import write_excerpt
-from tpmscad.kernel.step.placement_check import check_placements
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.kernel.step.text_check import check_text
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
 MAX_EXCERPT_FACES = 150
@@ -40,24 +38,11 @@ MAX_EXCERPT_EDGES = 300
 MILLIMETRE = "millimetre"
 
 
-def check_whole_text(
-    path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Instances] = ()
-) -> tuple[EntityTable, Array]:
-    """The entities of a file and the entity number of each face, if it holds the solids of `brep`, placed as `instances` say.
-
-    KernelError that names the first difference otherwise.
-    """
-    table, numbers = check_text(path, brep, nesting)
-    if instances:
-        check_placements(table, instances)
-    return table, numbers
-
-
 def check_excerpt(
-    path: Path, brep: Brep, nesting: ShellNesting, area_rtol: float, instances: Sequence[Instances] = ()
+    path: Path, brep: Brep, nesting: ShellNesting, area_rtol: float, instances: Sequence[Motion] = ()
 ) -> None:
     """KernelError unless the text holds what was meant and the kernel reads an excerpt of the file as valid faces."""
-    table, numbers = check_whole_text(path, brep, nesting, instances)
+    table, numbers = check_text(path, brep, nesting, instances)
     chosen = choose_faces(brep, nesting)
     n_placements = math.prod(map(len, instances))
     with TemporaryDirectory() as folder:

@@ -18,7 +18,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.step.cell_assembly import Instances, write_cell_assembly
+from tpmscad.kernel.step.cell_assembly import write_cell_assembly
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
     Colour,
@@ -29,6 +29,7 @@ from tpmscad.kernel.step.product_entities import (
     write_validation_properties,
 )
 from tpmscad.kernel.step.topology_entities import write_solids
+from tpmscad.rigid_motion import Motion
 
 
 def write_step(
@@ -38,7 +39,7 @@ def write_step(
     *,
     schema: str = "ap242",
     name: str | None = None,
-    instances: Sequence[Instances] = (),
+    instances: Sequence[Motion] = (),
     labels: Sequence[str] | None = None,
     colours: Mapping[str, Colour] | None = None,
     replicas: bool = False,

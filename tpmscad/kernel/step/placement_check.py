@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.kernel.step.cell_assembly import Instances, compose_levels
+from tpmscad.kernel.step.cell_assembly import compose_levels
 from tpmscad.kernel.step.entity_rows import EntityRows, agree, require
-from tpmscad.kernel.step.entity_table import EntityTable
+from tpmscad.rigid_motion import Motion
 
 _RELATION = (
     "(REPRESENTATION_RELATIONSHIP('','',#,#)REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION(#)"
@@ -22,15 +22,15 @@ _RELATION = (
 )
 
 
-def check_placements(table: EntityTable, levels: Sequence[Instances]) -> None:
+def check_placements(entities: EntityRows, levels: Sequence[Motion]) -> None:
     """KernelError unless the file places its part as the levels of an assembly say, innermost first, and nothing else."""
-    read, meant = _read_placements(EntityRows(table)), compose_levels(levels)
+    read, meant = _read_placements(entities), compose_levels(levels)
     require(len(read) == len(meant), f"{len(read)} placements in place of {len(meant)}")
     require(agree(read.translation, meant.translation), "the place of a copy")
     require(agree(read.rotation.reshape(-1, 9), meant.rotation.reshape(-1, 9)), "the rotation of a copy")
 
 
-def _read_placements(entities: EntityRows) -> Instances:
+def _read_placements(entities: EntityRows) -> Motion:
     """The places of all copies of the part, in the order of the file, the inner ones fastest."""
     table = entities.table
     used = table.number[entities.with_keyword("CONTEXT_DEPENDENT_SHAPE_REPRESENTATION")]
@@ -40,14 +40,14 @@ def _read_placements(entities: EntityRows) -> Instances:
     still = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     require(entities.frames(origin) == still, "the origin of a part")
     _check_usages(entities, usage_shape, part, whole)
-    placed = _as_instances(entities.frames(frame))
+    placed = _as_motions(entities.frames(frame))
     require(len(np.setdiff1d(part, whole)) == 1 and len(np.setdiff1d(whole, part)) == 1, "the tree of the assembly")
     (node,) = np.setdiff1d(part, whole)
-    levels: list[Instances] = []
+    levels: list[Motion] = []
     for _ in np.unique(whole):
         own = part == node
         require(len(np.unique(whole[own])) == 1, "the tree of the assembly")
-        levels.append(Instances(placed.rotation[own], placed.translation[own]))
+        levels.append(placed[own])
         node = whole[own][0]
     require(sum(map(len, levels)) == len(part), "the tree of the assembly")
     return compose_levels(levels)
@@ -69,7 +69,7 @@ def _check_usages(entities: EntityRows, usage_shape: Array, part: Array, whole: 
     require(related == [of_representation.get(n) for n in part.tolist()], "the part of a usage")
 
 
-def _as_instances(frames: Array) -> Instances:
+def _as_motions(frames: Array) -> Motion:
     """Placements by origin, axis and reference direction (n, 3, 3)."""
     origin, z, x = np.moveaxis(frames, 1, 0)
-    return Instances(np.stack([x, np.cross(z, x), z], axis=-1), origin)
+    return Motion(np.stack([x, np.cross(z, x), z], axis=-1), origin)

@@ -31,16 +31,23 @@ from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.entity_rows import ROUND_OFF, EntityRows, agree, require, template_marks
 from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
 from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS
+from tpmscad.kernel.step.placement_check import check_placements
+from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 
-def check_text(path: Path, brep: Brep, nesting: ShellNesting) -> tuple[EntityTable, Array]:
-    """The entities of a file and the entity number of each face, if the file holds the solids of `brep`.
+def check_text(
+    path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Motion] = ()
+) -> tuple[EntityTable, Array]:
+    """The entities of a file and the entity number of each face, if it holds the solids of `brep`, placed as `instances` say.
 
     KernelError that names the first difference otherwise.
     """
-    table = read_entity_table(path)
-    return table, FileText(table, brep, nesting).check()
+    text = FileText(read_entity_table(path), brep, nesting)
+    faces = text.check()
+    if instances:
+        check_placements(text, instances)
+    return text.table, faces
 
 
 class FileText(EntityRows):
