@@ -12,29 +12,15 @@ from __future__ import annotations
 import argparse
 import ast
 import difflib
-import os
 import random
 import shutil
 import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-COPIED = (
-    "tpmscad",
-    "cq_plugins",
-    "tests",
-    "benchmarks",
-    "examples",
-    "scripts",
-    "docs",
-    "pyproject.toml",
-    "README.md",
-    "CHANGELOG.md",
-)
+from tree_copy import ROOT, copied_tree, pytest_call
+
 TESTS = {
     "splines": ["tests/splines", "tests/lattices/test_cpia_nets.py"],
     "topology": ["tests/topology", "tests/refusals/test_refused_fields.py"],
@@ -163,21 +149,7 @@ def draw_mutants(room: str, count: int, seed: int) -> Iterator[tuple[Path, int, 
 
 def run_tests(tree: Path, tests: list[str], seconds: float, marks: str) -> str:
     """What the tests say of the tree as it is: "noticed", "survived" or "too long"."""
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-x",
-        "-p",
-        "no:xdist",
-        "-p",
-        "no:cacheprovider",
-        "-m",
-        marks,
-        *tests,
-    ]
-    environment = os.environ | {"PYTHONPATH": str(tree), "OMP_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1"}
+    command, environment = pytest_call(tree, ["-x", "-p", "no:xdist", "-m", marks, *tests])
     try:
         ended = subprocess.run(command, cwd=tree, env=environment, capture_output=True, timeout=seconds, check=False)
     except subprocess.TimeoutExpired:
@@ -199,14 +171,7 @@ def main() -> int:
     parser.add_argument("--marks", default="not slow and not frontend", help="which tests run, as for pytest -m")
     given = parser.parse_args()
     survivors: list[str] = []
-    with tempfile.TemporaryDirectory(prefix="mutants-") as name:
-        tree = Path(name)
-        for entry in COPIED:
-            source = ROOT / entry
-            if source.is_dir():
-                shutil.copytree(source, tree / entry, ignore=shutil.ignore_patterns("__pycache__"))
-            elif source.exists():
-                shutil.copy(source, tree / entry)
+    with copied_tree() as tree:
         for number, (file, line, way, before, after) in enumerate(draw_mutants(given.room, given.count, given.seed), 1):
             inside = tree / file.relative_to(ROOT)
             inside.write_text(after, encoding="utf-8")

@@ -4,20 +4,22 @@
 
 Without arguments the quick part of the suite runs, `-m "not kernel and not slow"`. Requests are refused by
 `InvalidRequest` and its kin; failures (`KernelError`, `TrimmingError`, ...) come from deeper inside and are counted apart.
+
+The tests run in a copy of the tree in which each `raise` writes its number to a file: threads and child processes count too.
 """
 
 from __future__ import annotations
 
 import ast
 import builtins
+import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
-from types import CodeType, FrameType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-ROOT = Path(__file__).resolve().parent.parent
+from tree_copy import copied_tree, pytest_call
+
 QUICK = ["-m", "not kernel and not slow", "tests"]
 FAILURES = (
     "KernelError",
@@ -31,15 +33,26 @@ FAILURES = (
 )
 """Errors that say a method failed; all others say that the request cannot be carried out."""
 
+COUNTER = '''
+import os
+
+def mark(number, error):
+    """Write the number of a `raise` that is about to be carried out."""
+    record = os.open(__file__ + ".txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.write(record, b"%d\\n" % number)
+    os.close(record)
+    return error
+'''
+"""The module `raise_counter` of the copied tree."""
+
 
 class RaiseStatement(NamedTuple):
-    """A `raise` of the package's own errors; a statement of several lines is reached on any of them."""
+    """A `raise` of the package's own errors."""
 
     file: str
     line: int
-    last_line: int
     error: str
-    text: str
+    expression: ast.expr
 
     @property
     def is_refusal(self) -> bool:
@@ -47,7 +60,7 @@ class RaiseStatement(NamedTuple):
         return self.error not in FAILURES
 
 
-def find_raises(root: Path = ROOT) -> Iterator[RaiseStatement]:
+def find_raises(root: Path) -> Iterator[RaiseStatement]:
     """Every `raise` in the package and the front ends but those of Python's own exceptions."""
     for folder in ("tpmscad", "cq_plugins"):
         for path in sorted((root / folder).rglob("*.py")):
@@ -60,57 +73,45 @@ def find_raises(root: Path = ROOT) -> Iterator[RaiseStatement]:
                     continue  # an exception caught before is raised again
                 if hasattr(builtins, error) or error.startswith("typer."):
                     continue
-                file = str(path.relative_to(root))
-                yield RaiseStatement(file, node.lineno, node.end_lineno or node.lineno, error, ast.unparse(node.exc))
+                yield RaiseStatement(str(path.relative_to(root)), node.lineno, error, node.exc)
 
 
-def record_raises(places: set[tuple[str, int]], reached: set[tuple[str, int]]) -> None:
-    """From now on each of `places` (file, line) that raises is added to `reached`; functions without one are not traced."""
-    wanted: dict[CodeType, bool] = {}
-
-    def has_raise(code: CodeType) -> bool:
-        if not code.co_filename.startswith(str(ROOT)):
-            return False
-        file = str(Path(code.co_filename).relative_to(ROOT))
-        return any((file, line) in places for _, _, line in code.co_lines() if line)
-
-    def enter(frame: FrameType, event: str, value: Any) -> Any:
-        code = frame.f_code
-        if code not in wanted:
-            wanted[code] = has_raise(code)
-        if not wanted[code]:
-            return None
-        frame.f_trace_lines = False
-        return see
-
-    def see(frame: FrameType, event: str, value: Any) -> Any:
-        if event == "exception":
-            reached.add((str(Path(frame.f_code.co_filename).relative_to(ROOT)), frame.f_lineno))
-        return see
-
-    sys.settrace(enter)
-    threading.settrace(enter)
+def mark_raises(tree: Path, raises: list[RaiseStatement]) -> None:
+    """Let each `raise` of a tree write its number in `raises` when it is carried out; no line changes its number."""
+    (tree / "raise_counter.py").write_text(COUNTER, encoding="utf-8")
+    changes: dict[str, list[tuple[int, int, bytes]]] = {}
+    for number, r in enumerate(raises):
+        node = r.expression
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
+        opening = b'__import__("raise_counter").mark(%d, ' % number
+        changes.setdefault(r.file, []).append((node.lineno, node.col_offset, opening))
+        changes[r.file].append((node.end_lineno, node.end_col_offset, b")"))
+    for file, inserted in changes.items():
+        lines = (tree / file).read_bytes().splitlines(keepends=True)
+        for line, column, text in sorted(inserted, reverse=True):
+            lines[line - 1] = lines[line - 1][:column] + text + lines[line - 1][column:]
+        (tree / file).write_bytes(b"".join(lines))
 
 
 def main(arguments: list[str]) -> int:
     """Run the tests, print the table, and return pytest's status."""
-    import pytest
-
     unreached_only = "--unreached" in arguments
     chosen = [word for word in arguments if word != "--unreached"] or QUICK
-    raises = list(find_raises())
-    lines: set[tuple[str, int]] = set()
-    record_raises({(r.file, n) for r in raises for n in range(r.line, r.last_line + 1)}, lines)
-    status = int(pytest.main(["-q", "-p", "no:xdist", "--rootdir", str(ROOT), *chosen]))
-    reached = {r for r in raises if any((r.file, n) in lines for n in range(r.line, r.last_line + 1))}
-    for r in raises:
-        if r not in reached or not unreached_only:
-            print(f"{'reached' if r in reached else 'NOT    '} {r.file}:{r.line}: {r.text[:150]}")
-    for name, those in (
-        ("refusals", {r for r in raises if r.is_refusal}),
-        ("failures", {r for r in raises if not r.is_refusal}),
-    ):
-        print(f"{name}: reached {len(those & reached)} of {len(those)}")
+    with copied_tree() as tree:
+        raises = list(find_raises(tree))
+        mark_raises(tree, raises)
+        command, environment = pytest_call(tree, chosen)
+        status = subprocess.run(command, cwd=tree, env=environment, check=False).returncode
+        record = tree / "raise_counter.py.txt"
+        numbers = {int(n) for n in record.read_text().split()} if record.exists() else set()
+    for number, r in enumerate(raises):
+        if number not in numbers or not unreached_only:
+            text = ast.unparse(r.expression)[:150]
+            print(f"{'reached' if number in numbers else 'NOT    '} {r.file}:{r.line}: {text}")
+    for name, wanted in (("refusals", True), ("failures", False)):
+        those = {n for n, r in enumerate(raises) if r.is_refusal is wanted}
+        print(f"{name}: reached {len(those & numbers)} of {len(those)}")
     return status
 
 
