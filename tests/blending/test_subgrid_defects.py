@@ -63,6 +63,17 @@ def test_a_cavity_at_the_border_of_the_domain_is_open_and_a_component_there_is_i
     assert len(subgrid_points(-(slab | ball))) == 0
 
 
+def test_a_bar_that_enters_the_domain_from_outside_is_isolated_in_it() -> None:
+    y, z = GRID.axes[1][8] + 0.5 * GRID.spacing[1], GRID.axes[2][20] + 0.5 * GRID.spacing[2]
+    end = GRID.low[0] + 0.3 * GRID.spacing[0]
+    along = fields.from_function(
+        lambda p: np.linalg.norm(p - np.stack([np.minimum(p[:, 0], end), 0 * p[:, 1] + y, 0 * p[:, 2] + z], 1), axis=1)
+    )
+    bar = along - 0.4 * GRID.spacing.min()
+    assert (bar.on_grid(*GRID.axes) > 0).all(), "a sample sees the bar"
+    assert len(subgrid_points(fields.halfspace((0, 0, 0.3), "z") | bar)) == 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [25, 83])
 def test_random_blends_have_no_isolated_part_at_a_resolution_that_was_not_checked(seed: int) -> None:
