@@ -1,10 +1,9 @@
-"""The guide: its scripts run as they stand there, its commands are good usage, its generated pages name what is public."""
+"""The guide: its scripts run as they stand there, its generated pages name what is public."""
 
 from __future__ import annotations
 
 import importlib
 import re
-import shlex
 import struct
 import sys
 from collections.abc import Iterator
@@ -12,26 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 import tpmscad
-from tpmscad import cli
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted((ROOT / "docs" / "guide").glob("*.md"))
 SCRIPT = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 QUICK = ("conventions", "first_solid", "sweeps")
 """Pages whose scripts take about a second; the others are marked slow."""
 
 SCRIPTS = [(page.stem, number, text) for page in PAGES for number, text in enumerate(SCRIPT.findall(page.read_text()))]
-COMMANDS = [
-    (page.stem, line.removeprefix("tpmscad "))
-    for page in PAGES
-    for block in BLOCK.findall(page.read_text())
-    for line in block.splitlines()
-    if line.startswith("tpmscad ")
-]
 
 
 def marks_of(page: str, script: str) -> list[pytest.MarkDecorator]:
@@ -56,19 +45,6 @@ def test_a_script_of_the_guide_runs(page: str, script: str, monkeypatch: pytest.
     exec(compile(script, f"{page}.md", "exec"), {"__name__": "__main__"})
     for name in re.findall(r'(?:export|write|export_step)\((?:\w+, )?"([\w.]+)"\)', script):
         assert (tmp_path / name).stat().st_size > 0
-
-
-@pytest.mark.parametrize(("page", "line"), COMMANDS)
-def test_a_command_of_the_guide_is_good_usage(
-    page: str, line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    for name in ("gyroid.step", "designs.csv"):
-        Path(name).touch()
-    group: Any = typer.main.get_command(cli.app)
-    with group.make_context("tpmscad", shlex.split(line)) as context:  # parsed and validated, not run
-        name, command, rest = group.resolve_command(context, shlex.split(line))
-        command.make_context(name, rest, parent=context)
 
 
 def test_every_page_of_the_guide_is_in_the_index() -> None:

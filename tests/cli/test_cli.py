@@ -29,7 +29,14 @@ ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
 HELP_LINES = [line for command in cli.app.registered_commands for line in LINE.findall(command.epilog or "")]
 COMMAND_NAMES = [str(command.name) for command in cli.app.registered_commands]
-README_LINES = re.findall(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", (ROOT / "README.md").read_text(), re.MULTILINE)
+SHELL = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+COMMAND = re.compile(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", re.MULTILINE)
+DOCUMENTED_LINES = [
+    line
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md")))
+    for block in SHELL.findall(page.read_text())
+    for line in COMMAND.findall(block)
+]
 
 
 class Certificate:
@@ -335,12 +342,15 @@ def test_render_writes_the_picture(workflows: Recorder) -> None:
     assert workflows.called == {"hide": ["wall", "channel +"]}
 
 
-@pytest.mark.parametrize("line", [*README_LINES, *HELP_LINES])
-def test_an_example_in_readme_or_help_is_good_usage(line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+@pytest.mark.parametrize("line", [*DOCUMENTED_LINES, *HELP_LINES])
+def test_an_example_in_readme_guide_or_help_is_good_usage(
+    line: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.chdir(tmp_path)
     line = line.split(" > ")[0]  # into a file
     for name in (
         "gyroid.step",
+        "scaffold.step",
         "bracket.step",
         "filled.step",
         "body.step",
