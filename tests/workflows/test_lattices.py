@@ -12,6 +12,12 @@ import pytest
 
 import tpmscad
 from tpmscad import maps, surfaces
+from tpmscad.workflows.lattice_block import (
+    BOX_TRIM_ROUND_OFF_CELLS,
+    BOX_TRIM_TOL_CELLS,
+    MAX_BOX_TRIM_TOL,
+    find_trim_tolerance,
+)
 
 pytestmark = pytest.mark.kernel
 
@@ -23,6 +29,13 @@ CELL = 8.0
 def closed_form(name: str, lower: float, upper: float, reference: str = "minimal") -> float:
     """Volume of a sheet per cell, by Steiner's formula."""
     return CELL**3 * surfaces.volume_fraction(name, reference, lower / CELL, upper / CELL)
+
+
+def test_cuts_are_as_exact_as_the_cell_allows_and_never_below_round_off() -> None:
+    assert find_trim_tolerance(0.002) == pytest.approx(0.002 * BOX_TRIM_TOL_CELLS)
+    assert find_trim_tolerance(20.0) == pytest.approx(20.0 * BOX_TRIM_TOL_CELLS)
+    assert find_trim_tolerance(500.0) == MAX_BOX_TRIM_TOL
+    assert find_trim_tolerance(1e6) == pytest.approx(1e6 * BOX_TRIM_ROUND_OFF_CELLS)
 
 
 @pytest.mark.parametrize("name", SURFACES)
