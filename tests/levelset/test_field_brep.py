@@ -186,3 +186,11 @@ def test_a_patch_that_leaves_the_box_is_off_by_as_much_as_it_leaves_it() -> None
     assert fit_quality.sample_patches(field, poles).distance[0] == pytest.approx(0.3, rel=0.02)
     poles[0, 1:3, 1, 0] = 1.0
     assert fit_quality.sample_patches(field, poles).distance[0] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_where_the_gradient_vanishes_a_patch_is_off_without_bound_and_without_a_warning() -> None:
+    poles = np.zeros((1, 2, 2, 3))
+    poles[0, 1, :, 0] = poles[0, :, 1, 1] = 1.0
+    found = fit_quality.sample_patches(fields.constant(1.0), poles)
+    assert found.distance[0] > 1e200
+    assert found.mean_square_distance[0] == np.inf

@@ -176,9 +176,11 @@ def sample_patches(field: Field, poles: Array) -> PatchSamples:
     norms = np.linalg.norm(normal, axis=-1) * gradient_norm
     cosine = np.einsum("nki,nki->nk", normal, gradient) / np.maximum(norms, MIN_DIVISOR)
     sides = [_evaluate_side(poles, s) for s in range(4)]
+    with np.errstate(over="ignore"):  # the square is infinite where the gradient vanishes
+        mean_square_distance = (distance**2).mean(axis=1)
     return PatchSamples(
         distance=distance.max(axis=1),
-        mean_square_distance=(distance**2).mean(axis=1),
+        mean_square_distance=mean_square_distance,
         min_normal_cosine=cosine.min(axis=1),
         side_normals=np.stack([normals for normals, _ in sides], axis=1),
         side_curvatures=np.stack([curvatures for _, curvatures in sides], axis=1),
