@@ -18,6 +18,7 @@ from tpmscad.blending import (
     VolumeWeightSpec,
     blend,
 )
+from tpmscad.blending.baseline_weights import SIGMOID_END_WEIGHT
 
 LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.25, 0.25)), fields.box((0.5, 0, 0), (1, 0.25, 0.25))
 MIDDLE = fields.box((0.3, 0, 0), (0.7, 0.25, 0.25))
@@ -100,6 +101,17 @@ def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
     values, x = result.field(points), points[:, 0]
     assert np.array_equal(values[x < 0.3], first(points)[x < 0.3])
     assert np.array_equal(values[x > 0.7], second(points)[x > 0.7])
+
+
+@pytest.mark.parametrize("method", ["beta-growth", "sigmoid"])
+def test_a_baseline_method_has_its_own_profile(method):
+    result = blend(RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], resolution=(80, 20, 20), method=method)
+    x = np.linspace(0.32, 0.68, 19)
+    found = result.weight(np.stack([x, 0 * x + 0.1, 0 * x + 0.1], axis=1))
+    s = (x - 0.3) / 0.4
+    steepness = 2 * np.log(1 / SIGMOID_END_WEIGHT - 1)
+    expected = 1 / (1 + np.exp(-steepness * (s - 0.5))) if method == "sigmoid" else (3 - 2 * s) * s**2
+    np.testing.assert_allclose(found if found[-1] > 0.5 else 1 - found, expected, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -244,9 +244,36 @@ def test_verbose_tells_the_bounds(workflows: Recorder, capsys: pytest.CaptureFix
     assert capsys.readouterr().out == "met, all of it, bound 0.25\n"
 
 
-def test_quiet_says_nothing(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(f"{LATTICE} --quiet") == 0
+@pytest.mark.parametrize("command", ["lattice gyroid", "infill part.step gyroid", "domains part.step gyroid"])
+def test_a_command_tells_the_result_unless_it_is_quiet(
+    workflows: Recorder, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    Path("part.step").touch()
+    assert run(f"{command} --cell 10 -o out.step") == 0
+    assert capsys.readouterr() == ("met, all of it\n", "")
+    assert run(f"{command} --cell 10 -o out.step --quiet") == 0
     assert capsys.readouterr() == ("", "")
+
+
+def test_mesh_reports_what_was_made(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("part.step").touch()
+    made = SimpleNamespace(
+        write=lambda path, version: path.write_text(version),
+        quality=SimpleNamespace(size=0.75, inverted=0, smallest=0.25),
+        cells={"tetra10": [[0] * 10] * 5},
+        points=[[0.0] * 3] * 14,
+        volume=2.5,
+        cell_groups={"solid": [0]},
+        facet_groups={"cap X+": [0]},
+        periodic={"x": None},
+        mismatch=0.0,
+    )
+    monkeypatch.setitem(vars(tpmscad.workflows), "mesh_step", lambda *_, **__: made)
+    assert run("mesh part.step --size 0.8 -o part.msh --report part.json --quiet") == 0
+    told = json.loads(Path("part.json").read_text())
+    assert (told["cells"], told["nodes"], told["volume"], told["size"]) == ({"tetra10": 5}, 14, 2.5, 0.75)
+    assert (told["groups"], told["periodic"]) == (["solid", "cap X+"], ["x"])
 
 
 @pytest.mark.parametrize(

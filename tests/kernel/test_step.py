@@ -17,6 +17,7 @@ from tests.part21.types_of_entities import type_faults
 
 pytestmark = pytest.mark.kernel
 
+import build123d as bd
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 
 from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box
@@ -24,6 +25,7 @@ from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.occt.exploration import count_subshape_uses
+from tpmscad.kernel.step import occt_topology
 from tpmscad.kernel.step.part21 import format_real, format_string
 from tpmscad.kernel.step.step_reader import silence_occt
 from tpmscad.rigid_motion import Motion
@@ -395,3 +397,15 @@ def test_strings_are_printable_ascii_with_quotes_doubled(text: str) -> None:
 def test_names_beyond_ascii_come_back(tmp_path: Path) -> None:
     written(joined(plane_box()), tmp_path / "part.step", name="Gitter «ß» d'été")
     assert kernel.read_step(tmp_path / "part.step").products == ("Gitter «ß» d'été",)
+
+
+def test_edges_of_a_loop_are_put_head_to_tail_once_each() -> None:
+    face = bd.Box(1, 2, 3).faces()[0]
+    edges = [edge.wrapped for edge in face.outer_wire().edges()]
+    for order in ([0, 2, 1, 3], [3, 1, 0, 2]):
+        chain = occt_topology._chain_edges([edges[i] for i in order], face.wrapped)
+        assert len(chain) == 4
+        ends = [occt_topology._tail_and_head(edge) for edge in chain]
+        assert all(ends[i - 1][1].IsSame(ends[i][0]) for i in range(4))
+    with pytest.raises(KernelError, match="not connected"):
+        occt_topology._chain_edges([edges[0], edges[2]], face.wrapped)
