@@ -108,20 +108,20 @@ def test_a_blended_beam_is_one_solid_with_the_topology_of_its_voxels(load: Any) 
     pytest.importorskip("pyamg")
     pytest.importorskip("matplotlib").use("Agg")
     beam = load("beam")
-    found = beam.main(cells=(4, 2), size=5.0, iterations=8, voxels=8, tol=0.3)
+    found = beam.main(cells=(4, 3), size=2.5, iterations=8, voxels=8, tol=0.3)
     assert found["met"]
     assert found["deviation"] <= found["tolerance"] == 0.3
     assert found["isolated parts of the blend"] == 0
     require_files("beam")
     assert Path("beam_design.png").stat().st_size > 10_000
-    design = beam.optimise(beam.Plate(40.0, 20.0, 5.0), beam.fit_stiffness(beam.read_units()), 10.0, 8)
-    _, blended = beam.structures(design, ((0.0, 0.0, 0.0), (40.0, 20.0, 10.0)))
-    solid = blended.field.on_grid(*(np.arange(0.125, size, 0.25) for size in (40.0, 20.0, 10.0)))
-    assert tuple(found["betti"]) == tuple(topology.betti(solid, 0.0))
+    design = beam.optimise(beam.Plate(40.0, 30.0, 2.5), beam.fit_stiffness(beam.read_units()), 10.0, 8)
+    _, blended = beam.structures(design, ((0.0, 0.0, 0.0), (40.0, 30.0, 10.0)))
+    solid = blended.field.on_grid(*(np.arange(0.125, size, 0.25) for size in (40.0, 30.0, 10.0)))
+    assert topology.betti(solid) == topology.Betti(*found["betti"])
     assert found["betti"][0] == 1
     assert found["volume fraction"] == pytest.approx((solid < 0).mean(), abs=0.003)
     stiff = found["homogenised"]
-    assert stiff["optimum"] < stiff["Schwarz P, uniform"] < stiff["I-WP, uniform"]
+    assert stiff["optimum"] < min(stiff["Schwarz P, uniform"], stiff["I-WP, uniform"])
     assert found["resolved"]["blend"]["volume fraction"] == pytest.approx(found["volume fraction"], abs=0.005)
 
 
@@ -154,9 +154,10 @@ def test_phases_are_the_integral_where_there_is_one_and_the_closest_gradient_whe
 
 def test_phases_keep_cell_sizes_that_plain_modulation_misses(load: Any) -> None:
     pytest.importorskip("pyamg")
-    found = load("cell_size_grading").main(size=(20.0, 10.0, 10.0), tol=0.3, voxels=40)
+    pytest.importorskip("gmsh")
+    found = load("cell_size_grading").main(size=(12.0, 6.0, 6.0), tol=0.2, voxels=24)
     assert found["met"]
-    assert found["deviation"] <= found["tolerance"] == 0.3
+    assert found["deviation"] <= found["tolerance"] == 0.2
     assert found["betti"][0] == 1
     assert found["volume fraction"] == pytest.approx(0.4, abs=0.003)
     best, *others = found["errors"].values()
