@@ -35,6 +35,15 @@ class TestSampledField:
         points = RNG.uniform(*field.domain, (500, 3))
         np.testing.assert_allclose(field(points), cubic(points), rtol=0, atol=1e-11)
 
+    def test_has_the_same_bits_at_coordinates_of_any_shape_that_broadcast(self) -> None:
+        field = fields.sampled(RNG.normal(size=SHAPE), SPACING, ORIGIN)
+        x, y, z = np.array([1.3, 2.9, 3.4]), np.array([[-1.7], [0.2]]), np.array(2.1)
+        points = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+        np.testing.assert_array_equal(field.at(x, y, z), field(points))
+        np.testing.assert_array_equal(np.stack(field.jet(x, y, z)[1:], axis=-1), field.gradient(points))
+        assert field.at(x[1], y[0, 0], z) == field(points[0, 1])
+        assert field(np.empty((0, 3))).shape == (0,)
+
     def test_has_the_box_of_its_samples_as_domain(self) -> None:
         np.testing.assert_allclose(
             fields.sampled(np.zeros(SHAPE), SPACING, ORIGIN).domain, (SITES[0, 0, 0], SITES[-1, -1, -1])

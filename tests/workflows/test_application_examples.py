@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from tpmscad import fields, kernel
+from tpmscad import fields, kernel, topology
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
@@ -105,7 +105,32 @@ def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
     assert found["loose parts"] == 0
 
 
-def test_a_blended_beam_is_one_piece_of_the_wanted_volume(load: Any) -> None:
+def test_a_blended_beam_is_one_solid_with_the_topology_of_its_voxels(
+    load: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pyamg")
+    pytest.importorskip("matplotlib").use("Agg")
+    beam = load("beam")
+    density = np.linspace(0.6, 0.4, 6)[:, None] * np.ones(4)
+    share = np.repeat([[0.0], [1.0]], 3, axis=0) * np.ones(4)
+    design = beam.Design(density, share, 5.0, 100.0, ())
+    monkeypatch.setattr(beam, "optimise", lambda *_: design)  # which needs longer beams; it has tests of its own
+    found = beam.main(cells=(3, 2), size=5.0, voxels=8, tol=0.3)
+    assert found["met"]
+    assert found["deviation"] <= found["tolerance"] == 0.3
+    assert found["isolated parts of the blend"] == 0
+    require_files("beam")
+    assert Path("beam_design.png").stat().st_size > 10_000
+    size = (30.0, 20.0, 10.0)
+    _, blended = beam.structures(design, ((0.0, 0.0, 0.0), size))
+    solid = blended.field.on_grid(*(np.arange(0.125, length, 0.25) for length in size))
+    assert topology.betti(solid) == topology.Betti(*found["betti"])
+    assert found["betti"][0] == 1
+    assert found["volume fraction"] == pytest.approx((solid < 0).mean(), abs=0.003)
+    assert found["resolved"]["blend"]["volume fraction"] == pytest.approx(found["volume fraction"], abs=0.005)
+
+
+def test_an_optimised_beam_blends_to_one_piece_of_the_wanted_volume(load: Any) -> None:
     pytest.importorskip("pyamg")
     beam, box = load("beam"), ((0.0, 0.0, 0.0), (60.0, 30.0, 10.0))
     design = beam.optimise(beam.Plate(60.0, 30.0, 5.0), beam.fit_stiffness(beam.read_units()), 10.0, 8)
@@ -114,3 +139,44 @@ def test_a_blended_beam_is_one_piece_of_the_wanted_volume(load: Any) -> None:
     solid = blended.field.on_grid(*(np.arange(0.25, size, 0.5) for size in box[1])) < 0
     assert ndimage.label(solid)[1] == 1
     assert solid.mean() == pytest.approx(0.5, abs=0.04)
+
+
+def test_a_solid_block_of_voxels_has_the_confined_modulus(load: Any) -> None:
+    pytest.importorskip("pyamg")
+    found = load("voxel_beam").confined_moduli(fields.constant(-1.0), ((0.0, 0.0, 0.0), (4.0, 2.0, 3.0)), 8)
+    assert found == pytest.approx([0.7 / (1.3 * 0.4)] * 3, rel=1e-6)
+
+
+def test_phases_are_the_integral_where_there_is_one_and_the_closest_gradient_where_there_is_none(load: Any) -> None:
+    phases = load("cell_phases")
+    box, rng = ((0.0, -3.0, -4.0), (20.0, 3.0, 4.0)), np.random.default_rng(1)
+
+    def frequency(p: np.ndarray) -> np.ndarray:
+        return 1 / np.interp(p[:, 0], (0.0, 20.0), (10.0, 5.0))
+
+    along, across, _ = phases.solve_phases(frequency, box, 0.25)
+    x = rng.uniform(*box, (2000, 3))
+    integral = -4.0 * np.log(10.0 - x[:, 0] / 4.0)
+    assert np.ptp(along(x) - integral) < 1e-3
+
+    def squares(phase: fields.Field) -> float:
+        return float(np.sum((phase.gradient(x) - np.outer(frequency(x), (0, 1, 0))) ** 2))
+
+    plain = phases.modulate(frequency, box, np.array([10.0, 0.0, 0.0]))[1]
+    bump = fields.sampled(rng.normal(size=(5, 5, 5)), (5.0, 1.5, 2.0), box[0])
+    others = [plain, fields.linear((0, 0.14, 0)), across + 0.01 * bump, across - 0.01 * bump]
+    assert squares(across) < min(squares(phase) for phase in others)
+
+
+def test_phases_keep_cell_sizes_that_plain_modulation_misses(load: Any) -> None:
+    pytest.importorskip("pyamg")
+    pytest.importorskip("gmsh")
+    found = load("cell_size_grading").main(size=(12.0, 6.0, 6.0), tol=0.2, voxels=24)
+    assert found["met"]
+    assert found["deviation"] <= found["tolerance"] == 0.2
+    assert found["betti"][0] == 1
+    assert found["volume fraction"] == pytest.approx(0.4, abs=0.003)
+    best, *others = found["errors"].values()
+    for kind in ("cell size error, rms", "measured cell size error, rms", "greatest ratio of stretches"):
+        assert best[kind] < min(other[kind] for other in others)
+    require_files("cell_size_grading")

@@ -89,7 +89,10 @@ def _as_columns(
     shape = np.broadcast_shapes(*(t.shape for t in coordinates))
 
     def stack(parts: Sequence[Any]) -> Any:
-        return np.stack([np.broadcast_to(part, shape).ravel() for part in parts])
+        columns = np.empty((len(parts), *shape), parts[0].dtype)
+        for k, part in enumerate(parts):
+            columns[k] = part  # np.broadcast_to takes longer than the interpolation at few points
+        return columns.reshape(len(parts), -1)
 
     return [(stack(s.entries), stack(s.weights), stack(s.derivatives)) for s in stencils], shape
 
