@@ -108,7 +108,7 @@ def _read_axis_number(value: object) -> int:
 def _read_flow(value: object) -> dict[str, str]:
     """A mapping of text to text."""
     if not isinstance(value, Mapping) or not all(isinstance(each, str) for pair in value.items() for each in pair):
-        raise WrongType
+        raise WrongType("is no dictionary of names and sides")
     return dict(value)
 
 
