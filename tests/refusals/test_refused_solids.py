@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ NAN, INF = float("nan"), float("inf")
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
 GYROID = fields.tpms("gyroid", 10.0)
 BOX = bd.Box(14, 13, 12)
+DISC = bd.Cylinder(5, 3).faces().sort_by(bd.Axis.Z)[0]
+HOLED = (bd.Box(10, 9, 2) - bd.Cylinder(2, 2)).faces().sort_by(bd.Axis.Z)[0]
+EXECUTOR = ThreadPoolExecutor(1)  # starts no thread before it is given work
 
 
 def lattice(**changes: Any) -> Any:
@@ -40,6 +44,10 @@ def infill(body: Any = BOX, **changes: Any) -> Any:
 @cache
 def model() -> Any:
     return lattice(boundary="natural")
+
+
+def _open_solid() -> bd.Solid:
+    return bd.Solid(bd.Shell(bd.Box(1, 1, 1).faces()[:5]))
 
 
 def section(text: Any) -> Any:
@@ -68,11 +76,22 @@ LATTICES: dict[str, Row] = {
     "wall twice": (lambda: lattice(volume_fraction=0.2), "exactly one of"),
     "pore and cell": (lambda: lattice(pore_size=1.0), "not both"),
     "pore under a map": (lambda: lattice(cell=None, pore_size=1.0, map=lambda p: p), "without a map"),
-    "pore beside a thick wall": (lambda: lattice(cell=None, thickness=40.0, pore_size=0.1), "no cell|passes|pore"),
+    "wall too thick for any cell": (lambda: lattice(cell=None, thickness=40.0, pore_size=0.1), "passes its curvature"),
+    "pore beside a shifted wall": (
+        lambda: lattice(cell=None, thickness=None, offset=(-3.0, -2.0), pore_size=0.1),
+        "no cell of the schwarz_p leaves a pore of 0.1 beside this wall: make the wall thinner",
+    ),
     "reference": (lambda: lattice(surface="iwp", reference="minimal"), "minimal"),
     "natural level set": (lambda: lattice(surface="octo", boundary="natural", thickness=0.3), "natural"),
-    "bent level set": (lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0), "passes|stay"),
+    "bent level set": (
+        lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0),
+        "offset -3 .* passes the curvature radius of the stretched octo: offsets stay between",
+    ),
     "instances of a box": (lambda: _instanced(), "instanced"),
+    "instances under a map": (
+        lambda: lattice(boundary="natural", map=maps.stretching((1, 1, 1.1))).export_step("a.step", instanced=True),
+        "the schwarz_p sheet has no cell that repeats: leave `instanced` out",
+    ),
 }  # fmt: skip
 
 
@@ -120,6 +139,32 @@ BODIES: dict[str, Row] = {
     "skin of text": (lambda: infill(skin="thin"), "skin 'thin'"),
     "skin of all": (lambda: infill(skin=9.0), "thicker than"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
+    "no faces": (lambda: infill(skin=1.0, open_faces=True), "open_faces True names no faces; it takes faces"),
+    "face that runs into a fillet": (
+        lambda: infill(bd.fillet(BOX.faces().sort_by(bd.Axis.Z)[-1].edges(), 1), skin=1.0, open_faces=[">Z"]),
+        r"the face about \(0, 0, 6\) joins another face smoothly, .*: open a face with sharp edges",
+    ),
+    "two angles and nan": (lambda: infill(rotation=(1, 2, NAN)), "rotation .* must be finite"),
+    "processes for a body": (
+        lambda: tpmscad.solidify(GYROID, BOX, tol=0.1, executor=EXECUTOR),
+        "an executor is for boxes; a body is filled by one process: leave executor out",
+    ),
+    "domain of three numbers": (
+        lambda: tpmscad.solidify(GYROID, range(3), tol=0.1),
+        r"range\(0, 3\) must be two points",
+    ),
+    "print of a face": (
+        lambda: tpmscad.check_print(bd.Face.make_rect(1, 1)),
+        "before printing, this is a shape that holds no",
+    ),
+    "print of an open body": (lambda: tpmscad.check_print(_open_solid()), "this is NOT ok: .*: repair it where"),
+    "empty part to measure": (lambda: tpmscad.measure(bd.Part()), "is no shape: give .* that is not empty"),
+    "empty part to print": (lambda: tpmscad.check_print(bd.Part()), "is no shape: give .* that is not empty"),
+    "empty part to fill": (lambda: infill(bd.Part()), "Part is no body: give"),
+    "body for a face": (lambda: maps.between(BOX, DISC), "face_a holds 6 faces: give one face of the part"),
+    "disc": (lambda: maps.between(DISC, DISC), "face_a has 1 edges: a map needs a face of 4 sides; split"),
+    "face with a hole": (lambda: maps.between(HOLED, HOLED), "face_a has 1 holes: a map needs a face of four sides"),
+    "text for a face": (lambda: maps.between("top", HOLED), "'top' is no shape: give a model"),
     "selector": (lambda: infill(skin=1.0, open_faces=["up"]), "is no selector"),
     "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
     "face of another body": (lambda: infill(skin=1.0, open_faces=[99]), "is no face of"),
@@ -165,6 +210,14 @@ FILES: dict[str, Row] = {
     "no folder": (lambda: model().export_step("no/such/folder/a.step"), "does not exist"),
     "STEP suffix": (lambda: tpmscad.export_step(model(), "a.stl"), "ends in '.stl'"),
     "a face": (lambda: tpmscad.export_step(bd.Face.make_rect(1, 1), "a.step"), "no solid"),
+    "an edge": (
+        lambda: tpmscad.export_step(bd.Edge.make_line((0, 0, 0), (1, 0, 0)), "a.step"),
+        "holds no solid: make a solid",
+    ),
+    "an empty part": (lambda: tpmscad.export_step(bd.Part(), "a.step"), "is no shape: give .* that is not empty"),
+    "a picture of an empty part": (lambda: tpmscad.render(bd.Part(), "a.png"), "no face|no shape"),
+    "size of metres": (lambda: model().mesh(1e-3), r"size = 0.001 makes about .* elements .*; 5e\+07 is the limit"),
+    "order of elements": (lambda: model().mesh(1.0, order=3), "order = 3 is neither 1 nor 2"),
     "a missing file": (lambda: tpmscad.check_step("no.step"), "there is no file"),
     "schema by name": (lambda: find_schema("x"), "is not known"),
     "size of text": (lambda: model().render("a.png", size="big"), "two whole numbers"),
@@ -182,7 +235,7 @@ FILES: dict[str, Row] = {
     "metrics of a face": (lambda: tpmscad.measure(bd.Face.make_rect(1, 1)), "only valid closed solids"),
 }
 
-SLOW = {"instances of a box", "bent level set", "skin of all", "no surface", "pore beside a thick wall"}
+SLOW = {"instances of a box", "wall too thick for any cell"}
 TABLES = {"lattices": LATTICES, "maps": MAPS, "bodies": BODIES, "files": FILES}
 
 
