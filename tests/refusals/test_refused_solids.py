@@ -214,6 +214,10 @@ FILES: dict[str, Row] = {
         lambda: tpmscad.export_step(bd.Edge.make_line((0, 0, 0), (1, 0, 0)), "a.step"),
         "holds no solid: make a solid",
     ),
+    "no solids": (
+        lambda: kernel.write_solids([], "a.step", accuracy=1.0),
+        "no solid: STEP files are written of solids",
+    ),
     "an empty part": (lambda: tpmscad.export_step(bd.Part(), "a.step"), "is no shape: give .* that is not empty"),
     "a picture of an empty part": (lambda: tpmscad.render(bd.Part(), "a.png"), "no face|no shape"),
     "size of metres": (lambda: model().mesh(1e-3), r"size = 0.001 makes about .* elements .*; 5e\+07 is the limit"),
