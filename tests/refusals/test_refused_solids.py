@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,15 +13,18 @@ import numpy as np
 import pytest
 
 import tpmscad
+from tests.meshing.test_volume_mesh import block
 from tests.refusals.refused import Row, check_refusal
 from tpmscad import fields, kernel, maps
 from tpmscad.build123d import Tpms, TpmsInfill
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, MissingDomain
 from tpmscad.kernel.build.region_solids import make_region_solid
 from tpmscad.kernel.render.viewpoints import section_planes, view_frame
 from tpmscad.kernel.step.part21 import find_schema
+from tpmscad.simulation.permeability import permeability
 from tpmscad.trimming import box
 from tpmscad.trimming.operands.polyhedra import polyhedron
+from tpmscad.workflows.domain_results import FluidDomains
 
 pytestmark = pytest.mark.kernel
 
@@ -28,6 +32,7 @@ NAN, INF = float("nan"), float("inf")
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
 GYROID = fields.tpms("gyroid", 10.0)
 BOX = bd.Box(14, 13, 12)
+BAR = bd.Box(10.2, 0.6, 0.5)
 DISC = bd.Cylinder(5, 3).faces().sort_by(bd.Axis.Z)[0]
 HOLED = (bd.Box(10, 9, 2) - bd.Cylinder(2, 2)).faces().sort_by(bd.Axis.Z)[0]
 EXECUTOR = ThreadPoolExecutor(1)  # starts no thread before it is given work
@@ -44,6 +49,17 @@ def infill(body: Any = BOX, **changes: Any) -> Any:
 @cache
 def model() -> Any:
     return lattice(boundary="natural")
+
+
+def homogenize(**changes: Any) -> Any:
+    return tpmscad.homogenize("gyroid", volume_fraction=0.2, **changes)
+
+
+class Workplane:
+    """What is asked of a CadQuery workplane that holds no solid."""
+
+    def findSolid(self) -> Any:
+        raise ValueError("nothing in the chain")
 
 
 def _open_solid() -> bd.Solid:
@@ -88,6 +104,15 @@ LATTICES: dict[str, Row] = {
         "offset -3 .* passes the curvature radius of the stretched octo: offsets stay between",
     ),
     "instances of a box": (lambda: _instanced(), "instanced"),
+    "properties without a fraction": (lambda: tpmscad.homogenize("gyroid"), r'homogenize\("gyroid"\) needs volume_fraction='),
+    "incompressible material": (lambda: homogenize(poisson_ratio=0.5), "poisson_ratio = 0.5: it must lie from 0 to 0.49"),
+    "size of hexahedra": (lambda: homogenize(size=0.1, elements="hexahedra"), "size is that of tetrahedra: leave it out"),
+    "fraction of a model": (lambda: tpmscad.homogenize(model(), volume_fraction=0.2), "a model has its own volume_fraction"),
+    "permeability of a name": (lambda: tpmscad.permeability("gyroid"), "channel: a str is no model; make one by"),
+    "one file for three domains": (
+        lambda: FluidDomains.export(None, "a.stl"),  # type: ignore[arg-type]
+        "an STL file holds one body: write the domains one by one, or as .3mf",
+    ),
     "instances under a map": (
         lambda: lattice(boundary="natural", map=maps.stretching((1, 1, 1.1))).export_step("a.step", instanced=True),
         "the schwarz_p sheet has no cell that repeats: leave `instanced` out",
@@ -137,6 +162,15 @@ BODIES: dict[str, Row] = {
     "a wall of nothing": (lambda: infill(thickness=1e-9), "thinner than"),
     "two angles": (lambda: infill(rotation=(1, 2)), "three angles in degrees"),
     "skin of text": (lambda: infill(skin="thin"), "skin 'thin'"),
+    "skin around what is solid": (
+        lambda: infill(BAR, thickness=None, offset=0.0, kind="skeletal", side="+", skin=0.1),
+        "the lattice leaves no void within a skin of 0.1: the body would stay as it is",
+    ),
+    "bar in one channel": (
+        lambda: tpmscad.fluid_domains(BAR, "P", cell=10, thickness=0.5, tol=0.1),
+        "the body holds no .*: shift the lattice by `phase`, or use a smaller `cell`",
+    ),
+    "workplane without a solid": (lambda: infill(Workplane()), "the workplane holds no solid: nothing in the chain"),
     "skin of all": (lambda: infill(skin=9.0), "thicker than"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
     "no faces": (lambda: infill(skin=1.0, open_faces=True), "open_faces True names no faces; it takes faces"),
@@ -259,6 +293,28 @@ ROWS = [
 def test_what_cannot_be_a_solid_is_refused_and_leaves_no_file(table: str, name: str, tmp_path: Path) -> None:
     check_refusal(TABLES[table][name], tpmscad.LevelSetError if name == "no surface" else InvalidRequest)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_domain_that_the_kernel_does_not_find_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reject(*operands: Any) -> Any:
+        raise tpmscad.TrimmingError("the patches cannot be trimmed")
+
+    monkeypatch.setattr("tpmscad.workflows.fluid_volumes._trim_domains", reject)
+    with pytest.raises(MissingDomain, match=r"the body holds no .*: shift the lattice by `phase`"):
+        tpmscad.fluid_domains(bd.Box(10.2, 3.6, 3.5), "P", cell=10, thickness=0.5, tol=0.1)
+
+
+def test_a_mesh_that_does_not_repeat_has_no_properties(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = replace(block("tetra10"), periodic={"y": np.zeros((0, 2), np.int64)})
+    monkeypatch.setattr(tpmscad.Model, "mesh", lambda *_, **__: mesh)
+    for request in (
+        lambda: tpmscad.permeability(model(), size=1.0),
+        lambda: tpmscad.homogenize(model(), size=1.0),
+    ):
+        with pytest.raises(InvalidRequest, match=r"the .* does not repeat along x, z: make a box of whole cells"):
+            request()
+    with pytest.raises(InvalidRequest, match=r"tetrahedra of second order, periodic: mesh\(size, 2, True\)"):
+        permeability(block("tetra"))
 
 
 def test_a_shape_without_a_face_cannot_be_drawn(tmp_path: Path) -> None:
