@@ -231,6 +231,12 @@ def test_free_form_faces_are_named() -> None:
     assert list(caught.value.faces) == free
 
 
+def test_a_torus_that_intersects_itself_is_named() -> None:
+    with pytest.raises(NotQuadric, match=r"face 0 \(about .*\) is a torus that intersects itself$") as caught:
+        brep_from_shape(bd.Solid.make_torus(1.0, 1.5))
+    assert caught.value.faces == (0,)
+
+
 def test_a_shape_without_a_solid_is_refused() -> None:
     with pytest.raises(InvalidRequest, match="no solid"):
         brep_from_shape(bd.Face.make_rect(2, 3))

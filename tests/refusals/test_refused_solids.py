@@ -35,6 +35,7 @@ BOX = bd.Box(14, 13, 12)
 BAR = bd.Box(10.2, 0.6, 0.5)
 DISC = bd.Cylinder(5, 3).faces().sort_by(bd.Axis.Z)[0]
 HOLED = (bd.Box(10, 9, 2) - bd.Cylinder(2, 2)).faces().sort_by(bd.Axis.Z)[0]
+CRUMPLED = bd.Face.extrude(bd.Edge.make_spline([(i / 6, 0.3 * (-1) ** i, 0) for i in range(60)]), (0, 0, 5))
 EXECUTOR = ThreadPoolExecutor(1)  # starts no thread before it is given work
 
 
@@ -198,6 +199,10 @@ BODIES: dict[str, Row] = {
     "body for a face": (lambda: maps.between(BOX, DISC), "face_a holds 6 faces: give one face of the part"),
     "disc": (lambda: maps.between(DISC, DISC), "face_a has 1 edges: a map needs a face of 4 sides; split"),
     "face with a hole": (lambda: maps.between(HOLED, HOLED), "face_a has 1 holes: a map needs a face of four sides"),
+    "crumpled face": (
+        lambda: maps.between(CRUMPLED, CRUMPLED.moved(bd.Location((0, 5, 0)))),
+        "too intricate for a map: a spline of 32 spans misses it by .*, more than 9.83e-07; use faces without",
+    ),
     "text for a face": (lambda: maps.between("top", HOLED), "'top' is no shape: give a model"),
     "selector": (lambda: infill(skin=1.0, open_faces=["up"]), "is no selector"),
     "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
