@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -126,6 +127,16 @@ def test_a_folder_that_may_not_be_written_is_refused(tmp_path: Path) -> None:
             validate_output_path(tmp_path / "a.json", (".json",))
     finally:
         tmp_path.chmod(0o700)
+
+
+def test_a_folder_in_which_the_system_allows_no_file_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    with pytest.raises(
+        InvalidRequest, match=f"no file can be written in the folder {re.escape(str(tmp_path))}: choose"
+    ):
+        validate_output_path(tmp_path / "a.json", (".json",))
 
 
 def test_a_folder_takes_the_place_of_an_empty_one_only(tmp_path: Path) -> None:

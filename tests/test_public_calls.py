@@ -18,9 +18,11 @@ from tpmscad.errors import (
     NestedTooDeeply,
     OutOfMemory,
     TpmscadError,
+    UnexpectedError,
     UserFunctionError,
 )
 from tpmscad.memory_limit import format_bytes, physical_memory, require_memory
+from tpmscad.public_calls import public
 
 pytestmark = pytest.mark.kernel
 
@@ -89,6 +91,19 @@ def test_the_exception_of_a_given_function_is_the_cause_on_the_trial_and_later()
     mapped = tpmscad.maps.Map(fails)
     with pytest.raises(UserFunctionError, match="user map raised KeyError"):
         mapped((1.0, 2.0, 3.0))
+
+
+def test_a_given_function_in_which_a_function_of_the_package_fails_is_named() -> None:
+    @public("half(3)")
+    def half(source: Any) -> Any:
+        return source / 2
+
+    def outline(points: np.ndarray) -> Any:
+        return points[:, 0] - half("three")
+
+    with pytest.raises(UserFunctionError, match=r"outline raised .*half failed .* unsupported operand") as caught:
+        fields.from_function(outline)
+    assert isinstance(caught.value.__cause__, UnexpectedError)
 
 
 def test_many_fields_join_by_union_where_a_chain_is_refused() -> None:

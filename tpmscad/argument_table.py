@@ -108,7 +108,7 @@ def _read_axis_number(value: object) -> int:
 def _read_flow(value: object) -> dict[str, str]:
     """A mapping of text to text."""
     if not isinstance(value, Mapping) or not all(isinstance(each, str) for pair in value.items() for each in pair):
-        raise WrongType
+        raise WrongType("is no dictionary of names and sides")
     return dict(value)
 
 
@@ -142,7 +142,9 @@ WEIGHT = ArgumentKind("a word, a LineWeightSpec or a VolumeWeightSpec", '"auto"'
 FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
 OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).but(example="(-0.5, 0.5)")
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
-ARRAY_OR_PATH = PATH.or_else(VALUES)
+ARRAY_OR_PATH = PATH.or_else(VALUES).but(
+    "the path of an image, or an array of samples in three dimensions", VALUES.example
+)
 POINT_ROWS = array_kind("an array of points (n, 3)", "np.random.rand(50, 3)", 2)
 POINT_TABLE = PATH.or_else(POINT_ROWS).but(
     "the path of a CSV file, or an array of points (n, 3)", "np.random.rand(50, 3)"

@@ -16,6 +16,7 @@ ROD, OTHER = fields.rod(fields.tpms("gyroid", period=0.5), 0.0), fields.rod(fiel
 LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))
 MIDDLE = fields.box((0.3, 0, 0), (0.7, 0.5, 0.5))
 SIZE = (24, 13, 12)
+DOMAIN = ((0, 0, 0), (1, 0.5, 0.5))
 
 
 def refused(message, structures=(ROD, OTHER), regions=(LEFT, RIGHT), blending=(MIDDLE,), **options):
@@ -75,8 +76,51 @@ def test_names_and_numbers_out_of_range_are_refused():
     refused("at least 2 samples", resolution=(1, 4, 4))
     refused("it is no layer", weight=LineWeightSpec(CylinderRadius()))
     refused("needs a blending region that is a layer", method="sigmoid", weight="volume")
+    refused("minimum_neck inf must be finite", minimum_neck=math.inf)
+    refused(
+        "count 2: a weight of degree 3 has at least 4", weight=LineWeightSpec(LinearCoordinate(), count=2, degree=3)
+    )
     with pytest.raises(InvalidRequest, match="degree 0 must be positive"):
         LineWeightSpec(LinearCoordinate(), degree=0)
+    for coordinate in (LinearCoordinate, CylinderRadius):
+        with pytest.raises(
+            InvalidRequest, match=r"direction \(0.0, 0.0, 0.0\) has no length: give three finite numbers"
+        ):
+            coordinate(direction=(0, 0, 0))
+
+
+def test_a_blending_region_without_thickness_or_around_a_whole_region_is_refused():
+    plane = fields.expression("abs(x - 0.5)")
+    refused("from 0.5 to 0.5 is empty: widen", blending=[plane], resolution=(25, 13, 12), domain=DOMAIN)
+    covered = fields.box((0.3, 0, 0), (1, 0.5, 0.5))
+    refused("nothing of the second region borders on .* shrink it if it covers", blending=[covered], weight="volume")
+
+
+def test_discrete_reconstruction_of_structures_without_periods_needs_a_flat_layer():
+    half, cube, core = (
+        fields.halfspace((0, 0, 0.25), "z"),
+        fields.box((0, 0, 0), (1, 1, 1)),
+        fields.sphere((0.5, 0.5, 0.5), 0.3),
+    )
+    layer = fields.difference(fields.sphere((0.5, 0.5, 0.5), 0.4), fields.sphere((0.5, 0.5, 0.5), 0.2))
+    refused(
+        "needs structures with periods, or a blending region that is a flat layer",
+        structures=(half, half),
+        regions=(core, fields.difference(cube, core)),
+        blending=[layer],
+        method="discrete-reconstruction",
+        resolution=(16, 17, 18),
+    )
+
+
+def test_structures_that_no_affordable_resolution_holds_are_refused():
+    fine, thin = fields.rod(fields.tpms("gyroid", 0.01), 0.0), fields.sheet(fields.tpms("gyroid", 0.5), -1e-6, 1e-6)
+    refused(
+        "need 1001 x 501 x 501 samples over the domain, above the limit of", structures=[ROD, fine], resolution=None
+    )
+    refused("structure 1 has parts too thin for 80 samples per period", structures=[ROD, thin], resolution=None)
+    needles = fields.expression("abs(sin(3000*x)*sin(3100*y)*sin(3200*z)) - 0.00001 + 0*x")
+    refused("structure 1 .* 200 samples along the domain", structures=[ROD, needles], resolution=None)
 
 
 def test_without_a_resolution_one_is_chosen_that_keeps_the_structures_whole():

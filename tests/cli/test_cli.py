@@ -347,6 +347,32 @@ def test_bad_usage_ends_in_2_before_anything_is_made(
     assert sorted(os.listdir()) == before
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--thickness 1 --jobs 2", "--jobs is the number of processes that make slabs: give --slab, too"),
+        (
+            "--thickness 1 --slab 2 --instanced",
+            "--instanced stores the whole lattice in one file: leave it out of slabs",
+        ),
+        ("--thickness 1 --slab 2 --verify kernel", "slabs are verified by their text: leave --verify out"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused_by_name(
+    workflows: Recorder, capsys: pytest.CaptureFixture[str], options: str, words: str
+) -> None:
+    assert run(f"lattice gyroid --cell 10 --cells 4 {options} -o out.step") == 2
+    assert words in capsys.readouterr().err
+    assert not workflows.called
+    assert os.listdir() == []
+
+
+def test_a_ring_without_a_cell_or_a_radius_is_refused(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("lattice P --pore-size 3 --thickness 1 --map cylinder -o out.step") == 2
+    assert "a ring of whole cells needs --cell: give it, or the radius, cylinder:20" in capsys.readouterr().err
+    assert not workflows.called
+
+
 def test_check_ends_in_1_for_a_file_that_fails(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
     Path("good.step").touch()
     Path("bad.step").touch()

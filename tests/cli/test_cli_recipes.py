@@ -91,6 +91,12 @@ def test_bad_usage_ends_in_2_before_anything_is_made(capsys: pytest.CaptureFixtu
     assert made() == []
 
 
+def test_options_of_arrays_are_refused_for_a_recipe(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("solidify graded.toml --level 0.3 --tol 0.1 -o out.step") == 2
+    assert "--level, --tol: a recipe says these itself" in capsys.readouterr().err
+    assert made() == []
+
+
 def test_an_error_of_the_file_ends_in_2_with_its_line(capsys: pytest.CaptureFixture[str], folder: Path) -> None:
     (folder / "torn.toml").write_text(TORN.replace("period = 2.5", "period = -3", 1))
     assert run("blend torn.toml -o out.step") == 2

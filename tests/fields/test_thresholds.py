@@ -191,3 +191,11 @@ def test_ramps_go_from_value_to_value() -> None:
 def test_a_constant_field_has_no_threshold_of_a_fraction(kind: str) -> None:
     with pytest.raises(InvalidRequest, match="2 everywhere in the domain"):
         fields.threshold_for(2.0, 0.3, kind, samples=8, domain=((0, 0, 0), (1, 1, 1)))
+
+
+def test_what_is_constant_at_the_threshold_counts_once() -> None:
+    stairs = fields.from_function(lambda p: np.floor(4 * p[:, 0]))
+    cube = fields.box((0.25, 0.25, 0.25), (0.75, 0.75, 0.75))
+    unit = ((0, 0, 0), (1, 1, 1))
+    for part, exact in ((stairs - 1.0, 0.5), (fields.union(cube, 0.0), 1.0), (fields.intersection(cube, 0.0), 0.125)):
+        assert fields.volume_fraction(part, unit, samples=16) == pytest.approx(exact, abs=1e-12)

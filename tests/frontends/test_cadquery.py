@@ -175,6 +175,8 @@ def test_calls_that_do_not_fit_are_answered_with_the_call_as_it_is_written(cq: A
         cq.Workplane().tpms("gyroid", cell=10, thickness=1, centred=True)
     with pytest.raises(tpmscad.InvalidRequest, match="combine 'fuse' is none of"):
         cq.Workplane().tpms("gyroid", cell=10, thickness=1, combine="fuse")
+    with pytest.raises(tpmscad.InvalidRequest, match="a mapped lattice lies where the map puts it: leave centered out"):
+        cq.Workplane().tpms("P", cell=10, thickness=1, map=tpmscad.maps.cylinder(20), centered=True)
     with pytest.raises(tpmscad.InvalidRequest, match="combine 'cut' is neither"):
         cq.Workplane().box(9, 9, 9).tpmsInfill("gyroid", cell=10, thickness=1, combine="cut")
 

@@ -22,6 +22,7 @@ from tpmscad.brep.carriers import Plane
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces, brep_from_shape
+from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
 
 
 @cache
@@ -229,6 +230,23 @@ def test_free_form_faces_are_named() -> None:
     assert isinstance(caught.value, InvalidRequest)
     free = [i for i, f in enumerate(body.faces()) if f.geom_type != bd.GeomType.PLANE]
     assert list(caught.value.faces) == free
+
+
+def test_a_torus_that_intersects_itself_is_named() -> None:
+    with pytest.raises(NotQuadric, match=r"face 0 \(about .*\) is a torus that intersects itself$") as caught:
+        brep_from_shape(bd.Solid.make_torus(1.0, 1.5))
+    assert caught.value.faces == (0,)
+
+
+def test_a_face_whose_loops_cannot_be_unrolled_is_named_and_left_to_the_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reject(body: object, face: object) -> None:
+        raise UnsupportedFace("has no loop around it")
+
+    monkeypatch.setattr("tpmscad.kernel.body_import.body_brep.unroll_face", reject)
+    words = r"face 0 \(about .*\) has no loop around it: it needs the Boolean operations of the kernel"
+    with pytest.raises(NotQuadric, match=words) as caught:
+        brep_from_shape(bd.Box(1, 2, 3))
+    assert caught.value.faces == (0,)
 
 
 def test_a_shape_without_a_solid_is_refused() -> None:

@@ -18,6 +18,7 @@ from tpmscad import kernel
 from tpmscad.kernel.occt import child_process
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
+from tpmscad.kernel.step.coloured_reader import read_coloured_solids
 
 pytestmark = pytest.mark.kernel
 
@@ -53,6 +54,42 @@ def way(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None
     if request.param == "fork" and not child_process.CAN_FORK:
         pytest.skip("this system has no safe fork")
     monkeypatch.setattr(child_process, "CAN_FORK", request.param == "fork")
+
+
+@pytest.mark.usefixtures("way")
+def test_a_child_that_ends_with_a_status_or_takes_too_long_is_a_failure() -> None:
+    with pytest.raises(ChildFailure, match=r"crashed \(status 3\)"):
+        call_in_child(os._exit, 3, seconds=30)
+    with pytest.raises(ChildFailure, match=r"did not end within 0\.3 s"):
+        call_in_child(time.sleep, 40, seconds=0.3)
+
+
+@pytest.mark.parametrize("read", [kernel.read_step, read_coloured_solids])
+@pytest.mark.parametrize(
+    ("entities", "words"),
+    [
+        ("", "holds no solid"),
+        ("#1=CARTESIAN_POINT('',(0.,0.,0.));\n", "holds no solid: export the part as a solid, not as surfaces"),
+        ("#1=FOO(((;\n", "is a damaged file: its text breaks off or cannot be parsed"),
+    ],
+)
+def test_both_readers_refuse_files_without_a_solid_or_that_break_off(
+    box_file: Path, read: Callable[[Path], object], entities: str, words: str
+) -> None:
+    header = box_file.read_text().partition("DATA;")[0]
+    box_file.write_text(f"{header}DATA;\n{entities}ENDSEC;\nEND-ISO-10303-21;\n")
+    with pytest.raises(tpmscad.InvalidRequest, match=rf"box\.step {words}"):
+        read(box_file)
+
+
+@pytest.mark.parametrize("suffix", ["step", "brep"])
+def test_a_face_is_no_part(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"face.{suffix}"
+    (bd.export_step if suffix == "step" else bd.export_brep)(bd.Face.make_rect(3, 4), path)
+    readers = [kernel.read_foreign_step] + [read_coloured_solids] * (suffix == "step")
+    for read in readers:
+        with pytest.raises(tpmscad.InvalidRequest, match=rf"face\.{suffix} holds no solid: export the part as a solid"):
+            read(path)
 
 
 @pytest.mark.slow

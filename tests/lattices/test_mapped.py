@@ -12,7 +12,7 @@ from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice
-from tpmscad.lattices.mapped_surface import MappedSurface
+from tpmscad.lattices.mapped_surface import MappedSurface, require_regular
 
 RNG = np.random.default_rng(11)
 POINTS = 10 * RNG.random((40, 3))
@@ -112,6 +112,24 @@ def test_a_map_that_folds_is_refused() -> None:
     fold = maps.Map(lambda p: np.stack([p[..., 0] ** 2 / 10 - p[..., 0], p[..., 1], p[..., 2]], axis=-1), name="fold")
     with pytest.raises(InvalidRequest, match=r"fold folds.*enlarge its radius"):
         mid(fold).orientation()
+
+
+def test_a_jacobian_of_the_wrong_shape_or_that_is_not_finite_is_refused() -> None:
+    for jacobian, match in (
+        (lambda p: np.eye(3), r"Jacobian of user map returned shape \(3, 3\) for points of shape \(2, 3\)"),
+        (
+            lambda p: np.eye(3) / p[:, :1, None],
+            r"Jacobian of user map is not finite at \[0\.0, 0\.0, 0\.0\]: give a smooth",
+        ),
+    ):
+        with pytest.raises(InvalidRequest, match=match), np.errstate(divide="ignore", invalid="ignore"):
+            maps.Map(lambda p: p, jacobian).jacobian(np.array([[1.0, 2.0, 3.0], [0.0, 0.0, 0.0]]), 1.0)
+    cliff = maps.Map(lambda p: np.where(p > 0, 1.5e308, -1.5e308), name="cliff")
+    with (
+        pytest.raises(InvalidRequest, match=r"Jacobian of cliff is not finite at .*: give a smooth map"),
+        np.errstate(all="ignore"),
+    ):
+        require_regular(cliff, np.zeros((1, 3)), 1.0)
 
 
 @pytest.mark.slow

@@ -84,6 +84,15 @@ def test_a_map_that_is_regular_everywhere_but_lies_on_itself_is_refused_with_the
         spiral(1.2)
 
 
+def test_a_map_that_almost_comes_to_a_point_is_refused_with_the_place() -> None:
+    net = np.stack(np.meshgrid([0, 1.0], [0, 2.0], [0, 3.0], indexing="ij"), axis=-1)
+    net[:, :, 0, :2] *= 1e-9
+    with pytest.raises(
+        InvalidRequest, match=r"too close to zero to be proved positive: 6e-18 at \(0, 0, 0\) in its domain"
+    ):
+        maps.trivariate(net)
+
+
 def test_a_fold_is_refused_with_its_place() -> None:
     net = control_net((4, 4, 4), 0.0)
     net[3, 3, 3] = net[1, 1, 1]
@@ -101,6 +110,15 @@ def test_a_fold_is_refused_with_its_place() -> None:
         ({"degrees": (3, 3, 4)}, "degree 4 along w must be .* below the number of poles, 4"),
         ({"knots": [clamped(3, [])] * 2}, "must be three knot vectors"),
         ({"knots": [clamped(3, []), clamped(3, [0.5]), clamped(3, [])]}, "4 poles of degree 3 along v need 8 knots"),
+        ({"knots": [[0, 0, 0, 0, 1, 1, 1, 0.5]] * 3}, "knots along u must be finite and must not decrease"),
+        (
+            {
+                "poles": control_net((4, 5, 4)),
+                "knots": [clamped(3, []), clamped(2, [0.5, 0.5]), clamped(3, [])],
+                "degrees": (3, 2, 3),
+            },
+            "a knot along v is repeated 2 times at degree 2: the map must be smooth",
+        ),
         ({"knots": [[0, 0, 0, 1, 1, 2, 2, 2]] * 3}, "must be repeated 4 times"),
         ({"poles": np.zeros((4, 4, 4, 2))}, "three coordinates"),
     ],

@@ -92,6 +92,16 @@ def test_a_case_that_fits_no_mesh_is_refused_and_leaves_nothing(tmp_path: Path) 
         mesh.write_openfoam(tmp_path / "case", flow={"channel +": "Y+"})
     with pytest.raises(InvalidRequest, match="openings at two opposite sides"):
         replace(mesh, facet_groups={}).write_openfoam(tmp_path / "case")
+    for flow, words in (
+        ({"chanel": "X+"}, "flow: 'chanel' is no group of elements; they are 'channel \\+', 'wall'"),
+        ({"channel +": 3}, "flow .* is no dictionary of names and sides; .* as in flow="),
+        ("X+", "flow 'X\\+' is no dictionary"),
+    ):
+        with pytest.raises(InvalidRequest, match=words):
+            mesh.write_openfoam(tmp_path / "case", flow=flow)  # type: ignore[arg-type]
+    mixed = VolumeMesh(mesh.points, {"tetra": [[0, 1, 2, 3]], "hexahedron": [range(8)]})  # type: ignore[dict-item,list-item]
+    with pytest.raises(InvalidRequest, match="from one kind of elements, not tetra and hexahedron"):
+        mixed.write_openfoam(tmp_path / "case")
     with pytest.raises(InvalidRequest, match="every element has to be in one group"):
         block("tetra").write_openfoam(tmp_path / "case")
     assert not list(tmp_path.iterdir())

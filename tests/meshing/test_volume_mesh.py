@@ -286,3 +286,19 @@ def test_facets_that_no_element_has_are_refused() -> None:
     mesh = block("tetra")
     with pytest.raises(InvalidRequest, match="faces of no element"):
         owners_of_facets(mesh.cells, {"triangle": mesh.facets["triangle"][:, ::-1]})
+    with pytest.raises(InvalidRequest, match="7 quad are faces of no element"):
+        owners_of_facets(mesh.cells, {"quad": np.zeros((7, 4), np.int64)})
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        ([[0, 1, 2]], r"tetra has 4 nodes: its array of shape \(1, 3\) must have as many columns"),
+        ([0, 1, 2, 3], r"tetra has 4 nodes: its array of shape \(4,\)"),
+        ([[1, 2, 3, 5]], "tetra names the nodes 1 to 5: 5 points are numbered from 0"),
+        ([[-1, 2, 3, 4]], "tetra names the nodes -1 to 4"),
+    ],
+)
+def test_elements_that_do_not_fit_their_nodes_are_refused(nodes: list[list[int]], words: str) -> None:
+    with pytest.raises(InvalidRequest, match=words):
+        VolumeMesh(np.zeros((5, 3)), {"tetra": np.array(nodes)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.refusals.refused import Row, check_refusal
-from tpmscad import fields, surfaces, topology
+from tpmscad import fields, surfaces, topology, workflows
 from tpmscad.errors import InvalidRequest, NoFoot
 from tpmscad.fields.image_files import read_image
 from tpmscad.fields.isometries import find_isometries
@@ -23,11 +24,26 @@ NAN, INF = float("nan"), float("inf")
 GYROID, BALL = fields.tpms("gyroid", 2.0), fields.sphere((0, 0, 0), 1.0)
 POINT = np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.2]])
 GRID = SampleGrid((0, 0, 0), (1, 1, 1), (4, 4, 4))
+SLICES = np.insert(np.random.default_rng(0).random((3200, 2)), 2, np.repeat((0.0, 5.0), 1600), axis=1)
 CLOUD = np.random.default_rng(0).random((30, 3))
+
+
+UNIT = ((0, 0, 0), (1, 1, 1))
+
+
+def staircase(p: np.ndarray) -> np.ndarray:
+    return np.floor(4 * p[..., 0])
 
 
 def per_point(p: np.ndarray) -> float:
     return float(p[0])
+
+
+class OtherGrid:
+    """A field whose values on a grid do not fit it."""
+
+    def on_grid(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return np.zeros((len(z), len(y), len(x) + 1))
 
 
 def mean_of_all(p: np.ndarray) -> np.ndarray:
@@ -41,6 +57,9 @@ ARGUMENTS: dict[str, Row] = {
     "no direction": (lambda: fields.halfspace((0, 0, 0), (0, 0, 0)), "no direction"),
     "word for a direction": (lambda: fields.halfspace((0, 0, 0), "w"), "give x, y, z, -x"),
     "offset of text": (lambda: fields.linear((1, 0, 0), "a"), "offset 'a' is not a number"),
+    "array of no dimension": (lambda: fields.sphere(np.array(1.0), 1.0), r"center array\(1\.0?\) is no sequence"),
+    "object without length": (lambda: fields.sphere(object(), 1.0), "center <object .* is no sequence"),
+    "points of unequal lengths": (lambda: GYROID([[1, 2, 3], [1, 2]]), "points .* is no array of numbers of one shape"),
     "period and cell": (lambda: fields.tpms("gyroid", 1.0, cell=2.0), "two words for one length"),
     "points of two": (lambda: GYROID(np.zeros((4, 2))), r"shape \(4, 2\).*x, y and z"),
     "points of text": (lambda: GYROID([["a", "b", "c"]]), "no array of numbers"),
@@ -75,6 +94,14 @@ GRADING: dict[str, Row] = {
     "three samples": (lambda: fields.volume_fraction(GYROID, samples=3), "at least 4"),
     "fraction without period": (lambda: fields.volume_fraction(BALL), "not periodic"),
     "span of one": (lambda: fields.graded_threshold(GYROID, 0.3, (0.2,)), "span .* must be two numbers"),
+    "fraction between two plateaus": (
+        lambda: fields.threshold_for(staircase, 0.1, domain=UNIT),
+        "fraction 0.1 is out of reach: the field is constant .* a rod fills between 0.25 and 1 of it",
+    ),
+    "fractions over plateaus": (
+        lambda: fields.graded_threshold(staircase, 0.5, (0.3, 0.9), domain=UNIT),
+        "not a function of the volume fraction from 0.3 to 0.9: narrow the span",
+    ),
     "no span": (lambda: fields.graded_threshold(GYROID, BALL), "give span="),
     "span inside out": (lambda: fields.graded_threshold(GYROID, 0.3, (0.5, 0.2)), "the least first"),
     "isometries without periods": (lambda: find_isometries(BALL), "no lattice of copies"),
@@ -85,6 +112,10 @@ FUNCTIONS: dict[str, Row] = {
     "gradient of another shape": (
         lambda: fields.from_function(lambda p: p[:, 0], lambda p: p[:, 0]).gradient(POINT),
         "gradient of .* gave shape",
+    ),
+    "values of another shape later": (
+        lambda: fields.from_function(lambda p: p[: len(p), 0] if len(p) < 6 else p[:, :2])(np.zeros((9, 3))),
+        r"gave shape \(9, 2\) for 9 points: .* one value for each point",
     ),
     "NaN": (lambda: fields.from_function(lambda p: np.where(p[:, 0] > 0.3, NAN, 1.0))(POINT), "not finite at 1 of 2"),
     "two arguments": (lambda: fields.from_function(lambda x, y: x), "takes 2 arguments"),
@@ -110,6 +141,20 @@ FORMULAS: dict[str, Row] = {
 }
 
 DATA: dict[str, Row] = {
+    "no path": (lambda: fields.sampled(""), "values '' is no path of a file: it is empty .* as in values=np.zeros"),
+    "path with a null character": (lambda: fields.scattered("a\0.csv"), "points .* holds a null character"),
+    "rows of unequal lengths": (
+        lambda: fields.image_region([[True], [True, False]], (0, 0), (1, 1)),
+        r"mask \[\[True\], \[True, False\]\] is no array of one shape",
+    ),
+    "slices far apart": (
+        lambda: fields.scattered(SLICES, SLICES[:, 0], resolution=4),
+        "cannot be interpolated .* if the 80 points next to a place lie in one plane",
+    ),
+    "samples of another grid": (
+        lambda: sample_field(OtherGrid(), SampleGrid((0, 0, 0), (1, 1, 1), (4, 5, 6))),  # type: ignore[arg-type]
+        r"the field gave values of shape \(6, 5, 5\) on a grid of \(4, 5, 6\)",
+    ),
     "flat array": (lambda: fields.sampled(np.zeros((4, 4))), "three dimensions"),
     "NaN sample": (lambda: fields.sampled(np.where(np.arange(64).reshape(4, 4, 4) == 7, NAN, 1.0)), "1 of 64 entries"),
     "text for samples": (lambda: fields.sampled([[["a"]]]), "no array of numbers"),
@@ -170,6 +215,14 @@ TOPOLOGY: dict[str, Row] = {
     ),
     "one sample along an axis": (lambda: topology.persistence_diagram(GYROID, resolution=1), "at least 2 samples"),
     "an array in a box": (lambda: topology.persistence_diagram(np.zeros((3,) * 3), resolution=4), "has its own grid"),
+    "one value for all points": (
+        lambda: topology.persistence_diagram(lambda p: np.zeros(3), UNIT, (4, 5, 6)),
+        r"the field gave shape \(3,\) for points of shape \(4, 5, 6\)",
+    ),
+    "convention of components": (
+        lambda: topology.label_cavities(np.zeros((3, 3, 3)), 0.0, "cubes"),
+        "convention 'cubes'",
+    ),  # type: ignore[arg-type]
     "diagram of text": (lambda: topology.persistence_diagram("x"), "no array of numbers"),
     "dimension not computed": (
         lambda: topology.persistence_diagram(np.random.default_rng(0).random((4,) * 3), dimensions=(0,)).pairs(2),
@@ -192,6 +245,12 @@ SURFACES: dict[str, Row] = {
     "wall inside out": (lambda: surfaces.volume_fraction("gyroid", "minimal", 0.1, -0.1), "swap them"),
     "fraction of a wall": (lambda: surfaces.thickness_for("gyroid", "minimal", 0.999), "out of reach"),
     "fraction of a skeletal solid": (lambda: surfaces.skeletal_offset_for("gyroid", "minimal", 0.999), "out of reach"),
+    "kind": (lambda: surfaces.offsets_for("gyroid", "minimal", 0.3, "foam", 1.0), "kind 'foam' is unknown; choose"),
+    "no record": (lambda: surfaces.check_reference(3, "minimal"), "record 3 is no record of the catalogue"),  # type: ignore[arg-type]
+    "thickest wall of a reference": (
+        lambda: workflows.thickest_wall("iwp", "exact"),
+        "reference 'exact' of the iwp is unknown; choose one of",
+    ),
     "side": (lambda: surfaces.skeletal_offset_for("gyroid", "minimal", 0.4, "x"), "side 'x'"),
     "offset of a patch": (
         lambda: surfaces.primitive_patch("gyroid").jet(np.zeros(1), np.zeros(1), 3.0),
@@ -242,3 +301,27 @@ def test_points_without_a_foot_on_the_level_set_are_counted() -> None:
     waves = NODAL_WAVES["schwarz_p"]
     check_refusal((lambda: waves.project_to_level_set(np.zeros((2, 3))), "2 points are critical points"), NoFoot)
     check_refusal((lambda: waves.project_to_level_set(np.full((1, 3), 1e-9)), "too far from the level set"), NoFoot)
+
+
+def test_an_image_that_states_no_spacing_is_refused(tmp_path: Path) -> None:
+    nrrd = pytest.importorskip("nrrd")
+    header = {"spacings": [0.5, 0.0, 2.0]}
+    nrrd.write(str(tmp_path / "a.nrrd"), np.zeros((3, 4, 5)), header)
+    words = r"a\.nrrd states a spacing of \[0\.5, 0\.0, 2\.0\], which must be positive"
+    check_refusal((lambda: read_image(tmp_path / "a.nrrd"), words), InvalidRequest)
+
+
+def test_a_reader_that_is_not_installed_is_named_with_the_way_to_install_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "a.nii").touch()
+    monkeypatch.setitem(sys.modules, "nibabel", None)
+    words = r"needs nibabel: pip install 'tpmscad\[images\]'"
+    check_refusal((lambda: read_image(tmp_path / "a.nii"), words), InvalidRequest)
+
+
+def test_points_in_a_file_that_is_no_text_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_bytes(b"PAR1\xff\xfe\x00")
+    check_refusal(
+        (lambda: fields.scattered(tmp_path / "points.csv"), "points.csv is no text: give a CSV"), InvalidRequest
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -11,15 +13,18 @@ import numpy as np
 import pytest
 
 import tpmscad
+from tests.meshing.test_volume_mesh import block
 from tests.refusals.refused import Row, check_refusal
 from tpmscad import fields, kernel, maps
 from tpmscad.build123d import Tpms, TpmsInfill
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, MissingDomain
 from tpmscad.kernel.build.region_solids import make_region_solid
 from tpmscad.kernel.render.viewpoints import section_planes, view_frame
 from tpmscad.kernel.step.part21 import find_schema
+from tpmscad.simulation.permeability import permeability
 from tpmscad.trimming import box
 from tpmscad.trimming.operands.polyhedra import polyhedron
+from tpmscad.workflows.domain_results import FluidDomains
 
 pytestmark = pytest.mark.kernel
 
@@ -27,6 +32,11 @@ NAN, INF = float("nan"), float("inf")
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1}
 GYROID = fields.tpms("gyroid", 10.0)
 BOX = bd.Box(14, 13, 12)
+BAR = bd.Box(10.2, 0.6, 0.5)
+DISC = bd.Cylinder(5, 3).faces().sort_by(bd.Axis.Z)[0]
+HOLED = (bd.Box(10, 9, 2) - bd.Cylinder(2, 2)).faces().sort_by(bd.Axis.Z)[0]
+CRUMPLED = bd.Face.extrude(bd.Edge.make_spline([(i / 6, 0.3 * (-1) ** i, 0) for i in range(60)]), (0, 0, 5))
+EXECUTOR = ThreadPoolExecutor(1)  # starts no thread before it is given work
 
 
 def lattice(**changes: Any) -> Any:
@@ -40,6 +50,21 @@ def infill(body: Any = BOX, **changes: Any) -> Any:
 @cache
 def model() -> Any:
     return lattice(boundary="natural")
+
+
+def homogenize(**changes: Any) -> Any:
+    return tpmscad.homogenize("gyroid", volume_fraction=0.2, **changes)
+
+
+class Workplane:
+    """What is asked of a CadQuery workplane that holds no solid."""
+
+    def findSolid(self) -> Any:
+        raise ValueError("nothing in the chain")
+
+
+def _open_solid() -> bd.Solid:
+    return bd.Solid(bd.Shell(bd.Box(1, 1, 1).faces()[:5]))
 
 
 def section(text: Any) -> Any:
@@ -68,11 +93,31 @@ LATTICES: dict[str, Row] = {
     "wall twice": (lambda: lattice(volume_fraction=0.2), "exactly one of"),
     "pore and cell": (lambda: lattice(pore_size=1.0), "not both"),
     "pore under a map": (lambda: lattice(cell=None, pore_size=1.0, map=lambda p: p), "without a map"),
-    "pore beside a thick wall": (lambda: lattice(cell=None, thickness=40.0, pore_size=0.1), "no cell|passes|pore"),
+    "wall too thick for any cell": (lambda: lattice(cell=None, thickness=40.0, pore_size=0.1), "passes its curvature"),
+    "pore beside a shifted wall": (
+        lambda: lattice(cell=None, thickness=None, offset=(-3.0, -2.0), pore_size=0.1),
+        "no cell of the schwarz_p leaves a pore of 0.1 beside this wall: make the wall thinner",
+    ),
     "reference": (lambda: lattice(surface="iwp", reference="minimal"), "minimal"),
     "natural level set": (lambda: lattice(surface="octo", boundary="natural", thickness=0.3), "natural"),
-    "bent level set": (lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0), "passes|stay"),
+    "bent level set": (
+        lambda: lattice(surface="octo", cell=(10, 10, 12), thickness=6.0),
+        "offset -3 .* passes the curvature radius of the stretched octo: offsets stay between",
+    ),
     "instances of a box": (lambda: _instanced(), "instanced"),
+    "properties without a fraction": (lambda: tpmscad.homogenize("gyroid"), r'homogenize\("gyroid"\) needs volume_fraction='),
+    "incompressible material": (lambda: homogenize(poisson_ratio=0.5), "poisson_ratio = 0.5: it must lie from 0 to 0.49"),
+    "size of hexahedra": (lambda: homogenize(size=0.1, elements="hexahedra"), "size is that of tetrahedra: leave it out"),
+    "fraction of a model": (lambda: tpmscad.homogenize(model(), volume_fraction=0.2), "a model has its own volume_fraction"),
+    "permeability of a name": (lambda: tpmscad.permeability("gyroid"), "channel: a str is no model; make one by"),
+    "one file for three domains": (
+        lambda: FluidDomains.export(None, "a.stl"),  # type: ignore[arg-type]
+        "an STL file holds one body: write the domains one by one, or as .3mf",
+    ),
+    "instances under a map": (
+        lambda: lattice(boundary="natural", map=maps.stretching((1, 1, 1.1))).export_step("a.step", instanced=True),
+        "the schwarz_p sheet has no cell that repeats: leave `instanced` out",
+    ),
 }  # fmt: skip
 
 
@@ -118,8 +163,47 @@ BODIES: dict[str, Row] = {
     "a wall of nothing": (lambda: infill(thickness=1e-9), "thinner than"),
     "two angles": (lambda: infill(rotation=(1, 2)), "three angles in degrees"),
     "skin of text": (lambda: infill(skin="thin"), "skin 'thin'"),
+    "skin around what is solid": (
+        lambda: infill(BAR, thickness=None, offset=0.0, kind="skeletal", side="+", skin=0.1),
+        "the lattice leaves no void within a skin of 0.1: the body would stay as it is",
+    ),
+    "bar in one channel": (
+        lambda: tpmscad.fluid_domains(BAR, "P", cell=10, thickness=0.5, tol=0.1),
+        "the body holds no .*: shift the lattice by `phase`, or use a smaller `cell`",
+    ),
+    "workplane without a solid": (lambda: infill(Workplane()), "the workplane holds no solid: nothing in the chain"),
     "skin of all": (lambda: infill(skin=9.0), "thicker than"),
     "open faces without a skin": (lambda: infill(open_faces=[">Z"]), "give skin="),
+    "no faces": (lambda: infill(skin=1.0, open_faces=True), "open_faces True names no faces; it takes faces"),
+    "face that runs into a fillet": (
+        lambda: infill(bd.fillet(BOX.faces().sort_by(bd.Axis.Z)[-1].edges(), 1), skin=1.0, open_faces=[">Z"]),
+        r"the face about \(0, 0, 6\) joins another face smoothly, .*: open a face with sharp edges",
+    ),
+    "two angles and nan": (lambda: infill(rotation=(1, 2, NAN)), "rotation .* must be finite"),
+    "processes for a body": (
+        lambda: tpmscad.solidify(GYROID, BOX, tol=0.1, executor=EXECUTOR),
+        "an executor is for boxes; a body is filled by one process: leave executor out",
+    ),
+    "domain of three numbers": (
+        lambda: tpmscad.solidify(GYROID, range(3), tol=0.1),
+        r"range\(0, 3\) must be two points",
+    ),
+    "print of a face": (
+        lambda: tpmscad.check_print(bd.Face.make_rect(1, 1)),
+        "before printing, this is a shape that holds no",
+    ),
+    "print of an open body": (lambda: tpmscad.check_print(_open_solid()), "this is NOT ok: .*: repair it where"),
+    "empty part to measure": (lambda: tpmscad.measure(bd.Part()), "is no shape: give .* that is not empty"),
+    "empty part to print": (lambda: tpmscad.check_print(bd.Part()), "is no shape: give .* that is not empty"),
+    "empty part to fill": (lambda: infill(bd.Part()), "Part is no body: give"),
+    "body for a face": (lambda: maps.between(BOX, DISC), "face_a holds 6 faces: give one face of the part"),
+    "disc": (lambda: maps.between(DISC, DISC), "face_a has 1 edges: a map needs a face of 4 sides; split"),
+    "face with a hole": (lambda: maps.between(HOLED, HOLED), "face_a has 1 holes: a map needs a face of four sides"),
+    "crumpled face": (
+        lambda: maps.between(CRUMPLED, CRUMPLED.moved(bd.Location((0, 5, 0)))),
+        "too intricate for a map: a spline of 32 spans misses it by .*, more than 9.83e-07; use faces without",
+    ),
+    "text for a face": (lambda: maps.between("top", HOLED), "'top' is no shape: give a model"),
     "selector": (lambda: infill(skin=1.0, open_faces=["up"]), "is no selector"),
     "no plane face there": (lambda: infill(bd.Sphere(8), skin=1.0, open_faces=[">Z"]), "no plane face"),
     "face of another body": (lambda: infill(skin=1.0, open_faces=[99]), "is no face of"),
@@ -165,6 +249,18 @@ FILES: dict[str, Row] = {
     "no folder": (lambda: model().export_step("no/such/folder/a.step"), "does not exist"),
     "STEP suffix": (lambda: tpmscad.export_step(model(), "a.stl"), "ends in '.stl'"),
     "a face": (lambda: tpmscad.export_step(bd.Face.make_rect(1, 1), "a.step"), "no solid"),
+    "an edge": (
+        lambda: tpmscad.export_step(bd.Edge.make_line((0, 0, 0), (1, 0, 0)), "a.step"),
+        "holds no solid: make a solid",
+    ),
+    "no solids": (
+        lambda: kernel.write_solids([], "a.step", accuracy=1.0),
+        "no solid: STEP files are written of solids",
+    ),
+    "an empty part": (lambda: tpmscad.export_step(bd.Part(), "a.step"), "is no shape: give .* that is not empty"),
+    "a picture of an empty part": (lambda: tpmscad.render(bd.Part(), "a.png"), "no face|no shape"),
+    "size of metres": (lambda: model().mesh(1e-3), r"size = 0.001 makes about .* elements .*; 5e\+07 is the limit"),
+    "order of elements": (lambda: model().mesh(1.0, order=3), "order = 3 is neither 1 nor 2"),
     "a missing file": (lambda: tpmscad.check_step("no.step"), "there is no file"),
     "schema by name": (lambda: find_schema("x"), "is not known"),
     "size of text": (lambda: model().render("a.png", size="big"), "two whole numbers"),
@@ -182,7 +278,7 @@ FILES: dict[str, Row] = {
     "metrics of a face": (lambda: tpmscad.measure(bd.Face.make_rect(1, 1)), "only valid closed solids"),
 }
 
-SLOW = {"instances of a box", "bent level set", "skin of all", "no surface", "pore beside a thick wall"}
+SLOW = {"instances of a box", "wall too thick for any cell"}
 TABLES = {"lattices": LATTICES, "maps": MAPS, "bodies": BODIES, "files": FILES}
 
 
@@ -202,6 +298,28 @@ ROWS = [
 def test_what_cannot_be_a_solid_is_refused_and_leaves_no_file(table: str, name: str, tmp_path: Path) -> None:
     check_refusal(TABLES[table][name], tpmscad.LevelSetError if name == "no surface" else InvalidRequest)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_domain_that_the_kernel_does_not_find_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def reject(*operands: Any) -> Any:
+        raise tpmscad.TrimmingError("the patches cannot be trimmed")
+
+    monkeypatch.setattr("tpmscad.workflows.fluid_volumes._trim_domains", reject)
+    with pytest.raises(MissingDomain, match=r"the body holds no .*: shift the lattice by `phase`"):
+        tpmscad.fluid_domains(bd.Box(10.2, 3.6, 3.5), "P", cell=10, thickness=0.5, tol=0.1)
+
+
+def test_a_mesh_that_does_not_repeat_has_no_properties(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = replace(block("tetra10"), periodic={"y": np.zeros((0, 2), np.int64)})
+    monkeypatch.setattr(tpmscad.Model, "mesh", lambda *_, **__: mesh)
+    for request in (
+        lambda: tpmscad.permeability(model(), size=1.0),
+        lambda: tpmscad.homogenize(model(), size=1.0),
+    ):
+        with pytest.raises(InvalidRequest, match=r"the .* does not repeat along x, z: make a box of whole cells"):
+            request()
+    with pytest.raises(InvalidRequest, match=r"tetrahedra of second order, periodic: mesh\(size, 2, True\)"):
+        permeability(block("tetra"))
 
 
 def test_a_shape_without_a_face_cannot_be_drawn(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +135,20 @@ def test_a_bad_file_is_refused(text: str, said: str, tmp_path: Path) -> None:
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
     with pytest.raises(InvalidRequest, match=said):
         read_table(path)
+
+
+def test_a_parquet_file_that_is_none_or_cannot_be_read_here_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "t.parquet").write_bytes(b"surface\ngyroid\n")
+    pytest.importorskip("pyarrow.parquet")
+    with pytest.raises(InvalidRequest, match=r"t\.parquet is no Parquet file: "):
+        read_table(tmp_path / "t.parquet")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(
+        InvalidRequest, match=r"needs pyarrow: pip install 'tpmscad\[tables\]', or give the table as CSV"
+    ):
+        read_table(tmp_path / "t.parquet")
 
 
 def test_a_column_of_a_recipe_is_a_key_of_it(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,8 +14,10 @@ from tests.shapes.misfits import misfit
 from tpmscad import surfaces
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.conics import Circle
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.splines.bspline import line_segment
 from tpmscad.trimming import box, trim
 
 CELL = 10.0
@@ -215,3 +218,9 @@ def test_bad_requests_are_named(cover: Callable[..., Brep]) -> None:
     trimmed = trim_box(lattice, np.zeros(3), np.full(3, CELL), TOL)
     with pytest.raises(InvalidRequest, match="whole patches"):
         trim_box(trimmed, np.zeros(3), np.full(3, CELL / 2), TOL)
+    short = replace(lattice, pcurves=(line_segment([0.2, 0.0], [0.7, 0.0]), *lattice.pcurves[1:]))
+    with pytest.raises(InvalidRequest, match="do not run round the four sides of its patch"):
+        trim_box(short, np.zeros(3), np.full(3, CELL / 2), TOL)
+    arc = Circle(np.zeros(3), *np.eye(3)[:2], 1.0)
+    with pytest.raises(InvalidRequest, match="the edges of a lattice to be trimmed must be B-splines"):
+        trim_box(replace(lattice, curves=(arc, *lattice.curves[1:])), np.zeros(3), np.full(3, CELL / 2), TOL)

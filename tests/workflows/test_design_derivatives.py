@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import tpmscad
+from tests.meshing.test_volume_mesh import block
 from tpmscad.errors import InvalidRequest
 from tpmscad.simulation import IsotropicMaterial, solve_cell
 
@@ -65,3 +68,10 @@ def test_stiffness_and_conductivity_change_as_central_differences_of_new_cells_s
 def test_surfaces_without_hexahedra_are_refused() -> None:
     with pytest.raises(InvalidRequest):
         tpmscad.design_derivatives("lidinoid", cell=10, thickness=0.2)
+
+
+def test_hexahedra_that_do_not_repeat_have_no_derivatives(monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = replace(block("hexahedron20"), periodic={"x": np.zeros((0, 2), np.int64)})
+    monkeypatch.setattr(tpmscad.Model, "hexahedra", lambda *_: mesh)
+    with pytest.raises(InvalidRequest, match="do not repeat along x, y and z: no derivatives"):
+        tpmscad.design_derivatives("P", cell=10, thickness=0.5)

@@ -185,6 +185,17 @@ def test_what_slabs_cannot_be_is_refused(tmp_path: Path, options: dict[str, Any]
     assert not list(tmp_path.iterdir())
 
 
+def test_coordinates_beyond_the_digits_of_a_file_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tpmscad.workflows.lattice_slabs.GREATEST_UNITS", 10)
+    with pytest.raises(InvalidRequest, match=r"coordinates of 0 mm do not fit the \d+ decimals .*: take larger slabs"):
+        tpmscad.export_slabs("schwarz_p", tmp_path / "p.step", **{**REQUEST, "cells": (1, 1, 1)})
+    assert not list(tmp_path.iterdir())
+    original = StepOriginal(np.array([[10**15, 0, 0]]), 13, (None,), np.array([1]), b"", np.array([True]), "slab")
+    assert original.with_decimals(16).points[0, 0] == 10**18
+    with pytest.raises(InvalidRequest, match="coordinates of 100 mm do not fit the 17 decimals of a smaller slab"):
+        original.with_decimals(17)
+
+
 def test_a_slab_that_misses_the_request_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from tpmscad.workflows import patch_measures
 

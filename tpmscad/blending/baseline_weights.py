@@ -213,8 +213,6 @@ class CellWeight:
 def make_cell_weight(first: FieldFunction, domain: BoxBounds, cell: float) -> CellWeight:
     """The discrete reconstruction with cells of about the given edge, which fill the domain exactly: 0 in `first`, else 1."""
     low, high = np.array(domain[0]), np.array(domain[1])
-    if not cell > 0:
-        raise InvalidRequest(f"cell {cell:g}: the edge of the cells of discrete reconstruction must be above 0")
     count = np.maximum(np.rint((high - low) / cell).astype(int), 1)
     edge = (high - low) / count
     x, y, z = (a + e * (np.arange(n) + 0.5) for a, e, n in zip(low, edge, count, strict=True))
@@ -261,7 +259,10 @@ def _choose_cell_edge(problem: BlendProblem, stage: int) -> float:
     line = make_initial_weight("auto", problem.field, problem.compositions, stage)
     if isinstance(line, LineWeight) and isinstance(line.coordinate, LinearCoordinate):
         return (line.end - line.start) / 2
-    raise InvalidRequest("discrete reconstruction needs structures with periods, for the edge of its cells")
+    raise InvalidRequest(
+        "method 'discrete-reconstruction' needs structures with periods, or a blending region that is a flat layer, for the "
+        "edge of its cells: choose another method"
+    )
 
 
 def _longest_period(structure: Field) -> float:

@@ -154,7 +154,7 @@ def blend(
     (True, 0)
     """
     check_counts(len(structures), len(regions), len(blending_regions))
-    check_options(method, METHODS, max_change, minimum_neck)
+    check_options(method, METHODS, max_change)
     specs = expand_weight_specs(weight, len(blending_regions))
     timer = StageTimer(progress, clock=time.process_time)
     with timer("sampling"):

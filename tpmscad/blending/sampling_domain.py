@@ -38,19 +38,15 @@ MIN_SAMPLES_PER_EDGE, MIN_TRIAL_SAMPLES = 8, 4
 def resolve_domain(regions: Sequence[FieldFunction], domain: BoxBounds | None) -> BoxBounds:
     """The given box, or the smallest one that holds all regions. Raises InvalidRequest if a region has no bounds."""
     if domain is not None:
-        box = np.array(domain, float)
-        if box.shape != (2, 3) or not np.isfinite(box).all():
-            raise InvalidRequest(f"domain {domain}: must be ((x0, y0, z0), (x1, y1, z1)) with finite numbers")
-    else:
-        boxes = [find_region_bounds(region) for region in regions]
-        for index, bounds in enumerate(boxes):
-            if not np.isfinite(bounds).all():
-                raise InvalidRequest(
-                    f"region {index} has no bounds: give domain=((x0, y0, z0), (x1, y1, z1)), the box to blend in"
-                )
-        corners = np.array(boxes)
-        box = np.stack([corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)])
-    low, high = box
+        return domain
+    boxes = [find_region_bounds(region) for region in regions]
+    for index, bounds in enumerate(boxes):
+        if not np.isfinite(bounds).all():
+            raise InvalidRequest(
+                f"region {index} has no bounds: give domain=((x0, y0, z0), (x1, y1, z1)), the box to blend in"
+            )
+    corners = np.array(boxes)
+    low, high = corners[:, 0].min(axis=0), corners[:, 1].max(axis=0)
     return _as_triple(low), _as_triple(high)
 
 

@@ -30,14 +30,12 @@ MAX_SEARCH_SAMPLES = 8_000_000
 """Number of samples up to which a sufficient resolution is searched for."""
 
 
-def check_options(method: str, methods: tuple[str, ...], max_change: float, minimum_neck: float | None) -> None:
+def check_options(method: str, methods: tuple[str, ...], max_change: float) -> None:
     """Raise InvalidRequest if an option is out of range."""
     if method not in methods:
         raise InvalidRequest(f"method {method!r}: must be one of {', '.join(methods)}")
     if not 0 < max_change <= 1:
         raise InvalidRequest(f"max_change {max_change:g}: must be above 0 and at most 1, the whole range of a weight")
-    if minimum_neck is not None and not 0 < minimum_neck < np.inf:
-        raise InvalidRequest(f"minimum_neck {minimum_neck:g}: must be a width above zero, in model units")
 
 
 def check_counts(n_structures: int, n_regions: int, n_blending: int) -> None:

@@ -98,8 +98,6 @@ def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, a
     distances: Any = np.where(array, half - inside, outside - half)
     first = low + pixel / 2
     if array.ndim == 2:
-        if axis not in ("x", "y", "z"):
-            raise InvalidRequest(f"axis {axis!r}: choose x, y or z")
         extruded = "xyz".index(axis)
         distances = np.expand_dims(distances, extruded)
         first, pixel = np.insert(first, extruded, 0.0), np.insert(pixel, extruded, 1.0)

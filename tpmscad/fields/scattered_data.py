@@ -122,7 +122,10 @@ def scattered(
             [interpolant(samples[i : i + SAMPLES_PER_BATCH]) for i in range(0, len(samples), SAMPLES_PER_BATCH)]
         )
     except (np.linalg.LinAlgError, ValueError) as error:
-        raise InvalidRequest(f"the points cannot be interpolated ({error}): do they lie in one plane?") from None
+        near = "they" if len(positions) <= MAX_GLOBAL_POINTS else f"the {NEIGHBOURS} points next to a place"
+        raise InvalidRequest(
+            f"the points cannot be interpolated ({error}): if {near} lie in one plane, give values off it, too, or more even ones"
+        ) from None
     return sampled(table.reshape(counts), ((high - low) / (np.array(counts) - 1)).tolist(), low.tolist())
 
 

@@ -150,10 +150,15 @@ def threshold_for(
             f"the field is {minimum:g} everywhere in the domain: no threshold cuts off a volume fraction of {volume_fraction:g}; "
             "give a field that varies"
         )
-    if kind == "sheet":
-        t = _solve_threshold(excess, grids, 0.0, max(maximum - level, level - minimum))
-        return level - t, level + t
-    return _solve_threshold(excess, grids, minimum, maximum)
+    low, high = (0.0, max(maximum - level, level - minimum)) if kind == "sheet" else (minimum, maximum)
+    reached = sorted(part(grids[1], t) for t in (low, high))
+    if not reached[0] <= volume_fraction <= reached[1]:
+        raise InvalidRequest(
+            f"volume fraction {volume_fraction:g} is out of reach: the field is constant in a part of the domain, so that a "
+            f"{kind} fills between {reached[0]:.4g} and {reached[1]:.4g} of it; give a field that varies, or another fraction"
+        )
+    t = _solve_threshold(excess, grids, low, high)
+    return (level - t, level + t) if kind == "sheet" else t
 
 
 def volume_fractions(
@@ -242,7 +247,7 @@ def _richardson(fine: float, coarse: float) -> float:
 def _fraction_below(cells: _CellSamples, c: float) -> float:
     """Fraction of the cells' volume where the linearised field is below c."""
     full = cells.upper_bounds <= c
-    cut = np.flatnonzero((cells.lower_bounds < c) ^ full)
+    cut = np.flatnonzero((cells.lower_bounds < c) & ~full)
     return float(
         (np.count_nonzero(full) + _cube_volumes_below(c - cells.center_values[cut], cells.edge_changes[cut]).sum())
         / full.size

@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     from tpmscad.kernel.occt.bounding_boxes import bounding_box, enclosing_box
     from tpmscad.kernel.occt.construction import copy_placement, make_compound
     from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE, transform_shape
-    from tpmscad.kernel.occt.exploration import faces_of, solids_of, vertices_of
+    from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of, vertices_of
     from tpmscad.kernel.occt.shape_bundles import pack_results, unpack_results
     from tpmscad.kernel.printability.cavities import Cavity, find_cavities
     from tpmscad.kernel.printability.opposite_sides import (
@@ -181,6 +181,7 @@ __all__ = [
     "read_foreign_step",
     "read_step",
     "render_png",
+    "require_shape",
     "resolve_open_faces",
     "revolve_profile",
     "sample_depths",
@@ -249,6 +250,7 @@ _MODULE_OF_NAME = {
     "faces_of": "tpmscad.kernel.occt.exploration",
     "vertices_of": "tpmscad.kernel.occt.exploration",
     "solids_of": "tpmscad.kernel.occt.exploration",
+    "require_shape": "tpmscad.kernel.occt.exploration",
     "find_creases": "tpmscad.kernel.measure.shape_sampling",
     "pack_results": "tpmscad.kernel.occt.shape_bundles",
     "unpack_results": "tpmscad.kernel.occt.shape_bundles",

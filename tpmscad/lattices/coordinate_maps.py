@@ -113,10 +113,15 @@ class Map:
         points = np.asarray(points, float)
         if self.jacobian_function is not None:
             jacobian = call_for_array(f"the Jacobian of {self.name}", self.jacobian_function, points)
-            if jacobian.shape != (*points.shape, 3) or not np.isfinite(jacobian).all():
+            if jacobian.shape != (*points.shape, 3):
                 raise InvalidRequest(
-                    f"the Jacobian of {self.name} must return finite matrices (..., 3, 3), here {(*points.shape, 3)}; "
-                    f"it returned shape {jacobian.shape}"
+                    f"the Jacobian of {self.name} returned shape {jacobian.shape} for points of shape {points.shape}: it takes "
+                    "(..., 3) points and returns matrices (..., 3, 3)"
+                )
+            if not np.isfinite(jacobian).all():
+                where = points.reshape(-1, 3)[~np.isfinite(jacobian).all(axis=(-2, -1)).ravel()][0]
+                raise InvalidRequest(
+                    f"the Jacobian of {self.name} is not finite at {where.tolist()}: give a smooth map"
                 )
             return jacobian
         h = DIFFERENCE_STEP_CELLS * scale

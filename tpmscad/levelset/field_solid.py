@@ -161,10 +161,7 @@ def check_field_in_box(field: Field, lo: Array, hi: Array, tol: float) -> None:
 
 def validate_box(lo: Array, hi: Array, tol: float) -> tuple[Array, Array]:
     """The corners as arrays; InvalidRequest unless they span a box, and tol is positive and below its shortest edge."""
-    try:
-        low, high = np.asarray(lo, float), np.asarray(hi, float)
-    except (TypeError, ValueError) as error:
-        raise InvalidRequest(f"domain ({lo!r}, {hi!r}) must be two points of three numbers") from error
+    low, high = np.asarray(lo, float), np.asarray(hi, float)
     if low.shape != (3,) or high.shape != (3,) or not (low < high).all() or not np.isfinite([low, high]).all():
         raise InvalidRequest(f"domain ({lo!r}, {hi!r}) must be two points (x, y, z), the first below the second")
     if not 0 < tol < (high - low).min():

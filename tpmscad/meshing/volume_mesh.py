@@ -103,9 +103,13 @@ class VolumeMesh:
             object.__setattr__(self, key, MappingProxyType(frozen))
         for kind, nodes in [*self.cells.items(), *self.facets.items()]:
             if nodes.ndim != 2 or nodes.shape[1] != len(SHAPES[kind].nodes):
-                raise InvalidRequest(f"{kind} has {len(SHAPES[kind].nodes)} nodes, not an array of {nodes.shape}")
+                raise InvalidRequest(
+                    f"{kind} has {len(SHAPES[kind].nodes)} nodes: its array of shape {nodes.shape} must have as many columns"
+                )
             if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.points):
-                raise InvalidRequest(f"{kind} names the nodes {nodes.min()} to {nodes.max()} of {len(self.points)}")
+                raise InvalidRequest(
+                    f"{kind} names the nodes {nodes.min()} to {nodes.max()}: {len(self.points)} points are numbered from 0"
+                )
 
     def __reduce__(self) -> Any:
         own = {f.name: getattr(self, f.name) for f in fields(self)}  # read-only mappings cannot be pickled

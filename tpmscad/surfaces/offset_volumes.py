@@ -231,10 +231,8 @@ def offsets_for(
     if kind == "sheet":
         half = thickness_for(name, reference, volume_fraction) / 2 * cell
         return -half, half
-    if kind == "skeletal":
-        offset = skeletal_offset_for(name, reference, volume_fraction, side) * cell
-        return offset, offset
-    raise InvalidRequest(f"kind {kind!r} is unknown; choose 'sheet' or 'skeletal'")
+    offset = skeletal_offset_for(name, reference, volume_fraction, side) * cell
+    return offset, offset
 
 
 @public()
@@ -295,6 +293,4 @@ def _describe_limits(min_offset: float, max_offset: float) -> str:
 
 def _side_sign(side: str) -> int:
     """+1 for side "-", whose volume grows with the offset; -1 for side "+"."""
-    if side not in ("-", "+"):
-        raise InvalidRequest(f"side {side!r} is unknown; choose '-' or '+'")
     return 1 if side == "-" else -1

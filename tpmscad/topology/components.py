@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 from tpmscad.public_calls import public
-from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity, find_root
+from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array, find_root
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,7 +221,7 @@ def label_components(values: ArrayLike, level: float = 0.0, convention: Conventi
     array([[1, 1, 1],
            [3, 3, 3]])
     """
-    return _label_phase(values, level, connectivity(convention)[0], solid=True)
+    return _label_phase(values, level, CONNECTIVITY[convention][0], solid=True)
 
 
 @public()
@@ -256,7 +256,7 @@ def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention
     >>> len(topology.label_cavities(values))
     1
     """
-    return _label_phase(values, level, connectivity(convention)[1], solid=False)
+    return _label_phase(values, level, CONNECTIVITY[convention][1], solid=False)
 
 
 @public()
@@ -298,7 +298,7 @@ def count_components_and_cavities(
     (2, 0)
     """
     field = as_sample_array(values)
-    solid, void = connectivity(convention)
+    solid, void = CONNECTIVITY[convention]
     return (
         label_runs(field, level, True, solid, exterior=False).count,
         label_runs(field, level, False, void, exterior=True).count,

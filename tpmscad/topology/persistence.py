@@ -22,7 +22,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
-from tpmscad.topology.voxels import Convention, Labels, as_sample_array, connectivity
+from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array
 
 NO_VOXEL = -1
 """Location of the death of a class that never dies."""
@@ -111,7 +111,7 @@ def compute_persistence(values: ArrayLike, dimension: int, convention: Conventio
     (array([-1., -1.]), array([ 1., inf]))
     """
     field = as_sample_array(values)
-    solid, void = connectivity(convention)
+    solid, void = CONNECTIVITY[convention]
     check_dimension(dimension)
     keys, basins = initialise_sweep(field, dimension)
     basins[1:-1, 1:-1, 1:-1] = UNASSIGNED
@@ -189,7 +189,7 @@ def compute_pairs_at_level(
     field, level = as_sample_array(values), float(level)
     check_dimension(dimension)
     solid = dimension == 0
-    neighbours = connectivity(convention)[0 if solid else 1]
+    neighbours = CONNECTIVITY[convention][0 if solid else 1]
     runs = label_runs(field, level, solid, neighbours, exterior=not solid)
     if runs.count <= (1 if solid else 0):
         minima = saddles = np.empty(0, np.int64)

@@ -42,13 +42,6 @@ def as_sample_array(values: ArrayLike) -> Array:
     return np.require(read_value("values", VALUES, values), float, ("C", "W"))
 
 
-def connectivity(convention: str) -> tuple[int, int]:
-    """Numbers of neighbours of a solid and of a void voxel; InvalidRequest if the convention is unknown."""
-    if convention not in CONNECTIVITY:
-        raise InvalidRequest(f"convention {convention!r}: choose one of {', '.join(CONNECTIVITY)}")
-    return CONNECTIVITY[convention]
-
-
 def check_complex(convention: str) -> None:
     """Raise InvalidRequest unless the convention defines a cubical complex."""
     if convention not in ("vertices", "top_cells"):

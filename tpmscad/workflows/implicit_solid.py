@@ -30,7 +30,7 @@ from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows.certificate import Certificate, Check, certify
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
-from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, check_loose, drop_loose_pieces
+from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, drop_loose_pieces
 from tpmscad.workflows.mapped_field_solid import solidify_mapped
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
@@ -97,7 +97,6 @@ def solidify(
     >>> model.certificate.met  # doctest: +SKIP
     True
     """
-    check_loose(loose)
     if isinstance(domain, SplineMap):
         return solidify_mapped(field, domain, tol, loose, executor, StageTimer(progress))
     if not is_numeric_box(domain):

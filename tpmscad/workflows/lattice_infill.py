@@ -30,7 +30,7 @@ from tpmscad.workflows.lattice_request import (
     resolve_lattice_request,
     rotation_matrix,
 )
-from tpmscad.workflows.loose_pieces import DroppedPieces, check_loose, drop_loose_pieces, drop_loose_solids
+from tpmscad.workflows.loose_pieces import DroppedPieces, drop_loose_pieces, drop_loose_solids
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.reference_distance import field_distance, lattice_distance
 from tpmscad.workflows.skin import fill_within_skin
@@ -131,7 +131,6 @@ def infill(
     >>> model = tpmscad.infill("bracket.step", "gyroid", cell=8, thickness=0.8, skin=1.5)  # doctest: +SKIP
     >>> model.export_step("filled.step")  # doctest: +SKIP
     """
-    check_loose(loose)
     stages = StageTimer(progress)
     given: dict[str, Any] = {
         "cell": cell,

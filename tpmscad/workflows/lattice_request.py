@@ -286,12 +286,6 @@ def lattice_size(surface: str, options: Mapping[str, Any]) -> tuple[float, float
 
 def rotation_matrix(rotation: Sequence[float]) -> Array:
     """Matrix (3, 3) of intrinsic rotations about x, y and z, in degrees; quarter turns are exact."""
-    try:
-        angles = np.asarray(rotation, float)
-    except (TypeError, ValueError):
-        angles = np.full(3, np.nan)
-    if angles.shape != (3,) or not np.isfinite(angles).all():
-        raise InvalidRequest(f"rotation {rotation!r} takes three finite angles in degrees, about x, y and z")
-    matrix = Rotation.from_euler("XYZ", angles, degrees=True).as_matrix()
+    matrix = Rotation.from_euler("XYZ", rotation, degrees=True).as_matrix()
     rounded = np.rint(matrix)
     return np.asarray(rounded if np.abs(matrix - rounded).max() < EXACT_ROTATION_TOL else matrix)

@@ -37,7 +37,7 @@ from tpmscad.workflows.certificate import certify
 from tpmscad.workflows.lattice_block import find_trim_tolerance
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
-from tpmscad.workflows.loose_pieces import check_loose, drop_loose_pieces
+from tpmscad.workflows.loose_pieces import drop_loose_pieces
 from tpmscad.workflows.mapped_cover import cover_mapped_lattice
 from tpmscad.workflows.model import Model, UnitCell
 from tpmscad.workflows.patch_measures import measure_lattice_patches
@@ -161,7 +161,7 @@ def lattice(
         f"a solid of {' x '.join(f'{n}' for n in request.cells)} cells",
         "use fewer cells, or write it in slabs (tpmscad.export_slabs) or as copies of one cell (tpmscad.export_instances)",
     )
-    return make_lattice(request, check_loose(loose), StageTimer(progress), map)
+    return make_lattice(request, loose, StageTimer(progress), map)
 
 
 def make_lattice(

@@ -13,7 +13,6 @@ from typing import Any
 
 from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.errors import InvalidRequest
 from tpmscad.workflows.certificate import CHIP_VOLUME_FRACTION
 
 DROP, KEEP = "drop", "keep"
@@ -40,13 +39,6 @@ class DroppedPieces:
 
 
 NOTHING_DROPPED = DroppedPieces()
-
-
-def check_loose(loose: str) -> str:
-    """The choice; InvalidRequest if it is neither "drop" nor "keep"."""
-    if loose not in (DROP, KEEP):
-        raise InvalidRequest(f"loose {loose!r} is unknown; choose one of {DROP!r}, {KEEP!r}")
-    return loose
 
 
 def drop_loose_pieces(

@@ -9,7 +9,6 @@ the fluid itself.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel import Creases, FaceSamples, face_moments, faces_of, read_body
 from tpmscad.public_calls import public
 from tpmscad.workflows.model import Model
+from tpmscad.workflows.print_check import read_closed_solids
 
 SAMPLE_SPACING_FRACTION = 0.4
 """Greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
@@ -160,12 +160,7 @@ def measure(source: Any, *, within: Any = None, spacing: float | None = None, is
         is_fluid = isinstance(source, Model) and source.is_fluid
     if isinstance(source, Model):
         source = source.built.shape
-    shape = (
-        kernel.read_foreign_step(source).shape if isinstance(source, str | Path) else getattr(source, "wrapped", source)
-    )
-    report = kernel.check_shape(shape)
-    if not report.ok:
-        raise InvalidRequest(f"only valid closed solids can be measured, this is {str(report).splitlines()[0]}")
+    shape, report = read_closed_solids(source, "measured")
     faces = faces_of(shape)
     size = float(np.linalg.norm(np.subtract(*report.bounds)))
     envelope_volume, wetted = _measure_envelope(

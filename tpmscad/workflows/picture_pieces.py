@@ -49,7 +49,7 @@ def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
             )
             for named in source.named_solids()
         ]
-    if not hasattr(source, "wrapped") and hasattr(source, "vals"):  # the stack of a CadQuery workplane
+    if hasattr(source, "vals") and not hasattr(source, "wrapped"):  # the stack of a CadQuery workplane
         source = kernel.make_compound([value.wrapped for value in source.vals()])
     found = kernel.pieces_of(source)
     labels = [child.label for child in getattr(source, "children", ()) for _ in child.solids()]  # a build123d assembly

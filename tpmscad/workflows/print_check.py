@@ -193,12 +193,7 @@ def check_print(
     >>> tpmscad.check_print(model, min_wall=0.3, min_gap=0.3, max_overhang=45).met  # doctest: +SKIP
     False
     """
-    shape = _read_shape(source)
-    report = kernel.check_shape(shape)
-    if not report.ok:
-        raise InvalidRequest(
-            f"only valid closed solids can be checked before printing, this is {str(report).splitlines()[0]}"
-        )
+    shape, report = read_closed_solids(source, "checked before printing")
     upwards = as_unit_vector(build_direction)
     surface, notes = _sample(shape, report, [limit for limit in (min_wall, min_gap) if limit is not None])
     reach = 2.0 * report.volume / report.area
@@ -233,11 +228,16 @@ def check_print(
     return PrintReport(met, findings, upwards, overhang.plate_area, surface.spacing, notes)
 
 
-def _read_shape(source: Any) -> Any:
-    """The TopoDS shape of a model, of a shape, or of a file."""
-    if isinstance(source, str | Path):
-        return kernel.read_foreign_step(source).shape
-    return getattr(source, "wrapped", source)
+def read_closed_solids(source: Any, purpose: str) -> tuple[Any, kernel.ShapeReport]:
+    """The TopoDS shape of a model, shape or file, and its report; InvalidRequest unless it consists of valid closed solids."""
+    shape = kernel.read_foreign_step(source).shape if isinstance(source, str | Path) else kernel.require_shape(source)
+    report = kernel.check_shape(shape)
+    if not report.ok:
+        found = str(report).splitlines()[0] if report.solids else "a shape that holds no solid"
+        raise InvalidRequest(
+            f"only valid closed solids can be {purpose}, this is {found}: repair it where it was modelled"
+        )
+    return shape, report
 
 
 def _sample(shape: Any, report: kernel.ShapeReport, limits: Sequence[float]) -> tuple[SampledSurface, tuple[str, ...]]:

@@ -100,11 +100,7 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
 
     Raises InvalidRequest if nothing is that deep, and KernelError if every method fails or misses the thickness.
     """
-    if not (np.isfinite(skin) and skin > 0):
-        raise InvalidRequest(f"skin {skin!r} is a thickness: a finite number above zero, or None for no skin")
     closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in open_faces)]
-    if not closed:
-        raise InvalidRequest("open_faces holds all faces of the body: omit the skin instead")
     depth = SkinDepth(body.shape, closed)
     points, depths = sample_depths(depth, skin, DEPTH_SAMPLES, INSET_SAMPLES)
     if not (depths > skin).any():

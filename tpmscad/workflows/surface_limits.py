@@ -6,7 +6,6 @@ The wall of a sheet folds where half its thickness reaches the least radius of c
 from __future__ import annotations
 
 from tpmscad import surfaces
-from tpmscad.errors import InvalidRequest
 from tpmscad.public_calls import public
 
 
@@ -40,7 +39,6 @@ def thickest_wall(surface: str, reference: str | None = None) -> float:
     info = surfaces.find_surface(surface)
     if reference is None:
         reference = info.references[0]
-    elif reference not in info.references:
-        raise InvalidRequest(f"the {info.title} has no {reference} reference")
+    surfaces.check_reference(info, reference)
     measures = surfaces.cell_measures(info.name, reference)
     return float(2.0 * min(measures.max_offset, -measures.min_offset))

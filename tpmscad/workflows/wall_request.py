@@ -70,8 +70,6 @@ def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: 
 def _check_offsets(offset: Any, kind: str) -> tuple[float, float]:
     """The lower and the upper offset; the one of a skeletal solid twice."""
     values = np.atleast_1d(np.asarray(offset, float))
-    if not np.isfinite(values).all():
-        raise InvalidRequest(f"offset {values.tolist()} must be finite")
     if kind == "skeletal":
         if values.size != 1:
             raise InvalidRequest(f"a skeletal solid has one offset, not {values.size}")

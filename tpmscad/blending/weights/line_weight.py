@@ -148,9 +148,7 @@ def make_line_weight(
     """
     start, end = layer
     if not start < end:
-        raise InvalidRequest(f"the blending layer from {start:g} to {end:g} is empty")
-    if degree < 1:
-        raise InvalidRequest(f"degree {degree}: a weight needs at least 1, and 2 for a continuous gradient")
+        raise InvalidRequest(f"the blending layer from {start:g} to {end:g} is empty: widen the blending region")
     if count is None:
         n_spans = (MIN_FREE_COEFFICIENTS * 2 + degree) if n_spans is None else n_spans
         step = (end - start) / n_spans
@@ -158,7 +156,7 @@ def make_line_weight(
         knots[degree], knots[-degree - 1] = start, end
     else:
         if count <= degree:
-            raise InvalidRequest(f"{count} coefficients of degree {degree}: at least {degree + 1} are needed")
+            raise InvalidRequest(f"count {count}: a weight of degree {degree} has at least {degree + 1} coefficients")
         low, high = domain
         inner = np.linspace(low, high, count - degree + 1)
         knots = np.concatenate([np.full(degree, low), inner, np.full(degree, high)])

@@ -137,8 +137,8 @@ def assign_target_values(masks: StageMasks) -> tuple[Array, BoolArray]:
     for name, cells in zip(("first", "second"), interfaces, strict=True):
         if not cells.any():
             raise InvalidRequest(
-                f"the {name} region does not touch the blending region at this resolution {grid.shape}: move the blending region "
-                "or use a finer resolution"
+                f"nothing of the {name} region borders on the blending region from outside at this resolution {grid.shape}: move "
+                "the blending region, shrink it if it covers the region, or use a finer resolution"
             )
     first_distance, second_distance = (distance_transform_edt(~cells, sampling=grid.spacing) for cells in interfaces)
     total = first_distance + second_distance

@@ -82,10 +82,7 @@ def _resolve_shape(source: Any) -> tuple[TopoDS_Shape, str]:
             raise InvalidRequest(f"the workplane holds no solid: {error}") from error
     elif hasattr(source, "part") and not hasattr(source, "wrapped"):  # a build123d builder
         source = source.part
-    try:
-        shape = unwrap(source)
-    except AssertionError:  # build123d raises this for an empty shape
-        shape = None
+    shape = unwrap(source)
     if not isinstance(shape, TopoDS_Shape) or shape.IsNull():
         raise InvalidRequest(
             f"{type(source).__name__} is no body: give a build123d or CadQuery shape, a TopoDS shape, a STEP file's path, or "

@@ -136,7 +136,7 @@ def _require_success(answer: bytes, exit_code: int, seconds: float) -> bytes:
 
 
 def _timeout(seconds: float) -> ChildFailure:
-    return ChildFailure(f"did not end within {seconds:.0f} s")
+    return ChildFailure(f"did not end within {seconds:g} s")
 
 
 def _after_fork() -> None:

@@ -36,8 +36,11 @@ class ShapeKey:
 
 
 def unwrap(shape: Any) -> Any:
-    """The TopoDS shape behind a build123d or CadQuery object; anything else is returned as it is."""
-    return getattr(shape, "wrapped", shape)
+    """The TopoDS shape behind a build123d or CadQuery object, None behind an empty one; anything else is returned as it is."""
+    try:
+        return getattr(shape, "wrapped", shape)
+    except AssertionError:  # build123d raises this for an empty shape
+        return None
 
 
 def require_shape(shape: Any) -> TopoDS_Shape:

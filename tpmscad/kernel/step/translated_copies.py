@@ -70,8 +70,12 @@ class StepOriginal:
     def with_decimals(self, decimals: int) -> StepOriginal:
         """The same points on a finer grid."""
         factor = 10 ** (decimals - self.decimals)
-        if np.abs(self.points).max(initial=0) * factor >= GREATEST_UNITS:
-            raise InvalidRequest(f"coordinates of {decimals} decimals are too long")
+        greatest = int(np.abs(self.points).max(initial=0))
+        if greatest * factor >= GREATEST_UNITS:
+            raise InvalidRequest(
+                f"coordinates of {greatest / 10**self.decimals:g} mm do not fit the {decimals} decimals of a smaller slab beside "
+                "this one: divide the lattice into slabs of more equal sizes"
+            )
         return replace(self, points=self.points * factor, decimals=decimals)
 
 

@@ -139,7 +139,8 @@ def _share_faces(
     for domain, own, cap in zip(domains, kept, caps, strict=True):
         new = [i for i in own if i not in number]
         number |= {i: count + n for n, i in enumerate(new)}
-        members.append(np.array([*(number[i] for i in own), *range(count + len(new), count + len(new) + len(cap))]))
+        faces_of_caps = range(count + len(new), count + len(new) + len(cap))
+        members.append(np.array([*(number[i] for i in own), *faces_of_caps], np.int64))
         parts.append(([faces[i] for i in new], cap, domain.sign))
         count += len(new) + len(cap)
     sense = a.operands.lattice.faces.sense
