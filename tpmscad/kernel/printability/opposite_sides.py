@@ -61,6 +61,9 @@ DIFFERENCE = 1e-6
 MAX_SHIFT = 2.0
 """Greatest way of the ends from their samples, in spacings."""
 
+DIVERGED_REACHES = 1000.0
+"""Multiple of that way beyond which Newton's method has diverged; points of polynomials overflow soon after."""
+
 CANDIDATE_SLACK = 1.5
 """Spacings by which the distance of samples may exceed that of the solids."""
 
@@ -254,12 +257,18 @@ class _FacePair:
             jacobian = (values[1:] - values[0]).T / step
             change = np.linalg.lstsq(jacobian, -values[0], rcond=SINGULAR_RATIO)[0].reshape(2, 2)
             uv = uv + change
+            if self._distance_from_start(uv) > DIVERGED_REACHES * self.reach:
+                return None
         ends = self._ends(uv.reshape(1, 4))[0]
-        near = np.linalg.norm(ends - self.start, axis=1).max() < self.reach
+        near = self._distance_from_start(uv) < self.reach
         settled = np.abs(self._slopes(uv.reshape(1, 4))).max() < np.sqrt(STATIONARY_SINE)
         if not (near and settled and all(map(_contains, self.faces, uv))):
             return None
         return ends
+
+    def _distance_from_start(self, uv: Array) -> float:
+        """How far the farther one of both places (2, 2) has moved."""
+        return float(np.linalg.norm(self._ends(uv.reshape(1, 4))[0] - self.start, axis=1).max())
 
     def _ends(self, uv: Array) -> Array:
         """Ends of segments at parameters (n, 4): (n, 2, 3)."""
