@@ -95,6 +95,25 @@ def test_a_scaffold_of_four_quadrants_is_denser_at_its_rim(load: Any) -> None:
         assert np.array_equal(blended.field(x[own]), rods(x[own]))
 
 
+def test_the_wall_of_a_nozzle_is_as_thick_as_asked_for_at_every_height(load: Any) -> None:
+    bd = pytest.importorskip("build123d")
+    cells = (10, 1, 4)
+    found = load("nozzle").main(cells=cells, tol=0.2)
+    assert found["met"]
+    assert found["deviation"] <= 0.2
+    assert found["betti"][0] == 1
+    assert found["betti"][2] == 0
+    assert found["tunnels in the file"] == found["betti"][1]
+    assert (found["betti"][1] - 1) % cells[0] == 0, "the ring repeats itself cell by cell around the axis"
+    assert max(found["thickness off by at most"].values()) < 0.02
+    assert found["thickness"]["throat"] == pytest.approx(0.7, abs=0.02)
+    assert found["thickness"]["throat"] > 1.3 * found["thickness"]["inlet"] > 1.5 * found["thickness"]["exit"]
+    (solid,) = bd.import_step("nozzle.step").solids()
+    assert solid.is_valid
+    assert solid.volume == pytest.approx(found["volume"], rel=1e-6)
+    require_files("nozzle")
+
+
 def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
     pytest.importorskip("pyamg")
     length, height = 40.0, 10.0
