@@ -32,7 +32,7 @@ PICTURE_WIDTH = 640
 PALETTE = 256
 """Colours of a kept picture, for small files."""
 
-APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone", "counter_flow_exchanger", "nozzle")
+APPLICATIONS = ("trimmed", "build123d_bracket", "implant", "bone", "counter_flow_exchanger", "nozzle", "tooth")
 """Examples that make a solid, without CadQuery."""
 
 PLOTS = ("sweep",)

@@ -114,6 +114,24 @@ def test_the_wall_of_a_nozzle_is_as_thick_as_asked_for_at_every_height(load: Any
     require_files("nozzle")
 
 
+def test_a_tooth_has_the_topology_of_the_structure_in_its_block(load: Any) -> None:
+    pytest.importorskip("build123d")
+    example, cells = load("tooth"), np.array([3, 3, 3])
+    found = example.main()  # this is small enough; coarser tolerances are not met
+    assert found["met"], found["shortfalls"]
+    assert found["deviation"] <= found["tolerance"]
+    # the rods are a lattice graph: a node in each cell, an edge through each face between two cells
+    edges = sum(int(np.prod(cells - np.eye(3, dtype=int)[axis])) for axis in range(3))
+    assert found["betti"] == found["betti in the block"] == (1, edges - int(cells.prod()) + 1, 0)
+    assert found["least Jacobian, proved"] > 0
+    assert found["isolated parts of the blend"] == found["pieces left out"] == 0
+    map, field = example.tooth(tuple(cells.tolist())), example.blend_regions(tuple(cells.tolist())).field
+    x = np.random.default_rng(1).uniform((0, 0, 0), cells, (100_000, 3))
+    volume = cells.prod() * (np.linalg.det(map.jacobian(x, 1.0)) * (field(x) < 0)).mean()
+    assert found["volume"] == pytest.approx(volume, rel=0.03)
+    require_files("tooth")
+
+
 def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
     pytest.importorskip("pyamg")
     length, height = 40.0, 10.0
