@@ -40,6 +40,8 @@ APPLICATIONS = (
     "counter_flow_exchanger",
     "beam",
     "cell_size_grading",
+    "nozzle",
+    "tooth",
 )
 """Examples that make a solid, without CadQuery."""
 

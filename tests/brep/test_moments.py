@@ -15,8 +15,8 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.loop_integrals import integrate_pcurves
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineSurface, line_segment
-from tpmscad.splines.knots import restrict_surface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, line_segment
+from tpmscad.splines.knots import bezier_knots, restrict_surface
 
 SIZE = np.array([2.0, 3.0, 5.0])
 
@@ -100,6 +100,18 @@ def test_inner_knots_do_not_blur_the_quadrature() -> None:
         np.testing.assert_allclose(
             getattr(whole, name), sum(getattr(p, name) for p in parts), rtol=0, atol=1e-14, err_msg=name
         )
+
+
+def test_a_pcurve_of_any_degree_is_split_where_it_crosses_the_inner_knots_of_its_surface() -> None:
+    """A straight pcurve has the same integrals in degree 1 and in degree 10; FITPACK's derivatives end at degree 5."""
+    rng = np.random.default_rng(6)
+    knots_u, knots_v = np.array([0, 0, 0, 0.3, 0.7, 1, 1, 1]), np.array([0, 0, 0, 0, 0.45, 1, 1, 1, 1.0])
+    surface = BSplineSurface(rng.random((5, 5, 3)), knots_u, knots_v, 2, 3)
+    ends = np.array([[0.1, 0.2], [0.9, 0.8]])
+    straight = line_segment(*ends)
+    elevated = BSplineCurve(ends[0] + np.linspace(0, 1, 11)[:, None] * (ends[1] - ends[0]), bezier_knots(10), 10)
+    low, high = (integrate_pcurves(surface, [(curve, (0.0, 1.0))]) for curve in (straight, elevated))
+    np.testing.assert_allclose(high, low, rtol=1e-12, atol=1e-14)
 
 
 def test_a_box_is_one_closed_shell_of_a_sphere() -> None:

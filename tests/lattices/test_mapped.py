@@ -13,6 +13,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import copies, mapped_lattice
 from tpmscad.lattices.mapped_surface import MappedSurface, require_regular
+from tpmscad.lattices.self_contact import require_no_self_contact
 
 RNG = np.random.default_rng(11)
 POINTS = 10 * RNG.random((40, 3))
@@ -198,3 +199,43 @@ def test_boxes_that_stay_boxes_are_told_from_those_that_do_not() -> None:
     np.testing.assert_allclose([low, high], [[0, 0, 0], [10, 15, 10]], rtol=0, atol=1e-12)
     with pytest.raises(InvalidRequest, match="boundary='natural'"):
         mapped_lattice.map_box(MAPS["of the user"], size)
+
+
+def test_a_graded_wall_reaches_half_its_local_thickness_from_the_mid_surface() -> None:
+    symmetry, patch = surfaces.patch_symmetry("schwarz_p"), surfaces.primitive_patch("schwarz_p", "minimal")
+    placements = copies.place_whole_cells("schwarz_p", (1, 1, 1), np.zeros(3))
+
+    def thickness(p: np.ndarray) -> np.ndarray:
+        return 0.5 + 0.05 * p[..., 2] + 0.02 * p[..., 0]
+
+    mapped = MappedSurface(patch, symmetry, placements, MAPS["cylinder"], 10.0, thickness=thickness)
+    u, v = RNG.random((2, 7))
+    middle = mapped.points(u, v)
+    for distance in (-0.5, 0.5):
+        apart = mapped.offset(u, v, distance) - middle.position
+        np.testing.assert_allclose(
+            apart, distance * thickness(middle.position)[..., None] * middle.normal, rtol=0, atol=1e-13
+        )
+    constant = MappedSurface(
+        patch, symmetry, placements, MAPS["cylinder"], 10.0, thickness=lambda p: np.full(p.shape[:-1], 2.0)
+    )
+    plain = MappedSurface(patch, symmetry, placements, MAPS["cylinder"], 10.0)
+    np.testing.assert_allclose(
+        2 * mapped_lattice.least_curvature_radius(constant), mapped_lattice.least_curvature_radius(plain), rtol=1e-12
+    )
+
+
+def test_walls_of_graded_thickness_that_meet_are_refused_where_they_are_thick_only() -> None:
+    """Schwarz P of cell 10 in the middle of its height, where a wall of 6.5 mm closes the necks."""
+    symmetry, patch = surfaces.patch_symmetry("schwarz_p"), surfaces.primitive_patch("schwarz_p", "minimal")
+    placements = copies.place_whole_cells("schwarz_p", (1, 1, 1), np.zeros(3))
+    for peak, meets in ((0.5, False), (6.0, True)):
+        mapped = MappedSurface(
+            patch, symmetry, placements, MAPS["cylinder"], 10.0,
+            thickness=lambda p, peak=peak: 0.5 + peak * np.exp(-((p[..., 2] - 5.0) ** 2)),
+        )  # fmt: skip
+        if meets:
+            with pytest.raises(InvalidRequest, match="overlaps itself"):
+                require_no_self_contact(mapped, (-0.5, 0.5), None)
+        else:
+            require_no_self_contact(mapped, (-0.5, 0.5), None)

@@ -144,6 +144,21 @@ MAPS: dict[str, Row] = {
         lambda: lattice(thickness=2.4, map=maps.stretching((1, 1, 0.4))),
         "curvature radius",
     ),
+    "graded wall without a map": (lambda: lattice(thickness=lambda p: 1 + 0 * p[..., 0]), "give map="),
+    "graded wall of no thickness": (
+        lambda: lattice(thickness=lambda p: p[..., 0] - 5, map=maps.stretching((1, 1, 1))),
+        "must be positive and finite",
+    ),
+    "graded wall of vectors": (
+        lambda: lattice(thickness=lambda p: p, map=maps.stretching((1, 1, 1)), boundary="natural"),
+        "returns a number for each",
+    ),
+    "graded wall thicker than the bend": (
+        lambda: lattice(
+            thickness=lambda p: 1 + 0.3 * p[..., 0] ** 2, map=maps.stretching((1, 1, 1)), boundary="natural"
+        ),
+        "graded wall reaches beyond the curvature radius",
+    ),
     "factors": (lambda: maps.stretching((1, 2, 0)), "three positive, finite"),
     "axis": (lambda: maps.grading(3, (1, 2), 10.0), "none of 0, 1 and 2"),
     "scale": (lambda: maps.grading(0, (1, -2), 10.0), "scale .* must be positive"),

@@ -95,6 +95,43 @@ def test_a_scaffold_of_four_quadrants_is_denser_at_its_rim(load: Any) -> None:
         assert np.array_equal(blended.field(x[own]), rods(x[own]))
 
 
+def test_the_wall_of_a_nozzle_is_as_thick_as_asked_for_at_every_height(load: Any) -> None:
+    bd = pytest.importorskip("build123d")
+    cells = (10, 1, 4)
+    found = load("nozzle").main(cells=cells, tol=0.2)
+    assert found["met"]
+    assert found["deviation"] <= 0.2
+    assert found["betti"][0] == 1
+    assert found["betti"][2] == 0
+    assert found["tunnels in the file"] == found["betti"][1]
+    assert (found["betti"][1] - 1) % cells[0] == 0, "the ring repeats itself cell by cell around the axis"
+    assert max(found["thickness off by at most"].values()) < 0.02
+    assert found["thickness"]["throat"] == pytest.approx(0.7, abs=0.02)
+    assert found["thickness"]["throat"] > 1.3 * found["thickness"]["inlet"] > 1.5 * found["thickness"]["exit"]
+    (solid,) = bd.import_step("nozzle.step").solids()
+    assert solid.is_valid
+    assert solid.volume == pytest.approx(found["volume"], rel=1e-6)
+    require_files("nozzle")
+
+
+def test_a_tooth_has_the_topology_of_the_structure_in_its_block(load: Any) -> None:
+    pytest.importorskip("build123d")
+    example, cells = load("tooth"), np.array([3, 3, 3])
+    found = example.main()  # this is small enough; coarser tolerances are not met
+    assert found["met"], found["shortfalls"]
+    assert found["deviation"] <= found["tolerance"]
+    # the rods are a lattice graph: a node in each cell, an edge through each face between two cells
+    edges = sum(int(np.prod(cells - np.eye(3, dtype=int)[axis])) for axis in range(3))
+    assert found["betti"] == found["betti in the block"] == (1, edges - int(cells.prod()) + 1, 0)
+    assert found["least Jacobian, proved"] > 0
+    assert found["isolated parts of the blend"] == found["pieces left out"] == 0
+    map, field = example.tooth(tuple(cells.tolist())), example.blend_regions(tuple(cells.tolist())).field
+    x = np.random.default_rng(1).uniform((0, 0, 0), cells, (100_000, 3))
+    volume = cells.prod() * (np.linalg.det(map.jacobian(x, 1.0)) * (field(x) < 0)).mean()
+    assert found["volume"] == pytest.approx(volume, rel=0.03)
+    require_files("tooth")
+
+
 def test_a_solid_beam_of_voxels_bends_as_a_timoshenko_beam(load: Any) -> None:
     pytest.importorskip("pyamg")
     length, height = 40.0, 10.0

@@ -90,3 +90,22 @@ def test_the_distance_from_a_field_is_in_model_units() -> None:
     ball = fields.sphere((0, 0, 0), 3.0) * 7.0
     points = np.array([[3.001, 0, 0], [0, 2.999, 0]])
     np.testing.assert_allclose(field_distance(ball)(points), 0.001, rtol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_distance_from_a_graded_wall_follows_its_thickness() -> None:
+    def thickness(p: np.ndarray) -> np.ndarray:
+        return 0.6 + 0.02 * p[..., 2]
+
+    map = maps.stretching((1.0, 1.0, 1.0))
+    asked = request("gyroid", cells=(1, 1, 1), phase=(0.0, 0.0, 0.0), thickness=thickness, map=map, boundary="natural")
+    symmetry, patch = surfaces.patch_symmetry("gyroid"), surfaces.primitive_patch("gyroid", "minimal")
+    rng = np.random.default_rng(4)
+    u, v = rng.random((2, 300))
+    motion = symmetry.cell_motions[rng.integers(0, len(symmetry.cell_motions), 300)]
+    jet = patch.jet(u, v)
+    foot, normal = 10 * motion.apply(jet.position), motion.apply_to_vectors(jet.normal)
+    height = rng.uniform(-0.6, 0.6, 300)
+    points = foot + height[:, None] * normal
+    expected = np.abs(np.abs(height) - thickness(foot) / 2)
+    np.testing.assert_allclose(lattice_distance(asked, map)(points), expected, atol=1e-7)

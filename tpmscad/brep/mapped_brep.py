@@ -23,7 +23,7 @@ from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.knots import bezier_knots
 
-DEGREES = (5, 6, 8, 10, 12)
+DEGREES = (5, 6, 8, 10, 12, 14, 16)
 """Degrees of mapped patches in the order of trial; all patches take the same one, so that sides are shared."""
 
 FIT_TOL_PATCHES = 2e-7

@@ -235,14 +235,19 @@ def _estimate_least_deviation(poles: Array, samples: Array) -> float:
 
 
 def least_curvature_radius(mapped: MappedSurface) -> float:
-    """Least radius of curvature of the mapped mid surface, sampled; offsets must stay below it."""
+    """Least radius of curvature of the mapped mid surface, sampled; offsets must stay below it.
+
+    Of a wall of graded thickness the radius is measured in local thicknesses, as its offsets are.
+    """
     t = g2_fit.sample_parameters()
     first = group_congruent_patches(mapped, 0.0).first
     samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0, first)
     poles, _ = g2_fit.fit_g2_patches(samples, BEZIER_DEGREES[-1])
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
+    unit = mapped.distance_unit(mapped.points(u, v, first).position)
     largest = max(
-        np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)).max() for p in poles
+        (np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)) * size).max()
+        for p, size in zip(poles, unit, strict=True)
     )
     return float(1.0 / largest)
 
@@ -250,6 +255,11 @@ def least_curvature_radius(mapped: MappedSurface) -> float:
 def require_offsets_below_curvature_radius(mapped: MappedSurface, offsets: Sequence[float], name: str) -> None:
     """InvalidRequest if an offset is not below the least radius of curvature; `name` is that of the surface in the message."""
     limit, worst = least_curvature_radius(mapped), max(offsets, key=abs)
+    if abs(worst) >= limit and mapped.thickness is not None:
+        raise InvalidRequest(
+            f"the graded wall reaches beyond the curvature radius of the {name}, at one place by the factor {0.5 / limit:.3g}: "
+            "make it thinner there, or take larger cells"
+        )
     if abs(worst) >= limit:
         raise InvalidRequest(
             f"offset {worst:g} passes the least curvature radius of the {name}, {limit:.6g}: "

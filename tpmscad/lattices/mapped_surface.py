@@ -6,7 +6,7 @@ A map is *regular* where its Jacobian keeps its orientation and is well conditio
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.public_calls import call_for_array
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 
@@ -45,7 +46,9 @@ class SurfacePoints:
 class MappedSurface:
     """The mapped mid surface over given placements of the primitive patch (in cells); `map` acts on cell * x.
 
-    `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends.
+    `periods`, in cells, are the lengths after which the lattice meets itself along the axes; 0 where it ends. With a graded
+    `thickness`, a positive function of points of the model, all signed distances are multiples of its value at the point of the
+    mid surface.
     """
 
     patch: SurfacePatch
@@ -54,6 +57,7 @@ class MappedSurface:
     map: Map
     cell: float
     periods: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    thickness: Callable[[Array], Array] | None = None
 
     def points(self, u: Array, v: Array, index: int | slice | IntArray = slice(None)) -> SurfacePoints:
         """Points at (u, v) of every chosen placement: (P, ..., 3), or (..., 3) of one."""
@@ -80,7 +84,12 @@ class MappedSurface:
     def offset(self, u: Array, v: Array, distance: float, index: int | slice | IntArray = slice(None)) -> Array:
         """Points at the signed normal distance from the mapped surface, of every chosen placement, as in `points`."""
         points = self.points(u, v, index)
-        return points.position + distance * points.normal
+        unit = self.distance_unit(points.position)
+        return points.position + (distance * unit)[..., None] * points.normal
+
+    def distance_unit(self, points: Array) -> Array:
+        """What signed distances are multiples of at points (..., 3) of the mid surface: 1, or the graded thickness."""
+        return np.ones(points.shape[:-1]) if self.thickness is None else evaluate_thickness(self.thickness, points)
 
     def orientation(self) -> int:
         """Sign of the Jacobian determinant of the map; InvalidRequest where the map is not regular on the surface."""
@@ -88,6 +97,23 @@ class MappedSurface:
         return require_regular(
             self.map, self.cell * self.placements[:, None].apply(self.patch.jet(u, v).position), self.cell
         )
+
+
+def evaluate_thickness(thickness: Callable[[Array], Array], points: Array) -> Array:
+    """Values (...) of a graded thickness at points (..., 3) of the model; InvalidRequest where it is not positive and finite."""
+    values = call_for_array("the thickness", thickness, points)
+    if values.shape != points.shape[:-1]:
+        raise InvalidRequest(
+            f"the thickness returned shape {values.shape} for points of shape {points.shape}; it takes points (..., 3) of the "
+            "model and returns a number for each"
+        )
+    wrong = ~(np.isfinite(values) & (values > 0))
+    if wrong.any():
+        raise InvalidRequest(
+            f"the thickness {values[wrong].flat[0]:g} at {_format(points[wrong][0])} in the model must be positive and finite "
+            "all along the lattice"
+        )
+    return values
 
 
 def box_points(cells: tuple[int, int, int], cell: float) -> Array:

@@ -58,9 +58,9 @@ TOUCH_FRACTION = 1e-6
 class WallPairs:
     """n points of the wall that may lie in another part of it, and their second feet.
 
-    The point is that at parameters `own` (n, 2) of placement `patch` (n,), at signed distance `height` (n,) from the mid surface;
-    the foot has the parameters `foot` (n, 2) on placement `other` (n,). `depth` (n,) says how deep the point lies in that wall,
-    negative outside.
+    The point is that at parameters `own` (n, 2) of placement `patch` (n,), at signed distance `height` (n,) from the mid surface,
+    in units of the surface; the foot has the parameters `foot` (n, 2) on placement `other` (n,). `depth` (n,) says how deep the
+    point lies in that wall, negative outside.
     """
 
     patch: IntArray
@@ -87,7 +87,7 @@ def require_no_self_contact(
     if limits is not None:
         pairs = _within(mapped, pairs, limits)
     pairs = _deepest(pairs, PAIRS_PER_PATCHES, PREDICTED_PAIRS)
-    wall = offsets[1] - offsets[0]
+    wall = (offsets[1] - offsets[0]) * float(_sample_units(mapped).min())
     for refinement in range(MAX_REFINEMENTS + 1):
         pairs = _deepest(_find_feet(mapped, pairs, offsets), 1, CLOSE_PAIRS)
         if len(pairs.patch) == 0:
@@ -113,6 +113,12 @@ def _deepest(pairs: WallPairs, each: int, count: int) -> WallPairs:
     return pairs.select(np.flatnonzero(rank < each)[:count])
 
 
+def _sample_units(mapped: MappedSurface) -> Array:
+    """The units of signed distances at samples of all patches."""
+    t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
+    return mapped.distance_unit(mapped.points(*np.meshgrid(t, t, indexing="ij")).position)
+
+
 def _patch_size(mapped: MappedSurface, patch: IntArray) -> Array:
     """The longer of the two tangents at the middle of patches (n,): their size, (n,)."""
     middle = mapped.points_at(patch, np.full(len(patch), 0.5), np.full(len(patch), 0.5))
@@ -134,16 +140,19 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
     position, normal = surface.position.reshape(-1, 3), surface.normal.reshape(-1, 3)
     lattice = surface.lattice.reshape(-1, 3)
     tree, step = cKDTree(position), np.repeat(spacing, shape[1])
-    reach = max(abs(d) for d in offsets) + (FOOT_RANGE_SPACINGS + MARGIN_SPACINGS) * float(spacing.max())
+    unit = mapped.distance_unit(position)
+    reach = max(abs(d) for d in offsets) * float(unit.max()) + (FOOT_RANGE_SPACINGS + MARGIN_SPACINGS) * float(
+        spacing.max()
+    )
     found = []
     for height in _heights(offsets):
-        points = position + height * normal
+        points = position + (height * unit)[:, None] * normal
         pairs = cKDTree(points).sparse_distance_matrix(tree, reach, output_type="ndarray")
         a, b = pairs["i"], pairs["j"]
         apart = points[a] - position[b]
         distance = np.einsum("ni,ni->n", apart, normal[b])
         tangential = apart - distance[:, None] * normal[b]
-        depth = np.minimum(distance - offsets[0], offsets[1] - distance)
+        depth = np.minimum(distance - offsets[0] * unit[b], offsets[1] * unit[b] - distance)
         near = (np.linalg.norm(tangential, axis=1) < FOOT_RANGE_SPACINGS * step[b]) & (
             depth > -MARGIN_SPACINGS * step[b]
         )
@@ -185,7 +194,7 @@ def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]
 def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:
     """The pairs with exact feet and depths; those without a foot on the other patch, or whose foot is their own, are left out."""
     own = mapped.points_at(pairs.patch, *pairs.own.T)
-    points = own.position + pairs.height[:, None] * own.normal
+    points = own.position + (pairs.height * mapped.distance_unit(own.position))[:, None] * own.normal
     sides = pairs.foot
     for _ in range(FOOT_STEPS):
         at = mapped.points_at(pairs.other, *sides.T)
@@ -196,7 +205,8 @@ def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, fl
     apart = points - at.position
     distance = np.einsum("ni,ni->n", apart, at.normal)
     sideways = np.linalg.norm(apart - distance[:, None] * at.normal, axis=1)
-    depth = np.minimum(distance - offsets[0], offsets[1] - distance) - sideways
+    unit = mapped.distance_unit(at.position)
+    depth = np.minimum(distance - offsets[0] * unit, offsets[1] * unit - distance) - sideways
     far = _lattice_distance(mapped, at.lattice - own.lattice) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
     return replace(pairs, foot=sides, depth=depth).select(far)
 
@@ -219,7 +229,7 @@ def _refine(pairs: WallPairs, spacing: float, offsets: tuple[float, float]) -> W
 
 def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
     own, other = mapped.points_at(pair.patch, *pair.own.T), mapped.points_at(pair.other, *pair.foot.T)
-    place = own.position[0] + pair.height[0] * own.normal[0]
+    place = (own.position + (pair.height * mapped.distance_unit(own.position))[:, None] * own.normal)[0]
     p, q = own.lattice[0], other.lattice[0]
     message = (
         f"under {mapped.map.name} the lattice overlaps itself: near {_format(place)} its wall at {_format(p / mapped.cell)} "

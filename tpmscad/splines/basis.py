@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import comb
+from math import comb, factorial
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -37,6 +37,17 @@ def knot_domain(knots: Array, degree: int) -> tuple[float, float]:
 def scipy_spline(knots: Array, coefficients: Array, degree: int) -> BSpline:
     """SciPy's B-spline without the validation, which takes longer than the evaluation of a few points."""
     return BSpline.construct_fast(np.asarray(knots, float), np.asarray(coefficients, float), degree)
+
+
+def power_coefficients(knots: Array, coefficients: Array, degree: int) -> tuple[Array, Array]:
+    """The polynomials of a spline function: breaks (m + 1,) of its spans, and coefficients (degree + 1, m), highest power first.
+
+    The layout is that of SciPy's `PPoly`. `PPoly.from_spline` calls FITPACK's `splder`, whose work arrays hold six coefficients
+    of a span: from degree 8 on it writes beyond them and the process crashes.
+    """
+    breaks = np.unique(knots)
+    spline = scipy_spline(knots, coefficients, degree)
+    return breaks, np.stack([spline(breaks[:-1], order) / factorial(order) for order in range(degree, -1, -1)])
 
 
 def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:

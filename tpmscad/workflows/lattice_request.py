@@ -50,7 +50,6 @@ EXACT_ROTATION_TOL = 1e-15
 class WallOptions(TypedDict, total=False):
     """The keywords that `lattice`, `infill` and `fluid_domains` share."""
 
-    thickness: float | None
     offset: float | Sequence[float] | None
     volume_fraction: float | None
     porosity: float | None
@@ -66,6 +65,7 @@ class LatticeOptions(WallOptions, total=False):
 
     cell: float | Sequence[float] | None
     cells: int | Sequence[int]
+    thickness: float | Callable[[Array], Array] | None
     kind: str
     side: str
     boundary: str
@@ -77,6 +77,7 @@ class InfillOptions(WallOptions, total=False):
     """The keywords of `infill`; a field takes `tol`, `skin`, `open_faces` and `progress` only."""
 
     cell: float | Sequence[float] | None
+    thickness: float | None
     kind: str
     side: str
     rotation: Sequence[float]
@@ -153,7 +154,8 @@ class LatticeRequest:
 
     `cell` holds the three edges, `cells` the counts, `offset` the normal distances of the two walls (sheet) or of the one surface
     twice (skeletal), `levels` the nodal levels of the two walls if they are no offsets of one surface, `notes` what the
-    certificate says of the wall, `phase` the shift in cells, `tol` the greatest deviation.
+    certificate says of the wall, `phase` the shift in cells, `tol` the greatest deviation. `thickness` is that of a graded wall,
+    a function of points of the model; the offsets are then multiples of it.
     """
 
     surface: str
@@ -168,6 +170,7 @@ class LatticeRequest:
     tol: float
     levels: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
+    thickness: Callable[[Array], Array] | None = None
 
     @property
     def layer_offsets(self) -> tuple[float | None, float | None]:
@@ -248,6 +251,7 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         tol,
         wall.levels,
         (*wall.notes, *pore_notes),
+        wall.thickness,
     )
 
 

@@ -56,7 +56,7 @@ def lattice(
     *,
     cell: float | Sequence[float] | None = None,
     cells: int | Sequence[int] = (1, 1, 1),
-    thickness: float | None = None,
+    thickness: float | Callable[[Array], Array] | None = None,
     offset: float | Sequence[float] | None = None,
     volume_fraction: float | None = None,
     porosity: float | None = None,
@@ -81,9 +81,10 @@ def lattice(
         Edge length of the cell, or one for each axis, model units (mm). Required unless `pore_size` is given.
     cells : int or (3,) ints, optional
         Number of cells along every axis, or along each.
-    thickness : float, optional
+    thickness : float or callable, optional
         Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`;
-        a skeletal lattice may also take none.
+        a skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3) of
+        the model: half of its value at each point of the mid surface lies on either side. It should be smooth, like the map.
     offset : float or (float, float), optional
         Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
     volume_fraction : float, optional
@@ -324,7 +325,9 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
     with stages("fit"):
         cover = cover_mapped_lattice(request, mapping)
-        surface = mapped_surface.MappedSurface(patch, symmetry, cover.placements, mapping, cell, cover.periods)
+        surface = mapped_surface.MappedSurface(
+            patch, symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
+        )
         surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
         if request.kind == "sheet":
@@ -341,7 +344,10 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
                 brep, notes = _trim_by_body(brep, cover.body, cell)
         fill = None
         if cover.body is None and fit.lower is not None and fit.upper is not None:
-            periods = mapped_surface.find_translation_periods(mapping, request.cells, cell)
+            repeats = request.thickness is None
+            periods = (
+                mapped_surface.find_translation_periods(mapping, request.cells, cell) if repeats else (0.0, 0.0, 0.0)
+            )
             fill = partial(mapped_walls, fit.lower, fit.upper, periods)
         return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes, make_spline_volumes=fill)
 

@@ -48,7 +48,7 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
         placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
         return MappedCover(placements, _periods(request, closed), None, None)
     patch = surfaces.primitive_patch(request.surface, request.reference)
-    symmetry, reach = surfaces.patch_symmetry(request.surface), float(np.abs(request.offset).max())
+    symmetry, reach = surfaces.patch_symmetry(request.surface), _greatest_offset(request, map)
     try:
         bounds = mapped_lattice.map_box(map, size)
     except InvalidRequest:
@@ -71,6 +71,15 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
     )
     open_ended = np.where(closed, np.inf, 0.0)
     return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_ended, size + open_ended))
+
+
+def _greatest_offset(request: LatticeRequest, map: Map) -> float:
+    """The greatest distance of the walls from the mid surface, in model units; of graded walls, sampled in the box."""
+    greatest = float(np.abs(request.offset).max())
+    if request.thickness is None:
+        return greatest
+    points = map(mapped_surface.box_points(request.cells, request.cell[0]))
+    return greatest * float(mapped_surface.evaluate_thickness(request.thickness, points).max())
 
 
 def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:

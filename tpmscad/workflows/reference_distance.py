@@ -22,6 +22,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.lattices.coordinate_maps import Map, stretching
 from tpmscad.lattices.copies import cell_origins, translate_motions
+from tpmscad.lattices.mapped_surface import evaluate_thickness
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PARAMETER_MARGIN, PatchSymmetry, SurfacePatch
 from tpmscad.workflows.lattice_request import LatticeRequest
@@ -59,6 +60,10 @@ class PatchedReference:
 
     def signed_distance(self, points: Array) -> Array:
         """Signed distances (n,) of points (n, 3), in model units, along the normal of the mid surface."""
+        return self.distance_and_foot(points)[0]
+
+    def distance_and_foot(self, points: Array) -> tuple[Array, Array]:
+        """Signed distances (n,) of points (n, 3) from the mid surface, and the foot points (n, 3)."""
         at = np.linspace(0.0, 1.0, NODES_PER_PARAMETER)
         u, v = (grid.ravel() for grid in np.meshgrid(at, at, indexing="ij"))
         nodes = self.cell * self.placements[:, None].apply(self.patch.jet(u, v).position)
@@ -78,7 +83,7 @@ class PatchedReference:
             if not len(moving):
                 break
         residual, _, _, normal = self._evaluate(points, placed, u, v)
-        return np.einsum("ni,ni->n", residual, normal)
+        return np.einsum("ni,ni->n", residual, normal), points - residual
 
     def _evaluate(self, points: Array, placed: Motion, u: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Vectors from the surface to the points, its tangents and its unit normals, (n, 3) each."""
@@ -133,7 +138,14 @@ def _measure_from_lattice(request: LatticeRequest, mapping: Map | None, rotation
         phi = fields.tpms(request.surface, request.cell)
         each = [LevelSetReference(phi - level).signed_distance(local) for level in request.levels]
         return np.asarray(np.abs(each).min(axis=0))
-    return np.abs(_mid_surface(request, mapping).signed_distance(local)[:, None] - offsets).min(axis=1)
+    mid_surface = _mid_surface(request, mapping)
+    if request.thickness is None or not isinstance(mid_surface, PatchedReference):
+        return np.asarray(np.abs(mid_surface.signed_distance(local)[:, None] - offsets).min(axis=1))
+    distance, foot = mid_surface.distance_and_foot(
+        local
+    )  # along the normal: exact to first order in the slope of the thickness
+    unit = evaluate_thickness(request.thickness, foot)
+    return np.asarray(np.abs(distance[:, None] - offsets * unit[:, None]).min(axis=1))
 
 
 def field_distance(field: Any) -> DistanceFunction:

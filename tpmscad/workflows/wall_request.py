@@ -8,7 +8,7 @@ function, |f| <= c, as such sheets are usually defined. The thickness of a wall 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from tpmscad import fields, surfaces
+from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.workflows.keyword_checks import check_positive
 
@@ -30,13 +31,14 @@ USABLE_OFFSET_FRACTION = 0.8
 class Wall:
     """Normal offsets of the lower and the upper surface in model units (equal for a skeletal solid).
 
-    `levels`: nodal values of the two surfaces, if the wall lies between levels instead; the offsets are then 0. `notes` for the
-    certificate.
+    `levels`: nodal values of the two surfaces, if the wall lies between levels instead; the offsets are then 0. `thickness`: that
+    of a graded wall, a function of points of the model; the offsets are then multiples of it. `notes` for the certificate.
     """
 
     offset: tuple[float, float]
     levels: tuple[float, float] | None = None
     notes: tuple[str, ...] = ()
+    thickness: Callable[[Array], Array] | None = None
 
 
 def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: bool) -> Wall:
@@ -61,6 +63,13 @@ def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: 
                 f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
             )
         return _solve_for_fraction(name, given["reference"], fraction, kind, cell, given["side"])
+    if callable(given["thickness"]):
+        if given["map"] is None:
+            raise InvalidRequest(
+                "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give map=, "
+                "such as maps.stretching((1, 1, 1)), or a number"
+            )
+        return Wall((-0.5, 0.5), thickness=given["thickness"])
     if "thickness" in named:
         half = check_positive("thickness", given["thickness"]) / 2
         return Wall((-half, half))

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, PPoly
+from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
@@ -22,6 +22,7 @@ from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.sample_grid import grid_points
 from tpmscad.fields.tape_nodes import Node, clamp, piecewise_polynomial
+from tpmscad.splines.basis import power_coefficients
 
 MIN_FREE_COEFFICIENTS = 8
 """Number of free coefficients that the optimiser needs at least."""
@@ -74,7 +75,7 @@ class LineWeight:
             return None
         degree, coefficients = self.degree, self.coefficients
         spans = np.flatnonzero(np.diff(self.knots) > 0)
-        pieces = PPoly.from_spline((self.knots, coefficients, degree)).c[:, spans]
+        _, pieces = power_coefficients(self.knots, coefficients, degree)
         # exactly constant where the coefficients are, without the round-off of the conversion
         for piece, span in enumerate(spans):
             own = coefficients[max(span - degree, 0) : span + 1]

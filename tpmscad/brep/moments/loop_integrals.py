@@ -21,7 +21,7 @@ from scipy.interpolate import PPoly
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Quadric, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import TWO_PI
-from tpmscad.splines.basis import design_matrix
+from tpmscad.splines.basis import design_matrix, power_coefficients
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.curve_batch import evaluate_curves
 from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre_unit
@@ -130,7 +130,8 @@ def _knot_crossings(inner: Sequence[Array], pcurve: BSplineCurve, span: tuple[fl
     found = []
     for axis, knots in enumerate(inner):
         if len(knots):
-            piecewise = PPoly.from_spline((pcurve.knots, pcurve.poles[:, axis], pcurve.degree))
+            breaks, coefficients = power_coefficients(pcurve.knots, pcurve.poles[:, axis], pcurve.degree)
+            piecewise = PPoly(coefficients, breaks)
             found += [piecewise.solve(knot, extrapolate=False) for knot in knots]
     at = np.concatenate([np.zeros(0), *found])
     return at[np.isfinite(at) & (at > span[0]) & (at < span[1])]
