@@ -66,8 +66,8 @@ CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
     **{
         name: (make_cell(name), size, True)
         for name, size in (
-            *(("gyroid", 0.8), ("diamond", 0.65), ("schwarz_p", 1.0)),
-            *(("iwp", 0.7), ("neovius", 0.7), ("frd", 0.55)),
+            *(("gyroid", 0.8), ("diamond", 0.49), ("schwarz_p", 0.9)),
+            *(("iwp", 0.7), ("neovius", 0.42), ("frd", 0.55)),
         )
     },
     "bracket": (make_bracket, 1.0, False),

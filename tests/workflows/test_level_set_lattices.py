@@ -111,6 +111,7 @@ def test_a_pore_size_with_a_thickness_leaves_the_thickness_as_it_is() -> None:
     assert request.offset == (-0.1, 0.1)
     # the deepest points of the minimal diamond lie sqrt(3) / 8 of the cell from it
     assert request.cell[0] == pytest.approx(0.4 / (np.sqrt(3) / 8), rel=1e-3)
+    assert "the largest spheres in the void have the diameters 0.6 (channel -) and 0.6 (channel +)" in request.notes
 
 
 def test_a_cell_contradicts_a_pore_size() -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.shapes.box_shapes import plane_box
 from tpmscad import fields
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows import field_patches
@@ -78,3 +79,10 @@ def test_every_figure_beyond_its_limit_is_a_shortfall(monkeypatch: pytest.Monkey
     assert words[0].split(" exceeds ")[-1] == "0.01"
     assert "differs from the field's" in words[1]
     assert len(words) == 2
+
+
+@pytest.mark.parametrize(("betti", "possible"), [((1, 0, 0), True), ((1, 1, 0), False), ((2, 1, 0), False)])
+def test_patches_can_have_betti_numbers_only_with_their_shells_and_euler_characteristic(
+    betti: tuple[int, int, int], possible: bool
+) -> None:
+    assert field_patches._could_have(plane_box(), betti) is possible
