@@ -141,7 +141,9 @@ DOMAIN = ArgumentKind(f"{BOX.text}, or {SHAPE.text}", BOX.example, _read_domain)
 WEIGHT = ArgumentKind("a word, a LineWeightSpec or a VolumeWeightSpec", '"auto"', _read_weight)
 FRACTION = ArgumentKind("a number between 0 and 1", "0.3", _read_fraction)
 OFFSET = NUMBER.or_else(tuple_of(read_number, 2, "two numbers, the lower first", "")).but(example="(-0.5, 0.5)")
-WALL_THICKNESS = POSITIVE.or_else(FUNCTION)
+WALL_THICKNESS = ArgumentKind(
+    f"{POSITIVE.text}, or {FUNCTION.text}", "1.0", lambda value: value if callable(value) else read_positive(value)
+)
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 ARRAY_OR_PATH = PATH.or_else(VALUES).but(
     "the path of an image, or an array of samples in three dimensions", VALUES.example
@@ -307,7 +309,7 @@ ARGUMENTS: Mapping[str, ArgumentKind] = MappingProxyType(
         "smooth": FLAG,
         "phi": FIELD,
         "c": FIELD.but(example="-0.4"),
-        "wall.thickness": WALL_THICKNESS,
+        "wall.thickness": POSITIVE.or_else(FUNCTION),
         "fields": FIELD,
         "taken": FIELD,
         "first": FIELD,
