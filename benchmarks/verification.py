@@ -59,7 +59,7 @@ def accepts_in_short(brep: Brep, path: Path) -> bool:
 
 def accepts_file_in_short(brep: Brep, path: Path) -> bool:
     """The text of the file and its excerpt."""
-    kernel.check_excerpt(path, brep, kernel.build_solids(brep).nesting, RTOL)
+    kernel.check_excerpt(path, brep, kernel.build_solids(brep).nesting)
     return True
 
 

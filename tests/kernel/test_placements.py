@@ -106,7 +106,7 @@ def test_another_number_of_copies_than_was_meant_is_noticed(tmp_path: Path) -> N
     brep = voxels(np.ones((1, 1, 1), bool))
     nesting = kernel.build_solids(brep).nesting
     kernel.write_step(brep, nesting, tmp_path / "a.step", instances=LEVELS)
-    kernel.check_excerpt(tmp_path / "a.step", brep, nesting, 1e-9, LEVELS)
+    kernel.check_excerpt(tmp_path / "a.step", brep, nesting, LEVELS)
     for meant in (LEVELS[:1], (*LEVELS, LEVELS[1])):
         with pytest.raises(KernelError, match="6 placements in place of"):
-            kernel.check_excerpt(tmp_path / "a.step", brep, nesting, 1e-9, meant)
+            kernel.check_excerpt(tmp_path / "a.step", brep, nesting, meant)

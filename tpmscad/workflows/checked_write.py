@@ -89,7 +89,7 @@ def write_checked_brep(
             kernel.check_text(written, brep, nesting, instances)
             make_volume_check(volume, rtol)(written)
         else:
-            kernel.check_excerpt(written, brep, nesting, rtol, instances)
+            kernel.check_excerpt(written, brep, nesting, instances)
 
     kernel.write_step(
         brep,
