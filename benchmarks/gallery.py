@@ -65,7 +65,11 @@ VIEW_DEVIATION, VIEW_ANGLE = 2e-3, np.radians(25.0)
 
 COARSENING = 1.5
 
-FULL_SIZE: dict[str, dict[str, Any]] = {"bone": {"arrangements": ("quadrants", "layers")}}
+FULL_SIZE: dict[str, dict[str, Any]] = {
+    "bone": {"arrangements": ("quadrants", "layers")},
+    "cell_size_grading": {"size": (40.0, 20.0, 20.0), "voxels": 80},
+    "nozzle": {"cells": (16, 1, 7)},
+}
 """Arguments of examples that make less by default."""
 
 
