@@ -66,8 +66,8 @@ def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: 
     if callable(given["thickness"]):
         if given["map"] is None:
             raise InvalidRequest(
-                "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give map=, "
-                "such as maps.stretching((1, 1, 1)), or a number"
+                "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give `map`, "
+                "stretching by 1 along each axis for instance, or a number"
             )
         return Wall((-0.5, 0.5), thickness=given["thickness"])
     if "thickness" in named:
