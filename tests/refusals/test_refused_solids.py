@@ -144,7 +144,7 @@ MAPS: dict[str, Row] = {
         lambda: lattice(thickness=2.4, map=maps.stretching((1, 1, 0.4))),
         "curvature radius",
     ),
-    "graded wall without a map": (lambda: lattice(thickness=lambda p: 1 + 0 * p[..., 0]), "give map="),
+    "graded wall without a map": (lambda: lattice(thickness=lambda p: 1 + 0 * p[..., 0]), "give `map`"),
     "graded wall of no thickness": (
         lambda: lattice(thickness=lambda p: p[..., 0] - 5, map=maps.stretching((1, 1, 1))),
         "must be positive and finite",
