@@ -67,10 +67,10 @@ CASES: dict[str, tuple[Callable[[], Any], float, bool]] = {
         name: (make_cell(name), size, True)
         for name, size in (
             *(("gyroid", 0.8), ("diamond", 0.49), ("schwarz_p", 0.9)),
-            *(("iwp", 0.7), ("neovius", 0.42), ("frd", 0.55)),
+            *(("iwp", 0.7), ("neovius", 0.42), ("frd", 0.28)),
         )
     },
-    "bracket": (make_bracket, 1.0, False),
+    "bracket": (make_bracket, 0.6, False),
     "ring": (make_ring, 1.2, False),
     "graded": (make_graded, 0.9, False),
     "blend": (make_blend, 0.9, False),
