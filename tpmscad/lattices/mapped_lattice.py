@@ -244,7 +244,7 @@ def least_curvature_radius(mapped: MappedSurface) -> float:
     samples = mapped.offset(*np.meshgrid(t, t, indexing="ij"), 0.0, first)
     poles, _ = g2_fit.fit_g2_patches(samples, BEZIER_DEGREES[-1])
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
-    unit = mapped.distance_unit(mapped.points(u, v, first).position)
+    unit = mapped.distance_unit_at(u, v, first)
     largest = max(
         (np.linalg.norm(evaluate_curvature(g2_fit.bezier_surface(p), u, v)[2], ord=2, axis=(1, 2)) * size).max()
         for p, size in zip(poles, unit, strict=True)

@@ -91,6 +91,12 @@ class MappedSurface:
         """What signed distances are multiples of at points (..., 3) of the mid surface: 1, or the graded thickness."""
         return np.ones(points.shape[:-1]) if self.thickness is None else evaluate_thickness(self.thickness, points)
 
+    def distance_unit_at(self, u: Array, v: Array, index: slice | IntArray = slice(None)) -> Array:
+        """As `distance_unit`, at (u, v) of the chosen placements: (P, ...). A wall of one thickness evaluates no points."""
+        if self.thickness is None:
+            return np.ones((len(np.arange(len(self.placements))[index]), *u.shape))
+        return self.distance_unit(self.points(u, v, index).position)
+
     def orientation(self) -> int:
         """Sign of the Jacobian determinant of the map; InvalidRequest where the map is not regular on the surface."""
         u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, 5), np.linspace(0, 1, 5)))

@@ -116,7 +116,7 @@ def _deepest(pairs: WallPairs, each: int, count: int) -> WallPairs:
 def _sample_units(mapped: MappedSurface) -> Array:
     """The units of signed distances at samples of all patches."""
     t = np.linspace(0.0, 1.0, SAMPLES_PER_PARAMETER)
-    return mapped.distance_unit(mapped.points(*np.meshgrid(t, t, indexing="ij")).position)
+    return mapped.distance_unit_at(*np.meshgrid(t, t, indexing="ij"))
 
 
 def _patch_size(mapped: MappedSurface, patch: IntArray) -> Array:

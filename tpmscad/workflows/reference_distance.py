@@ -141,9 +141,8 @@ def _measure_from_lattice(request: LatticeRequest, mapping: Map | None, rotation
     mid_surface = _mid_surface(request, mapping)
     if request.thickness is None or not isinstance(mid_surface, PatchedReference):
         return np.asarray(np.abs(mid_surface.signed_distance(local)[:, None] - offsets).min(axis=1))
-    distance, foot = mid_surface.distance_and_foot(
-        local
-    )  # along the normal: exact to first order in the slope of the thickness
+    # along the normal, which is exact to first order in the slope of the thickness
+    distance, foot = mid_surface.distance_and_foot(local)
     unit = evaluate_thickness(request.thickness, foot)
     return np.asarray(np.abs(distance[:, None] - offsets * unit[:, None]).min(axis=1))
 
