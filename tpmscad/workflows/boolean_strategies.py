@@ -24,7 +24,7 @@ from tpmscad.kernel import CadBody, KernelSolids, brep_from_shape, intersect_loc
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming import trim
 from tpmscad.workflows.attempts import Attempt, first_success
-from tpmscad.workflows.certificate import Check
+from tpmscad.workflows.certificate import Certificate, Check, certify_built_solids, certify_kernel_solids
 from tpmscad.workflows.lattice_block import LatticeBlock
 
 TRIMMED_PATCHES = "patches"
@@ -61,6 +61,26 @@ class BooleanResult:
     def solids(self) -> tuple[Any, ...]:
         """The kernel's solids, largest first."""
         return self.built.solids
+
+
+def certify_cut_solids(
+    block: LatticeBlock,
+    built: kernel.BuiltSolids | KernelSolids,
+    brep: Brep | None,
+    *,
+    checks: tuple[Check, ...] = (),
+    notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
+) -> Certificate:
+    """The certificate of what a boolean left of the lattice `block`; `brep` bounds the solids if the patches were trimmed.
+
+    Trimmed patches that the kernel's check rejects end in an error, so that those which get here are valid.
+    """
+    if brep is None or isinstance(built, KernelSolids):
+        return certify_kernel_solids(
+            built.solids, block.patches, block.measures, checks=checks, notes=notes, dropped=dropped
+        )
+    return certify_built_solids(brep, built, block.measures, valid=True, checks=checks, notes=notes, dropped=dropped)
 
 
 CLEARANCE_SIDES = 0.004
@@ -135,7 +155,7 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
             _check_volume_by_sampling(0.0, patches, body)
             return BooleanResult(KernelSolids(()), None, TRIMMED_PATCHES, ())
         built = kernel.build_solids(cut.brep)
-        if not kernel.is_brep_valid(cut.brep, built.faces):
+        if not kernel.is_brep_valid(cut.brep, built.known_faces):
             raise _RejectedTrim("the kernel's check rejects the trimmed lattice")
         notes = ["trimmed on the patches' parameters"]
         if cut.report.shifted:

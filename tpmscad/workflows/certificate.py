@@ -18,7 +18,7 @@ from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity
-from tpmscad.brep.solid_properties import SolidPiece, SolidProperties
+from tpmscad.brep.solid_properties import SolidPiece, SolidProperties, measure_solid
 from tpmscad.brep.tight_carriers import whole_surfaces
 from tpmscad.kernel import betti_numbers, bounding_box, make_compound
 
@@ -222,29 +222,97 @@ def describe_traps(cavities: int) -> str:
     )
 
 
-def certify(
+def certify_built_solids(
+    brep: Brep,
+    built: kernel.BuiltSolids,
+    measures: PatchMeasures,
+    *,
+    valid: bool | None = None,
+    checks: Sequence[Check] = (),
+    notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
+) -> Certificate:
+    """The certificate of solids that were built from `brep`, by its arrays and a kernel check of each class of faces.
+
+    `measures` are the figures of the patches; `valid` is what `kernel.is_brep_valid` says, if that was asked before. `checks` and
+    `notes` are added to those of `measures`; `dropped` are the volumes of the loose pieces that were left out.
+    """
+    return _certify(
+        brep,
+        measure_solid(brep, built.nesting.moments),
+        measures,
+        valid=kernel.is_brep_valid(brep, built.known_faces) if valid is None else valid,
+        edge_gap=float(brep.edges.deviation.max(initial=0.0)),
+        n_faces=len(brep.faces),
+        checks=checks,
+        notes=notes,
+        dropped=dropped,
+    )
+
+
+def certify_kernel_solids(
+    solids: tuple[Any, ...],
+    brep: Brep,
+    measures: PatchMeasures,
+    *,
+    checks: Sequence[Check] = (),
+    notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
+) -> Certificate:
+    """The certificate of solids, largest first, that the kernel itself cut out of the patches of `brep`, by its own measures.
+
+    The other arguments are those of `certify_built_solids`.
+    """
+    report = kernel.check_shape(make_compound(solids))
+    properties = SolidProperties(
+        report.closed,
+        report.volume,
+        report.area,
+        report.centroid,
+        betti_numbers(solids),
+        _locate_solids(solids, report),
+    )
+    return _certify(
+        brep,
+        properties,
+        measures,
+        valid=report.valid,
+        edge_gap=report.max_tolerance,
+        n_faces=report.faces,
+        checks=(require(report.outward, "a solid is inside out"), *checks),
+        notes=notes,
+        dropped=dropped,
+    )
+
+
+def _certify(
     brep: Brep,
     properties: SolidProperties,
     measures: PatchMeasures,
     *,
     valid: bool,
     edge_gap: float,
-    n_faces: int | None = None,
-    checks: Sequence[Check] = (),
-    notes: tuple[str, ...] = (),
-    dropped: tuple[float, ...] = (),
+    n_faces: int,
+    checks: Sequence[Check],
+    notes: tuple[str, ...],
+    dropped: tuple[float, ...],
 ) -> Certificate:
-    """The certificate of a solid made of the patches of `brep`.
+    """The certificate of a solid with `n_faces` faces, made of the patches of `brep`.
 
-    `measures` are the figures of the patches, `properties` those of the solid, `valid` the kernel's verdict on it, `edge_gap`
-    the greatest distance between an edge and its faces, `n_faces` the number of faces if it is not that of `brep`. `checks`
-    and `notes` are added to those of `measures`; `dropped` are the volumes of the loose pieces that were left out.
+    `properties` are those of the solid, `valid` is the kernel's verdict, `edge_gap` the greatest distance between an edge and
+    its faces.
     """
     deviation = measures.deviation
     everything = (
         Check("deviation", deviation.max, measures.tol, f"deviation {deviation.max:.3g} exceeds tol {measures.tol:g}"),
         require(properties.closed, "the faces do not close"),
         require(valid, "the kernel's check rejects the solid"),
+        Check(
+            "edge gap",
+            edge_gap,
+            measures.tol,
+            f"edges are open by up to {edge_gap:.3g}, more than tol {measures.tol:g}",
+        ),
         *measures.checks,
         *checks,
     )
@@ -266,7 +334,7 @@ def certify(
         area=properties.area,
         betti=properties.betti or (0, 0, 0),
         pieces=tuple(piece.volume for piece in properties.pieces),
-        n_faces=len(brep.faces) if n_faces is None else n_faces,
+        n_faces=n_faces,
         n_primitives=len(primitives.keys() & set(primitive[brep.faces.carrier].tolist())),
         n_poles=sum(s.poles.shape[0] * s.poles.shape[1] for s in primitives.values()),
         bounds=dict(measures.bounds),
@@ -274,6 +342,14 @@ def certify(
         notes=(*measures.notes, *notes, *_note_pieces(properties.pieces)),
         dropped=dropped,
     )
+
+
+def _locate_solids(solids: tuple[Any, ...], report: kernel.ShapeReport) -> tuple[SolidPiece, ...]:
+    """The volume of each solid and the center of its bounding box; of a single solid the centroid, which is known."""
+    if len(solids) == 1:
+        return (SolidPiece(report.volume, report.centroid),)
+    centers = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
+    return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, centers, strict=True))
 
 
 def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
@@ -290,56 +366,3 @@ def _note_pieces(pieces: tuple[SolidPiece, ...]) -> tuple[str, ...]:
 def describe_piece(volume: float, largest: float) -> str:
     """Whether a piece is a chip relative to the largest one, and its volume."""
     return f"{'chip' if volume < CHIP_VOLUME_FRACTION * largest else 'piece'} of {volume:.4g} mm3"
-
-
-def check_kernel_solids(report: kernel.ShapeReport, tol: float) -> list[Check]:
-    """The checks of solids that the kernel made, in addition to closedness and validity."""
-    return [
-        require(report.outward, "a solid is inside out"),
-        Check(
-            "tolerance",
-            report.max_tolerance,
-            tol,
-            f"the kernel's edges are open by up to {report.max_tolerance:.3g}, more than tol {tol:g}",
-        ),
-    ]
-
-
-def certify_kernel_solids(
-    solids: tuple[Any, ...],
-    brep: Brep,
-    measures: PatchMeasures,
-    *,
-    checks: Sequence[Check] = (),
-    notes: tuple[str, ...] = (),
-    dropped: tuple[float, ...] = (),
-) -> Certificate:
-    """The certificate of kernel solids, largest first, that were made of the patches of `brep`."""
-    report = kernel.check_shape(make_compound(solids))
-    properties = SolidProperties(
-        report.closed,
-        report.volume,
-        report.area,
-        report.centroid,
-        betti_numbers(solids),
-        _locate_solids(solids, report),
-    )
-    return certify(
-        brep,
-        properties,
-        measures,
-        valid=report.valid,
-        edge_gap=report.max_tolerance,
-        n_faces=report.faces,
-        checks=(*check_kernel_solids(report, measures.tol), *checks),
-        notes=notes,
-        dropped=dropped,
-    )
-
-
-def _locate_solids(solids: tuple[Any, ...], report: kernel.ShapeReport) -> tuple[SolidPiece, ...]:
-    """The volume of each solid and the center of its bounding box; of a single solid the centroid, which is known."""
-    if len(solids) == 1:
-        return (SolidPiece(report.volume, report.centroid),)
-    centers = [np.mean(bounding_box(solid), axis=0).tolist() for solid in solids]
-    return tuple(SolidPiece(volume, (x, y, z)) for volume, (x, y, z) in zip(report.volumes, centers, strict=True))

@@ -33,14 +33,13 @@ from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import LatticeDomain, trim_domains
 from tpmscad.workflows.attempts import Attempt, first_success
-from tpmscad.workflows.boolean_strategies import KERNEL_BOOLEAN, TRIMMED_PATCHES, corner_clearance
-from tpmscad.workflows.certificate import (
-    Certificate,
-    Check,
-    certify_kernel_solids,
-    describe_piece,
-    require,
+from tpmscad.workflows.boolean_strategies import (
+    KERNEL_BOOLEAN,
+    TRIMMED_PATCHES,
+    certify_cut_solids,
+    corner_clearance,
 )
+from tpmscad.workflows.certificate import Certificate, Check, describe_piece, require
 from tpmscad.workflows.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.workflows.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.workflows.lattice_request import resolve_lattice_request, rotation_matrix
@@ -270,15 +269,17 @@ def _certify_domains(
     checks: list[Check] = []
     lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
-        solids = domains[name].built.solids
-        found[name] = own = certify_kernel_solids(solids, block.patches, block.measures, notes=domains[name].notes)
+        domain = domains[name]
+        found[name] = own = certify_cut_solids(block, domain.built, domain.brep, notes=domain.notes)
         checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
-        lines.append(f"{name}: volume {own.volume:.9g} mm3, {len(solids)} piece{'s' if len(solids) > 1 else ''}")
+        lines.append(
+            f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
+        )
         lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"face {contact.face}: {areas}")
-    wall = certify_kernel_solids(domains[WALL].built.solids, block.patches, block.measures, notes=tuple(lines))
+    wall = certify_cut_solids(block, domains[WALL].built, domains[WALL].brep, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(
         Check(

@@ -1,8 +1,8 @@
 """Any implicit field as a certified NURBS solid.
 
 The level set {field = 0} is fitted by B-spline patches in the box (`field_patches`), closed by planar caps, built into kernel
-solids and measured: deviation in both directions, continuity, validity, Betti numbers, and the volume by three independent
-quadratures (of the patches, of the kernel's faces, of the field along grid lines).
+solids and measured: deviation in both directions, continuity, validity, Betti numbers, and the volume by two independent
+quadratures (of the patches, and of the field along grid lines).
 """
 
 from __future__ import annotations
@@ -18,8 +18,6 @@ import numpy as np
 from tpmscad import kernel
 from tpmscad._typing import BoxCorners, ProgressOption
 from tpmscad.argument_kinds import show_value
-from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.linear_extension import extend_level_sets_linearly
@@ -27,17 +25,14 @@ from tpmscad.kernel import enclosing_box, read_body
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
-from tpmscad.workflows.certificate import Certificate, Check, certify
-from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
+from tpmscad.workflows.certificate import certify_built_solids
+from tpmscad.workflows.field_patches import fit_field_patches
 from tpmscad.workflows.lattice_infill import infill
-from tpmscad.workflows.loose_pieces import NOTHING_DROPPED, DroppedPieces, drop_loose_pieces
+from tpmscad.workflows.loose_pieces import drop_loose_pieces
 from tpmscad.workflows.mapped_field_solid import solidify_mapped
 from tpmscad.workflows.model import Model
 from tpmscad.workflows.patch_measures import measure_field_patches
 from tpmscad.workflows.reference_distance import field_distance
-
-KERNEL_VOLUME_RTOL = 1e-6
-"""Relative difference allowed between the kernel's quadrature of its faces and that of the patches."""
 
 
 @public("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
@@ -111,52 +106,20 @@ def solidify(
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(found.brep, kernel.build_solids(found.brep, found.moments), loose)
     with stages("check"):
-        certificate = certify_field_solid(found, kernel.check_shape(built.shape), brep, dropped)
+        whole = " with the pieces left out" if dropped.volumes else ""
+        volumes = {
+            f"volume of the field{whole}": found.field_volume,
+            "uncertainty of that volume": found.field_volume_error,
+        }
+        measures = measure_field_patches(found)
+        measures = replace(measures, figures={**measures.figures, **volumes})
+        certificate = certify_built_solids(brep, built, measures, notes=dropped.notes, dropped=dropped.volumes)
     return Model(
         "field solid",
         brep,
         certificate.with_seconds(stages.seconds),
         built,
         distance_to_reference=field_distance(field),
-    )
-
-
-def certify_field_solid(
-    found: FieldPatches, report: kernel.ShapeReport, kept: Brep | None = None, dropped: DroppedPieces = NOTHING_DROPPED
-) -> Certificate:
-    """The certificate of the kernel's solid of a field's patches; `report` is the kernel's own examination of it.
-
-    `kept` is the boundary representation without the loose pieces `dropped`. The field is compared with all of its patches.
-    """
-    brep = found.brep if kept is None else kept
-    properties = measure_solid(brep) if dropped.volumes else found.properties
-    checks = []
-    if properties.closed:
-        checks.append(
-            Check(
-                "kernel volume",
-                abs(report.volume - properties.volume),
-                KERNEL_VOLUME_RTOL * properties.volume,
-                f"the kernel's solid has volume {report.volume:.9g}, the patches bound {properties.volume:.9g}",
-            )
-        )
-    measures = measure_field_patches(found)
-    whole = " with the pieces left out" if dropped.volumes else ""
-    volumes = {
-        f"volume of the field{whole}": found.field_volume,
-        "uncertainty of that volume": found.field_volume_error,
-    }
-    measures = replace(measures, figures={**measures.figures, **volumes})
-    gap = measures.continuity.gap
-    return certify(
-        brep,
-        properties,
-        measures,
-        valid=report.valid,
-        edge_gap=gap,
-        checks=checks,
-        notes=dropped.notes,
-        dropped=dropped.volumes,
     )
 
 

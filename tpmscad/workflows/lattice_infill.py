@@ -19,8 +19,7 @@ from tpmscad.fields.field import Field
 from tpmscad.kernel import KernelSolids, read_body, resolve_open_faces
 from tpmscad.public_calls import public
 from tpmscad.stage_timer import StageTimer
-from tpmscad.workflows.boolean_strategies import BooleanResult, intersect_body_with_lattice
-from tpmscad.workflows.certificate import certify_kernel_solids
+from tpmscad.workflows.boolean_strategies import BooleanResult, certify_cut_solids, intersect_body_with_lattice
 from tpmscad.workflows.face_selection import resolve_face_selectors
 from tpmscad.workflows.keyword_checks import check_finite
 from tpmscad.workflows.lattice_block import build_field_block, build_lattice_block
@@ -165,17 +164,13 @@ def infill(
             result = fill_within_skin(block, read, check_finite("skin", skin), openings)
         else:
             result = intersect_body_with_lattice(block, read)
-            if not result.solids:
+            if not result.built.n_solids:
                 raise InvalidRequest(f"no lattice lies in {read.name}: shift it by phase, or make the cell smaller")
         result, dropped = _drop_loose_solids(result, loose)
     with stages("check"):
-        certificate = certify_kernel_solids(
-            result.solids,
-            block.patches,
-            block.measures,
-            checks=result.checks,
-            notes=(*read.notes, *result.notes, *dropped.notes),
-            dropped=dropped.volumes,
+        notes = (*read.notes, *result.notes, *dropped.notes)
+        certificate = certify_cut_solids(
+            block, result.built, result.brep, checks=result.checks, notes=notes, dropped=dropped.volumes
         )
     return Model(
         name,

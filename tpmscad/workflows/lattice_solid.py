@@ -20,7 +20,6 @@ from tpmscad import kernel, surfaces
 from tpmscad._typing import Array, ProgressOption
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
@@ -33,7 +32,7 @@ from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming import box, trim
 from tpmscad.workflows.attempts import Attempt, first_success
-from tpmscad.workflows.certificate import certify
+from tpmscad.workflows.certificate import certify_built_solids
 from tpmscad.workflows.lattice_block import find_trim_tolerance
 from tpmscad.workflows.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.workflows.level_set_lattice import is_level_set_surface, resolve_source
@@ -177,16 +176,13 @@ def make_lattice(
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(made.brep, kernel.build_solids(made.brep), loose)
     with stages("check"):
-        valid = kernel.is_brep_valid(brep, built.known_faces)
-        properties = measure_solid(brep, built.nesting.moments)
         notes = (
             *made.notes,
             *dropped.notes,
             *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
         )
         measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
-        edge_gap = float(brep.edges.deviation.max(initial=0.0))
-        certificate = certify(brep, properties, measures, valid=valid, edge_gap=edge_gap, dropped=dropped.volumes)
+        certificate = certify_built_solids(brep, built, measures, dropped=dropped.volumes)
     name = f"{request.surface} {request.kind}"
     unit_cell = made.unit_cell
     if unit_cell is not None and dropped.volumes:

@@ -18,12 +18,11 @@ from tpmscad._typing import Array
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.mapped_brep import MappedBrep, map_brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.lattices.spline_maps import SplineMap
 from tpmscad.stage_timer import StageTimer
-from tpmscad.workflows.certificate import Check, PatchMeasures, certify, require
+from tpmscad.workflows.certificate import PatchMeasures, certify_built_solids, require
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
 from tpmscad.workflows.loose_pieces import drop_loose_pieces
 from tpmscad.workflows.model import Model
@@ -37,9 +36,6 @@ FIT_TOL_FRACTION = 0.97
 
 PREIMAGE_STEPS = 3
 """Newton steps from the parameters of a sample to those of its image, which is off by the error of the interpolation."""
-
-KERNEL_VOLUME_RTOL = 1e-6
-"""Relative difference allowed between the kernel's quadrature of its faces and that of the patches."""
 
 
 def solidify_mapped(
@@ -64,25 +60,8 @@ def solidify_mapped(
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(image.brep, kernel.build_solids(image.brep, moments), loose)
     with stages("check"):
-        report = kernel.check_shape(built.shape)
-        properties = measure_solid(brep) if dropped.volumes else measure_solid(brep, moments)
-        kernel_volume = Check(
-            "kernel volume",
-            abs(report.volume - properties.volume),
-            KERNEL_VOLUME_RTOL * properties.volume,
-            f"the kernel's solid has volume {report.volume:.9g}, the patches bound {properties.volume:.9g}",
-        )
         measures = _measure(found, image, map, stretch, tol)
-        certificate = certify(
-            brep,
-            properties,
-            measures,
-            valid=report.valid,
-            edge_gap=float(brep.edges.deviation.max(initial=0.0)),
-            checks=[kernel_volume],
-            notes=dropped.notes,
-            dropped=dropped.volumes,
-        )
+        certificate = certify_built_solids(brep, built, measures, notes=dropped.notes, dropped=dropped.volumes)
     return Model("mapped field solid", brep, certificate.with_seconds(stages.seconds), built, outer_faces="cap")
 
 
