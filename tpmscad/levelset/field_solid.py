@@ -27,6 +27,7 @@ from tpmscad.levelset.boundary_level_sets import (
     shift_level_off_corners,
 )
 from tpmscad.levelset.brep_assembly import assemble_field_brep
+from tpmscad.levelset.fit.joint_curvature import measure_curvature_jump
 from tpmscad.levelset.fit_simplification import simplify_fit
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
@@ -201,8 +202,7 @@ def measure_field_fit(fit: FieldFit) -> FieldSolid:
     """The solid of a fit with the worst measurements of its level sets."""
     qualities = [each.quality for each in fit.fits]
     jump = np.concatenate([q.tangent_jump_deg for q in qualities])
-    max_curvature = max(float(q.max_curvature.max(initial=0.0)) for q in qualities)
-    curvature_jump = max(float(q.curvature_jump.max(initial=0.0)) for q in qualities)
+    curvature_jump, max_curvature = np.max([measure_curvature_jump(f.network, f.fit) for f in fit.fits], axis=0)
     return FieldSolid(
         brep=fit.brep,
         field=fit.field,
@@ -213,7 +213,7 @@ def measure_field_fit(fit: FieldFit) -> FieldSolid:
         min_normal_cosine=min(float(q.min_normal_cosine.min()) for q in qualities),
         jump_deg=float(jump.max(initial=0.0)),
         jump_p95_deg=float(np.percentile(jump, 95)) if len(jump) else 0.0,
-        curvature_jump=curvature_jump / max(max_curvature, MIN_DIVISOR),
+        curvature_jump=float(curvature_jump / max(max_curvature, MIN_DIVISOR)),
         min_wall=fit.min_wall,
         n_leaves=sum(len(each.tree.size) for each in fit.fits),
         notes=fit.notes,

@@ -3,8 +3,8 @@
 - From the patches to the level set: |f| / |grad f|, the distance to first order, on a grid of samples of every patch.
 - From the level set to the patches: the distance of samples of the level set from their foot points (orthogonal projections).
 - Folds: the least cosine of the angle between a patch's normal and the gradient.
-- Joints: along every half of a curve that two patches share, the largest angle between their normals and the largest difference
-  of their curvature tensors, in the Frobenius norm (`brep.edge_continuity` takes the spectral norm).
+- Joints: along every half of a curve that two patches share, the largest angle between their normals. The curvatures there, which
+  decide nothing, are measured once in the end (`joint_curvature`).
 
 Copies share the measurements of their originals. What a previous quality holds of unchanged patches and joints is reused.
 """
@@ -52,25 +52,17 @@ class PatchSamples:
     """Measurements of R patches.
 
     `distance`, `mean_square_distance`, `min_normal_cosine` (R,): largest and mean square distance from the level set, and least
-    cosine of the normal with the gradient. `side_normals` (R, 4, m, 3), `side_curvatures` (R, 4, m, 3, 3): unit normals and
-    curvature tensors along the sides, counter-clockwise.
+    cosine of the normal with the gradient. `side_normals` (R, 4, m, 3): unit normals along the sides, counter-clockwise.
     """
 
     distance: Array
     mean_square_distance: Array
     min_normal_cosine: Array
     side_normals: Array
-    side_curvatures: Array
 
     def arrays(self) -> tuple[Array, ...]:
         """All arrays, in the order of the fields."""
-        return (
-            self.distance,
-            self.mean_square_distance,
-            self.min_normal_cosine,
-            self.side_normals,
-            self.side_curvatures,
-        )
+        return self.distance, self.mean_square_distance, self.min_normal_cosine, self.side_normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,16 +70,14 @@ class FitQuality:
     """Quality of all Q patches and n joints of a network.
 
     `samples` holds the measurements of the originals, `row` (Q,) which of them is each patch's. `half_curve` (n,), rising, is the
-    half of a curve that a joint lies on: 2 * curve, + 1 for the second half. The other arrays (n,) hold the largest tangent jump
-    in degrees, the largest curvature jump and the largest curvature along it.
+    half of a curve that a joint lies on: 2 * curve, + 1 for the second half; `tangent_jump_deg` (n,) is the largest tangent jump
+    along it.
     """
 
     samples: PatchSamples
     row: IntArray
     half_curve: IntArray
     tangent_jump_deg: Array
-    curvature_jump: Array
-    max_curvature: Array
 
     @property
     def curve(self) -> IntArray:
@@ -124,7 +114,7 @@ class PreviousQuality:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Joints:
+class Joints:
     """Joints (n,) by rising `half_curve`, with the two patches (n, 2) and the two sides (n, 8) that meet there.
 
     A side is four numbers: row of the samples, side, whether it runs against the curve, part of the side.
@@ -157,7 +147,8 @@ def measure_fit(
     for batch, found in zip(batches, measured, strict=True):
         for array, values in zip(samples.arrays(), found.arrays(), strict=True):
             array[row[batch]] = values
-    return FitQuality(samples, row, *_measure_joints(_find_joints(network, row), samples, previous))
+    joints = find_joints(network, row)
+    return FitQuality(samples, row, joints.half_curve, _measure_tangent_jumps(joints, samples, previous))
 
 
 def sample_patches(field: Field, poles: Array) -> PatchSamples:
@@ -175,15 +166,13 @@ def sample_patches(field: Field, poles: Array) -> PatchSamples:
         distance += np.maximum(np.maximum(field.lo - points, points - field.hi).max(axis=-1), 0.0)
     norms = np.linalg.norm(normal, axis=-1) * gradient_norm
     cosine = np.einsum("nki,nki->nk", normal, gradient) / np.maximum(norms, MIN_DIVISOR)
-    sides = [_evaluate_side(poles, s) for s in range(4)]
     with np.errstate(over="ignore"):  # the square is infinite where the gradient vanishes
         mean_square_distance = (distance**2).mean(axis=1)
     return PatchSamples(
         distance=distance.max(axis=1),
         mean_square_distance=mean_square_distance,
         min_normal_cosine=cosine.min(axis=1),
-        side_normals=np.stack([normals for normals, _ in sides], axis=1),
-        side_curvatures=np.stack([curvatures for _, curvatures in sides], axis=1),
+        side_normals=np.stack([_normals_along_side(poles, side) for side in range(4)], axis=1),
     )
 
 
@@ -225,43 +214,34 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
 
 def _empty_samples(count: int) -> PatchSamples:
     m = 2 * HALF_SIDE_SAMPLES - 1
-    shapes = ((count,), (count,), (count,), (count, 4, m, 3), (count, 4, m, 3, 3))
-    return PatchSamples(*(np.empty(shape) for shape in shapes))
+    return PatchSamples(np.empty(count), np.empty(count), np.empty(count), np.empty((count, 4, m, 3)))
 
 
-def _evaluate_side(poles: Array, side: int) -> tuple[Array, Array]:
-    """Unit normals (n, m, 3) and curvature tensors (n, m, 3, 3) along a side, counter-clockwise.
-
-    The tensor is the second fundamental form as a symmetric matrix in space, zero along the normal.
-    """
+def side_parameters(side: int) -> tuple[Array, Array]:
+    """Parameters u and v of the samples of a side, one of them a single number, in ascending order."""
     t = np.linspace(0.0, 1.0, 2 * HALF_SIDE_SAMPLES - 1)
     end = np.array([1.0 if side in (1, 2) else 0.0])
-    u, v = (t, end) if side in (0, 2) else (end, t)
+    return (t, end) if side in (0, 2) else (end, t)
+
+
+def counter_clockwise(values: Array, side: int) -> Array:
+    """Values (n, m, ...) at ascending parameters of a side, in counter-clockwise order."""
+    return values if side in (0, 1) else values[:, ::-1]
+
+
+def _normals_along_side(poles: Array, side: int) -> Array:
+    """Unit normals (n, m, 3) along a side, counter-clockwise."""
+    u, v = side_parameters(side)
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
-    d = {
-        (i, j): evaluate_bezier_patches(bernstein_basis(p, u, i), poles, bernstein_basis(q, v, j))
-        for i, j in ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
-    }  # fmt: skip
-    normal = np.cross(d[1, 0], d[0, 1])
+    normal = np.cross(
+        evaluate_bezier_patches(bernstein_basis(p, u, 1), poles, bernstein_basis(q, v)),
+        evaluate_bezier_patches(bernstein_basis(p, u), poles, bernstein_basis(q, v, 1)),
+    )
     normal /= np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), MIN_DIVISOR)
-    tangents = np.stack([d[1, 0], d[0, 1]], axis=-1)
-    first_form = np.swapaxes(tangents, -1, -2) @ tangents
-    dual = tangents @ _invert_symmetric_2x2(first_form)
-    second_form = np.empty(first_form.shape)
-    for (i, j), key in (((0, 0), (2, 0)), ((0, 1), (1, 1)), ((1, 0), (1, 1)), ((1, 1), (0, 2))):
-        second_form[..., i, j] = np.einsum("nmi,nmi->nm", d[key], normal)
-    curvature = dual @ second_form @ np.swapaxes(dual, -1, -2)
-    return (normal, curvature) if side in (0, 1) else (normal[:, ::-1], curvature[:, ::-1])
+    return counter_clockwise(normal, side)
 
 
-def _invert_symmetric_2x2(matrix: Array) -> Array:
-    """Inverses of symmetric matrices (..., 2, 2), large but finite for singular ones: degenerate patches have them."""
-    a, b, c = matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 1, 1]
-    adjugate = np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2)
-    return adjugate / np.maximum(a * c - b * b, 1e-12 * (a + c) ** 2 + 1e-100)[..., None, None]
-
-
-def _find_joints(network: PatchNetwork, row: IntArray) -> _Joints:
+def find_joints(network: PatchNetwork, row: IntArray) -> Joints:
     """The halves of curves on which two patches meet, by the row (Q,) of each patch in the samples."""
     halves, patches, sides = [], [], []
     for piece in (0, 1, 2):
@@ -274,49 +254,38 @@ def _find_joints(network: PatchNetwork, row: IntArray) -> _Joints:
     order = np.argsort(half, kind="stable")
     first = np.flatnonzero(half[order][:-1] == half[order][1:])
     a, b = order[first], order[first + 1]
-    return _Joints(half[a], np.column_stack([patch[a], patch[b]]), np.column_stack([side[a], side[b]]))
+    return Joints(half[a], np.column_stack([patch[a], patch[b]]), np.column_stack([side[a], side[b]]))
 
 
-def _measure_joints(
-    joints: _Joints, samples: PatchSamples, previous: PreviousQuality | None
-) -> tuple[IntArray, Array, Array, Array]:
-    """Half curves and jumps of the joints as in FitQuality; joints of copies of the same two sides are measured once."""
-    jumps, new = np.empty((3, len(joints.half_curve))), np.ones(len(joints.half_curve), bool)
+def _measure_tangent_jumps(joints: Joints, samples: PatchSamples, previous: PreviousQuality | None) -> Array:
+    """Largest tangent jumps (n,) along joints, in degrees; joints of copies of the same two sides are measured once."""
+    jumps, new = np.empty(len(joints.half_curve)), np.ones(len(joints.half_curve), bool)
     if previous is not None:
         known, curve = previous.quality, previous.curve[joints.half_curve // 2]
         new = previous.changed[joints.patches].any(axis=1) | (curve < 0)
         rows = np.searchsorted(known.half_curve, 2 * curve[~new] + joints.half_curve[~new] % 2)
-        jumps[:, ~new] = [m[rows] for m in (known.tangent_jump_deg, known.curvature_jump, known.max_curvature)]
+        jumps[~new] = known.tangent_jump_deg[rows]
     distinct, index = np.unique(joints.sides[new], axis=0, return_inverse=True)
-    measured = np.empty((3, len(distinct)))
-    for start in range(0, len(distinct), JOINTS_PER_BATCH):
-        batch = slice(start, start + JOINTS_PER_BATCH)
-        measured[:, batch] = _measure_jumps(samples, distinct[batch])
-    jumps[:, new] = measured[:, index.ravel()]
-    return joints.half_curve, *jumps
+    measured = np.empty(len(distinct))
+    for batch in joint_batches(len(distinct)):
+        one, other = (gather_along_sides(samples.side_normals, distinct[batch, k : k + 4]) for k in (0, 4))
+        sine = np.linalg.norm(np.cross(one, other), axis=-1)
+        measured[batch] = np.degrees(np.arctan2(sine, np.einsum("nmi,nmi->nm", one, other))).max(axis=1)
+    jumps[new] = measured[index.ravel()]
+    return jumps
 
 
-def _measure_jumps(samples: PatchSamples, sides: IntArray) -> tuple[Array, Array, Array]:
-    """Largest tangent jump in degrees, curvature jump and curvature (n,) along joints between pairs of sides (n, 8)."""
-    (normal, curvature), (normal_across, curvature_across) = (
-        _gather_side_samples(samples, sides[:, k : k + 4]) for k in (0, 4)
-    )
-    sine = np.linalg.norm(np.cross(normal, normal_across), axis=-1)
-    angle = np.arctan2(sine, np.einsum("nmi,nmi->nm", normal, normal_across))
-    size = np.maximum(*(np.linalg.norm(k, axis=(-2, -1)) for k in (curvature, curvature_across)))
-    jump = np.linalg.norm(curvature - curvature_across, axis=(-2, -1))
-    return np.degrees(angle).max(axis=1), jump.max(axis=1), size.max(axis=1)
+def joint_batches(count: int) -> list[slice]:
+    """Slices of at most JOINTS_PER_BATCH of so many joints."""
+    return [slice(start, start + JOINTS_PER_BATCH) for start in range(0, count, JOINTS_PER_BATCH)]
 
 
-def _gather_side_samples(samples: PatchSamples, sides: IntArray) -> tuple[Array, Array]:
-    """Normals (n, m, 3) and curvature tensors (n, m, 3, 3) along sides (n, 4) of `_Joints`, in the curve's direction."""
-    normals = np.empty((len(sides), HALF_SIDE_SAMPLES, 3))
-    curvatures = np.empty((len(sides), HALF_SIDE_SAMPLES, 3, 3))
+def gather_along_sides(values: Array, sides: IntArray) -> Array:
+    """Values (n, k, ...) along sides (n, 4) of `Joints`, in the curve's direction, of (R, 4, m, ...) counter-clockwise."""
+    result = np.empty((len(sides), HALF_SIDE_SAMPLES, *values.shape[3:]))
     for against in (0, 1):
         for part, chosen in enumerate(SIDE_PARTS):
             rows = np.flatnonzero((sides[:, 2] == against) & (sides[:, 3] == part))
-            patch, side = sides[rows, 0], sides[rows, 1]
-            for array, values in ((normals, samples.side_normals), (curvatures, samples.side_curvatures)):
-                along = values[patch, side]
-                array[rows] = (along[:, ::-1] if against else along)[:, chosen]
-    return normals, curvatures
+            along = values[sides[rows, 0], sides[rows, 1]]
+            result[rows] = (along[:, ::-1] if against else along)[:, chosen]
+    return result
