@@ -124,13 +124,12 @@ def test_simplification_is_the_same_bit_for_bit_once_more() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FIELDS)
-def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str) -> None:
     mesh = full_mesh(name)
     polygons = PolygonMesh(mesh)
     surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
-    monkeypatch.setattr(collapse_candidates, "MAX_DISTORTION_BEFORE_SMOOTHING", np.inf)
     numbers = np.array(sorted(polygons.corners_of))
-    found = collapse_candidates.rank_candidates(polygons, surface, numbers)
+    found = collapse_candidates.rank_candidates(polygons, surface, numbers, np.inf)
     by_arrays = set()
     for k in range(len(found.polygon)):
         start = found.seed[k] or CollapseSeed(((int(found.removed[k]), int(found.kept[k])),), (int(found.polygon[k]),))
@@ -256,3 +255,26 @@ def _state(polygons: PolygonMesh) -> tuple[object, ...]:
         dict(polygons.polygon_of_half_edge),
         dict(polygons.plane_of_side),
     )
+
+
+def test_a_polygon_with_two_consecutive_sides_in_a_face_of_the_box_is_beyond_the_limits() -> None:
+    """The section of the box runs smoothly through the corner between them."""
+    vertices = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    quad, triangle = np.array([[0, 1, 2, 3]]), np.array([[0, 1, 2, -1]])
+    for axis, others in ((0, 1), (1, 0)):
+        one_side, two_sides = np.zeros((4, 3), bool), np.zeros((4, 3), bool)
+        one_side[[0, 1], axis] = one_side[1, others] = True  # up to an edge of the box, where the section turns
+        two_sides[[0, 1, 2], axis] = True
+        for corners in (quad, triangle):
+            assert corner_distortion(vertices, up, one_side, corners)[0] <= 1
+            assert corner_distortion(vertices, up, two_sides, corners)[0] > 1.5
+
+
+def test_wider_limits_of_shape_leave_fewer_patches() -> None:
+    name = "gyroid"
+    narrow, wide = smaller(name), simplify_mesh(smaller(name), FIELDS[name], LO, HI, 1.5).mesh
+    assert patches(wide) < patches(narrow)
+    before, after = (corner_distortion(m.vertices, normals(m, name), m.fixed, m.corners) for m in (narrow, wide))
+    assert np.count_nonzero(after > 1) > np.count_nonzero(before > 1)
+    assert after.max() <= max(1.5, before.max())

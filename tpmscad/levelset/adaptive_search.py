@@ -61,9 +61,6 @@ TRIAL_MESHES = 2
 PATCHES_PER_BAD_LEAF = 30
 """Patches that a leaf still bad when starts are compared is expected to cost in the end."""
 
-MAX_BAD_LEAVES_AT_END = 16
-"""Largest number of bad leaves for which polygons are merged after splitting has stalled."""
-
 MAX_BAD_LEAF_FRACTION = 0.15
 """Largest fraction of leaves that the best fit may find bad before the start is given up."""
 
@@ -135,7 +132,7 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
 
 def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
     """The best fit of those that splitting bad leaves leads to."""
-    fit = merge_failing_polygons(fit_level_set(request, start.tree, start.mesh))
+    fit = fit_level_set(request, start.tree, start.mesh)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):
         deeper = _select_splittable(start.tree, fit.bad_leaves)
@@ -143,7 +140,7 @@ def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
             break
         refined = _mesh_tree(octree.split_leaves(start.tree, deeper), request.field, start.mesh)
         start = _split_until_unfolded(request.field, refined)
-        fit = merge_failing_polygons(fit_level_set(request, start.tree, start.mesh, fit))
+        fit = fit_level_set(request, start.tree, start.mesh, fit)
         if not len(fit.bad_leaves):
             return fit
         # a split may turn larger neighbouring leaves bad, so fewer bad leaves count as progress, too
@@ -154,7 +151,7 @@ def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
             best = fit
         elif stalled == MAX_IDLE_FITS:
             break
-    return merge_failing_polygons(best, MAX_BAD_LEAVES_AT_END)
+    return merge_failing_polygons(best)
 
 
 def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _MeshedTree:

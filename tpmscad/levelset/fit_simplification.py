@@ -1,9 +1,9 @@
 """Fits with fewer patches: simplification of a mesh whose fit passes, and removal of polygons whose patches keep failing.
 
-`simplify_fit` simplifies the mesh of a fit that passes and fits it again, repeatedly while that saves patches. Where patches
+`simplify_fit` simplifies the mesh of a fit that passes and fits it again, twice, with wider limits of shape. Where patches
 then fail, the edits of the mesh near them are undone, at first the latest ones and then deeper and farther ones, until all pass.
 
-`merge_failing_polygons` is for fits of which very few leaves are bad. Where the level set almost grazes the box, slivers along
+`merge_failing_polygons` is for fits of which very few leaves stay bad. Where the level set almost grazes the box, slivers along
 the box stay folded however finely the leaves are split. Merging a sliver into its neighbour removes the failing patch.
 """
 
@@ -28,16 +28,11 @@ from tpmscad.levelset.quadmesh.vectors import close_triangles
 MAX_REFITS = 20
 """Largest number of simplified meshes that are fitted; all but the first are fitted again only where edits were undone."""
 
-MAX_SIMPLIFICATIONS = 4
-MAX_FRACTION_LEFT = 0.97
-"""Largest number of simplifications, each of the mesh of the one before, and fraction of patches left above which they end."""
+MAX_DISTORTIONS = (1.0, 1.3)
+"""Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
+patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
-LARGE_NUMBER_OF_PATCHES = 2000
-MAX_FRACTION_LEFT_OF_LARGE = 0.8
-"""The fraction for this many patches and more, of which a simplification takes half a minute: the first leaves 0.35 to 0.6, the
-second 0.92 to 0.95 and the third 0.97 to 0.99 of the patches."""
-
-MAX_BAD_LEAVES = 8
+MAX_BAD_LEAVES = 16
 """Largest number of bad leaves for which polygons are merged."""
 
 MAX_FAILED_MERGES = 6
@@ -49,28 +44,20 @@ SMOOTHING_SWEEPS = 40
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with the fewest patches of repeated simplifications, or `fit` itself, as for periodic fields, whose periods match.
-
-    Edits that were undone for the sake of others near them may succeed in the next simplification.
-    """
+    """The fit with patches merged in two simplifications, or `fit` itself, as for periodic fields, whose periods match."""
     if fit.request.field.periods() is not None:
         return fit
-    for _ in range(MAX_SIMPLIFICATIONS):
-        simplified = _simplify_once(fit)
-        fraction = len(simplified.network.curve) / len(fit.network.curve)
-        if fraction >= 1:
-            break
-        fit = simplified
-        is_large = len(fit.network.curve) >= LARGE_NUMBER_OF_PATCHES
-        if fraction > (MAX_FRACTION_LEFT_OF_LARGE if is_large else MAX_FRACTION_LEFT):
-            break
+    for max_distortion in MAX_DISTORTIONS:
+        simplified = _simplify_once(fit, max_distortion)
+        if len(simplified.network.curve) < len(fit.network.curve):
+            fit = simplified
     return fit
 
 
-def _simplify_once(fit: LevelSetFit) -> LevelSetFit:
+def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
     """Fit of a simplified mesh that passes, or else `fit` itself."""
     request, tree = fit.request, fit.tree
-    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi)
+    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion)
     if not simplified.history:
         return fit
     history = EditHistory(fit.mesh, simplified, request.field, tree.lo, tree.hi)
@@ -86,9 +73,9 @@ def _simplify_once(fit: LevelSetFit) -> LevelSetFit:
     return fit
 
 
-def merge_failing_polygons(fit: LevelSetFit, max_bad_leaves: int = MAX_BAD_LEAVES) -> LevelSetFit:
+def merge_failing_polygons(fit: LevelSetFit) -> LevelSetFit:
     """The fit with polygons of its few bad leaves merged away one by one, if the result passes, or else `fit` itself."""
-    if fit.request.field.periods() is not None or not 0 < len(fit.bad_leaves) <= max_bad_leaves:
+    if fit.request.field.periods() is not None or not 0 < len(fit.bad_leaves) <= MAX_BAD_LEAVES:
         return fit
     best, merges, tries = fit, _candidate_merges(fit), MAX_FAILED_MERGES
     while len(best.bad_leaves) and tries and (edit := next(merges, None)) is not None:

@@ -75,6 +75,7 @@ def corner_distortion(vertices: Array, normals: Array, fixed: BoolArray, corners
         if len(boxed):
             row = polygons[boxed]
             tilt[boxed] = np.maximum(tilt[boxed], _max_box_section_tilt(vertices[row], normals[row], fixed[row]))
+            sine[boxed[_has_smooth_box_corner(fixed[row])]] = -1.0
         result[rows] = np.maximum.reduce(
             [
                 MIN_SIDE_RATIO * size.max(axis=1) / np.maximum(size.min(axis=1), MIN_DIVISOR),
@@ -154,6 +155,16 @@ def _quarters(at_corners: Array, at_middles: Array) -> Array:
     """
     middle, centre = at_middles[:, :4], np.repeat(at_middles[:, 4:], 4, axis=1)
     return np.stack([at_corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)
+
+
+def _has_smooth_box_corner(fixed: BoolArray) -> BoolArray:
+    """Polygons (Q,) with two consecutive sides in one face of the box, by `fixed` (Q, n, 3) of their corners.
+
+    The surface's section with the face runs smoothly through the corner between them, so that the patch has no angle there,
+    however sharply the chords turn.
+    """
+    three = fixed & np.roll(fixed, -1, axis=1) & np.roll(fixed, 1, axis=1)
+    return np.asarray(three.any(axis=(1, 2)))
 
 
 def _max_box_section_tilt(points: Array, normals: Array, fixed: BoolArray) -> Array:

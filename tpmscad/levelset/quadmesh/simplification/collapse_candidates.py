@@ -17,9 +17,6 @@ from tpmscad.levelset.quadmesh.simplification.strip_collapses import (
 )
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, build_vertex_stars
 
-MAX_DISTORTION_BEFORE_SMOOTHING = 1.25
-"""Largest distortion that a candidate may leave: smoothing brings it below 1 in many cases."""
-
 SCORE_PER_SAVED_PATCH = 0.05
 """Reward for each saved patch, in units of distortion."""
 
@@ -71,15 +68,17 @@ class Candidates:
         return Candidates(polygon, removed, kept, np.concatenate([self.score, more.score]), self.seed + more.seed)
 
 
-def rank_candidates(polygons: PolygonMesh, surface: SurfaceVertices, numbers: IntArray) -> Candidates:
-    """The candidate collapses that start from the polygons of these numbers."""
+def rank_candidates(
+    polygons: PolygonMesh, surface: SurfaceVertices, numbers: IntArray, max_distortion: float
+) -> Candidates:
+    """The collapses that start from the polygons of these numbers and leave none that is distorted beyond `max_distortion`."""
     if not len(numbers):
         return Candidates.empty()
     stars = build_vertex_stars(polygons.rows, len(surface.vertices))
     found = rate_diagonal_collapses(stars, surface, numbers)
     score = found.distortion - SCORE_PER_SAVED_PATCH * found.patches_saved
     diagonals = Candidates(found.polygon, found.removed, found.kept, score, (None,) * len(score)).select(
-        found.distortion <= MAX_DISTORTION_BEFORE_SMOOTHING
+        found.distortion <= max_distortion
     )
     on_box, rows = np.asarray(surface.fixed.any(axis=1)), polygons.rows[numbers]
     has_box_side = (on_box[rows] & on_box[np.roll(rows, -1, axis=1)]).any(axis=1)
@@ -91,4 +90,4 @@ def rank_candidates(polygons: PolygonMesh, surface: SurfaceVertices, numbers: In
     distortion, saved = rate_strip_collapses(stars, surface, list(seeds))
     score = distortion - SCORE_PER_SAVED_PATCH * saved
     strips = Candidates(np.array(list(seeds.values())), touched[:, 0], touched[:, 1], score, tuple(seeds))
-    return diagonals.combine(strips.select(distortion <= MAX_DISTORTION_BEFORE_SMOOTHING))
+    return diagonals.combine(strips.select(distortion <= max_distortion))

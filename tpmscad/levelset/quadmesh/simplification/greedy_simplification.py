@@ -27,6 +27,9 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertice
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import next_corner, normalize
 
+MAX_RATIO_BEFORE_SMOOTHING = 1.25
+"""Distortion that a candidate may leave, over the limit: smoothing brings it below in many cases."""
+
 SWEEPS_PER_ROUND = 5
 FINAL_SWEEPS = 60
 """Smoothing sweeps near the edits of a round, and over the whole mesh at the end."""
@@ -51,9 +54,9 @@ class SimplifiedMesh:
     history: tuple[AppliedEdit, ...]
 
 
-def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array) -> SimplifiedMesh:
-    """The mesh of {field = 0} in the box [lo, hi] with polygons merged."""
-    state = _Simplification(mesh, field, lo, hi)
+def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float = 1.0) -> SimplifiedMesh:
+    """The mesh of {field = 0} in the box [lo, hi] with polygons merged whose distortion is at most `max_distortion`."""
+    state = _Simplification(mesh, field, lo, hi, max_distortion)
     for _ in range(MAX_REQUEUES):
         for _ in range(MAX_ROUNDS_PER_QUEUE):
             if not state.run_round():
@@ -64,7 +67,7 @@ def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array) -> Simplif
     numbers = sorted(polygons.corners_of)
     small, ids = extract_mesh(polygons, state.vertices, state.vertex_sizes(polygons.rows[numbers]), numbers)
     smoothed = smooth_vertices(small, np.ones(len(ids), bool), field, lo, hi, FINAL_SWEEPS)
-    limit = max(1.0, max_corner_distortion(small, field))
+    limit = max(max_distortion, max_corner_distortion(small, field))
     best = smoothed if max_corner_distortion(smoothed, field) <= limit else small
     return SimplifiedMesh(best, ids, np.array(numbers, np.int64), polygons, tuple(state.history))
 
@@ -95,8 +98,9 @@ class _NearbyPolygons:
 class _Simplification:
     """The state of a simplification: mesh, vertex positions, candidates and the polygons to be rated again."""
 
-    def __init__(self, mesh: QuadMesh, field: Field, lo: Array, hi: Array) -> None:
+    def __init__(self, mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float) -> None:
         self.field, self.lo, self.hi = field, lo, hi
+        self.max_distortion = max_distortion
         self.polygons = PolygonMesh(mesh)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf_size = mesh.size.copy()
@@ -118,7 +122,7 @@ class _Simplification:
         queue = np.array(sorted(self.queue.intersection(self.polygons.corners_of)), np.int64)
         self.queue = set()
         surface = SurfaceVertices(self.field, self.vertices, self.normals, self.fixed)
-        ranked = rank_candidates(self.polygons, surface, queue)
+        ranked = rank_candidates(self.polygons, surface, queue, MAX_RATIO_BEFORE_SMOOTHING * self.max_distortion)
         self.candidates = self.candidates.drop_stale(alive, queue).combine(ranked)
         selected, infeasible = self._select_independent()
         if not selected:
@@ -182,7 +186,7 @@ class _Simplification:
         applied = [self._apply(each.edit) for each in selected]
         near = self._polygons_near(owner)
         self._smooth(near, owner)
-        passes = self._passes(near, np.maximum(1.0, before))
+        passes = self._passes(near, np.maximum(self.max_distortion, before))
         for kept, each in zip(passes, applied, strict=True):
             if kept:
                 merged = each.edit.merges.values()
