@@ -5,6 +5,7 @@ from scipy.optimize import minimize
 
 from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.least_squares import HardRows
+from tpmscad.levelset.fit.network_curves import _hold_end_poles
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, average_target_positions, fit_regular_polygons
 from tpmscad.splines.basis import bernstein_basis
 
@@ -79,3 +80,18 @@ def test_conditions_that_contain_no_unknown_leave_the_least_squares_solution() -
     rhs = np.array([[1.0, 1.0, 1.0]])
     found = HardRows.factorise(np.zeros((1, 5, 3))).minimise(matrix, rhs, np.zeros((1, 5)))
     np.testing.assert_allclose(found, [[1.0, 0.5, 0.25]], rtol=1e-15)
+
+
+def test_ends_of_curves_are_held_as_by_factorised_conditions():
+    rng = np.random.default_rng(5)
+    normals = rng.normal(size=(6, 2, 3))
+    normals[1, 0], normals[2], normals[3, 1] = 0.0, 0.0, (0.0, 0.0, -1.0)
+    normals[4, 0, 2] = 0.0
+    for count in (2, 4):
+        rows = np.zeros((6, 2, count, 3))
+        rows[:, 0, 0], rows[:, 1, -1] = normals.swapaxes(0, 1)
+        root = rng.normal(size=(6, 3 * count, 3 * count))
+        matrix, rhs = root @ np.swapaxes(root, 1, 2) + np.eye(3 * count), rng.normal(size=(6, 3 * count))
+        target = rng.normal(size=(6, 2)) * normals.any(axis=2)
+        expected = HardRows.factorise(rows.reshape(6, 2, -1)).minimise(matrix, rhs, target)
+        np.testing.assert_allclose(_hold_end_poles(normals, count).minimise(matrix, rhs, target), expected, atol=1e-9)

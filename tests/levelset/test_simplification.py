@@ -15,6 +15,7 @@ from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.levelset import fit_simplification
 from tpmscad.levelset.brep_assembly import assemble_field_brep
+from tpmscad.levelset.fit.network_fit import fit_network
 from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
@@ -218,3 +219,16 @@ def test_patches_that_failed_before_are_fitted_again_and_the_others_reused(known
     assert np.allclose(again.fit.patches[at], whole.fit.patches[at], atol=1e-9) == known
     same = sum(a is b for a, b in zip(again.fit.patches, patches, strict=True))
     assert len(patches) - 20 < same <= len(patches) - known
+
+
+def test_patches_between_sides_of_different_degrees_have_one_degree_both_ways() -> None:
+    """Of degrees 9 and 5 they fold."""
+    whole, _samples = full_fit()
+    fit = whole.fit
+    at = int(np.flatnonzero((whole.network.piece == 0).all(axis=1))[3])
+    degree = np.full(len(fit.curves), 5)
+    degree[whole.network.curve[at, 0]] = 9
+    again = fit_network(whole.network, whole.request.field, degree, np.full(len(fit.patches), 5))
+    assert again.patches[at].shape[:2] == (10, 10)
+    raised = (whole.network.curve == whole.network.curve[at, 0]).any(axis=1)
+    assert {p.shape[:2] for p, high in zip(again.patches, raised, strict=True) if not high} == {(6, 6)}

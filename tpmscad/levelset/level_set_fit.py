@@ -167,12 +167,19 @@ def fit_level_set(
     """
     network = build_patch_network(mesh, request.field)
     fitted = _fit_cold(request, tree, network) if previous is None else _fit_warm(request, tree, network, previous)
-    for degree in PATCH_DEGREES[1:]:
-        weak = _select_weak_patches(request, tree, fitted)
+    failures = _classify(request, tree, fitted)
+    # once more with the highest degree: raised patches raise sides of their neighbours, which may fail then
+    for degree in (*PATCH_DEGREES[1:], PATCH_DEGREES[-1]):
+        weak = _select_weak_patches(request, fitted, failures) & (fitted.patch_degree < degree)
         if not weak.any():
             break
         fitted = _raise_degree(request, fitted, weak, degree)
-    return _find_bad_leaves(request, tree, mesh, fitted)
+        failures = _classify(request, tree, fitted)
+    return _find_bad_leaves(request, tree, mesh, fitted, failures)
+
+
+def _classify(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> PatchFailures:
+    return classify_failures(fitted.network, fitted.fit, fitted.quality, tree, request.tol)
 
 
 def classify_failures(
@@ -224,9 +231,8 @@ def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous
     return _FittedNetwork(network, fit, measure_fit(network, fit, field, known, run_tasks), curve_degree, patch_degree)
 
 
-def _select_weak_patches(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> BoolArray:
+def _select_weak_patches(request: FitRequest, fitted: _FittedNetwork, failures: PatchFailures) -> BoolArray:
     """Patches (Q,) whose degrees are worth raising: those that fail, and none if too many are folded or very far off."""
-    failures = classify_failures(fitted.network, fitted.fit, fitted.quality, tree, request.tol)
     hopeless = failures.folded | (fitted.quality.distance > HOPELESS_DISTANCE_TOLS * request.tol)
     return failures.failing & (hopeless.mean() <= MAX_HOPELESS_FRACTION)
 
@@ -250,10 +256,11 @@ def _raise_degree(request: FitRequest, fitted: _FittedNetwork, weak: BoolArray, 
     return _FittedNetwork(network, fit, quality, curve_degree, patch_degree)
 
 
-def _find_bad_leaves(request: FitRequest, tree: Octree, mesh: QuadMesh, fitted: _FittedNetwork) -> LevelSetFit:
+def _find_bad_leaves(
+    request: FitRequest, tree: Octree, mesh: QuadMesh, fitted: _FittedNetwork, failures: PatchFailures
+) -> LevelSetFit:
     """The fit with the leaves of failing patches, or else of samples too far from the patches, and of degenerate sides."""
     network, fit, quality = fitted.network, fitted.fit, fitted.quality
-    failures = classify_failures(network, fit, quality, tree, request.tol)
     failing, text = failures.failing, failures.describe()
     leaves, distances = np.unique(network.leaf[failing]), np.zeros(0)
     if not len(leaves):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -39,7 +40,7 @@ from tpmscad.levelset.field_solid import (
     simplify_field_fit,
     validate_box,
 )
-from tpmscad.parallel import task_runner
+from tpmscad.parallel import run_serial, task_runner
 from tpmscad.stage_timer import StageTimer
 
 ROUNDING_TOL_FRACTION = 0.8
@@ -103,7 +104,9 @@ def fit_field_patches(
     field = as_field(field)
     lo, hi = validate_box(lo, hi, tol)
     rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
-    with stages("fit") as done, task_runner(executor, rounded) as run_tasks:
+    # fits are many small tasks: a process pool of this machine's cores took longer than one process
+    runner = nullcontext(run_serial) if executor is None else task_runner(executor, rounded)
+    with stages("fit") as done, runner as run_tasks:
         fit = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
         betti, is_possible = _compute_betti_numbers_of(fit)
         if is_possible:  # else patches that miss a neck would be merged and measured in vain

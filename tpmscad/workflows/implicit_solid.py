@@ -61,8 +61,8 @@ def solidify(
     loose : {"drop", "keep"}, optional
         Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
     executor : concurrent.futures.Executor, optional
-        Runs the fits of a box; its workers must be able to import this package. By default a pool of this machine's cores does,
-        if there is enough work. The result is the same, bit for bit. Not for bodies.
+        Runs the fits of a box; its workers must be able to import this package. It pays where the field is a slow function of
+        Python. By default this process fits. The result is the same, bit for bit. Not for bodies.
     progress : callable or bool, optional
         Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
         in a terminal or a notebook; False shows nothing.

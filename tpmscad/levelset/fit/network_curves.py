@@ -75,10 +75,29 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
 
 
 def _hold_end_poles(normals: Array, count: int) -> HardRows:
-    """Conditions on the components of the first and the last of `count` poles along normals (n, 2, 3)."""
-    rows = np.zeros((len(normals), 2, count, 3))
-    rows[:, 0, 0], rows[:, 1, -1] = normals.swapaxes(0, 1)
-    return HardRows.factorise(rows.reshape(len(normals), 2, -1))
+    """Conditions on the components of the first and the last of `count` poles along normals (n, 2, 3).
+
+    Where a normal vanishes there is no condition.
+    """
+    length = np.linalg.norm(normals, axis=-1, keepdims=True)
+    unit = normals / np.maximum(length, MIN_DIVISOR)
+    # two tangents of the plane across a unit vector (Duff et al., "Building an orthonormal basis, revisited", 2017)
+    x, y, z = np.moveaxis(unit, -1, 0)
+    sign = np.where(z < 0, -1.0, 1.0)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    null = np.zeros((len(normals), 6, 6))
+    inverse = np.zeros((len(normals), 6, 2))
+    free = np.asarray(length[..., 0] == 0.0)
+    for end in range(2):
+        own = slice(3 * end, 3 * end + 3)
+        e = (slice(None), end)
+        inverse[:, own, end] = unit[e] / np.maximum(length[e], MIN_DIVISOR)
+        null[:, own, 3 * end] = np.stack([1 + sign[e] * x[e] ** 2 * a[e], sign[e] * b[e], -sign[e] * x[e]], axis=-1)
+        null[:, own, 3 * end + 1] = np.stack([b[e], sign[e] + y[e] ** 2 * a[e], -y[e]], axis=-1)
+        null[free[:, end], 3 * end + 2, 3 * end + 2] = 1.0
+    involved = np.r_[0:3, 3 * count - 3 : 3 * count]
+    return HardRows(involved, inverse, null[:, :, null.any(axis=(0, 1))])
 
 
 def _resample_by_arc_length(points: Array, t: Array) -> Array:

@@ -220,19 +220,18 @@ def _fit_network_patches(
     copies: TranslatedCopies,
     run_tasks: TaskRunner,
 ) -> list[Array]:
-    """All patches between fitted curves with normals along them, with degrees no lower than those of their sides."""
+    """All patches between fitted curves with normals along them, with degrees no lower than that of any of their sides."""
     curves, normals = joined
     side_degree = curve_degree[network.curve]
-    degree_u = np.maximum(patch_degree, side_degree[:, 0::2].max(1))
-    degree_v = np.maximum(patch_degree, side_degree[:, 1::2].max(1))
-    degrees = np.concatenate([np.stack([degree_u, degree_v], 1), side_degree], axis=1)
+    # the same both ways: patches of degrees 9 and 5 between sides of both degrees fold
+    degrees = np.column_stack([np.maximum(patch_degree, side_degree.max(axis=1)), side_degree])
     patches = list(warm_start.fit.patches)
     numbers = np.flatnonzero(copies.original_patches & warm_start.refit_patches)
     tasks, batches = [], []
     for group in np.unique(degrees[numbers], axis=0):
         for batch in split_batches(numbers[(degrees[numbers] == group).all(axis=1)], ITEMS_PER_TASK):
-            border = [_collect_side_poles(network, curves, batch, s, int(group[s % 2])) for s in range(4)]
-            along = [_collect_side_poles(network, normals, batch, s, int(group[2 + s])) for s in range(4)]
+            border = [_collect_side_poles(network, curves, batch, s, int(group[0])) for s in range(4)]
+            along = [_collect_side_poles(network, normals, batch, s, int(group[1 + s])) for s in range(4)]
             tasks.append((field, border, along))
             batches.append(batch)
     for i, poles in _numbered_results(batches, run_tasks(fit_patches, tasks)):
