@@ -4,18 +4,21 @@
 
 Pairs are those of random_pairs.py; a period is that of the mean number of periods along x. The box has the periods stated (in
 turn; less where the regions end), its middle on the middle of the blending region. The tolerance is 5e-3 of the period. Beside
-the certificate each solid goes through the kernel's check once more, and the field's Betti numbers are counted on two plain grids
-of its own: a solid that is met and fails the check, or agrees with neither, is WRONG. Where the two disagree a neck is thinner
-than their spacing.
+the certificate each solid is written to a STEP file, read by the kernel and checked once more, its joints are measured there
+(`benchmarks.joints`), and the field's Betti numbers are counted on two plain grids: a solid that is met and fails the check, or
+agrees with neither, is WRONG. Where the two disagree a neck is thinner than their spacing.
 """
 
 from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from benchmarks.joints import worst_joint
 from benchmarks.random_pairs import Pair, random_pair
 from benchmarks.solidify_figures import cpu, sampled_betti
 from tpmscad import kernel
@@ -56,7 +59,11 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
             continue
         taken, wall = cpu() - before, time.perf_counter() - begun
         c = model.certificate
-        valid = kernel.check_shape(model.built.shape).valid
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "blend.step"
+            model.export_step(path)
+            valid = kernel.check_step(path, healed=False).ok
+            jump, joints = worst_joint(path)
         counted = {sampled_betti(field, (lo, hi), lines) for lines in LINES}
         pieces, *others = c.betti
         right = valid and (pieces + len(c.dropped), *others) in counted  # the field has the loose pieces, too
@@ -68,7 +75,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
         print(
             f"{line} {'NOT MET' if not c.met else 'met' if right else 'WRONG'} {'valid' if valid else 'NOT VALID'} "
             f"faces {c.n_faces} ({faces[-1]:.0f} a period) deviation {c.max_deviation / period:.1e} "
-            f"jump {c.tangent_jump_deg:.2f} betti {c.betti} field {seen} pieces {len(c.pieces)} "
+            f"poles {c.n_poles} {joints} joints bent by {jump:.0e} degrees, betti {c.betti} field {seen} pieces {len(c.pieces)} "
             f"cpu {taken:.1f} s wall {wall:.1f} s {'; '.join((*c.shortfalls, *c.notes))}",
             flush=True,
         )

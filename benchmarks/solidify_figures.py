@@ -5,7 +5,7 @@
 NAME is a part of a row's name. With --part it is a box of each blend that holds the blending region's whole width.
 Free-form models (the paper's max(phi, model)) are bodies: the blend is laid out around them and trimmed by their own faces. The
 Betti numbers of the field are counted on two grids that no part of the program uses, the volume is by quadrature of the field
-along lines; files are written, read back and checked.
+along lines; files are written, read back and checked, and their joints measured (`benchmarks.joints`).
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.blending_cases import Case, figure9, figure10, figure11, pair, table1
+from benchmarks.joints import worst_joint
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import blend_scaffold
@@ -155,9 +156,10 @@ def measured(row: Row, tol: float) -> str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "solid.step"
         model.export_step(path)
+        stored = cpu() - begun - solid
         megabytes, again = path.stat().st_size / 1e6, kernel.check_step(path)
+        jump, joints = worst_joint(path)
         kept = "" if row.body is None else f"faces in the file: {faces_of(path)}, "
-    stored = cpu() - begun - solid
     c = model.certificate
     lo, hi = np.array(row.box, float)
     volume, spread = volume_quadrature.integrate_volume(
@@ -167,7 +169,8 @@ def measured(row: Row, tol: float) -> str:
     periods = float(np.prod((hi - lo) / row.period)) if row.model is None else _periods(row, lo, hi)
     return (
         f"{'met' if c.met else 'NOT MET'} faces {c.n_faces} ({c.n_faces / periods:.0f} a period) "
-        f"deviation {c.max_deviation / row.period:.1e} periods, jump {c.tangent_jump_deg:.2f}, betti {c.betti} field {counted}, "
+        f"deviation {c.max_deviation / row.period:.1e} periods, poles {c.n_poles}, {joints} joints bent by {jump:.0e} degrees, "
+        f"betti {c.betti} field {counted}, "
         f"pieces {len(c.pieces)}, volume {c.volume / volume - 1:+.1e} (quadrature +-{spread / volume:.0e}), "
         f"{kept}{megabytes:.1f} MB, re-read {'valid' if again.ok and again.shape.faces == c.n_faces else 'NOT VALID'}, "
         f"CPU {solid:.1f} s + file {stored:.1f} s {'; '.join((*c.shortfalls, *c.notes))}"
