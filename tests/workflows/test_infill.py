@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import tpmscad
-from tpmscad import fields
+from tpmscad import fields, kernel
 from tpmscad.kernel import NamedSolid
 from tpmscad.kernel.occt.construction import make_solid
-from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.workflows import FluidDomains
 from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes
@@ -73,6 +73,10 @@ def test_an_infill_is_the_common_part_of_lattice_and_body(name: str, tmp_path: P
     assert found.valid
     assert found.closed
     assert model.trimmed_by == ("kernel" if name == "prism" else "patches")
+    seen = kernel.check_shape(model.wrapped)  # the certificate is from the arrays, where the patches were trimmed
+    assert (seen.valid, seen.closed, seen.faces) == (True, True, found.n_faces)
+    assert (found.volume, found.area) == pytest.approx((seen.volume, seen.area), rel=1e-8)
+    assert found.betti == kernel.betti_numbers(solids_of(model.wrapped))
     expected, error = sampled(body, model)
     assert found.volume == pytest.approx(expected, abs=4 * error + 0.03 * expected)
     model.export_step(tmp_path / "part.step")
