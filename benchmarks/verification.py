@@ -17,12 +17,13 @@ from collections import defaultdict
 from collections.abc import Callable
 from pathlib import Path
 
+import build123d as bd
 import numpy as np
 
 import tpmscad
 from tests.shapes.kernel_shapes import drilled_dome, notched_hollow
 from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
-from tpmscad import kernel
+from tpmscad import fields, kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.workflows.checked_write import REREAD_VOLUME_RTOL_OF_BODIES, make_volume_check
 
@@ -86,7 +87,10 @@ def is_noticed(accepts: Callable[[Brep, Path], bool], brep: Brep, path: Path) ->
 def run(count: int, seed: int) -> int:
     """Print the tables and return the number of faults missed."""
     lattice = tpmscad.lattice("gyroid", cell=10.0, thickness=1.0, tol=0.01).patches
-    solids = (lattice, lattice, drilled_dome(), notched_hollow())
+    filled = tpmscad.infill(bd.Cylinder(6, 10), "gyroid", cell=10.0, thickness=1.0, tol=0.05).patches
+    rod = fields.rod(fields.tpms("gyroid", cell=10.0), 0.1)
+    of_field = tpmscad.solidify(rod, ((0, 0, 0), (10, 10, 10)), tol=0.05).patches
+    solids = (lattice, filled, of_field, drilled_dome(), notched_hollow())
     rng = np.random.default_rng(seed)
     missed = 0
     with tempfile.TemporaryDirectory() as folder:
