@@ -210,8 +210,9 @@ def main(arguments: list[str] | None = None) -> None:
             block = build_lattice_block(request, np.eye(3), body, StageTimer(None))
             begun = time.process_time()
             cut = intersect_body_with_lattice(block, body)
+            shape = cut.built.shape  # made when it is asked for
             own = time.process_time() - begun
-            report = kernel.check_shape(cut.built.shape)
+            report = kernel.check_shape(shape)
             assert report.ok, report
             plain, check, apart, ratio = float("nan"), float("nan"), float("nan"), ""
             if options.plain:
