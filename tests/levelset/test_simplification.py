@@ -36,6 +36,17 @@ def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
     return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
+@pytest.mark.parametrize("name", ["distance", "min_normal_cosine"])
+def test_a_patch_whose_measurements_are_not_finite_fails(name: str) -> None:
+    whole, _samples = full_fit()
+    measured = whole.quality.samples
+    values = getattr(measured, name).copy()
+    values[7] = np.nan
+    quality = replace(whole.quality, samples=replace(measured, **{name: values}))
+    failing = classify_failures(whole.network, whole.fit, quality, whole.tree, TOL).failing
+    np.testing.assert_array_equal(failing, whole.quality.row == 7)
+
+
 @pytest.mark.slow
 def test_a_fit_that_passes_is_simplified_to_fewer_patches_that_pass_too() -> None:
     whole, _samples = full_fit()

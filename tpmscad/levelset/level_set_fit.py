@@ -189,8 +189,9 @@ def classify_failures(
     box_curves = sample_box_curves(network, fit)
     leaving = measure_overshoot(network, box_curves, tree) > MAX_OVERSHOOT_FRACTION * tol
     crossing = find_crossing_curves(network, box_curves)
-    folded = (quality.min_normal_cosine < MIN_NORMAL_COSINE) | crossing[network.curve].any(axis=1)
-    inaccurate = (quality.distance > tol) | leaving[network.curve].any(axis=1)
+    # negated, so that patches that are not finite fail
+    folded = ~(quality.min_normal_cosine >= MIN_NORMAL_COSINE) | crossing[network.curve].any(axis=1)
+    inaccurate = ~(quality.distance <= tol) | leaving[network.curve].any(axis=1)
     steep = np.zeros(len(network.ends), bool)
     steep[quality.curve[quality.tangent_jump_deg > MAX_TANGENT_JUMP_DEG]] = True
     steep[network.curve[folded | inaccurate].ravel()] = False
