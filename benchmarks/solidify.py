@@ -86,7 +86,8 @@ def row(name: str, field: fields.Field, domain: object, tol: float, *, beside: b
         size, cpu = path.stat().st_size / 1e6, seconds() - cpu
         bent, _ = worst_joint(path)
     c, more = model.certificate, model.certificate.figures
-    off = c.volume / more["volume of the field"] - 1
+    whole = c.volume + sum(c.dropped)  # the field has the loose pieces, too
+    off = whole / next(value for name, value in more.items() if name.startswith("volume of the field")) - 1
     other = ""
     if beside:
         plain = facets(field, *(np.asarray(p, float) for p in domain), tol)
