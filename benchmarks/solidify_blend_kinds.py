@@ -5,7 +5,8 @@
 The kinds are other units (metres, micrometres, inches), periods of 1 to 1.7, turned structures, three structures, round regions,
 walls of four to one, noise, and images. Boxes have 2 x 1 x 1 periods, or less, and the tolerance is 5e-3 of the period. A solid
 is judged by two counts that share nothing with it: Betti numbers by marching cubes of the field (`benchmarks.betti_numbers`) on
-two grids, and a third where these disagree with it, and the volume by random points. "met" agrees with both; WRONG is met by its certificate and disagrees with one.
+two grids, and a third where these disagree with it, and the volume by random points. "met" agrees with both; WRONG is met by its
+certificate and disagrees with one.
 """
 
 from __future__ import annotations
