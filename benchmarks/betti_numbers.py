@@ -113,7 +113,7 @@ def _random_surface(rng: np.random.Generator, fraction: float, critical: bool = 
     if critical:
         slope = np.linalg.norm(phi.gradient(points), axis=1)
         near = phi(points)[np.argsort(slope)[: 1 + rng.integers(10)][-1]]
-        levels = [float(near + rng.uniform(-0.02, 0.02))]
+        levels = [float(np.clip(near + rng.uniform(-0.02, 0.02), values[0], values[-1]))]
         if kind == "sheet":
             levels = sorted([*levels, float(values[rng.integers(len(values))])])
     elif kind == "sheet":
