@@ -63,26 +63,6 @@ class BooleanResult:
         return self.built.solids
 
 
-def certify_cut_solids(
-    block: LatticeBlock,
-    built: kernel.BuiltSolids | KernelSolids,
-    brep: Brep | None,
-    *,
-    checks: tuple[Check, ...] = (),
-    notes: tuple[str, ...] = (),
-    dropped: tuple[float, ...] = (),
-) -> Certificate:
-    """The certificate of what a boolean left of the lattice `block`; `brep` bounds the solids if the patches were trimmed.
-
-    Trimmed patches that the kernel's check rejects end in an error, so that those which get here are valid.
-    """
-    if brep is None or isinstance(built, KernelSolids):
-        return certify_kernel_solids(
-            built.solids, block.patches, block.measures, checks=checks, notes=notes, dropped=dropped
-        )
-    return certify_built_solids(brep, built, block.measures, valid=True, checks=checks, notes=notes, dropped=dropped)
-
-
 CLEARANCE_SIDES = 0.004
 """Sides of a patch: a corner of a patch that lies nearer to a face of the body leaves a sliver there. A patch is two to four
 walls wide, so that this is about a hundredth of the wall."""
@@ -90,6 +70,25 @@ walls wide, so that this is about a hundredth of the wall."""
 
 class _RejectedTrim(TrimmingError):
     """The kernel's check rejects the trimmed lattice."""
+
+
+def certify_cut_solids(
+    block: LatticeBlock,
+    built: kernel.BuiltSolids | KernelSolids,
+    *,
+    checks: tuple[Check, ...] = (),
+    notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
+) -> Certificate:
+    """The certificate of what a boolean left of the lattice `block`: of trimmed patches, or of solids that the kernel cut.
+
+    Trimmed patches that the kernel's check rejects end in an error, so that those which get here are valid.
+    """
+    if isinstance(built, KernelSolids):
+        return certify_kernel_solids(
+            built.solids, block.patches, block.measures, checks=checks, notes=notes, dropped=dropped
+        )
+    return certify_built_solids(built, block.measures, valid=True, checks=checks, notes=notes, dropped=dropped)
 
 
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:

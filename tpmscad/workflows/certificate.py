@@ -223,7 +223,6 @@ def describe_traps(cavities: int) -> str:
 
 
 def certify_built_solids(
-    brep: Brep,
     built: kernel.BuiltSolids,
     measures: PatchMeasures,
     *,
@@ -232,11 +231,12 @@ def certify_built_solids(
     notes: tuple[str, ...] = (),
     dropped: tuple[float, ...] = (),
 ) -> Certificate:
-    """The certificate of solids that were built from `brep`, by its arrays and a kernel check of each class of faces.
+    """The certificate of solids built from a boundary representation, by its arrays and a kernel check of each class of faces.
 
     `measures` are the figures of the patches; `valid` is what `kernel.is_brep_valid` says, if that was asked before. `checks` and
     `notes` are added to those of `measures`; `dropped` are the volumes of the loose pieces that were left out.
     """
+    brep = built.brep
     return _certify(
         brep,
         measure_solid(brep, built.nesting.moments),

@@ -270,7 +270,7 @@ def _certify_domains(
     lines = [*body.notes, *domains[WALL].notes]
     for name in (PLUS, MINUS):
         domain = domains[name]
-        found[name] = own = certify_cut_solids(block, domain.built, domain.brep, notes=domain.notes)
+        found[name] = own = certify_cut_solids(block, domain.built, notes=domain.notes)
         checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
         lines.append(
             f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
@@ -279,7 +279,7 @@ def _certify_domains(
     for contact in contacts:
         areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
         lines.append(f"face {contact.face}: {areas}")
-    wall = certify_cut_solids(block, domains[WALL].built, domains[WALL].brep, notes=tuple(lines))
+    wall = certify_cut_solids(block, domains[WALL].built, notes=tuple(lines))
     total = wall.volume + found[PLUS].volume + found[MINUS].volume
     checks.append(
         Check(

@@ -113,7 +113,7 @@ def solidify(
         }
         measures = measure_field_patches(found)
         measures = replace(measures, figures={**measures.figures, **volumes})
-        certificate = certify_built_solids(brep, built, measures, notes=dropped.notes, dropped=dropped.volumes)
+        certificate = certify_built_solids(built, measures, notes=dropped.notes, dropped=dropped.volumes)
     return Model(
         "field solid",
         brep,

@@ -170,7 +170,7 @@ def infill(
     with stages("check"):
         notes = (*read.notes, *result.notes, *dropped.notes)
         certificate = certify_cut_solids(
-            block, result.built, result.brep, checks=result.checks, notes=notes, dropped=dropped.volumes
+            block, result.built, checks=result.checks, notes=notes, dropped=dropped.volumes
         )
     return Model(
         name,

@@ -182,7 +182,7 @@ def make_lattice(
             *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
         )
         measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
-        certificate = certify_built_solids(brep, built, measures, dropped=dropped.volumes)
+        certificate = certify_built_solids(built, measures, dropped=dropped.volumes)
     name = f"{request.surface} {request.kind}"
     unit_cell = made.unit_cell
     if unit_cell is not None and dropped.volumes:

@@ -61,7 +61,7 @@ def solidify_mapped(
         brep, built, dropped = drop_loose_pieces(image.brep, kernel.build_solids(image.brep, moments), loose)
     with stages("check"):
         measures = _measure(found, image, map, stretch, tol)
-        certificate = certify_built_solids(brep, built, measures, notes=dropped.notes, dropped=dropped.volumes)
+        certificate = certify_built_solids(built, measures, notes=dropped.notes, dropped=dropped.volumes)
     return Model("mapped field solid", brep, certificate.with_seconds(stages.seconds), built, outer_faces="cap")
 
 
