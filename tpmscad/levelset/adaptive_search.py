@@ -46,9 +46,13 @@ MIN_CONE_COSINE = 0.5
 """Cosine of the half-angle of the normal cone of a leaf in the last start."""
 
 MAX_DEPTH = 5
-MAX_FINEST_CELLS = 2**27
-"""Largest number of splits of a first leaf, one less if the finest grid would have more cells than this (128 MB of marks
-of nodes)."""
+MAX_DEPTH_OF_FEW = 10
+MAX_DEEP_FRACTION = 0.02
+"""Largest number of splits of a first leaf, and that of leaves which are at most this fraction of all: single places of high
+curvature take little, an edge too sharp for any patch would take without end."""
+
+MAX_TILED_CELLS = 2**27
+"""Most cells of the finest grid of a periodic field, whose octree is repeated through arrays of four bytes for each."""
 
 MAX_MESHES_BEFORE_FIT = 8
 MAX_FITS_PER_START = 12
@@ -135,7 +139,7 @@ def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
     fit = fit_level_set(request, start.tree, start.mesh)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):
-        deeper = _select_splittable(start.tree, fit.bad_leaves)
+        deeper = _select_splittable(start.tree, request.field, fit.bad_leaves)
         if not len(deeper) or best.bad_fraction > MAX_BAD_LEAF_FRACTION:
             break
         refined = _mesh_tree(octree.split_leaves(start.tree, deeper), request.field, start.mesh)
@@ -157,7 +161,7 @@ def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
 def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _MeshedTree:
     """An octree with its mesh, which reuses the vertices of the mesh of a coarser octree."""
     mesh, bad = mesh_level_set(tree, field, coarser)
-    return _MeshedTree(tree, mesh, _select_splittable(tree, bad))
+    return _MeshedTree(tree, mesh, _select_splittable(tree, field, bad))
 
 
 def _split_until_unfolded(field: Field, start: _MeshedTree, max_meshes: int = MAX_MESHES_BEFORE_FIT) -> _MeshedTree:
@@ -182,11 +186,15 @@ def _estimate_patches(sketch: _MeshedTree) -> int:
     return int(count_patches(sketch.mesh.corners).sum()) + PATCHES_PER_BAD_LEAF * len(sketch.splittable)
 
 
-def _select_splittable(tree: Octree, leaves: IntArray) -> IntArray:
-    """Those of the leaves that are above the greatest depth."""
-    first = np.prod(tree.shape / tree.size.max())
-    depth = MAX_DEPTH if first * 8**MAX_DEPTH <= MAX_FINEST_CELLS else MAX_DEPTH - 1
-    return leaves[tree.size[leaves] * 2**depth > tree.size.max()]
+def _select_splittable(tree: Octree, field: Field, leaves: IntArray) -> IntArray:
+    """Those of the leaves that may be split: above the greatest depth, and of deeper ones a few."""
+    first = tree.size.max()
+    if field.periods() is not None:
+        within = np.prod(tree.shape / first) * 8**MAX_DEPTH <= MAX_TILED_CELLS
+        return leaves[tree.size[leaves] * 2 ** (MAX_DEPTH if within else MAX_DEPTH - 1) > first]
+    shallow = tree.size[leaves] * 2**MAX_DEPTH > first
+    few = np.count_nonzero(~shallow) <= MAX_DEEP_FRACTION * len(tree.size)
+    return leaves[shallow | (few & (tree.size[leaves] * 2**MAX_DEPTH_OF_FEW > first))]
 
 
 def _presplit(tree: Octree, field: Field, cosine: float | None) -> Octree:

@@ -21,7 +21,7 @@ from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.patch_network import NetworkMatch, PatchNetwork, build_patch_network, match_networks
 from tpmscad.levelset.quadmesh.periodicity import find_translated_copies, snap_translated_vertices
-from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.levelset.quadmesh.smoothing import smooth_from_start, smooth_mesh
 from tpmscad.levelset.quadmesh.vectors import corner_sines, normalize
 from tpmscad.parallel import TaskRunner, run_serial
 
@@ -143,19 +143,14 @@ def mesh_level_set(tree: Octree, field: Field, coarser: QuadMesh | None = None) 
     `coarser` is the mesh of a coarser octree, of which vertices are reused where the octree has not changed.
     """
     mesh = smooth_mesh(build_dual_mesh(tree, field), field, tree.lo, tree.hi, coarser=coarser)
+    if coarser is not None and (hopeless := _find_hopeless_corners(mesh, field)).any():
+        again = smooth_from_start(mesh, hopeless.any(axis=1), field, tree.lo, tree.hi)
+        if _find_hopeless_corners(again, field).any(axis=1).sum() < hopeless.any(axis=1).sum():
+            mesh = again
     mesh = snap_translated_vertices(mesh, field, tree)
-    gradient = field.gradient(mesh.vertices)
-    normal = normalize(gradient)
-    bad = [_find_degenerate_leaves(mesh)]
-    triangular = mesh.corners[:, 3] < 0
-    for corners in (mesh.corners[~triangular], mesh.corners[triangular][:, :3]):
-        if len(corners):
-            hopeless = corner_sines(mesh.vertices, corners, normal) < MIN_CORNER_SINE
-            at_corners = normal[corners]
-            cosine = (at_corners @ np.swapaxes(at_corners, 1, 2)).min(axis=2)
-            bad.append(mesh.leaf[corners[hopeless | (cosine < MIN_CORNER_NORMAL_COSINE)]])
-    bad.append(mesh.leaf[mesh.side_ends[_find_turning_box_sides(mesh, gradient)]].ravel())
-    return mesh, np.unique(np.concatenate(bad))
+    bad_corners = mesh.leaf[mesh.corners[_find_hopeless_corners(mesh, field)]]
+    turning_sides = mesh.leaf[mesh.side_ends[_find_turning_box_sides(mesh, field)]]
+    return mesh, np.unique(np.concatenate([_find_degenerate_leaves(mesh), bad_corners, turning_sides.ravel()]))
 
 
 def fit_level_set(
@@ -290,10 +285,25 @@ def _drop_failing(match: NetworkMatch, network: PatchNetwork, previous: LevelSet
     return NetworkMatch(curve, np.where((curve[network.curve] < 0).any(axis=1), -1, match.previous_patch))
 
 
-def _find_turning_box_sides(mesh: QuadMesh, gradient: Array) -> IntArray:
-    """Sides on the box along which the surface's section with the box turns too far, by the gradient (V, 3)."""
+def _find_hopeless_corners(mesh: QuadMesh, field: Field) -> BoolArray:
+    """Corners (Q, 4) at which a polygon is folded, or from which the surface turns too far to another corner of it."""
+    normals = normalize(field.gradient(mesh.vertices))
+    triangular = mesh.corners[:, 3] < 0
+    result = np.zeros(mesh.corners.shape, bool)
+    for rows, n in ((np.flatnonzero(~triangular), 4), (np.flatnonzero(triangular), 3)):
+        if len(rows):
+            corners = mesh.corners[rows, :n]
+            at_corners = normals[corners]
+            cosine = (at_corners @ np.swapaxes(at_corners, 1, 2)).min(axis=2)
+            folded = corner_sines(mesh.vertices, corners, normals) < MIN_CORNER_SINE
+            result[rows, :n] = folded | (cosine < MIN_CORNER_NORMAL_COSINE)
+    return result
+
+
+def _find_turning_box_sides(mesh: QuadMesh, field: Field) -> IntArray:
+    """Sides on the box along which the surface's section with the box turns too far."""
     on_box = np.flatnonzero(mesh.side_plane >= 0)
-    normal = gradient[mesh.side_ends[on_box]]
+    normal = field.gradient(mesh.vertices[mesh.side_ends[on_box]])
     normal[np.arange(len(on_box)), :, mesh.side_plane[on_box] // 2] = 0.0
     normal = normalize(normal)
     return on_box[np.einsum("si,si->s", normal[:, 0], normal[:, 1]) < MIN_BOX_SECTION_COSINE]

@@ -27,15 +27,13 @@ column 0 or 1 if it extends in the negative or positive direction."""
 class OctreeNodes:
     """The corners of an octree's leaves (nodes) with the field's values; nodes are named by flat index on the finest grid.
 
-    `ids` (n,) are the sorted flat indices of the nodes, `is_node` the mask over all grid positions, `values` (n,) the field.
+    `ids` (n,) are the sorted flat indices of the nodes, `values` (n,) the field.
     """
 
     def __init__(self, tree: Octree, field: Field) -> None:
         self.shape = tree.shape + 1
         corner = (tree.origin[:, None] + tree.size[:, None, None] * CHILD_OFFSETS).reshape(-1, 3)
         self.ids = np.unique(self.flat_index(corner))
-        self.is_node = np.zeros(int(np.prod(self.shape)), bool)
-        self.is_node[self.ids] = True
         self.values = field(tree.points(self.grid_index(self.ids)))
 
     def flat_index(self, position: IntArray) -> IntArray:
@@ -45,6 +43,11 @@ class OctreeNodes:
     def grid_index(self, flat: IntArray) -> IntArray:
         """Grid positions (..., 3) of flat indices (...)."""
         return np.stack(np.unravel_index(flat, tuple(self.shape)), axis=-1)
+
+    def contains(self, flat: IntArray) -> BoolArray:
+        """Whether the grid positions of these flat indices are nodes."""
+        place = np.searchsorted(self.ids, flat)
+        return np.asarray(self.ids[np.minimum(place, len(self.ids) - 1)] == flat)
 
     def value_at(self, flat: IntArray) -> Array:
         """Field values at the nodes of these flat indices."""
@@ -87,7 +90,7 @@ def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
             centre = origin.copy()
             centre[:, b] += tree.size // 2
             centre[:, c] += tree.size // 2
-            minimal = (tree.size == 1) | ~nodes.is_node[nodes.flat_index(centre)]
+            minimal = (tree.size == 1) | ~nodes.contains(nodes.flat_index(centre))
             rows.append(np.column_stack([origin, np.full(len(origin), axis), tree.size])[minimal])
     faces = np.unique(np.concatenate(rows), axis=0)
     origin, axis, size = faces[:, :3], faces[:, 3], faces[:, 4]
@@ -113,7 +116,7 @@ def minimal_edge_lengths(nodes: OctreeNodes, start: IntArray, axis: IntArray) ->
     while (length == 0).any():
         end = start.copy()
         end[rows, axis] = np.minimum(end[rows, axis] + step, nodes.shape[axis] - 1)
-        reached = (length == 0) & nodes.is_node[nodes.flat_index(end)]
+        reached = (length == 0) & nodes.contains(nodes.flat_index(end))
         length[reached] = step
         step *= 2
     return length
@@ -123,7 +126,7 @@ def pair_crossed_edges(tree: Octree, nodes: OctreeNodes, field: Field, faces: Mi
     """The segments of {field = 0} on minimal faces, each as the pair of crossed edges that it joins."""
     ring = _face_rings(faces)
     flat = nodes.flat_index(ring)
-    hanging = nodes.is_node[flat[:, 1::2]] & (faces.size > 1)[:, None]
+    hanging = nodes.contains(flat[:, 1::2]) & (faces.size > 1)[:, None]
     solid = _ring_signs(nodes, flat, hanging)
     crossed = solid != np.roll(solid, -1, axis=1)
 

@@ -45,6 +45,10 @@ round-off."""
 RINGS_AROUND_NEW_VERTICES = 2
 """Rings of polygons round new vertices that are smoothed again after a refinement."""
 
+RINGS_AROUND_FOLDED_POLYGONS = 4
+"""Rings of polygons round a folded one whose vertices are put back to where they started, to be smoothed again: vertices that slid
+far on a coarser mesh leave no room for new ones between them."""
+
 SAME_START_TOL = 1e-10
 """Distance, in diagonals of the box, within which start positions on two octrees are the same vertex."""
 
@@ -88,7 +92,22 @@ def smooth_mesh(
     free = ~old
     if free.all():
         return smooth_vertices(mesh, free, field, lo, hi, sweeps)
-    free = dilate_vertices(mesh, free, RINGS_AROUND_NEW_VERTICES)
+    return _smooth_part(mesh, dilate_vertices(mesh, free, RINGS_AROUND_NEW_VERTICES), field, lo, hi, sweeps)
+
+
+def smooth_from_start(
+    mesh: QuadMesh, folded: BoolArray, field: Field, lo: Array, hi: Array, sweeps: int = SMOOTHING_SWEEPS
+) -> QuadMesh:
+    """The mesh with the vertices round `folded` polygons (Q,) put back to their start positions and smoothed again from there."""
+    reset = np.zeros(len(mesh.vertices), bool)
+    reset[close_triangles(mesh.corners[folded])] = True
+    reset = dilate_vertices(mesh, reset, RINGS_AROUND_FOLDED_POLYGONS)
+    mesh = replace(mesh, vertices=np.where(reset[:, None], mesh.start_positions, mesh.vertices))
+    return _smooth_part(mesh, dilate_vertices(mesh, reset, RINGS_AROUND_NEW_VERTICES), field, lo, hi, sweeps)
+
+
+def _smooth_part(mesh: QuadMesh, free: BoolArray, field: Field, lo: Array, hi: Array, sweeps: int) -> QuadMesh:
+    """As `smooth_vertices`, on the polygons at the free vertices only."""
     touched = np.asarray((free[mesh.corners] & (mesh.corners >= 0)).any(axis=1))
     part, ids = _extract_submesh(mesh, touched)
     vertices = mesh.vertices.copy()
