@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.shapes.cut_fields import FIELDS, HI, LO
+from tpmscad import fields
+from tpmscad.levelset.adaptive_search import MAX_DEEP_FRACTION, MAX_DEPTH, _select_splittable
+from tpmscad.levelset.field_solid import fit_field_solid
+from tpmscad.levelset.level_set_fit import _find_hopeless_corners
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.patch_network import build_patch_network, match_networks
-from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.levelset.quadmesh.smoothing import smooth_from_start, smooth_mesh
 from tpmscad.levelset.quadmesh.vectors import corner_sines
 
 
@@ -130,3 +136,50 @@ def test_a_split_changes_the_mesh_nearby_only() -> None:
         net.vertices[net.ends[same.previous_curve >= 0, 1]],
         old.vertices[old.ends[same.previous_curve[same.previous_curve >= 0], 1]],
     )
+
+
+def test_polygons_that_a_split_folded_are_smoothed_again_from_their_start() -> None:
+    field = next(iter(FIELDS.values()))
+    mesh = smooth_mesh(build_dual_mesh(tree_of(0, 0.0, (10, 12, 8)), field), field, LO, HI)
+    quads = mesh.corners[(mesh.corners[:, 3] >= 0) & ~mesh.fixed[mesh.corners].any(axis=(1, 2))]
+    one, _, other, _ = quads[len(quads) // 2]
+    vertices = mesh.vertices.copy()
+    vertices[[one, other]] = vertices[[other, one]]  # opposite corners change places: the polygon turns over
+    tangled = replace(mesh, vertices=vertices)
+    folded = _find_hopeless_corners(tangled, field).any(axis=1)
+    assert folded.any()
+    assert not _find_hopeless_corners(smooth_from_start(tangled, folded, field, LO, HI), field).any()
+
+
+def blunt_cone(radius: float) -> fields.Field:
+    """A cone, open downwards, whose tip is a hyperboloid with half this radius of curvature."""
+
+    def hyperbola(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        return np.sqrt((x - 0.47) ** 2 + (y - 0.53) ** 2 + radius**2)
+
+    def value(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return z - 0.8 + 2 * hyperbola(x, y)
+
+    def gradient(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        return np.stack([2 * (x - 0.47) / hyperbola(x, y), 2 * (y - 0.53) / hyperbola(x, y), np.ones_like(z)])
+
+    return fields.from_function(value, gradient)
+
+
+def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted() -> None:
+    solid = fit_field_solid(blunt_cone(3e-4), np.zeros(3), np.ones(3), 1e-4)
+    assert solid.patches_to_field <= 1e-4
+    assert solid.jump_deg <= 0.01
+
+
+def test_many_leaves_are_split_less_deep_than_a_few() -> None:
+    tree = octree.uniform_octree(LO, HI, np.array((6, 6, 6)))
+    for _ in range(MAX_DEPTH):
+        tree = octree.split_leaves(tree, np.array([tree.leaves_at(np.zeros(3, int))]))
+    deepest, field = np.flatnonzero(tree.size == 1), blunt_cone(0.1)
+    allowed = int(MAX_DEEP_FRACTION * len(tree.size))
+    assert len(deepest) > allowed > 0
+    assert np.array_equal(_select_splittable(tree, field, deepest[:allowed]), deepest[:allowed])
+    assert not len(_select_splittable(tree, field, deepest))
+    everywhere = _select_splittable(tree, field, np.arange(len(tree.size)))
+    assert np.array_equal(everywhere, np.flatnonzero(tree.size > 1))

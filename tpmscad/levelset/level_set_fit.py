@@ -143,9 +143,10 @@ def mesh_level_set(tree: Octree, field: Field, coarser: QuadMesh | None = None) 
     `coarser` is the mesh of a coarser octree, of which vertices are reused where the octree has not changed.
     """
     mesh = smooth_mesh(build_dual_mesh(tree, field), field, tree.lo, tree.hi, coarser=coarser)
-    if coarser is not None and (hopeless := _find_hopeless_corners(mesh, field)).any():
-        again = smooth_from_start(mesh, hopeless.any(axis=1), field, tree.lo, tree.hi)
-        if _find_hopeless_corners(again, field).any(axis=1).sum() < hopeless.any(axis=1).sum():
+    folded = np.asarray(_find_hopeless_corners(mesh, field).any(axis=1))
+    if coarser is not None and folded.any():
+        again = smooth_from_start(mesh, folded, field, tree.lo, tree.hi)
+        if _find_hopeless_corners(again, field).any(axis=1).sum() < folded.sum():
             mesh = again
     mesh = snap_translated_vertices(mesh, field, tree)
     bad_corners = mesh.leaf[mesh.corners[_find_hopeless_corners(mesh, field)]]

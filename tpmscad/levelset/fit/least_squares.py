@@ -55,7 +55,7 @@ class HardRows:
         count, m, k = len(rows), rows.shape[1], len(involved)
         inverse, null_space = np.zeros((count, k, m)), np.zeros((count, k, k))
         largest = 0
-        for i, each in enumerate(rows[:, :, involved]):
+        for i, each in enumerate(rows[:, :, involved] if k else []):  # LAPACK complains of matrices without entries
             factors, order, scalars, _, _ = dgeqp3(each.T)
             diagonal = np.abs(np.diagonal(factors))
             rank = int(np.count_nonzero(diagonal > MIN_PIVOT * diagonal.max(initial=0.0)))

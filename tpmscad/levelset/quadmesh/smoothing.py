@@ -46,8 +46,8 @@ RINGS_AROUND_NEW_VERTICES = 2
 """Rings of polygons round new vertices that are smoothed again after a refinement."""
 
 RINGS_AROUND_FOLDED_POLYGONS = 4
-"""Rings of polygons round a folded one whose vertices are put back to where they started, to be smoothed again: vertices that slid
-far on a coarser mesh leave no room for new ones between them."""
+"""Rings of polygons round a folded one whose vertices are put back to where they started: vertices that slid far on a coarser
+mesh leave no room for new ones between them."""
 
 SAME_START_TOL = 1e-10
 """Distance, in diagonals of the box, within which start positions on two octrees are the same vertex."""
@@ -98,7 +98,7 @@ def smooth_mesh(
 def smooth_from_start(
     mesh: QuadMesh, folded: BoolArray, field: Field, lo: Array, hi: Array, sweeps: int = SMOOTHING_SWEEPS
 ) -> QuadMesh:
-    """The mesh with the vertices round `folded` polygons (Q,) put back to their start positions and smoothed again from there."""
+    """The mesh with the vertices round `folded` polygons (Q,) put back to their start positions and smoothed from there."""
     reset = np.zeros(len(mesh.vertices), bool)
     reset[close_triangles(mesh.corners[folded])] = True
     reset = dilate_vertices(mesh, reset, RINGS_AROUND_FOLDED_POLYGONS)
