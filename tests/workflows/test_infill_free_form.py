@@ -21,6 +21,9 @@ from tpmscad.kernel.occt.exploration import faces_of
 
 pytestmark = [pytest.mark.kernel, pytest.mark.slow]
 
+KERNEL_TOL = 1e-7
+"""Distance, in mm, below which the kernel takes points for one (Precision::Confusion)."""
+
 P: dict[str, Any] = {"surface": "P", "cell": 10, "thickness": 1, "tol": 0.1, "phase": (0.05, 0.1, 0.15)}
 
 
@@ -58,7 +61,9 @@ def test_it_is_the_plain_boolean(name: str, monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr("tpmscad.workflows.boolean_strategies.intersect_locally", refuse)
     slow = tpmscad.infill(body, **P)
     assert any("boolean" in note and "not today" in note for note in slow.certificate.notes)
-    assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=1e-9)
+    # Both ways place the cuts within the kernel's tolerance; the cut on the loft differs by 4e-7 mm3 with OCCT 8.0.1.
+    moved = KERNEL_TOL * slow.certificate.area
+    assert quick.certificate.volume == pytest.approx(slow.certificate.volume, rel=0, abs=moved)
     assert quick.certificate.area == pytest.approx(slow.certificate.area, rel=1e-9)
     assert quick.certificate.betti == slow.certificate.betti
 

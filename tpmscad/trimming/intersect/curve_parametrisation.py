@@ -47,13 +47,15 @@ class PatchSurfacePairs:
     """n pairs of a patch and a surface; the patches share one spline space and have the poles (n, U, V, 3).
 
     Points are given as (u, v): (n, m, 2). `foci` (n, q, 4): points and radii in model units, with infinite radii for padding.
-    The apex of a cone always is a focus. `follows_pcurves`: the even parameter also follows the variation of (u, v).
+    The apex of a cone always is a focus. `follows_turning`: the even parameter distributes turning as well as arc length.
+    `follows_pcurves`: it also follows the variation of (u, v).
     """
 
     poles: Array
     space: tuple[Array, Array, int, int]
     surfaces: ImplicitSurfaces
     foci: Array
+    follows_turning: bool = True
     follows_pcurves: bool = False
 
     def take(self, rows: IntArray) -> PatchSurfacePairs:
@@ -72,6 +74,10 @@ class PatchSurfacePairs:
     def following_pcurves(self) -> PatchSurfacePairs:
         """The pairs without foci, for patches that are nearly singular: their parameters follow the variation of (u, v), too."""
         return replace(self.without_foci(), follows_pcurves=True)
+
+    def following_arc_length(self) -> PatchSurfacePairs:
+        """The pairs without foci and turning, for curves whose curvature varies faster than the curves themselves."""
+        return replace(self.without_foci(), follows_turning=False)
 
     def jet(self, uv: Array, order: int) -> list[Array]:
         """Derivatives (0, 0); (1, 0), (0, 1); (2, 0), (1, 1), (0, 2) of the patches up to `order`: (n, m, 3) each."""
@@ -147,7 +153,8 @@ class PatchSurfacePairs:
         middle = 0.5 * (curvature[:, 1:] + curvature[:, :-1])
         chord = chord * (1.0 + (middle * chord) ** 2 / 24.0)
         curvature[np.isfinite(self.foci[:, 0, 3]) & self.surfaces.is_plane] = 0.0
-        density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), curvature / TURN_PER_LENGTH_RAD)
+        turning = curvature / TURN_PER_LENGTH_RAD if self.follows_turning else np.zeros_like(curvature)
+        density = np.hypot(1.0 / chord.sum(axis=1, keepdims=True), turning)
         apices = np.flatnonzero(self.surfaces.kind == CONE)
         if len(apices):
             apart = ((points[apices] - self.surfaces.point[apices, None]) ** 2).sum(axis=2)
