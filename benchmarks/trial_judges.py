@@ -1,6 +1,6 @@
 """Judges of the standing trial that share no code with what they judge: formulas evaluated here, plain text, labels, meshes.
 
-`Region` tells inside from outside by the published formula and its distance, found by Newton steps with gradients by differences.
+`Region` tells inside from outside by the published formula and its distance, found by Newton steps.
 Volumes are compared with a stratified sample, with five standard errors and the certified deviation as the limit.
 """
 
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import sympy
 from scipy.ndimage import generate_binary_structure, label
 
 Points = np.ndarray
@@ -28,23 +29,36 @@ MINIMAL_OFF = {"gyroid": 1.4e-3, "diamond": 8e-4, "schwarz_p": 1.2e-2}
 """Greatest distance between the exact surface and its nodal namesake, in cells."""
 
 
-def formula(text: str) -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    """A catalogue formula such as `2 (cos x cos y) - cos 2x` as a function of x, y and z in radians."""
-    code = re.sub(r"\b(sin|cos) (\d?)([xyz])", lambda m: f" N{m[1]}({m[2] or 1}*{m[3]})", text)
-    code = re.sub(r"(?<=[\d)]) +(?=[N(])", "*", code.strip())
-    code = re.sub(r"\) *(?=N)", ")*", code)
-    compiled = compile(code, text, "eval")
-    return lambda x, y, z: np.asarray(eval(compiled, {"Nsin": np.sin, "Ncos": np.cos, "x": x, "y": y, "z": z}))
+class NodalFunction:
+    """A catalogue formula such as `2 (cos x cos y) - cos 2x` as a function of points, with x = 2 pi (p / cell - phase)."""
+
+    def __init__(self, text: str, cell: Sequence[float], phase: Sequence[float]) -> None:
+        code = re.sub(r"\b(sin|cos) (\d?)([xyz])", lambda m: f" {m[1]}({m[2] or 1}*{m[3]})", text)
+        code = re.sub(r"(?<=[\d)]) +(?=[sc(])", "*", code.strip())
+        code = re.sub(r"\) *(?=[sc])", ")*", code)
+        axes = sympy.symbols("x y z")
+        value = sympy.sympify(code, locals=dict(zip("xyz", axes, strict=True)))
+        self._value = sympy.lambdify(axes, value, "numpy", cse=True)
+        self._jet = sympy.lambdify(axes, [value, *(sympy.diff(value, axis) for axis in axes)], "numpy", cse=True)
+        self._cell, self._phase = np.asarray(cell, float), np.asarray(phase, float)
+
+    def _angles(self, p: Points) -> np.ndarray:
+        return np.moveaxis(2 * np.pi * (p / self._cell - self._phase), -1, 0)
+
+    def __call__(self, p: Points) -> np.ndarray:
+        return np.asarray(self._value(*self._angles(p)))
+
+    def jet(self, p: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Values (n,) and gradients (n, 3) at points (n, 3)."""
+        value, *slopes = self._jet(*self._angles(p))
+        return value, np.stack(slopes, axis=-1) * (2 * np.pi / self._cell)
 
 
-def nodal(text: str, cell: Sequence[float], phase: Sequence[float]) -> Callable[[Points], np.ndarray]:
-    """The nodal function of points (..., 3)."""
-    f, cell, phase = formula(text), np.asarray(cell, float), np.asarray(phase, float)
-    return lambda p: f(*np.moveaxis(2 * np.pi * (p / cell - phase), -1, 0))
-
-
-def gradient(f: Callable[[Points], np.ndarray], p: Points, step: float) -> np.ndarray:
-    return np.stack([(f(p + step * e) - f(p - step * e)) / (2 * step) for e in np.eye(3)], axis=-1)
+def jet(f: Callable[[Points], np.ndarray], p: Points, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Values (n,) and gradients (n, 3) at points (n, 3): in closed form where `f` has one, else by differences."""
+    if isinstance(f, NodalFunction):
+        return f.jet(p)
+    return f(p), np.stack([(f(p + step * e) - f(p - step * e)) / (2 * step) for e in np.eye(3)], axis=-1)
 
 
 def signed_distance(f: Callable[[Points], np.ndarray], p: Points, reach: float, size: float) -> np.ndarray:
@@ -52,15 +66,16 @@ def signed_distance(f: Callable[[Points], np.ndarray], p: Points, reach: float, 
 
     Foot points by steps to the level set along the gradient and tangential steps towards the point, from the point itself.
     """
-    step, value = 1e-5 * size, f(p)
-    slope = np.linalg.norm(gradient(f, p, step), axis=-1)
+    step = 1e-5 * size
+    value, g = jet(f, p, step)
+    slope = np.linalg.norm(g, axis=-1)
     near = np.flatnonzero(np.abs(value) < 2.5 * reach * np.maximum(slope, 0.25 * np.median(slope)))
     result = np.sign(value) * 9e9
     at, foot = p[near], p[near].copy()
     for _ in range(FOOT_STEPS):
-        g = gradient(f, foot, step)
+        height, g = jet(f, foot, step)
         square = np.maximum((g * g).sum(axis=-1, keepdims=True), 1e-30)
-        move = -f(foot)[:, None] * g / square
+        move = -height[:, None] * g / square
         across = at - foot
         move += 0.7 * (across - (across * g).sum(axis=-1, keepdims=True) * g / square)
         foot += move * np.minimum(1.0, 0.1 * size / np.maximum(np.linalg.norm(move, axis=-1, keepdims=True), 1e-30))

@@ -16,12 +16,12 @@ from scipy.ndimage import generate_binary_structure, label
 
 from benchmarks.trial_judges import (
     MINIMAL_OFF,
+    NodalFunction,
     Region,
     gmsh_volume,
     judge_solid,
     judge_step_text,
     judge_stl,
-    nodal,
     signed_distance,
 )
 from tpmscad.catalogue import CATALOGUE
@@ -143,7 +143,7 @@ def draw_lattice(rng: np.random.Generator) -> Drawn:
         if limits is not None and options.get("boundary") != "natural":
             kind, side = options.get("kind", "sheet"), options.get("side", "-")
             shift = info.one_piece.phase_of(kind, side) if phase is None else phase
-            f = nodal(info.formula, edges, shift)
+            f = NodalFunction(info.formula, edges, shift)
             smear = (
                 MINIMAL_OFF[name] * cell * 1.3 * (0.2 if options.get("kind") != "skeletal" else 1.0) if exact else 0.0
             )
@@ -200,7 +200,7 @@ def draw_map(rng: np.random.Generator) -> Drawn:
             return met, why, judge
 
         def judge_all() -> list[str]:
-            f = nodal(info.formula, (cell,) * 3, phase)
+            f = NodalFunction(info.formula, (cell,) * 3, phase)
             low, high = (np.asarray(c) for c in model.bounding_box)
             extent = np.array(cells) * cell
 
@@ -290,7 +290,9 @@ def draw_infill(rng: np.random.Generator) -> Drawn:
         model = tpmscad.infill(body, name, **options, progress=False)
         region = None
         if "skin" not in options:
-            wall = _around(nodal(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0))), (-half, half), cell)
+            wall = _around(
+                NodalFunction(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0))), (-half, half), cell
+            )
             smear = 0.2 * MINIMAL_OFF.get(name, 0.0) * cell
             region = Region(lambda p: in_body(p) & wall(p), low, high, smear)
         return _judged(model, folder, region, rng)
@@ -313,7 +315,7 @@ def draw_domains(rng: np.random.Generator) -> Drawn:
         found.export_step(folder / "made.step")
 
         def judge() -> list[str]:
-            f = nodal(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0)))
+            f = NodalFunction(info.formula, (cell,) * 3, options.get("phase", (0, 0, 0)))
             smear = MINIMAL_OFF.get(name, 0.0) * cell
             faults = []
             total = sum(m.volume for m in found.domains.values())
@@ -341,7 +343,7 @@ def _field(rng: np.random.Generator) -> tuple[str, str, Callable[[np.ndarray], n
     """Python text and recipe tables of a field, and its values by formulas of the trial's own."""
     name = str(rng.choice(list(CATALOGUE)))
     period = float(rng.choice([8.0, 10.0, 12.0]))
-    f = nodal(CATALOGUE[name].formula, (period,) * 3, (0, 0, 0))
+    f = NodalFunction(CATALOGUE[name].formula, (period,) * 3, (0, 0, 0))
     spread = float(np.std(f(np.random.default_rng(0).random((4000, 3)) * period)))
     kind = str(rng.choice(["rod", "pore", "sheet", "graded"]))
     at = round(float(rng.uniform(-0.5, 0.5)) * spread, 3)
