@@ -50,6 +50,15 @@ def test_numbers_and_nesting_beyond_bounds_are_refused(tmp_path: Path, old: str,
         read_solid_recipe(written(tmp_path, RECIPE.replace(old, new)))
 
 
+def test_fields_nested_too_deeply_are_refused(tmp_path: Path) -> None:
+    tables = (f"\n[fields.f{k}]\nkind = 'complement'\nof = 'f{k + 1}'\n" for k in range(3000))
+    by_name = RECIPE.replace("[field]", "field = 'f0'\n\n[fields.f3000]") + "".join(tables)
+    tables_in_tables = "{ kind = 'complement', of = " * 300 + "{ kind = 'tpms', surface = 'gyroid' }" + " }" * 300
+    for text in (by_name, f"domain = [[0, 0, 0], [10, 10, 10]]\ntol = 0.05\nfield = {tables_in_tables}\n"):
+        with pytest.raises(RecipeError, match="nested (more|too) deeply"):
+            read_solid_recipe(written(tmp_path, text))
+
+
 def test_the_lines_of_keys_are_found_in_a_time_proportional_to_the_text() -> None:
     def seconds(count: int) -> float:
         text = "\n".join(f"key_{i} = [1.0, 2.0, 3.0] # some words after it" for i in range(count))

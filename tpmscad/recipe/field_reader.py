@@ -46,7 +46,13 @@ class FieldReader:
         if not isinstance(entry.value, dict):
             return fields.constant(entry.number())
         kind = FIELD_KINDS[entry["kind"].string(tuple(FIELD_KINDS))]
-        return kind.read(entry, self)
+        try:
+            return kind.read(entry, self)
+        except RecursionError:
+            raise entry.error(
+                "this field is nested more deeply in others than Python can follow: join many fields in one list, "
+                "as in of = ['a', 'b', 'c']"
+            ) from None
 
     def _read_by_name(self, entry: Entry) -> Field:
         """The field of a name that the recipe defines."""
