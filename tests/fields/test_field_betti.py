@@ -104,3 +104,17 @@ def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(mon
     for field in (distance - 0.5, ovals(4e-3, 1)):
         saddles.find_saddles(field, grid, np.ones(grid.shape, bool), 0.75 * grid.spacing[0])
     assert starts[0] == 0 < starts[1]
+
+
+def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_confirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without room for more lines all grids see one piece where there are two."""
+    monkeypatch.setattr("tpmscad.fields.betti_numbers.MAX_GRADED_NODES", 1)
+    monkeypatch.setattr("tpmscad.fields.betti_numbers.MAX_UNIFORM_NODES", 2**21)
+    gap = ovals(-1e-3, 1)
+    assert compute_betti_numbers(gap, LO, HI) is None
+    asked = []
+    assert compute_betti_numbers(gap, LO, HI, confirm=lambda betti: asked.append(betti) or False) is None
+    assert compute_betti_numbers(gap, LO, HI, confirm=lambda betti: True) == asked[0]
+    assert compute_betti_numbers(BALL, LO, HI) == (1, 0, 0), "a field without necks needs no more lines"

@@ -55,7 +55,7 @@ def test_fields_nested_too_deeply_are_refused(tmp_path: Path) -> None:
     by_name = RECIPE.replace("[field]", "field = 'f0'\n\n[fields.f3000]") + "".join(tables)
     tables_in_tables = "{ kind = 'complement', of = " * 300 + "{ kind = 'tpms', surface = 'gyroid' }" + " }" * 300
     for text in (by_name, f"domain = [[0, 0, 0], [10, 10, 10]]\ntol = 0.05\nfield = {tables_in_tables}\n"):
-        with pytest.raises(RecipeError, match="nested (more|too) deeply"):
+        with pytest.raises(RecipeError, match=r"nested (more|too) deeply"):
             read_solid_recipe(written(tmp_path, text))
 
 

@@ -30,7 +30,7 @@ def fit(monkeypatch: pytest.MonkeyPatch, betti: Any) -> tuple[FieldPatches, list
         return fit_field(*args, **options)
 
     monkeypatch.setattr(field_patches, "fit_field", record)
-    monkeypatch.setattr(field_patches, "compute_betti_numbers", betti if callable(betti) else lambda *_: betti)
+    monkeypatch.setattr(field_patches, "compute_betti_numbers", betti if callable(betti) else lambda *_, **__: betti)
     return fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
 
 
@@ -63,12 +63,22 @@ def test_a_finer_grid_that_agrees_with_the_patches_spares_the_second_look(monkey
     count = field_patches.compute_betti_numbers
     said = iter([(2, 0, 0), None])
 
-    def mislead(*args: Any) -> Any:
-        return next(said) or count(*args)
+    def mislead(*args: Any, **options: Any) -> Any:
+        return next(said) or count(*args, **options)
 
     found, looks = fit(monkeypatch, mislead)
     assert looks == [False]
     assert found.field_betti == (1, 0, 0)
+    assert failed(found) == []
+
+
+def test_uncertain_numbers_that_differ_lead_to_a_second_look_and_no_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    def uncertain(*args: Any, confirm: Any) -> Any:
+        return (1, 1, 0) if confirm((1, 1, 0)) else None
+
+    found, looks = fit(monkeypatch, uncertain)
+    assert looks == [False, True]
+    assert found.field_betti is None
     assert failed(found) == []
 
 

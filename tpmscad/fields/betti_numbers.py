@@ -7,7 +7,8 @@ are added at geometrically decreasing distances from each: near a saddle the lev
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,8 +24,11 @@ Betti = tuple[int, int, int]
 INITIAL_LINES, REFINEMENT_RATIO = 96, 1.4
 """Grid lines along the longest edge of the first grid, and the factor from one grid to the next."""
 
-MAX_NODES = 2**24
-"""Greatest number of nodes of a grid, 128 MB of values."""
+MAX_UNIFORM_NODES = 2**24
+"""Greatest number of nodes of a uniform grid, 128 MB of values."""
+
+MAX_GRADED_NODES = 3 * 2**24
+"""Greatest number of nodes of a grid with lines graded towards necks, 384 MB of values; a blend of two takes 8 s for them."""
 
 SAMPLED_TOGETHER = 2
 """Operands that are sampled together: the two sides of a wall, whose formulas share most; memory bounds the number."""
@@ -32,17 +36,33 @@ SAMPLED_TOGETHER = 2
 NARROW_HALF_WIDTH_SPACINGS = 0.75
 """Half width of a neck, in grid spacings, below which grid lines are added through it."""
 
-SADDLE_LINE_OFFSETS_SPACINGS = 1.5 ** -np.arange(13.0)
-"""Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings."""
+SADDLE_LINE_OFFSETS_SPACINGS = 2.0 ** -np.arange(8.0)
+"""Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings. With the
+ratio 1.5 there are 13 of them, and 2 to 4 times as many nodes for the same counts."""
 
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
 """Grid lines of a third grid, beyond two that agree."""
 
 
+class _Count(NamedTuple):
+    """Betti numbers of a grid, and whether the grid has lines through every neck."""
+
+    betti: Betti
+    sees_necks: bool
+
+
 def compute_betti_numbers(
-    field: Field, lo: Array, hi: Array, lines: float = INITIAL_LINES, n_agreeing: int = 2
-) -> tuple[int, int, int] | None:
+    field: Field,
+    lo: Array,
+    hi: Array,
+    lines: float = INITIAL_LINES,
+    n_agreeing: int = 2,
+    confirm: Callable[[Betti], bool] = lambda betti: False,
+) -> Betti | None:
     """Betti numbers of {field < 0} in the box from the first successive grids that agree; None if too few do.
+
+    A grid counts only if it has lines through every neck found on it: uniform grids can agree on a wrong count. Where no grid
+    has, what uniform grids agree on is returned if other evidence confirms it, by `confirm`.
 
     The operands of a minimum or maximum must be solids whose level sets do not meet. Solids A and B that cover the box then
     satisfy b(A and B) = b(A) + b(B) except for one component (Mayer-Vietoris), so that walls thinner than any grid are counted
@@ -50,12 +70,15 @@ def compute_betti_numbers(
     """
     operands = _list_operands(field)
     counted: list[Betti] = []
+    certain = True
     for first in range(0, len(operands), SAMPLED_TOGETHER):
-        found = _count_operands(operands[first : first + SAMPLED_TOGETHER], lo, hi, lines, n_agreeing)
-        if found is None:
-            return None
-        counted += found
-    return _add_betti_numbers(field, iter(counted))
+        for history in _count_operands(operands[first : first + SAMPLED_TOGETHER], lo, hi, lines, n_agreeing):
+            if not _agree(history, n_agreeing):
+                return None
+            counted.append(history[-1].betti)
+            certain &= _is_settled(history, n_agreeing)
+    total = _add_betti_numbers(field, iter(counted))
+    return total if certain or confirm(total) else None
 
 
 def _list_operands(field: Field) -> list[Field]:
@@ -75,28 +98,35 @@ def _add_betti_numbers(field: Field, counted: Iterator[Betti]) -> Betti:
 
 def _count_operands(
     operands: Sequence[Field], lo: Array, hi: Array, lines: float, n_agreeing: int
-) -> list[Betti] | None:
-    """Betti numbers of each field from successive grids that agree; None if too few of one do."""
-    counts: list[list[Betti]] = [[] for _ in operands]
-    while unsettled := [k for k, found in enumerate(counts) if not _agree(found[-n_agreeing:], n_agreeing)]:
+) -> list[list[_Count]]:
+    """The counts of each field on successive grids, until those that see all necks agree or the grids are too large."""
+    counts: list[list[_Count]] = [[] for _ in operands]
+    while unsettled := [k for k, history in enumerate(counts) if not _is_settled(history, n_agreeing)]:
         cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
-        if np.prod(cells + 1.0) > MAX_NODES:
-            return None
+        if np.prod(cells + 1.0) > MAX_UNIFORM_NODES:
+            break
         samples = _sample_on_graded_grids([operands[k] for k in unsettled], lo, hi, cells)
-        for k, values in zip(unsettled, samples, strict=True):
-            betti = topology.betti(values)
-            counts[k].append((betti.b0, betti.b1, betti.b2))
+        for k, (values, sees_necks) in zip(unsettled, samples, strict=True):
+            found = topology.betti(values)
+            counts[k].append(_Count((found.b0, found.b1, found.b2), sees_necks))
         lines = REFINEMENT_RATIO * lines
-    return [found[-1] for found in counts]
+    return counts
 
 
-def _agree(last: Sequence[Betti], n_agreeing: int) -> bool:
+def _is_settled(history: Sequence[_Count], n_agreeing: int) -> bool:
+    """Whether the last counts are as many as have to agree, equal, and see all necks."""
+    return _agree(history, n_agreeing) and all(count.sees_necks for count in history[-n_agreeing:])
+
+
+def _agree(history: Sequence[_Count], n_agreeing: int) -> bool:
     """Whether the last counts are as many as have to agree, and equal."""
-    return len(last) == n_agreeing and len(set(last)) == 1
+    return len(history) >= n_agreeing and len({count.betti for count in history[-n_agreeing:]}) == 1
 
 
-def _sample_on_graded_grids(operands: Sequence[Field], lo: Array, hi: Array, counts: Array) -> Iterator[Array]:
-    """Values of each field on a uniform grid, or on one with lines graded towards necks as well if MAX_NODES allow it."""
+def _sample_on_graded_grids(
+    operands: Sequence[Field], lo: Array, hi: Array, counts: Array
+) -> Iterator[tuple[Array, bool]]:
+    """Values of each field on a uniform grid with lines graded towards the necks, and False if these would be too many."""
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
     half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
     steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
@@ -105,5 +135,5 @@ def _sample_on_graded_grids(operands: Sequence[Field], lo: Array, hi: Array, cou
         for axis, uniform in enumerate(grid.axes):
             added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
             axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
-        too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_NODES
-        yield values if too_many or not len(narrow) else field.on_grid(*axes)
+        too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_GRADED_NODES
+        yield (values, not len(narrow)) if too_many or not len(narrow) else (field.on_grid(*axes), True)

@@ -145,15 +145,24 @@ def _measure_brep(brep: Brep) -> tuple[FaceMoments, SolidProperties]:
 
 
 def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
-    """The Betti numbers of a fit's field, None if unknown, and whether its patches can have them: shells and sum agree."""
-    betti = compute_betti_numbers(fit.field, fit.lo, fit.hi)
-    if betti is None or _could_have(fit.brep, betti):
-        return betti, True
+    """The Betti numbers of a fit's field, None if unknown, and whether its patches can have them: shells and sum agree.
+
+    Uncertain numbers are not returned if the patches cannot have them, but the second value is then False as well.
+    """
+    contradicted = False
+
+    def confirm(betti: Betti) -> bool:
+        nonlocal contradicted
+        possible = _could_have(fit.brep, betti)
+        contradicted |= not possible
+        return possible
+
+    betti = compute_betti_numbers(fit.field, fit.lo, fit.hi, confirm=confirm)
+    if betti is None or confirm(betti):
+        return betti, not contradicted
     # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
-    finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1)
-    if finer is None or not _could_have(fit.brep, finer):
-        return betti, False
-    return finer, True
+    finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1, confirm)
+    return (betti, False) if finer is None or not confirm(finer) else (finer, True)
 
 
 def _could_have(brep: Brep, betti: Betti) -> bool:
