@@ -10,7 +10,7 @@ import build123d as bd
 import numpy as np
 import pytest
 
-from benchmarks.trial_judges import Region, judge_solid, judge_step_text, judge_stl, nodal, signed_distance
+from benchmarks.trial_judges import NodalFunction, Region, judge_solid, judge_step_text, judge_stl, signed_distance
 from tpmscad import catalogue, fields
 
 pytestmark = pytest.mark.kernel
@@ -34,8 +34,12 @@ def test_random_requests_are_met_or_refused(kind: str, count: int) -> None:
 def test_the_formulas_read_by_the_trial_are_those_of_the_catalogue() -> None:
     points = np.random.default_rng(0).random((40, 3)) * 9
     for name, record in catalogue.CATALOGUE.items():
-        ours = nodal(record.formula, (4, 5, 6), (0.1, 0.2, 0.3))(points)
-        np.testing.assert_allclose(ours, fields.tpms(name, (4, 5, 6), (0.1, 0.2, 0.3))(points), atol=1e-12)
+        ours = NodalFunction(record.formula, (4, 5, 6), (0.1, 0.2, 0.3))
+        np.testing.assert_allclose(ours(points), fields.tpms(name, (4, 5, 6), (0.1, 0.2, 0.3))(points), atol=1e-12)
+        values, gradients = ours.jet(points)
+        np.testing.assert_allclose(values, ours(points), atol=1e-12)
+        slopes = [(ours(points + h) - ours(points - h)) / 2e-5 for h in 1e-5 * np.eye(3)]
+        np.testing.assert_allclose(gradients, np.stack(slopes, axis=-1), atol=1e-8)
 
 
 def test_its_distance_is_that_of_a_plane_and_a_ball() -> None:
