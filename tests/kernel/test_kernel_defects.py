@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,10 @@ import pytest
 pytestmark = pytest.mark.kernel
 
 from OCP.Bnd import Bnd_Box
+from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common, BRepAlgoAPI_Cut, BRepAlgoAPI_Fuse
 from OCP.BRepBndLib import BRepBndLib
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepGProp import BRepGProp
 from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
@@ -21,6 +24,7 @@ from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCone, BRepPrimA
 from OCP.GeomAbs import GeomAbs_Arc
 from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt, gp_Trsf
 from OCP.GProp import GProp_GProps
+from OCP.ShapeFix import ShapeFix_Edge
 from OCP.STEPControl import STEPControl_AsIs, STEPControl_Writer
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 from OCP.TopLoc import TopLoc_Location
@@ -35,8 +39,10 @@ from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
+from tpmscad.kernel.step.geometry_entities import find_knots_in_file
 from tpmscad.kernel.step.step_reader import read_step, silence_occt
-from tpmscad.splines import BSplineSurface, bezier_knots
+from tpmscad.splines import BSplineCurve, BSplineSurface, bezier_knots
+from tpmscad.splines.basis import bernstein_basis
 
 VERSION = ".".join(map(str, convert.OCCT_VERSION))
 
@@ -164,6 +170,40 @@ def test_a_solid_with_a_cavity_is_offset() -> None:
     box = BRepPrimAPI_MakeBox(gp_Pnt(-15, -15, -15), gp_Pnt(15, 15, 15)).Shape()
     cavity = BRepPrimAPI_MakeBox(gp_Pnt(-5, -5, -5), gp_Pnt(5, 5, 5)).Shape()
     assert inward_offset_is_done(BRepAlgoAPI_Cut(box, cavity).Shape())
+
+
+def pcurve_deviation_on(surface: BSplineSurface) -> float:
+    """Greatest distance between an edge that runs across a surface and the pcurve that OCCT's reader gives it."""
+    nodes = np.linspace(0.0, 1.0, 8)
+    along = np.column_stack([np.ptp(surface.knots_u) * nodes, np.ptp(surface.knots_v) * (1 - nodes**2)])
+    curve = BSplineCurve(np.linalg.solve(bernstein_basis(7, nodes), surface(*along.T)), bezier_knots(7), 7)
+    edge = BRepBuilderAPI_MakeEdge(convert.curve(curve)).Edge()
+    face = BRepBuilderAPI_MakeFace(convert.surface(surface), 1e-7).Face()
+    assert ShapeFix_Edge().FixAddPCurve(edge, face, False, 1e-7)
+    pcurve, t = BRepAdaptor_Curve2d(edge, face), np.linspace(0.0, 1.0, 90)
+    uv = np.array([[p.X(), p.Y()] for p in map(pcurve.Value, t.tolist())])
+    return float(np.linalg.norm(surface(*uv.T) - curve(t), axis=-1).max())
+
+
+def small_saddle(size: float) -> BSplineSurface:
+    x, one = np.array([0.0, 0.4, 1.0]), np.ones(3)
+    poles = size * np.stack([np.outer(x, one), np.outer(one, x), np.outer(x, x)], axis=-1)
+    return BSplineSurface(poles, bezier_knots(2), bezier_knots(2), 2, 2)
+
+
+@pytest.mark.xfail(
+    strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: Newton's method stops where |S_u x S_v| < 1e-5 mm2"
+)
+def test_the_reader_finds_pcurves_on_small_surfaces() -> None:
+    assert pcurve_deviation_on(small_saddle(1e-3)) < 1e-8
+
+
+def test_it_does_so_with_the_knots_of_our_files() -> None:
+    for surface in (small_saddle(1e-3), small_saddle(1e-4), small_saddle(1.0)):
+        knots_u, knots_v = find_knots_in_file(surface)
+        in_file = replace(surface, knots_u=knots_u, knots_v=knots_v)
+        assert pcurve_deviation_on(in_file) < 1e-8
+        np.testing.assert_array_equal(in_file(knots_u[-1], knots_v[-1] / 4), surface(1.0, 0.25))
 
 
 @pytest.mark.slow

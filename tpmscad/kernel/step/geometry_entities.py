@@ -164,6 +164,26 @@ def _format_knots(*vectors: Array) -> str:
     return ",".join([*counts, *values])
 
 
+SMALL_SPEED = 2.0**-4
+"""Millimetres per unit of parameter below which the knots of a surface are scaled in the file. OCCT's reader stops its Newton
+iteration where |S_u x S_v| < 1e-5 mm2, so that edges on surfaces of .003 mm get pcurves 1 % off their place."""
+
+
+def find_knots_in_file(surface: BSplineSurface) -> tuple[Array, Array]:
+    """Knots of a surface in a file: those of a small one times a power of two, so that speeds in it are about 1 mm per unit.
+
+    Poles and points are the same, and so is every bit of the knots but their exponent.
+    """
+    corners = surface.poles[[0, 0, -1, -1], [0, -1, -1, 0]]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    area = sides[::2].mean() * sides[1::2].mean()
+    speed = np.sqrt(area / (np.ptp(surface.knots_u) * np.ptp(surface.knots_v)))
+    if not 0.0 < speed < SMALL_SPEED:
+        return surface.knots_u, surface.knots_v
+    scale = 2.0 ** np.round(np.log2(speed))
+    return surface.knots_u * scale, surface.knots_v * scale
+
+
 def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
     """Write the placed carriers and return their entity numbers; `numbers` are those of their placed poles."""
     heads, tails = [], []
@@ -174,7 +194,7 @@ def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, num
             heads.append(
                 f"B_SPLINE_SURFACE_WITH_KNOTS('',{carrier.degree_u},{carrier.degree_v},({','.join([row] * rows)})"
             )
-            tails.append(f",.UNSPECIFIED.,.F.,.F.,.F.,{_format_knots(carrier.knots_u, carrier.knots_v)},.UNSPECIFIED.)")
+            tails.append(f",.UNSPECIFIED.,.F.,.F.,.F.,{_format_knots(*find_knots_in_file(carrier))},.UNSPECIFIED.)")
         else:
             heads.append("")
             tails.append("")

@@ -30,7 +30,7 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.entity_rows import ROUND_OFF, EntityRows, agree, require, template_marks
 from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
-from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS
+from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS, find_knots_in_file
 from tpmscad.kernel.step.placement_check import check_placements
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
@@ -232,7 +232,7 @@ class FileText(EntityRows):
             carrier, own = brep.carriers[index], np.flatnonzero(brep.faces.carrier == index)
             motion, number = brep.faces.motion[own], surface[own]
             if isinstance(carrier, BSplineSurface):
-                degrees, knots = [carrier.degree_u, carrier.degree_v], [carrier.knots_u, carrier.knots_v]
+                degrees, knots = [carrier.degree_u, carrier.degree_v], find_knots_in_file(carrier)
                 poles = self._spline(number, "B_SPLINE_SURFACE_WITH_KNOTS", degrees, knots, carrier.poles.shape[:2])
                 meant = self.meant(motion[:, None].apply(carrier.poles.reshape(-1, 3)))
                 require(poles == meant, "a pole of a surface")
