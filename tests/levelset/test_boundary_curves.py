@@ -52,3 +52,14 @@ def test_a_curve_in_the_box_is_the_same_with_the_box_and_without() -> None:
         fit_curves(ball, start, end, free, 5, shapes),
         fit_curves(extend_linearly(ball, LO - 9.0, HI + 9.0), start, end, free, 5, shapes),
     )
+
+
+@pytest.mark.parametrize("beyond", [0.0, 1e-9, 1e-3, 0.5])
+def test_beyond_the_box_the_curvature_is_that_at_the_nearest_point_of_the_box(beyond: float) -> None:
+    ball = extend_linearly(
+        fields.sphere((4.5, 5.0, 5.5), RADIUS), np.array([4.5, 0.0, 0.0]), np.array([8.0, 10.0, 11.0])
+    )
+    _, form = measure_second_forms(ball, np.array([[4.5 - beyond, 5.0 + RADIUS, 5.5], [4.5, 5.0 + RADIUS, 5.5]]), 10.0)
+    assert np.isfinite(form).all()
+    tangential = np.ix_([0, 1], [0, 2], [0, 2])
+    np.testing.assert_allclose(form[tangential], np.tile(np.eye(2) / RADIUS, (2, 1, 1)), atol=0.05)

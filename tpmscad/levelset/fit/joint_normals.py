@@ -69,7 +69,8 @@ class SpokeStarts:
 def measure_second_forms(field: Field, points: Array, size: float) -> tuple[Array, Array]:
     """Unit normals (..., 3) and second forms (..., 3, 3) at points (..., 3) of a level set, by differences of the gradient.
 
-    `size` is that of the whole level set; of a `LinearExtension` the size of its box counts, and the points tried are inside.
+    `size` is that of the whole level set; of a `LinearExtension` the size of its box counts, and the points tried are inside,
+    so that a point beyond the box has the form of the nearest point of the box.
     """
     low, high = np.full(3, -np.inf), np.full(3, np.inf)
     if isinstance(field, LinearExtension):
@@ -77,8 +78,8 @@ def measure_second_forms(field: Field, points: Array, size: float) -> tuple[Arra
         size = float((high - low).max())
     axes = np.arange(3)
     shift = FORM_STEP_FRACTION * size * np.eye(3)
-    after = np.clip(points[..., None, :] + shift, low, high)
-    before = np.clip(points[..., None, :] - shift, low, high)
+    inside = np.clip(points, low, high)[..., None, :]
+    after, before = np.minimum(inside + shift, high), np.maximum(inside - shift, low)
     width = (after - before)[..., axes, axes, None]
     hessian = (field.gradient(after) - field.gradient(before)) / width
     gradient = field.gradient(points)
