@@ -81,10 +81,16 @@ SADDLE_IN_FACE = "(y - 0.4812)^2 - (z - 0.5317)^2"
         ("(z - 0.5317)^2 - 1e-7 + 0.3*(x + y)", (1, 0, 0)),
         ("(x - 0.4411)^2 + (y - 0.4812)^2 + (z - 0.5317)^2 - 1e-7", (1, 0, 0)),
         ("1e-7 - (x - 0.4411)^2 - (y - 0.4812)^2 - (z - 0.5317)^2", (1, 0, 1)),
+        ("sqrt((x - 0.4411)^2 + (y - 0.4812)^2 + (z - 0.5317)^2) - 3e-4", (1, 0, 0)),
+        ("3e-4 - sqrt((x - 0.4411)^2 + (y - 0.4812)^2 + (z - 0.5317)^2)", (1, 0, 1)),
+        ("sqrt((x - 0.4411)^2 + y^2 + z^2) - 3e-4", (1, 0, 0)),
     ],
-    ids=["gap", "neck", "gap in the other face", "speck on an edge", "speck", "pore"],
+    ids=[
+        *("gap", "neck", "gap in the other face", "speck on an edge", "speck", "pore"),
+        *("speck of a distance", "pore of a distance", "speck of a distance on an edge"),
+    ],
 )
-def test_what_is_narrow_in_a_face_or_an_edge_of_the_box_is_seen_though_the_field_has_no_critical_point_there(
+def test_what_is_narrow_is_seen_in_faces_and_edges_of_the_box_and_where_a_field_has_a_kink(
     formula: str, expected: tuple[int, int, int]
 ) -> None:
     assert compute_betti_numbers(fields.expression(formula), *UNIT_CUBE) == expected

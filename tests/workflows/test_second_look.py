@@ -10,6 +10,7 @@ import pytest
 
 from tests.shapes.box_shapes import plane_box
 from tpmscad import fields
+from tpmscad.errors import LevelSetError
 from tpmscad.stage_timer import StageTimer
 from tpmscad.workflows import field_patches
 from tpmscad.workflows.field_patches import FieldPatches, fit_field_patches
@@ -20,8 +21,8 @@ pytestmark = pytest.mark.kernel  # the room imports it
 BALL = fields.sphere((1.0, 1.1, 0.9), 0.7)
 
 
-def fit(monkeypatch: pytest.MonkeyPatch, betti: Any) -> tuple[FieldPatches, list[bool]]:
-    """The ball's patches, with Betti numbers said of the field (value or function), and which fits sought hidden crossings."""
+def fit(monkeypatch: pytest.MonkeyPatch, betti: Any, field: fields.Field = BALL) -> tuple[FieldPatches, list[bool]]:
+    """The field's patches, with Betti numbers said of the field (value or function), and which fits sought hidden crossings."""
     looks: list[bool] = []
     fit_field = field_patches.fit_field
 
@@ -31,7 +32,7 @@ def fit(monkeypatch: pytest.MonkeyPatch, betti: Any) -> tuple[FieldPatches, list
 
     monkeypatch.setattr(field_patches, "fit_field", record)
     monkeypatch.setattr(field_patches, "compute_betti_numbers", betti if callable(betti) else lambda *_, **__: betti)
-    return fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
+    return fit_field_patches(field, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None)), looks
 
 
 def failed(found: FieldPatches) -> list[str]:
@@ -56,6 +57,22 @@ def test_numbers_that_differ_lead_to_a_second_look_and_a_shortfall(monkeypatch: 
         "Betti numbers (1, 0, 0) differ from the field's, (2, 0, 0): use a finer `tol`; "
         "of a blend, specks=True removes isolated parts that lie between its samples"
     ]
+
+
+def test_a_part_that_the_first_look_misses_is_found_by_splitting_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = fields.union(BALL, fields.sphere((1.83, 1.78, 1.81), 0.05))
+    found, looks = fit(monkeypatch, field_patches.compute_betti_numbers, two)
+    assert looks == [False]
+    assert found.properties.betti == (2, 0, 0)
+    assert failed(found) == []
+
+
+def test_a_continued_fit_that_fails_is_repeated_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: Any) -> Any:
+        raise LevelSetError("4 places could not be fitted")
+
+    monkeypatch.setattr(field_patches, "refine_field_fit", fail)
+    assert fit(monkeypatch, (2, 0, 0))[1] == [False, True]
 
 
 def test_a_finer_grid_that_agrees_with_the_patches_spares_the_second_look(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -37,6 +37,12 @@ MAX_TRAVEL_SPACINGS = 1.5
 MIN_DETERMINANT = 1e-9
 """Determinant, relative to the cube of the greatest entry, below which a Hessian counts as singular."""
 
+PROJECTION_STEPS = 6
+"""Steps of the projection onto the level set by which a crossing between the corners of a cell is found."""
+
+SURFACE_TOL_SPACINGS = 1e-3
+"""Distance from the level set, in grid spacings, at which a projected point counts as on it."""
+
 POINTS_PER_SLAB = 1 << 17
 """Points of a grid that are evaluated and searched at a time: 4 MB of values and gradients."""
 
@@ -112,7 +118,8 @@ def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float
     The points lie in the box and on its faces and edges. On a face or an edge they are those of the field's restriction: as a
     level passes their values, the part of the solid in the box changes its topology there, though the field itself has no
     critical point (stratified Morse theory). Besides saddles they include minima of the solid and maxima of the void, which are
-    specks. The fields are sampled together, so that what their formulas have in common is evaluated once.
+    specks. Where f has a kink in place of a minimum, as a distance has, which Newton's method does not find, a point of the
+    level set stands for it. The fields are sampled together, so that what their formulas have in common is evaluated once.
     """
     tape = JointTape(fields)
     x, y, z = grid.axes
@@ -150,18 +157,22 @@ def _find_in_cells(
     start = np.tile([low[axis] if side == 0 else high[axis] for axis, side in enumerate(sides)], (len(cells), 1))
     start[:, free] = low[free] + (cells[:, free] + 0.5) * spacing[free]
     points = _find_critical_points(field, start, spacing, free)
+    hidden = _find_hidden_crossings(field, start, spacing, free)
     points = points[np.all((points >= low - 1e-9 * spacing) & (points <= high + 1e-9 * spacing), axis=1)]
     points = np.clip(points, low, high)
     _, first = np.unique(np.round((points - low) / (spacing * COINCIDENCE_TOL_SPACINGS)), axis=0, return_index=True)
     points = points[np.sort(first)]
-    if len(points) == 0:
-        return CriticalPoints(points, np.zeros(0), np.zeros(0), np.zeros(0, bool))
     values = field(points)
     eigenvalues = np.linalg.eigvalsh(_difference_hessian(field, points, spacing, free)[:, free][:, :, free])
     across = np.where(values < 0, eigenvalues[:, -1], -eigenvalues[:, 0])
     narrow = np.abs(values) <= across * closest**2 / 2
     is_saddle = (eigenvalues[:, 0] < 0) & (eigenvalues[:, -1] > 0)
-    return CriticalPoints(points[narrow], values[narrow], across[narrow], is_saddle[narrow])
+    return CriticalPoints(
+        np.concatenate([points[narrow], hidden]),
+        np.concatenate([values[narrow], np.zeros(len(hidden))]),
+        np.concatenate([across[narrow], np.full(len(hidden), np.inf)]),
+        np.concatenate([is_saddle[narrow], np.zeros(len(hidden), bool)]),
+    )
 
 
 def _find_cells(samples: tuple[Array, Array], where: BoolArray, spacing: Array, closest: float) -> IntArray:
@@ -246,6 +257,23 @@ def _find_critical_points(field: Field, start: Array, spacing: Array, free: Sequ
         found[active[is_at_rest & is_near]] = True
         active = active[~is_at_rest & is_near]
     return points[found]
+
+
+def _find_hidden_crossings(field: Field, centres: Array, spacing: Array, free: Sequence[int]) -> Array:
+    """Points of the level set (m, 3) in cells (n, 3) all of whose corners are on one side of it, at most one for each."""
+    corners = np.zeros((2 ** len(free), 1, 3))
+    corners[:, 0, free] = 0.5 * np.array(list(product((-1.0, 1.0), repeat=len(free)))) * spacing[free]
+    solid = field(centres + corners) < 0
+    centres = centres[solid.all(axis=0) | ~solid.any(axis=0)]
+    points, slope = centres.copy(), np.zeros(centres.shape)
+    for _ in range(PROJECTION_STEPS):
+        value, gradient = field.value_and_gradient(points)
+        slope[:, free] = gradient[:, free]
+        square = np.maximum((slope**2).sum(axis=1), np.finfo(float).tiny)
+        points -= np.clip((value / square)[:, None] * slope, -0.5 * spacing, 0.5 * spacing)
+    distance = np.abs(field(points)) / np.sqrt(square)
+    is_within = np.all(np.abs(points - centres) <= 0.5 * spacing, axis=1)
+    return points[is_within & (distance <= SURFACE_TOL_SPACINGS * spacing.min())]
 
 
 def _solve_symmetric(matrices: Array, right: Array) -> Array:

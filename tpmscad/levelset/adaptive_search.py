@@ -19,7 +19,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
 from tpmscad.levelset.fit_simplification import merge_failing_polygons
-from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, mesh_level_set
+from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -38,6 +38,10 @@ CURVATURE_STEP_FRACTION = 1e-3
 LEAF_SIZE_DIVISORS = (1.0, 0.8, 1.25, 1.6, 2.0)
 """Leaf sizes of the starts, as divisors of the first one: the position of the leaves relative to the necks changes the number of
 patches by up to a half."""
+
+MAX_FIRST_LEAVES = 2**18
+"""Largest number of leaves of a first octree: 16 periods a side. One small ball in a large box would ask for millions, of which
+all but a few are empty; its leaves are split instead."""
 
 PRESPLIT_LEVELS = 3
 """Largest number of splits of a leaf before the first mesh, for hidden crossings or normal cones."""
@@ -68,6 +72,11 @@ PATCHES_PER_BAD_LEAF = 30
 MAX_BAD_LEAF_FRACTION = 0.15
 """Largest fraction of leaves that the best fit may find bad before the start is given up."""
 
+MAX_HOPELESS_STARTS = 2
+HOPELESS_BAD_FRACTION = 0.01
+"""Starts that may end with more than this fraction of their leaves bad before the search is given up. Starts after which another
+one passes leave a few leaves of thousands."""
+
 SINGULAR_SLOPE_FRACTION = 0.15
 """A gradient shorter than this fraction of the median is reported as the cause of a failure."""
 
@@ -94,18 +103,43 @@ def fit_level_set_adaptively(
     `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, which gives more patches.
     """
     best: LevelSetFit | None = None
+    hopeless = 0
     for start in _generate_starts(request, lo, hi, detect_hidden_crossings):
         fit = _refine_from(request, start)
         if not len(fit.bad_leaves):
             return fit
         if best is None or fit.bad_volume < best.bad_volume:
             best = fit
-    assert best is not None, "there is always a start"
+        hopeless += fit.bad_fraction > HOPELESS_BAD_FRACTION
+        if hopeless == MAX_HOPELESS_STARTS:
+            break
+    if best is None:
+        place = ", ".join(f"{x:.4g}" for x in request.surface_samples[0])
+        raise LevelSetError(
+            f"the surface at ({place}) is too small to be fitted: no leaf of the octree has corners inside and outside of it; "
+            "change the level, or the domain so that it holds more of the surface"
+        )
     raise LevelSetError(_explain_failure(best))
 
 
+def split_hidden_crossings(fit: LevelSetFit) -> LevelSetFit:
+    """The fit continued where leaves hide a crossing of the level set, patches elsewhere reused; LevelSetError if it fails.
+
+    Leaves finer than the fit's largest by more than PRESPLIT_LEVELS are not split. `fit` itself if there is none to split.
+    """
+    field = fit.request.field
+    tree = _presplit(fit.tree, field, None)
+    if tree is fit.tree:
+        return fit
+    start = _split_until_unfolded(field, _mesh_tree(tree, field, fit.mesh))
+    refined = _refine_from(fit.request, start, fit)
+    if len(refined.bad_leaves):
+        raise LevelSetError(_explain_failure(refined))
+    return refined
+
+
 def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_crossings: bool) -> Iterator[_MeshedTree]:
-    """Meshes to start from, those first that promise the fewest patches.
+    """Meshes to start from, those first that promise the fewest patches; none if the level set lies between all corners.
 
     The first leaf size comes before all others if nothing had to be split.
     """
@@ -122,7 +156,10 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
         tree = octree.uniform_octree(lo, end, counts)
         if detect_hidden_crossings:
             tree = _presplit(tree, field, None)
-        sketch = _split_until_unfolded(field, _mesh_tree(tree, field), TRIAL_MESHES)
+        found = _split_until_found(request, _mesh_tree(tree, field))
+        if found is None:
+            continue
+        sketch = _split_until_unfolded(field, found, TRIAL_MESHES)
         unsplit = sketch.tree.size.max() == 1 and not len(sketch.splittable)
         if divisor == LEAF_SIZE_DIVISORS[0] and unsplit:
             yield _complete_start(field, sketch, hi, periods)
@@ -131,12 +168,13 @@ def _generate_starts(request: FitRequest, lo: Array, hi: Array, detect_hidden_cr
     for sketch in sorted(sketches, key=_estimate_patches)[:MAX_STARTS]:
         yield _complete_start(field, sketch, hi, periods)
     tree = _presplit(octree.uniform_octree(lo, end, _count_leaves(field, lo, end, size)), field, MIN_CONE_COSINE)
-    yield _complete_start(field, _mesh_tree(tree, field), hi, periods)
+    if (found := _split_until_found(request, _mesh_tree(tree, field))) is not None:
+        yield _complete_start(field, found, hi, periods)
 
 
-def _refine_from(request: FitRequest, start: _MeshedTree) -> LevelSetFit:
-    """The best fit of those that splitting bad leaves leads to."""
-    fit = fit_level_set(request, start.tree, start.mesh)
+def _refine_from(request: FitRequest, start: _MeshedTree, previous: LevelSetFit | None = None) -> LevelSetFit:
+    """The best fit of those that splitting bad leaves leads to, with patches of a `previous` fit where they remain."""
+    fit = fit_level_set(request, start.tree, start.mesh, previous)
     best, stalled, fewest = fit, 0, len(fit.bad_leaves)
     for _ in range(MAX_FITS_PER_START - 1):
         deeper = _select_splittable(start.tree, request.field, fit.bad_leaves)
@@ -162,6 +200,22 @@ def _mesh_tree(tree: Octree, field: Field, coarser: QuadMesh | None = None) -> _
     """An octree with its mesh, which reuses the vertices of the mesh of a coarser octree."""
     mesh, bad = mesh_level_set(tree, field, coarser)
     return _MeshedTree(tree, mesh, _select_splittable(tree, field, bad))
+
+
+def _split_until_found(request: FitRequest, start: _MeshedTree) -> _MeshedTree | None:
+    """The octree split round samples of the level set until its mesh is not empty, None if it stays so.
+
+    A small level set, such as one pore beside a large wall, may lie between the corners of the first leaves.
+    """
+    field, samples = request.field, request.surface_samples
+    while not len(start.mesh.corners):
+        tree = start.tree
+        within = ((samples >= tree.lo) & (samples <= tree.hi)).all(axis=1)
+        leaves = _select_splittable(tree, field, np.unique(locate_leaves(tree, samples[within])))
+        if not len(leaves):
+            return None
+        start = _mesh_tree(octree.split_leaves(tree, leaves), field)
+    return start
 
 
 def _split_until_unfolded(field: Field, start: _MeshedTree, max_meshes: int = MAX_MESHES_BEFORE_FIT) -> _MeshedTree:
@@ -223,12 +277,16 @@ def _choose_leaf_size(field: Field, samples: Array) -> float:
 
 
 def _count_leaves(field: Field, lo: Array, hi: Array, size: float) -> IntArray:
-    """Number of leaves (3,) along each axis, none longer than `size`, a whole number of them to a period."""
+    """Number of leaves (3,) along each axis, none longer than `size` unless there were too many, a whole number to a period."""
     leaf = np.full(3, size)
     periods = field.periods()
     if periods is not None:
         leaf = np.array(periods) / np.ceil(np.array(periods) / size - COUNT_TOL)
-    return np.maximum(MIN_LEAVES_PER_AXIS, np.ceil((hi - lo) / leaf - COUNT_TOL)).astype(np.int64)
+    counts = np.maximum(MIN_LEAVES_PER_AXIS, np.ceil((hi - lo) / leaf - COUNT_TOL))
+    excess = float(np.prod(counts)) / MAX_FIRST_LEAVES
+    if excess > 1.0:
+        return _count_leaves(field, lo, hi, size * max(np.cbrt(excess), 1.01))
+    return counts.astype(np.int64)
 
 
 def _explain_failure(fit: LevelSetFit) -> str:

@@ -264,7 +264,7 @@ def _find_bad_leaves(
         samples = request.surface_samples
         expected = MAX_SAMPLE_DISTANCE_RATIO * float(quality.distance.max())
         distances = measure_distances_to_patches(fit, samples, min(request.tol, expected))
-        leaves = np.unique(_locate_leaves(tree, samples[distances > request.tol]))
+        leaves = np.unique(locate_leaves(tree, samples[distances > request.tol]))
         text = f"{len(leaves)} parts of the surface missed" if len(leaves) else text
     degenerate = _find_degenerate_leaves(mesh)
     if len(degenerate):
@@ -319,7 +319,7 @@ def _find_degenerate_leaves(mesh: QuadMesh) -> IntArray:
     return np.unique(mesh.leaf[ends[degenerate]])
 
 
-def _locate_leaves(tree: Octree, points: Array) -> IntArray:
+def locate_leaves(tree: Octree, points: Array) -> IntArray:
     """The leaf (n,) that contains each point (n, 3)."""
     cell = np.clip(((points - tree.lo) / tree.cell_edges).astype(int), 0, tree.shape - 1)
     return tree.leaves_at(cell)

@@ -3,8 +3,9 @@
 The level set {field = 0} inside the box is fitted to the tolerance (`tpmscad.levelset`) after its convex edges have been
 rounded within part of it. The volume, the Betti numbers and the pieces of the solid that the patches bound are computed from
 their arrays. Two independent witnesses come from the field alone: its Betti numbers on a sequence of grids, and its volume by
-quadrature along grid lines. If the Betti numbers differ, the fit is repeated with octree leaves split where they hide
-crossings; they are compared before patches are merged, which takes longer than everything before.
+quadrature along grid lines. If the Betti numbers differ, the fit is continued with octree leaves split where they hide
+crossings, or repeated from the start if that does not help; they are compared before patches are merged, which takes longer than
+everything before.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ from tpmscad.levelset.field_solid import (
     FieldSolid,
     fit_field,
     measure_field_fit,
+    refine_field_fit,
     simplify_field_fit,
     validate_box,
 )
@@ -107,14 +109,16 @@ def fit_field_patches(
     # fits are many small tasks: a process pool of this machine's cores took longer than one process
     runner = nullcontext(run_serial) if executor is None else task_runner(executor, rounded)
     with stages("fit") as done, runner as run_tasks:
-        fit = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
-        betti, is_possible = _compute_betti_numbers_of(fit)
+        first = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
+        betti, is_possible = _compute_betti_numbers_of(first)
         if is_possible:  # else patches that miss a neck would be merged and measured in vain
-            fit = simplify_field_fit(fit, lambda part: done(0.5 + 0.5 * part))
+            fit = simplify_field_fit(first, lambda part: done(0.5 + 0.5 * part))
             moments, properties = _measure_brep(fit.brep)
         if not is_possible or (betti is not None and properties.betti != betti):
-            fit = fit_field(rounded, lo, hi, tol - moved, detect_hidden_crossings=True, run_tasks=run_tasks)
-            fit = simplify_field_fit(fit)
+            refined = _refine_until_possible(first, betti)
+            if refined is None:
+                refined = fit_field(rounded, lo, hi, tol - moved, detect_hidden_crossings=True, run_tasks=run_tasks)
+            fit = simplify_field_fit(refined)
             moments, properties = _measure_brep(fit.brep)
         fitted = measure_field_fit(fit)
     with stages("check"):
@@ -163,6 +167,15 @@ def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
     # two grids can miss the same neck; a finer one is believed where the patches, counted otherwise, confirm it
     finer = compute_betti_numbers(fit.field, fit.lo, fit.hi, FINER_LINES, 1, confirm)
     return (betti, False) if finer is None or not confirm(finer) else (finer, True)
+
+
+def _refine_until_possible(fit: FieldFit, betti: Betti | None) -> FieldFit | None:
+    """The fit continued where leaves hide crossings, None if that fails or its patches cannot have the Betti numbers."""
+    try:
+        refined = refine_field_fit(fit)
+    except LevelSetError:
+        return None
+    return refined if betti is not None and _could_have(refined.brep, betti) else None
 
 
 def _could_have(brep: Brep, betti: Betti) -> bool:

@@ -1,0 +1,60 @@
+"""Where the search for an octree starts, and when it is given up."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from tpmscad import fields
+from tpmscad.brep import connectivity
+from tpmscad.errors import LevelSetError
+from tpmscad.levelset import adaptive_search
+from tpmscad.levelset.field_solid import fit_field_solid
+from tpmscad.levelset.level_set_fit import FitRequest
+from tpmscad.parallel import run_serial
+
+LO, HI = np.zeros(3), np.full(3, 2.0)
+BALL = fields.sphere((1.0, 1.1, 0.9), 0.7)
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.08])
+def test_a_pore_between_the_corners_of_the_first_leaves_is_fitted(radius: float) -> None:
+    pore = fields.sphere((1.22, 1.13, 1.07), radius)
+    found = fit_field_solid(fields.difference(BALL, pore), LO, HI, 2e-2)
+    assert connectivity.label_shells(found.brep)[0] == 2
+    distance = np.linalg.norm(found.brep.vertices - [1.22, 1.13, 1.07], axis=1)
+    assert np.abs(distance[distance < 0.5 * (radius + 0.36)] - radius).max() < 1e-9 + 1e-6 * radius
+
+
+def test_a_surface_that_no_leaf_shows_is_refused_with_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(adaptive_search, "_split_until_found", lambda *_: None)
+    with pytest.raises(LevelSetError, match=r"the surface at \(.*\) is too small to be fitted"):
+        fit_field_solid(BALL, LO, HI, 2e-2)
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-2, 1e-5])
+@pytest.mark.parametrize("field", [BALL, fields.tpms("gyroid", 2.0)], ids=["ball", "periodic"])
+def test_first_octrees_are_bounded(field: fields.Field, size: float) -> None:
+    counts = adaptive_search._count_leaves(field, LO, HI, size)
+    assert np.prod(counts) <= adaptive_search.MAX_FIRST_LEAVES
+    assert np.prod(counts) >= min((2.0 / size) ** 3, 0.5 * adaptive_search.MAX_FIRST_LEAVES)
+
+
+@pytest.mark.parametrize(("bad_fraction", "expected"), [(0.2, 2), (0.001, 7)])
+def test_a_search_is_given_up_after_two_hopeless_starts(
+    bad_fraction: float, expected: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def fail(_: FitRequest, start: object) -> object:
+        tried.append(start)
+        return SimpleNamespace(bad_leaves=np.arange(3), bad_volume=1.0, bad_fraction=bad_fraction)
+
+    monkeypatch.setattr(adaptive_search, "_generate_starts", lambda *_: iter(range(7)))
+    monkeypatch.setattr(adaptive_search, "_refine_from", fail)
+    monkeypatch.setattr(adaptive_search, "_explain_failure", lambda _: "3 places could not be fitted")
+    with pytest.raises(LevelSetError, match="3 places"):
+        adaptive_search.fit_level_set_adaptively(FitRequest(BALL, 1e-2, np.ones((1, 3)), run_serial), LO, HI)
+    assert len(tried) == expected
