@@ -11,6 +11,7 @@ from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
 from tpmscad.levelset import adaptive_search
+from tpmscad.levelset.boundary_level_sets import sample_level_set, sample_narrow_places
 from tpmscad.levelset.field_solid import fit_field_solid
 from tpmscad.levelset.level_set_fit import FitRequest
 from tpmscad.parallel import run_serial
@@ -32,6 +33,22 @@ def test_a_surface_that_no_leaf_shows_is_refused_with_its_place(monkeypatch: pyt
     monkeypatch.setattr(adaptive_search, "_split_until_found", lambda *_: None)
     with pytest.raises(LevelSetError, match=r"the surface at \(.*\) is too small to be fitted"):
         fit_field_solid(BALL, LO, HI, 2e-2)
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.01, 1e-3])
+@pytest.mark.parametrize("formula", ["sqrt({0}) - {1}", "{0} - {1}^2"], ids=["distance", "square"])
+def test_narrow_places_that_samples_missed_are_sampled(formula: str, radius: float) -> None:
+    centre = np.array([1.0563, 0.8428, 1.0769])
+    square = "((x - 1.0563)^2 + (y - 0.8428)^2 + (z - 1.0769)^2)"
+    speck = fields.expression(formula.format(square, radius))
+    found = sample_narrow_places(speck, LO, HI, np.empty((0, 3)))
+    assert len(found) > 3
+    np.testing.assert_allclose(np.linalg.norm(found - centre, axis=1), radius, rtol=1e-3)
+
+
+def test_a_surface_that_samples_show_has_no_narrow_places() -> None:
+    known = sample_level_set(BALL, LO, HI, 0.05)
+    assert not len(sample_narrow_places(BALL, LO, HI, known))
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-2, 1e-5])

@@ -59,12 +59,18 @@ def test_numbers_that_differ_lead_to_a_second_look_and_a_shortfall(monkeypatch: 
     ]
 
 
-def test_a_part_that_the_first_look_misses_is_found_by_splitting_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    two = fields.union(BALL, fields.sphere((1.83, 1.78, 1.81), 0.05))
-    found, looks = fit(monkeypatch, field_patches.compute_betti_numbers, two)
+BALL_AND_SPECK = fields.expression(
+    "((x - 1)^2 + (y - 1.1)^2 + (z - 0.9)^2 - 0.49) * ((x - 1.83)^2 + (y - 1.78)^2 + (z - 1.81)^2 - 0.015^2)"
+)
+
+
+def test_a_part_that_the_first_look_misses_is_found_by_continuing_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, looks = fit(monkeypatch, field_patches.compute_betti_numbers, BALL_AND_SPECK)
     assert looks == [False]
     assert found.properties.betti == (2, 0, 0)
     assert failed(found) == []
+    monkeypatch.setattr(field_patches, "refine_field_fit", lambda unchanged: unchanged)
+    assert fit(monkeypatch, field_patches.compute_betti_numbers, BALL_AND_SPECK)[1][:2] == [False, True]
 
 
 def test_a_continued_fit_that_fails_is_repeated_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -153,7 +153,7 @@ def _find_in_cells(
     `sides` are the grid planes 0 or -1 of the axes that are fixed, None for those that are free.
     """
     free = [axis for axis, side in enumerate(sides) if side is None]
-    low, high, spacing = np.array(grid.low), np.array(grid.high), grid.spacing
+    low, high, spacing = np.array(grid.low, float), np.array(grid.high, float), grid.spacing
     start = np.tile([low[axis] if side == 0 else high[axis] for axis, side in enumerate(sides)], (len(cells), 1))
     start[:, free] = low[free] + (cells[:, free] + 0.5) * spacing[free]
     points = _find_critical_points(field, start, spacing, free)

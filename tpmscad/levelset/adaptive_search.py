@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -122,17 +122,19 @@ def fit_level_set_adaptively(
     raise LevelSetError(_explain_failure(best))
 
 
-def split_hidden_crossings(fit: LevelSetFit) -> LevelSetFit:
+def split_hidden_crossings(fit: LevelSetFit, more_samples: Array) -> LevelSetFit:
     """The fit continued where leaves hide a crossing of the level set, patches elsewhere reused; LevelSetError if it fails.
 
-    Leaves finer than the fit's largest by more than PRESPLIT_LEVELS are not split. `fit` itself if there is none to split.
+    Leaves are split as well where `more_samples` (n, 3) of the level set are far from its patches. Leaves finer than the fit's
+    largest by more than PRESPLIT_LEVELS are split for that only.
     """
     field = fit.request.field
     tree = _presplit(fit.tree, field, None)
-    if tree is fit.tree:
+    if tree is fit.tree and not len(more_samples):
         return fit
+    request = replace(fit.request, surface_samples=np.concatenate([fit.request.surface_samples, more_samples]))
     start = _split_until_unfolded(field, _mesh_tree(tree, field, fit.mesh))
-    refined = _refine_from(fit.request, start, fit)
+    refined = _refine_from(request, start, fit)
     if len(refined.bad_leaves):
         raise LevelSetError(_explain_failure(refined))
     return refined

@@ -10,11 +10,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field, MinMaxField
 from tpmscad.fields.linear_extension import LinearExtension
+from tpmscad.fields.saddles import find_narrow_points, spread_directions
+from tpmscad.fields.sample_grid import SampleGrid
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.memory_limit import require_memory
@@ -27,6 +30,17 @@ SAMPLE_STEP_FRACTION = 0.5
 
 SAMPLE_TOL_FRACTION = 1e-6
 """Distance from the level set, in spacings, within which a sample has converged."""
+
+NARROW_PLACE_LINES = 134
+MIN_NARROW_PLACE_CELLS = 8
+"""Lines along the longest edge, and the fewest cells along any, of the grid on which narrow places are sought."""
+
+ISOLATION_SPACINGS = 4.0
+"""Distance from all known samples, in spacings of that grid, from which a sample is of a part that they missed."""
+
+NARROW_PLACE_RAYS = 8
+NARROW_PLACE_RADII = (0.5, 0.1, 0.02)
+"""Number of points round a narrow place, at each of these distances in spacings, that are projected onto the level set."""
 
 JUMP_HALVINGS = 40
 JUMP_FRACTION = 1e-3
@@ -120,6 +134,30 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
             f"{_format_point(points[flat][0])}: a surface needs a slope there; check the gradient given, or move the level"
         )
     return points[inside & converged]
+
+
+def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array) -> Array:
+    """Points (n, 3) of {field = 0} in the box that samples `known` (m, 3) may have missed.
+
+    They surround the field's critical points near the level set: necks, gaps and specks that lie between samples on a finer grid.
+    Samples of that grid far from those known are of small parts.
+    """
+    cells = np.maximum(MIN_NARROW_PLACE_CELLS, np.ceil(NARROW_PLACE_LINES * (hi - lo) / (hi - lo).max())).astype(int)
+    grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((cells + 1).tolist()))
+    reach = float(grid.spacing.min())
+    [(places, _)] = find_narrow_points([field], grid, reach)
+    around = np.concatenate([reach * radius * spread_directions(NARROW_PLACE_RAYS) for radius in NARROW_PLACE_RADII])
+    starts = (places[:, None] + np.concatenate([np.zeros((1, 3)), around])).reshape(-1, 3)
+    starts = starts[((starts >= lo) & (starts <= hi)).all(axis=1)]
+    points = project_to_level_set(field, starts, np.zeros(starts.shape, bool), np.full(len(starts), reach))
+    value, gradient = field.value_and_gradient(points)
+    converged = np.abs(value) < SAMPLE_TOL_FRACTION * reach * np.linalg.norm(gradient, axis=1)
+    near = np.linalg.norm(points - starts, axis=1) <= reach
+    found = points[converged & near & ((points >= lo) & (points <= hi)).all(axis=1)]
+    finer = sample_level_set(field, lo, hi, reach)
+    if len(known):
+        finer = finer[cKDTree(known).query(finer)[0] > ISOLATION_SPACINGS * reach]
+    return np.concatenate([finer, found])
 
 
 def shift_level_off_corners(

@@ -24,6 +24,7 @@ from tpmscad.levelset.boundary_level_sets import (
     decompose_level_sets,
     replace_level_sets,
     sample_level_set,
+    sample_narrow_places,
     shift_level_off_corners,
 )
 from tpmscad.levelset.brep_assembly import assemble_field_brep
@@ -95,6 +96,11 @@ class _LevelSetPart:
     field: LinearExtension
     samples: Array
 
+    def with_narrow_places(self, lo: Array, hi: Array) -> _LevelSetPart:
+        """With samples of narrow places as well, which may be all of a small part."""
+        found = sample_narrow_places(self.field, lo, hi, self.samples)
+        return replace(self, samples=np.concatenate([self.samples, found]))
+
 
 def fit_field_solid(
     field: Field, lo: Array, hi: Array, tol: float, *, run_tasks: TaskRunner = run_serial
@@ -118,14 +124,16 @@ def fit_field(
 ) -> FieldFit:
     """The level sets of a field's solid in the box [lo, hi], fitted within tol.
 
-    `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, at the price of more patches;
-    for solids whose Betti numbers would differ from the field's. `run_tasks` runs the fits, in this process or elsewhere
-    (`tpmscad.parallel`), with the same result. `progress` is called with the fraction done.
+    `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set or that miss a narrow place, at
+    the price of more patches; for solids whose Betti numbers would differ from the field's. `run_tasks` runs the fits, in this
+    process or elsewhere (`tpmscad.parallel`), with the same result. `progress` is called with the fraction done.
 
     Raises LevelSetError where the level set cannot be fitted, and InvalidRequest for a bad box or tolerance.
     """
     lo, hi = validate_box(lo, hi, tol)
     parts, notes = _prepare_parts(field, lo, hi, tol)
+    if detect_hidden_crossings:
+        parts = [part.with_narrow_places(lo, hi) for part in parts]
     level_sets = tuple(part.field for part in parts)
     fitted_field = replace_level_sets(field, level_sets)
     min_wall = check_separation(fitted_field, level_sets, [part.samples for part in parts], tol)
@@ -141,11 +149,16 @@ def fit_field(
 
 
 def refine_field_fit(fit: FieldFit) -> FieldFit:
-    """The fit continued where octree leaves hide a crossing of its level sets; LevelSetError if that fails.
+    """The fit continued where octree leaves hide a crossing of its level sets or a narrow place; LevelSetError if that fails.
 
     Faster than `fit_field` with `detect_hidden_crossings`, because patches elsewhere are reused.
     """
-    refined = tuple(map(split_hidden_crossings, fit.fits))
+    refined = tuple(
+        split_hidden_crossings(
+            each, sample_narrow_places(each.request.field, fit.lo, fit.hi, each.request.surface_samples)
+        )
+        for each in fit.fits
+    )
     return replace(fit, fits=refined, brep=_assemble(refined, fit.field, fit.lo, fit.hi))
 
 
@@ -190,6 +203,8 @@ def _prepare_parts(field: Field, lo: Array, hi: Array, tol: float) -> tuple[list
         if (period := extended.periods()) is not None:
             spacing = min([spacing, *(length / SAMPLES_PER_PERIOD for length in period if length > 0)])
         parts.append(_LevelSetPart(extended, sample_level_set(extended, lo, hi, spacing)))
+    if not any(len(part.samples) for part in parts):  # a speck, perhaps, between the lines of the grid
+        parts = [part.with_narrow_places(lo, hi) for part in parts]
     if not any(len(part.samples) for part in parts):
         raise LevelSetError("the field has no surface inside the box: check the level and the domain")
     notes = []
