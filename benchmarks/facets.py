@@ -56,7 +56,8 @@ def facets(field: Field, low: Array, high: Array, deviation: float) -> Facets:
     begun = time.process_time()
     with TemporaryDirectory() as folder:
         path = Path(folder) / "facets.step"
-        kernel.write_shape(_solid(points, corners[:timed]), path)
+        middle = (len(corners) - timed) // 2  # the first ones may all lie in one face of the box
+        kernel.write_shape(_solid(points, corners[middle : middle + timed]), path)
         size = path.stat().st_size / 1e6
     share = len(corners) / timed
     written = time.process_time() - begun

@@ -59,15 +59,18 @@ def test_first_octrees_are_bounded(field: fields.Field, size: float) -> None:
     assert np.prod(counts) >= min((2.0 / size) ** 3, 0.5 * adaptive_search.MAX_FIRST_LEAVES)
 
 
-@pytest.mark.parametrize(("bad_fraction", "expected"), [(0.2, 2), (0.001, 7)])
-def test_a_search_is_given_up_after_two_hopeless_starts(
-    bad_fraction: float, expected: int, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("bad_fraction", "n_patches", "expected"), [(0.2, 12_000, 2), (0.2, 500, 7), (0.001, 12_000, 7)]
+)
+def test_a_search_is_given_up_after_hopeless_starts_with_many_patches(
+    bad_fraction: float, n_patches: int, expected: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     tried = []
 
     def fail(_: FitRequest, start: object) -> object:
         tried.append(start)
-        return SimpleNamespace(bad_leaves=np.arange(3), bad_volume=1.0, bad_fraction=bad_fraction)
+        network = SimpleNamespace(curve=np.zeros((n_patches, 4)))
+        return SimpleNamespace(bad_leaves=np.arange(3), bad_volume=1.0, bad_fraction=bad_fraction, network=network)
 
     monkeypatch.setattr(adaptive_search, "_generate_starts", lambda *_: iter(range(7)))
     monkeypatch.setattr(adaptive_search, "_refine_from", fail)

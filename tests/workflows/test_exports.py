@@ -243,3 +243,10 @@ def test_shapes_of_others_are_written_several_at_once(tmp_path: Path) -> None:
     assert found.shape.solids == 2
     with pytest.raises(tpmscad.InvalidRequest, match="bound no solid"):
         tpmscad.export_step(bd.Rectangle(2, 3).face(), tmp_path / "face.step")
+
+
+def test_a_solid_without_volume_is_refused(tmp_path: Path) -> None:
+    flat = bd.Solid(bd.Shell([bd.Rectangle(2, 3).face()]))
+    with pytest.raises(tpmscad.InvalidRequest, match="the solid encloses no volume"):
+        tpmscad.export_step(flat, tmp_path / "flat.step")
+    assert not list(tmp_path.iterdir())

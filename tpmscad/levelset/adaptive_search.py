@@ -72,10 +72,10 @@ PATCHES_PER_BAD_LEAF = 30
 MAX_BAD_LEAF_FRACTION = 0.15
 """Largest fraction of leaves that the best fit may find bad before the start is given up."""
 
-MAX_HOPELESS_STARTS = 2
+MAX_HOPELESS_PATCHES = 20_000
 HOPELESS_BAD_FRACTION = 0.01
-"""Starts that may end with more than this fraction of their leaves bad before the search is given up. Starts after which another
-one passes leave a few leaves of thousands."""
+"""Patches of starts that may end with more than this fraction of their leaves bad before the search is given up. Small starts
+fail so where finer ones pass; large ones cost half a minute each, and those after which another passes leave a few leaves bad."""
 
 SINGULAR_SLOPE_FRACTION = 0.15
 """A gradient shorter than this fraction of the median is reported as the cause of a failure."""
@@ -103,15 +103,16 @@ def fit_level_set_adaptively(
     `detect_hidden_crossings`: split leaves, too, whose corners hide a crossing of the level set, which gives more patches.
     """
     best: LevelSetFit | None = None
-    hopeless = 0
+    hopeless_patches = 0
     for start in _generate_starts(request, lo, hi, detect_hidden_crossings):
         fit = _refine_from(request, start)
         if not len(fit.bad_leaves):
             return fit
         if best is None or fit.bad_volume < best.bad_volume:
             best = fit
-        hopeless += fit.bad_fraction > HOPELESS_BAD_FRACTION
-        if hopeless == MAX_HOPELESS_STARTS:
+        if fit.bad_fraction > HOPELESS_BAD_FRACTION:
+            hopeless_patches += len(fit.network.curve)
+        if hopeless_patches > MAX_HOPELESS_PATCHES:
             break
     if best is None:
         place = ", ".join(f"{x:.4g}" for x in request.surface_samples[0])

@@ -97,8 +97,12 @@ def _faces_or_solid(written: Any, of: NamedSolid) -> list[tuple[int, str]]:
 
 
 def _mass_properties(moments: Array) -> MassProperties:
-    """Volume, area and centroid of solids together, given the moments of each (n, 5)."""
+    """Volume, area and centroid of solids together, given the moments of each (n, 5); InvalidRequest without a volume."""
     area, volume, *first = moments.sum(axis=0).tolist()
+    if volume == 0.0:
+        raise InvalidRequest(
+            "the solid encloses no volume: its faces do not close, or cover each other; check the shape first"
+        )
     x, y, z = (value / volume for value in first)
     return MassProperties(volume, area, (x, y, z))
 
