@@ -46,6 +46,12 @@ def test_narrow_places_that_samples_missed_are_sampled(formula: str, radius: flo
     np.testing.assert_allclose(np.linalg.norm(found - centre, axis=1), radius, rtol=1e-3)
 
 
+def test_narrow_places_of_a_plate_are_sampled_as_coarsely_as_its_length_allows() -> None:
+    ball = fields.sphere((1.0, 1.0, 0.0), 0.5)
+    found = sample_narrow_places(ball, LO, np.array([2.0, 2.0, 1e-4]), np.empty((0, 3)))
+    assert 100 < len(found) < 10_000
+
+
 def test_a_surface_that_samples_show_has_no_narrow_places() -> None:
     known = sample_level_set(BALL, LO, HI, 0.05)
     assert not len(sample_narrow_places(BALL, LO, HI, known))

@@ -270,7 +270,7 @@ def _find_hidden_crossings(field: Field, centres: Array, spacing: Array, free: S
         value, gradient = field.value_and_gradient(points)
         slope[:, free] = gradient[:, free]
         square = np.maximum((slope**2).sum(axis=1), np.finfo(float).tiny)
-        points -= np.clip((value / square)[:, None] * slope, -0.5 * spacing, 0.5 * spacing)
+        points -= np.clip(value[:, None] * slope / square[:, None], -0.5 * spacing, 0.5 * spacing)
     distance = np.abs(field(points)) / np.sqrt(square)
     is_within = np.all(np.abs(points - centres) <= 0.5 * spacing, axis=1)
     return points[is_within & (distance <= SURFACE_TOL_SPACINGS * spacing.min())]

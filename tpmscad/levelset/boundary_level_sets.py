@@ -144,7 +144,7 @@ def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array) -> Ar
     """
     cells = np.maximum(MIN_NARROW_PLACE_CELLS, np.ceil(NARROW_PLACE_LINES * (hi - lo) / (hi - lo).max())).astype(int)
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((cells + 1).tolist()))
-    reach = float(grid.spacing.min())
+    reach = float(grid.spacing.max())
     [(places, _)] = find_narrow_points([field], grid, reach)
     around = np.concatenate([reach * radius * spread_directions(NARROW_PLACE_RAYS) for radius in NARROW_PLACE_RADII])
     starts = (places[:, None] + np.concatenate([np.zeros((1, 3)), around])).reshape(-1, 3)
