@@ -202,7 +202,7 @@ def _mark_cells(
     """Mark cells where each free derivative changes sign and |f| at a neck can be as small as k closest^2 / 2.
 
     The second test spares the creases of distance fields, where the gradient jumps far from {f = 0} and Newton's method does not
-    converge.
+    converge. Cells in which f is constant are not marked.
     """
     di, dj, dk = int(free[0]), int(free[1]), int(free[2])
     for i in range(found.shape[0]):
@@ -235,7 +235,7 @@ def _mark_cells(
                                     square += gradient[i + a, j + b, k + c, axis] ** 2
                             steepest = max(steepest, square)
                 reach = np.sqrt(steepest) * diagonal + curvature * closest**2 / 2
-                found[i, j, k] = is_inside and least <= REACH_FACTOR * reach
+                found[i, j, k] = is_inside and steepest > 0.0 and least <= REACH_FACTOR * reach
 
 
 def _find_critical_points(field: Field, start: Array, spacing: Array, free: Sequence[int] = (0, 1, 2)) -> Array:
