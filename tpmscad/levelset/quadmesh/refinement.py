@@ -11,6 +11,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.octree import Octree
+from tpmscad.levelset.quadmesh.octree_faces import ROUND_OFF_FRACTION
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 SAMPLES_PER_LEAF_EDGE = 5
@@ -28,7 +29,8 @@ def find_coarse_leaves(tree: Octree, field: Field, cosine: float | None) -> Bool
         batch = slice(start, start + LEAVES_PER_BATCH)
         points = tree.points(tree.origin[batch][:, None] + tree.size[batch][:, None, None] * unit)
         values = field(points)
-        solid = values.reshape(-1, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE) <= 0
+        solid = values <= ROUND_OFF_FRACTION * np.abs(values).max()
+        solid = solid.reshape(-1, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE)
         flagged = _has_hidden_crossing(solid)
         if cosine is not None:
             mixed = np.flatnonzero(_is_mixed(solid))

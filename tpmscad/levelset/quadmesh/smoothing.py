@@ -49,6 +49,10 @@ RINGS_AROUND_FOLDED_POLYGONS = 4
 """Rings of polygons round a folded one whose vertices are put back to where they started: vertices that slid far on a coarser
 mesh leave no room for new ones between them."""
 
+ROUNDING_FRACTION = 2.0**-32
+"""Positions are rounded to multiples of this fraction of the box in every sweep. A mesh with a symmetry can be in an unstable
+equilibrium: round-off then grows by twelve orders of magnitude in sixty sweeps, and decides on the shape of the polygons."""
+
 SAME_START_TOL = 1e-10
 """Distance, in diagonals of the box, within which start positions on two octrees are the same vertex."""
 
@@ -120,8 +124,9 @@ def smooth_vertices(
 ) -> QuadMesh:
     """The mesh with its `free` vertices (V,) smoothed on the level set; the others stay, bit for bit.
 
-    During the sweeps a vertex takes one Newton step at a time, with the field evaluated at its old position; in the end it is
-    projected to convergence. `normals` (V, 3), if given, are the unit normals at the vertices that stay.
+    During the sweeps a vertex takes one Newton step at a time, with the field evaluated at its old position, and free coordinates
+    are rounded; in the end it is projected to convergence. `normals` (V, 3), if given, are the unit normals at the vertices that
+    stay.
     """
     max_step = MAX_MOVE_FRACTION * mesh.size
     free_ids = np.flatnonzero(free)
@@ -131,6 +136,7 @@ def smooth_vertices(
     )
     normals = normalize(field.gradient(vertices)) if normals is None else normals.copy()
     moving = free & (mesh.fixed.sum(axis=1) < 2)
+    grid = ROUNDING_FRACTION * (hi - lo)
     for done in range(0, sweeps, SWEEPS_PER_BLOCK):
         ids = np.flatnonzero(moving)
         if not len(ids):
@@ -147,6 +153,7 @@ def smooth_vertices(
             out = np.flatnonzero(((new < lo) | (new > hi)).any(axis=1))
             if len(out):
                 new[out] = _project_along_box_faces(field, old[out], new[out], fixed[out], longest[out], lo, hi)
+            new = np.where(fixed, new, lo + grid * np.rint((new - lo) / grid))
             ratio_before = _side_length_ratio(vertices, on_face, neighbours)
             vertices[ids] = new
             ratio = _side_length_ratio(vertices, on_face, neighbours)

@@ -20,6 +20,10 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertice
 SCORE_PER_SAVED_PATCH = 0.05
 """Reward for each saved patch, in units of distortion."""
 
+SCORE_RESOLUTION = 1e-6
+"""Scores are ranked in steps of this. Images of one collapse under a symmetry of the level set differ by round-off only, which
+must not decide which of them comes first."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
@@ -43,7 +47,7 @@ class Candidates:
 
     def ranking(self) -> IntArray:
         """Indices from the best to the worst score; ties are broken by the numbers involved."""
-        return np.lexsort((self.kept, self.removed, self.polygon, self.score))
+        return np.lexsort((self.kept, self.removed, self.polygon, np.rint(self.score / SCORE_RESOLUTION)))
 
     def select(self, mask: BoolArray) -> Candidates:
         """The candidates where `mask` (n,) is true."""
