@@ -69,3 +69,11 @@ def test_noise_hides_no_crossing() -> None:
     tree = octree.uniform_octree(LO, np.full(3, edge), np.array((leaves,) * 3))
     found = [find_coarse_leaves(tree, field_with_noise(name, level, run), None) for run in range(3)]
     assert all(np.array_equal(flags, found[0]) for flags in found)
+
+
+def test_values_that_grow_without_limit_elsewhere_leave_the_mesh_as_it_is() -> None:
+    tree = octree.uniform_octree(LO, np.array([40.0, 4.0, 4.0]), np.array((20, 2, 2)))
+    mesh, bad = mesh_level_set(tree, fields.expression("exp(x - 2.5) - 1"))
+    assert np.abs(mesh.vertices[:, 0] - 2.5).max() < 1e-9
+    assert np.isin(mesh.leaf, np.flatnonzero(tree.origin[:, 0] == 1)).all()
+    assert not len(bad)

@@ -24,22 +24,25 @@ HALF_PLANE_OF_INWARD_AXIS = np.array([[-1, -1], [1, 3], [2, 0]])
 column 0 or 1 if it extends in the negative or positive direction."""
 
 ROUND_OFF_FRACTION = 1e-12
-"""Values below this fraction of the greatest one at the nodes are round-off of zero, whose sign must not decide on the mesh."""
+"""Values below this fraction of the greatest one nearby, in the leaves at a node, are round-off of zero: their sign must not
+decide on the mesh."""
 
 
 class OctreeNodes:
     """The corners of an octree's leaves (nodes) with the field's values; nodes are named by flat index on the finest grid.
 
-    `ids` (n,) are the sorted flat indices of the nodes, `values` (n,) the field, zero up to `round_off`.
+    `ids` (n,) are the sorted flat indices of the nodes, `values` (n,) the field, zero where it is round-off of zero.
     """
 
     def __init__(self, tree: Octree, field: Field) -> None:
         self.shape = tree.shape + 1
-        corner = (tree.origin[:, None] + tree.size[:, None, None] * CHILD_OFFSETS).reshape(-1, 3)
-        self.ids = np.unique(self.flat_index(corner))
+        flat = self.flat_index((tree.origin[:, None] + tree.size[:, None, None] * CHILD_OFFSETS).reshape(-1, 3))
+        self.ids = np.unique(flat)
         values = field(tree.points(self.grid_index(self.ids)))
-        self.round_off = ROUND_OFF_FRACTION * float(np.abs(values).max())
-        self.values = np.where(np.abs(values) <= self.round_off, 0.0, values)
+        node = np.searchsorted(self.ids, flat)
+        greatest = np.zeros(len(values))
+        np.maximum.at(greatest, node, np.abs(values[node]).reshape(-1, 8).max(axis=1).repeat(8))
+        self.values = np.where(np.abs(values) <= ROUND_OFF_FRACTION * greatest, 0.0, values)
 
     def flat_index(self, position: IntArray) -> IntArray:
         """Flat indices (...) of grid positions (..., 3)."""
@@ -142,7 +145,8 @@ def pair_crossed_edges(tree: Octree, nodes: OctreeNodes, field: Field, faces: Mi
     edge_axis = in_plane[:, [0, 0, 1, 1, 0, 0, 1, 1]]
     key = 3 * _lower_edge_nodes(flat, hanging) + edge_axis
 
-    face, slots = _pair_slots(solid, crossed, _centre_signs(tree, nodes.round_off, field, ring, solid, crossed))
+    centre = _centre_signs(tree, field, ring, np.abs(nodes.value_at(flat[:, ::2])).max(axis=1), solid, crossed)
+    face, slots = _pair_slots(solid, crossed, centre)
     half_plane = _half_planes(in_plane[face], edge_axis[face[:, None], slots], slots)
     below, above = faces.below[rows][face], faces.above[rows][face]
     plane = np.where(below < 0, 2 * axis[face], np.where(above < 0, 2 * axis[face] + 1, -1))
@@ -173,13 +177,16 @@ def _ring_signs(nodes: OctreeNodes, flat: IntArray, hanging: BoolArray) -> BoolA
 
 
 def _centre_signs(
-    tree: Octree, round_off: float, field: Field, ring: IntArray, solid: BoolArray, crossed: BoolArray
+    tree: Octree, field: Field, ring: IntArray, greatest: Array, solid: BoolArray, crossed: BoolArray
 ) -> BoolArray:
-    """Whether the centre of each face (F,) counts as solid: by the field for ambiguous faces, else by the first corner."""
+    """Whether the centre of each face (F,) counts as solid: by the field for ambiguous faces, else by the first corner.
+
+    `greatest` (F,): the largest absolute value at the corners.
+    """
     centre = solid[:, 0].copy()
     ambiguous = np.flatnonzero(crossed.sum(axis=1) > 2)
     middle = (ring[ambiguous, 0] + ring[ambiguous, 4]) / 2
-    centre[ambiguous] = field(tree.points(middle)) <= round_off
+    centre[ambiguous] = field(tree.points(middle)) <= ROUND_OFF_FRACTION * greatest[ambiguous]
     return centre
 
 

@@ -29,7 +29,7 @@ def find_coarse_leaves(tree: Octree, field: Field, cosine: float | None) -> Bool
         batch = slice(start, start + LEAVES_PER_BATCH)
         points = tree.points(tree.origin[batch][:, None] + tree.size[batch][:, None, None] * unit)
         values = field(points)
-        solid = values <= ROUND_OFF_FRACTION * np.abs(values).max()
+        solid = values <= ROUND_OFF_FRACTION * np.abs(values).max(axis=1, keepdims=True)
         solid = solid.reshape(-1, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE, SAMPLES_PER_LEAF_EDGE)
         flagged = _has_hidden_crossing(solid)
         if cosine is not None:
