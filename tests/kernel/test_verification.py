@@ -15,6 +15,7 @@ from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
 from tests.shapes.round_shapes import cone, flask, pierced_block, torus
 from tpmscad import kernel
 from tpmscad.errors import KernelError, TpmscadError
+from tpmscad.kernel.measure import file_check
 from tpmscad.kernel.step.entity_table import read_entity_table
 from tpmscad.workflows import checked_write
 
@@ -77,6 +78,20 @@ def test_faults_of_files_are_noticed(fault, tmp_path: Path) -> None:
         path.write_text(mutant)
         with pytest.raises(KernelError):
             kernel.check_excerpt(path, brep, nesting)
+
+
+def test_the_faces_with_the_most_uneven_poles_are_read_back() -> None:
+    brep = voxels(np.ones((20, 20, 1), bool))
+    nesting = kernel.build_solids(brep).nesting
+    uneven = np.random.default_rng(5).permutation(len(brep.faces))[: file_check.UNEVEN_EXCERPT_FACES]
+    carriers = list(brep.carriers)
+    for c in brep.faces.carrier[uneven].tolist():
+        poles = carriers[c].poles.copy()
+        poles[2, 2] += 40.0  # the sides, and so the edges, stay
+        carriers[c] = replace(carriers[c], poles=poles)
+    chosen = file_check.choose_faces(replace(brep, carriers=tuple(carriers)), nesting)
+    assert len(chosen) < len(brep.faces) / 2
+    assert set(uneven.tolist()) <= set(chosen.tolist())
 
 
 def _difference(a: str, b: str) -> str:

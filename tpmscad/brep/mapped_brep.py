@@ -22,6 +22,7 @@ from tpmscad.splines.basis import bernstein_basis, bezier_interpolation, evaluat
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.knots import bezier_knots
+from tpmscad.splines.smooth_interpolation import interpolate_patches
 
 DEGREES = (5, 6, 8, 10, 12, 14, 16)
 """Degrees of mapped patches in the order of trial; all patches take the same one, so that sides are shared."""
@@ -108,11 +109,9 @@ def _evaluate(nets: list[Array], t: Array) -> Array:
 def _map_patches(source: list[Array], volume: BSplineVolume) -> tuple[Array, float]:
     """Control nets (n, D + 1, D + 1, 3) of the images, of the lowest degree that meets the tolerance, and the greatest error."""
     for degree in DEGREES:
-        nodes, to_poles = bezier_interpolation(degree)
+        nodes, _ = bezier_interpolation(degree)
         between = (nodes[1:] + nodes[:-1]) / 2
-        poles = np.einsum(
-            "ai,bj,nijd->nabd", to_poles, to_poles, _image(volume, _evaluate(source, nodes)), optimize=True
-        )
+        poles = interpolate_patches(_image(volume, _evaluate(source, nodes)))
         basis = bernstein_basis(degree, between)
         exact = _image(volume, _evaluate(source, between))
         miss = evaluate_bezier_patches(basis, poles, basis).reshape(exact.shape) - exact

@@ -13,7 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tpmscad._typing import IntArray
+from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier
 from tpmscad.errors import InvalidRequest, KernelError
@@ -31,6 +31,10 @@ from tpmscad.splines.bspline import BSplineSurface
 
 MAX_EXCERPT_FACES = 150
 """Faces of an excerpt besides one of each shell and of each kind of surface; the kernel reads them in a second."""
+
+UNEVEN_EXCERPT_FACES = 30
+"""Faces added to them: those with the most uneven control nets. The kernel bounds the speed of a surface by its
+poles, and closes gaps between the ends of pcurves by that bound."""
 
 MAX_EXCERPT_EDGES = 300
 """Edges of a face that stands for its kind; the kernel compares the edges of a face pair by pair."""
@@ -68,9 +72,14 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequ
 
 
 def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
-    """Faces for an excerpt: of those that the kernel has to check, and the simplest of each shell and each kind of face."""
+    """Faces for an excerpt, among them the simplest of each shell and each kind of face.
+
+    Of those that the kernel has to check, some are spread evenly, and some have the most uneven control nets.
+    """
     first = find_faces_to_check(brep)
     some = first[np.linspace(0, len(first) - 1, min(len(first), MAX_EXCERPT_FACES)).astype(int)]
+    unevenness = _measure_unevenness(brep.carriers)[brep.faces.carrier[first]]
+    uneven = first[np.argsort(-unevenness, kind="stable")[:UNEVEN_EXCERPT_FACES]]
     _, carrier_kind = np.unique([_kind_of_carrier(c) for c in brep.carriers], return_inverse=True)
     n_loops = np.diff(brep.faces.loop_start)
     n_edges = np.diff(brep.faces.use_start[brep.faces.loop_start])
@@ -79,7 +88,23 @@ def choose_faces(brep: Brep, nesting: ShellNesting) -> IntArray:
     _, of_kinds = np.unique(kind, axis=0, return_index=True)
     _, of_shells = np.unique(nesting.shell_of_face[order], return_index=True)
     simplest = order[of_kinds]
-    return np.unique(np.concatenate([some, simplest[n_edges[simplest] <= MAX_EXCERPT_EDGES], order[of_shells]]))
+    return np.unique(np.concatenate([some, uneven, simplest[n_edges[simplest] <= MAX_EXCERPT_EDGES], order[of_shells]]))
+
+
+def _measure_unevenness(carriers: Sequence[Carrier]) -> Array:
+    """The greatest step (n,) between neighbouring poles of each carrier over the median one; 1 without poles."""
+    result = np.ones(len(carriers))
+    shapes: dict[tuple[int, ...], list[int]] = {}
+    for i, carrier in enumerate(carriers):
+        if isinstance(carrier, BSplineSurface):
+            shapes.setdefault(carrier.poles.shape, []).append(i)
+    for alike in shapes.values():
+        nets = np.stack([carriers[i].poles for i in alike])  # type: ignore[union-attr]
+        steps = np.concatenate(
+            [np.linalg.norm(np.diff(nets, axis=axis), axis=-1).reshape(len(alike), -1) for axis in (1, 2)], axis=1
+        )
+        result[alike] = steps.max(axis=1) / np.maximum(np.median(steps, axis=1), np.finfo(float).tiny)
+    return result
 
 
 def _kind_of_carrier(carrier: Carrier) -> str:
