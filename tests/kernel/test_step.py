@@ -20,7 +20,8 @@ pytestmark = pytest.mark.kernel
 import build123d as bd
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 
-from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box
+import tpmscad
+from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box, voxels
 from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
@@ -340,6 +341,20 @@ class TestBadRequests:
             WRITERS[writer](path)
         assert [p.name for p in tmp_path.iterdir()] == ["a.step"]
         assert path.read_text() == "before"
+
+
+@pytest.mark.parametrize(("scale", "end"), [(1.0, "1.0"), (2.0**-10, "0.0009765625")])
+def test_knots_of_small_splines_of_the_kernel_are_scaled_in_the_file(scale: float, end: str, tmp_path: Path) -> None:
+    block = kernel.build_solids(voxels(np.ones((1, 1, 1), bool))).solid.scale(scale)
+    tpmscad.export_step(block, tmp_path / "block.step")
+    surfaces = re.findall(r"B_SPLINE_SURFACE_WITH_KNOTS.*?;", (tmp_path / "block.step").read_text(), re.DOTALL)
+    assert len(surfaces) == 6
+    assert all(f"(0.0,{end}),(0.0,{end})" in text for text in surfaces)
+    report = kernel.check_step(tmp_path / "block.step")
+    assert report.ok
+    assert report.shape.volume == pytest.approx(
+        scale**3 * kernel.build_solids(voxels(np.ones((1, 1, 1), bool))).solid.volume
+    )
 
 
 def test_a_file_that_is_not_verified_is_not_left(tmp_path: Path) -> None:

@@ -175,13 +175,18 @@ def find_knots_in_file(surface: BSplineSurface) -> tuple[Array, Array]:
     Poles and points are the same, and so is every bit of the knots but their exponent.
     """
     corners = surface.poles[[0, 0, -1, -1], [0, -1, -1, 0]]
-    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
-    area = sides[::2].mean() * sides[1::2].mean()
-    speed = np.sqrt(area / (np.ptp(surface.knots_u) * np.ptp(surface.knots_v)))
-    if not 0.0 < speed < SMALL_SPEED:
-        return surface.knots_u, surface.knots_v
-    scale = 2.0 ** np.round(np.log2(speed))
+    scale = find_knot_scale(corners, float(np.ptp(surface.knots_u)), float(np.ptp(surface.knots_v)))
     return surface.knots_u * scale, surface.knots_v * scale
+
+
+def find_knot_scale(corners: Array, width_u: float, width_v: float) -> float:
+    """The power of two for the knots of a spline with corners (4, 3), in their order around it, over a domain of these widths.
+
+    It is 1 unless the surface is small.
+    """
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=0), axis=1)
+    speed = np.sqrt(sides[::2].mean() * sides[1::2].mean() / (width_u * width_v))
+    return float(2.0 ** np.round(np.log2(speed))) if 0.0 < speed < SMALL_SPEED else 1.0
 
 
 def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:

@@ -40,7 +40,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.convert import axis_frame
-from tpmscad.kernel.step.geometry_entities import write_directions, write_placement
+from tpmscad.kernel.step.geometry_entities import find_knot_scale, write_directions, write_placement
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references
 
 QUADRICS = (Geom_CylindricalSurface, Geom_ConicalSurface, Geom_SphericalSurface, Geom_ToroidalSurface)
@@ -249,10 +249,12 @@ def _format_spline_surface(spline: Geom_BSplineSurface, points: IntArray) -> str
         [spline.UMultiplicity(i) for i in range(1, spline.NbUKnots() + 1)],
         [spline.VMultiplicity(i) for i in range(1, spline.NbVKnots() + 1)],
     ]
-    knots = [
-        [spline.UKnot(i) for i in range(1, spline.NbUKnots() + 1)],
-        [spline.VKnot(i) for i in range(1, spline.NbVKnots() + 1)],
-    ]
+    knots_u = np.array([spline.UKnot(i) for i in range(1, spline.NbUKnots() + 1)])
+    knots_v = np.array([spline.VKnot(i) for i in range(1, spline.NbVKnots() + 1)])
+    around = ((1, 1), (1, columns), (rows, columns), (rows, 1))
+    corners = np.array([spline.Pole(i, j).Coord() for i, j in around])
+    scale = find_knot_scale(corners, np.ptp(knots_u), np.ptp(knots_v))
+    knots = [(scale * knots_u).tolist(), (scale * knots_v).tolist()]
     tail = f"{_format_counts(counts)},{_format_values(knots)},.UNSPECIFIED."
     if not (spline.IsURational() or spline.IsVRational()):
         return f"B_SPLINE_SURFACE_WITH_KNOTS('',{head},{tail})"
