@@ -31,6 +31,10 @@ PROJECTION_STEPS = 8
 """Newton steps towards the level set."""
 
 
+FAIRNESS_WEIGHT = 3e-3
+"""Weight of the second differences of poles. Where the level set turns by 90 degrees within a part of a curve, curves of degree 9
+would have control polygons several times as long as they are, normals that swing as much, and patches that fold beside them."""
+
 MIN_PIVOT = 1e-8
 """Pivots of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow from
 others. A row that is left out so is violated by an angle of about this fraction of a radian."""
@@ -109,6 +113,12 @@ class NormalEquations:
         """Ask the components along the normals (n, m, 3) of basis (m, unknowns) times poles to be those of `target`."""
         metric = normal[..., :, None] * normal[..., None, :]
         self._add(basis, metric, np.einsum("nmij,nmj->nmi", metric, target), weight)
+
+    def add_fairness_rows(self, rows: Array, value: Array, weight: float) -> None:
+        """Ask rows (m, unknowns) times poles to cancel `value` (n, m, 3), alike in all directions."""
+        for axis in range(3):
+            self.matrix[:, axis, axis] += weight**2 * (rows.T @ rows)
+        self.rhs -= weight**2 * (rows.T @ value)
 
     def solve(self) -> Array:
         """Poles (n, unknowns, 3) that minimise the sum of squares."""
