@@ -49,13 +49,15 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
         return fit
     for max_distortion in MAX_DISTORTIONS:
         simplified = _simplify_once(fit, max_distortion)
+        if simplified is None:  # wider limits would fail all the more
+            break
         if len(simplified.network.curve) < len(fit.network.curve):
             fit = simplified
     return fit
 
 
-def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
-    """Fit of a simplified mesh that passes, or else `fit` itself."""
+def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
+    """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
     request, tree = fit.request, fit.tree
     simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion)
     if not simplified.history:
@@ -70,7 +72,7 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
             return refit
         if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
             break
-    return fit
+    return None
 
 
 def merge_failing_polygons(fit: LevelSetFit) -> LevelSetFit:
