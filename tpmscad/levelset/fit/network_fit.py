@@ -17,17 +17,17 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
+from tpmscad.levelset.fit.hard_rows import HardRows
 from tpmscad.levelset.fit.joint_normals import EndShapes, SpokeStarts, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.least_squares import (
     FIT_PASSES,
     MAX_STEP_OF_CHORD,
     TANGENTIAL_WEIGHT,
-    HardRows,
-    NormalEquations,
     project_curves_to_level_set,
     unit_normals,
 )
 from tpmscad.levelset.fit.network_curves import fit_curves
+from tpmscad.levelset.fit.normal_equations import NormalEquations
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
 from tpmscad.levelset.quadmesh.vectors import normalize
@@ -95,7 +95,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
-    inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
+    inner = bu[:, 1:-1], bv[:, 1:-1]
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
     free = np.zeros((len(poles), 3), bool)
     products = [_normal_products(p, q, side, along) for side, along in enumerate(normals)]
