@@ -9,8 +9,9 @@ from tpmscad.levelset.fit.hard_rows import HardRows
 from tpmscad.levelset.fit.network_curves import hold_end_poles
 from tpmscad.levelset.fit.network_fit import _normal_products, _rows_of_inner_poles
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
+from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, average_target_positions, fit_regular_polygons
-from tpmscad.splines.basis import bernstein_basis
+from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
 
 def wavy_patches(rng: np.random.Generator, count: int, p: int, q: int) -> np.ndarray:
@@ -139,7 +140,7 @@ def test_curves_and_patches_share_the_normal_equations():
     normal, target = rng.normal(size=(2, 2, 9, 3))
     flat, turned = NormalEquations(3, 2), NormalEquations(3, 2)
     flat.add_point_rows(curve_basis(values), normal, target, 0.5)
-    turned.add_point_rows((np.ones((1, 1)), values), normal, target, 0.5)
+    turned.add_point_rows((values, np.ones((1, 1))), normal, target, 0.5)
     np.testing.assert_allclose(flat.matrix, turned.matrix, atol=1e-13)
     np.testing.assert_allclose(flat.rhs, turned.rhs, atol=1e-13)
 
@@ -161,3 +162,33 @@ def test_the_conditions_of_all_sides_of_a_patch_have_the_rank_of_their_rows():
         null = conditions.null_space[each, :, : len(conditions.involved) - rank]
         np.testing.assert_allclose(rows[each][:, conditions.involved] @ null, 0, atol=1e-12)
         np.testing.assert_allclose(null.T @ null, np.eye(null.shape[1]), atol=1e-13)
+
+
+def test_points_and_normals_of_patches_are_those_of_their_partial_derivatives():
+    rng = np.random.default_rng(9)
+    poles = rng.normal(size=(3, 5, 8, 3))
+    (bu, du), (bv, dv) = ([bernstein_basis(p, rng.random(m), k) for k in (0, 1)] for p, m in ((4, 6), (7, 2)))
+    points, normals = evaluate_points_and_normals(poles, (bu, du), (bv, dv))
+    np.testing.assert_allclose(points, evaluate_bezier_patches(bu, poles, bv), atol=1e-13)
+    along_u, along_v = evaluate_bezier_patches(du, poles, bv), evaluate_bezier_patches(bu, poles, dv)
+    np.testing.assert_allclose(normals, np.cross(along_u, along_v), atol=1e-11)
+
+
+def test_measurements_of_samples_are_those_of_plain_sums_and_nan_stays():
+    rng = np.random.default_rng(10)
+    points, normals, gradient = rng.normal(size=(3, 4, 7, 3))
+    value = rng.normal(size=(4, 7))
+    value[1, 2], gradient[2, 3], normals[3, 0] = np.nan, 0.0, np.nan
+    lo, hi = np.full(3, -0.5), np.array([0.5, 0.6, 0.7])
+    found = measure_samples(points, normals, value, gradient, (lo, hi))
+    size = np.linalg.norm(gradient, axis=2)
+    beyond = np.maximum(np.maximum(lo - points, points - hi).max(axis=2), 0.0)
+    with np.errstate(over="ignore"):
+        distance = np.abs(value) / np.maximum(size, 1e-300) + beyond
+        mean_square = (distance**2).mean(axis=1)
+    cosine = np.einsum("nmi,nmi->nm", normals, gradient) / np.maximum(np.linalg.norm(normals, axis=2) * size, 1e-300)
+    for array, expected in zip(found, (distance.max(axis=1), mean_square, cosine.min(axis=1)), strict=True):
+        np.testing.assert_allclose(array, expected, rtol=1e-12)
+    assert np.isnan(found[0]).tolist() == [False, True, False, False]
+    assert np.isinf(found[1][2])
+    assert np.isnan(found[2]).tolist() == [False, False, False, True]
