@@ -118,10 +118,15 @@ def _reflect(
     products[left:right] = 0.0
     add_row_sum(products, scale, vector, columns, count, left, right)
     part = products[left:right]
-    for i in range(count):
-        row, factor = columns[i, left:right], vector[i]
+    for i in range(0, count - 1, 2):
+        row_a, row_b, a, b = columns[i, left:right], columns[i + 1, left:right], vector[i], vector[i + 1]
         for x in range(len(part)):
-            row[x] -= factor * part[x]
+            row_a[x] -= a * part[x]
+            row_b[x] -= b * part[x]
+    if count % 2:
+        row_a, a = columns[count - 1, left:right], vector[count - 1]
+        for x in range(len(part)):
+            row_a[x] -= a * part[x]
 
 
 @njit_cached

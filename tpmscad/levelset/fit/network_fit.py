@@ -123,9 +123,14 @@ def cross_poles(poles: Array, side: int) -> Array:
 
 
 def _normal_products(p: int, q: int, side: int, normals: Array) -> Array:
-    """Matrices (n, k + d + 1, d + 1, 3) from `cross_poles` D of a side to the Bernstein coefficients of normals . D."""
-    along = p if side in (0, 2) else q
-    return np.einsum("kij,nix->nkjx", bernstein_product(normals.shape[1] - 1, along), normals)
+    """Matrices (n, k + d - 1, d + 1, 3) from `cross_poles` D of a side to the inner Bernstein coefficients of normals . D.
+
+    The first and the last coefficient vanish by the sides: no inner pole is in them.
+    """
+    product = bernstein_product(normals.shape[1] - 1, p if side in (0, 2) else q)[1:-1]
+    _, degree, along = product.shape
+    flat = product.transpose(0, 2, 1).reshape(-1, degree) @ normals
+    return flat.reshape(len(normals), -1, along, 3)
 
 
 def _rows_of_inner_poles(p: int, q: int, side: int, product: Array) -> Array:

@@ -19,8 +19,8 @@ Basis = tuple[Array, Array]
 
 
 def curve_basis(values: Array) -> Basis:
-    """The basis of curves with values (m, k), as a tensor product with the constant 1."""
-    return values, np.ones((1, 1))
+    """The basis of curves with values (m, k), as a tensor product with the constant 1, first as the inner loops are along v."""
+    return np.ones((1, 1)), values
 
 
 class NormalEquations:
