@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 
 MIN_PIVOT = 1e-8
 """Pivots of hard rows below this fraction of the largest count as zero: of the rows for tangent continuity many follow from
@@ -43,12 +43,13 @@ class HardRows:
     @staticmethod
     def factorise(rows: Array) -> HardRows:
         """The factors of rows (n, m, unknowns)."""
-        involved = np.flatnonzero((rows != 0).any(axis=(0, 1)))
-        columns = np.ascontiguousarray(rows[:, :, involved].swapaxes(1, 2))
-        n, k, m = columns.shape
+        rows = np.ascontiguousarray(rows)
+        involved = np.flatnonzero(_mark_involved(rows))
+        n, m, k = len(rows), rows.shape[1], len(involved)
+        columns = np.empty((n, k, m))
         order, rank = np.empty((n, m), np.int64), np.empty(n, np.int64)
         reflectors, scales, null_space = np.empty((n, min(k, m), k)), np.empty((n, min(k, m))), np.empty((n, k, k))
-        _factorise(columns, order, rank, reflectors, scales, null_space)
+        _factorise(rows, involved, columns, order, rank, reflectors, scales, null_space)
         return HardRows(involved, order, rank, columns, reflectors, scales, null_space)
 
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
@@ -101,6 +102,19 @@ def add_row_sum(
 
 
 @njit_cached
+def _mark_involved(rows: Array) -> BoolArray:  # pragma: no cover
+    """The unknowns (k,) that rows (n, m, k) contain."""
+    n, m, k = rows.shape
+    result = np.zeros(k, np.bool_)
+    for each in range(n):
+        for i in range(m):
+            row = rows[each, i]
+            for x in range(k):
+                result[x] |= row[x] != 0.0
+    return result
+
+
+@njit_cached
 def _norm_below(columns: Array, first: int, column: int) -> float:  # pragma: no cover
     """Norm of a column from its row `first` on."""
     square = 0.0
@@ -131,14 +145,23 @@ def _reflect(
 
 @njit_cached
 def _factorise(
-    columns: Array, order: IntArray, rank: IntArray, reflectors: Array, scales: Array, null_space: Array
+    rows: Array,
+    involved: IntArray,
+    columns: Array,
+    order: IntArray,
+    rank: IntArray,
+    reflectors: Array,
+    scales: Array,
+    null_space: Array,
 ) -> None:  # pragma: no cover
-    """Overwrite columns (n, k, m) by their triangular factors, and fill in the other arrays of `HardRows`."""
+    """The triangular factors (n, k, m) in `columns`, and the other arrays of `HardRows`, of rows (n, m, unknowns)."""
     n, k, m = columns.shape
     norms, full_norms, products = np.empty(m), np.empty(m), np.empty(max(k, m))
     for each in range(n):
         work, own_order, null = columns[each], order[each], null_space[each]
         for c in range(m):
+            for i in range(k):
+                work[i, c] = rows[each, c, involved[i]]
             own_order[c] = c
             norms[c] = full_norms[c] = _norm_below(work, 0, c)
         largest, done = 0.0, 0

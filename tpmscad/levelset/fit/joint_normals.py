@@ -105,7 +105,9 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     direction, change = direction / length[..., None], change / length
 
     scale = np.linalg.norm(curves[:, -1] - curves[:, 0], axis=-1)[:, None, None]
-    product = np.einsum("kij,njx->nkix", bernstein_product(degree, degree - 1), tangent / scale)
+    product = (bernstein_product(degree, degree - 1).reshape(-1, degree) @ (tangent / scale)).reshape(
+        len(curves), 2 * degree, degree + 1, 3
+    )
     fraction = np.linspace(0.0, 1.0, degree + 1)[:, None]
     normals = (1 - fraction) * value[:, None, 0] + fraction * value[:, None, 1]
     sloped = np.zeros((len(curves), 2, degree + 1, 3))
