@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
-from tpmscad.levelset.quadmesh.vectors import normalize
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 TANGENTIAL_WEIGHT = 0.3
 """Weight of residuals along the level set; those along its normal have the weight 1."""
@@ -34,7 +35,22 @@ def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, m
 
 def unit_normals(field: Field, points: Array, fixed: BoolArray | None = None) -> Array:
     """Unit normals of the level set at points (n, m, 3), or of its section by the box where coordinates (n, 3) are fixed."""
-    gradient = field.gradient(points)
-    if fixed is not None:
-        gradient = np.where(fixed[:, None], 0.0, gradient)
-    return normalize(gradient)
+    fixed = np.zeros((len(points), 3), bool) if fixed is None else np.ascontiguousarray(fixed)
+    normals = np.empty(points.shape)
+    _normalize_free(np.ascontiguousarray(field.gradient(points)), fixed, normals)
+    return normals
+
+
+@njit_cached
+def _normalize_free(vectors: Array, fixed: BoolArray, result: Array) -> None:  # pragma: no cover
+    """Unit vectors along vectors (n, m, 3) without their components that are fixed (n, 3); a vector of length zero stays zero."""
+    n, m, _ = vectors.shape
+    for each in range(n):
+        for k in range(m):
+            square = 0.0
+            for x in range(3):
+                result[each, k, x] = 0.0 if fixed[each, x] else vectors[each, k, x]
+                square += result[each, k, x] ** 2
+            length = np.sqrt(square)
+            for x in range(3):
+                result[each, k, x] /= MIN_DIVISOR if length < MIN_DIVISOR else length
