@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.levelset.fit import least_squares, network_curves, network_fit
+from tpmscad.levelset.fit import network_curves
 from tpmscad.levelset.fit.fit_quality import sample_patches
 from tpmscad.levelset.fit.network_fit import fit_joined_curves, fit_patches
 from tpmscad.splines.basis import bernstein_basis, net_differences, second_differences
@@ -51,14 +51,13 @@ def test_differences_of_a_linear_net_vanish_and_those_of_products_are_the_thin_p
     np.testing.assert_allclose(second_differences(5) @ np.arange(5.0) ** 2, 2.0)
 
 
-def test_control_polygons_are_hardly_longer_than_the_curves_and_swing_without_fairness(
+def test_control_polygons_are_at_most_twice_as_long_as_the_curves_and_longer_without_fairness(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     fair = length_ratios()
-    assert fair.max() < 1.5
-    for module in (least_squares, network_curves):
-        monkeypatch.setattr(module, "FAIRNESS_WEIGHT", 0.0, raising=False)
-    assert length_ratios().max() > 1.3 * fair.max()
+    assert fair.max() < 2.2
+    monkeypatch.setattr(network_curves, "FAIRNESS_WEIGHT", 0.0)
+    assert length_ratios().max() > 1.5 * fair.max()
 
 
 def test_a_patch_across_a_rounded_edge_does_not_fold() -> None:
@@ -67,4 +66,3 @@ def test_a_patch_across_a_rounded_edge_does_not_fold() -> None:
     samples = sample_patches(BAR, fit_patches(BAR, border, normals))
     assert samples.min_normal_cosine.min() > 0.95
     assert samples.distance.max() < 0.02
-    assert network_fit.FIT_PASSES == 2

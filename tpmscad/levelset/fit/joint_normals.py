@@ -33,7 +33,9 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.levelset.fit.least_squares import HardRows, NormalEquations, unit_normals
+from tpmscad.levelset.fit.hard_rows import HardRows
+from tpmscad.levelset.fit.least_squares import unit_normals
+from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bernstein_basis, bernstein_product
 
@@ -103,7 +105,9 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     direction, change = direction / length[..., None], change / length
 
     scale = np.linalg.norm(curves[:, -1] - curves[:, 0], axis=-1)[:, None, None]
-    product = np.einsum("kij,njx->nkix", bernstein_product(degree, degree - 1), tangent / scale)
+    product = (bernstein_product(degree, degree - 1).reshape(-1, degree) @ (tangent / scale)).reshape(
+        len(curves), 2 * degree, degree + 1, 3
+    )
     fraction = np.linspace(0.0, 1.0, degree + 1)[:, None]
     normals = (1 - fraction) * value[:, None, 0] + fraction * value[:, None, 1]
     sloped = np.zeros((len(curves), 2, degree + 1, 3))
@@ -115,7 +119,7 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     basis = bernstein_basis(degree, t)
     wanted = unit_normals(field, basis @ curves)
     system = NormalEquations(degree - 1, len(curves))
-    system.add_point_rows(basis[:, 1:-1], wanted, wanted - basis @ normals, 1.0)
+    system.add_point_rows(curve_basis(basis[:, 1:-1]), wanted, wanted - basis @ normals, 1.0)
     conditions = HardRows.factorise(rows.reshape(*rows.shape[:2], -1))
     normals[:, 1:-1] += system.solve_subject_to(conditions, target)
     return normals

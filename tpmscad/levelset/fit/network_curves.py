@@ -7,6 +7,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
+from tpmscad.levelset.fit.hard_rows import HardRows
 from tpmscad.levelset.fit.joint_normals import EndShapes, match_end_curvatures
 from tpmscad.levelset.fit.least_squares import (
     FAIRNESS_WEIGHT,
@@ -14,13 +15,12 @@ from tpmscad.levelset.fit.least_squares import (
     MAX_STEP_OF_CHORD,
     PROJECTION_STEPS,
     TANGENTIAL_WEIGHT,
-    HardRows,
-    NormalEquations,
     project_curves_to_level_set,
     unit_normals,
 )
+from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
 from tpmscad.splines.basis import bernstein_basis, second_differences
 
 CURVE_TANGENT_WEIGHT = 1.0
@@ -48,28 +48,32 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     differences = second_differences(degree + 1)
     fraction = np.arange(degree + 1)[:, None] / degree
     poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
-    end_normals = shapes.normal * ~fixed[:, None]
-    held = _hold_end_poles(end_normals, degree - 1)
+    # of unit length in the planes of the box, too: the condition at one end counts no less than that at the other
+    end_normals = normalize(shapes.normal * ~fixed[:, None])
+    held = hold_end_poles(end_normals, degree - 1)
     for turn in range(FIT_PASSES):
         if turn:
             points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
         normal = unit_normals(field, points, fixed)
         inner = slice(1, degree)
         system = NormalEquations(degree - 1, len(start))
-        system.add_point_rows(values[:, inner], normal, points - values @ poles, TANGENTIAL_WEIGHT)
+        system.add_point_rows(curve_basis(values[:, inner]), normal, points - values @ poles, TANGENTIAL_WEIGHT)
         tangent = derivatives @ poles
-        system.add_normal_rows(derivatives[:, inner], normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
+        system.add_normal_rows(curve_basis(derivatives[:, inner]), normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
         system.add_fairness_rows(differences[:, inner], differences @ poles, FAIRNESS_WEIGHT)
         lack = np.einsum("nei,nei->ne", end_normals, poles[:, [0, -1]] - poles[:, [1, -2]])
         poles[:, inner] += system.solve_subject_to(held, lack)
     poles = match_end_curvatures(poles, shapes, fixed)
-    held = _hold_end_poles(end_normals, degree - 3)
+    held = hold_end_poles(end_normals, degree - 3)
     for _ in range(FIT_PASSES):
         points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
         inner = slice(2, degree - 1)
         system = NormalEquations(degree - 3, len(start))
         system.add_point_rows(
-            values[:, inner], unit_normals(field, points, fixed), points - values @ poles, TANGENTIAL_WEIGHT
+            curve_basis(values[:, inner]),
+            unit_normals(field, points, fixed),
+            points - values @ poles,
+            TANGENTIAL_WEIGHT,
         )
         system.add_fairness_rows(differences[:, inner], differences @ poles, FAIRNESS_WEIGHT)
         poles[:, inner] += system.solve_subject_to(held, np.zeros((len(start), 2)))
@@ -78,30 +82,14 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     return poles
 
 
-def _hold_end_poles(normals: Array, count: int) -> HardRows:
+def hold_end_poles(normals: Array, count: int) -> HardRows:
     """Conditions on the components of the first and the last of `count` poles along normals (n, 2, 3).
 
     Where a normal vanishes there is no condition.
     """
-    length = np.linalg.norm(normals, axis=-1, keepdims=True)
-    unit = normals / np.maximum(length, MIN_DIVISOR)
-    # two tangents of the plane across a unit vector (Duff et al., "Building an orthonormal basis, revisited", 2017)
-    x, y, z = np.moveaxis(unit, -1, 0)
-    sign = np.where(z < 0, -1.0, 1.0)
-    a = -1.0 / (sign + z)
-    b = x * y * a
-    null = np.zeros((len(normals), 6, 6))
-    inverse = np.zeros((len(normals), 6, 2))
-    free = np.asarray(length[..., 0] == 0.0)
-    for end in range(2):
-        own = slice(3 * end, 3 * end + 3)
-        e = (slice(None), end)
-        inverse[:, own, end] = unit[e] / np.maximum(length[e], MIN_DIVISOR)
-        null[:, own, 3 * end] = np.stack([1 + sign[e] * x[e] ** 2 * a[e], sign[e] * b[e], -sign[e] * x[e]], axis=-1)
-        null[:, own, 3 * end + 1] = np.stack([b[e], sign[e] + y[e] ** 2 * a[e], -y[e]], axis=-1)
-        null[free[:, end], 3 * end + 2, 3 * end + 2] = 1.0
-    involved = np.r_[0:3, 3 * count - 3 : 3 * count]
-    return HardRows(involved, inverse, null[:, :, null.any(axis=(0, 1))])
+    rows = np.zeros((len(normals), 2, count, 3))
+    rows[:, 0, 0], rows[:, 1, -1] = normals[:, 0], normals[:, 1]
+    return HardRows.factorise(rows.reshape(len(normals), 2, -1))
 
 
 def _resample_by_arc_length(points: Array, t: Array) -> Array:

@@ -12,23 +12,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
+from tpmscad.levelset.fit.hard_rows import HardRows
 from tpmscad.levelset.fit.joint_normals import EndShapes, SpokeStarts, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.least_squares import (
     FAIRNESS_WEIGHT,
     FIT_PASSES,
     MAX_STEP_OF_CHORD,
     TANGENTIAL_WEIGHT,
-    HardRows,
-    NormalEquations,
     project_curves_to_level_set,
     unit_normals,
 )
 from tpmscad.levelset.fit.network_curves import fit_curves
+from tpmscad.levelset.fit.normal_equations import NormalEquations
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
 from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
 from tpmscad.levelset.quadmesh.vectors import normalize
@@ -102,7 +103,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
     p, q = poles.shape[1] - 1, poles.shape[2] - 1
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
-    inner = np.einsum("ai,bj->abij", bu[:, 1:-1], bv[:, 1:-1]).reshape(len(u) * len(v), -1)
+    inner = bu[:, 1:-1], bv[:, 1:-1]
     differences = net_differences(p + 1, q + 1)
     fairness = differences[:, 1:-1, 1:-1].reshape(len(differences), -1)
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
@@ -117,7 +118,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
         system = NormalEquations((p - 1) * (q - 1), len(poles))
         system.add_point_rows(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
         system.add_fairness_rows(fairness, np.einsum("mij,nijx->nmx", differences, poles), FAIRNESS_WEIGHT)
-        across = [np.einsum("nkix,nix->nk", each, cross_poles(poles, side)) for side, each in enumerate(products)]
+        across = [_multiply(each, cross_poles(poles, side)) for side, each in enumerate(products)]
         step = system.solve_subject_to(conditions, -np.concatenate(across, axis=1))
         poles[:, 1:-1, 1:-1] += step.reshape(len(poles), p - 1, q - 1, 3)
     return poles
@@ -133,9 +134,20 @@ def cross_poles(poles: Array, side: int) -> Array:
 
 
 def _normal_products(p: int, q: int, side: int, normals: Array) -> Array:
-    """Matrices (n, k + d + 1, d + 1, 3) from `cross_poles` D of a side to the Bernstein coefficients of normals . D."""
-    along = p if side in (0, 2) else q
-    return np.einsum("kij,nix->nkjx", bernstein_product(normals.shape[1] - 1, along), normals)
+    """Matrices (n, k + d - 1, d + 1, 3) from `cross_poles` D of a side to the inner Bernstein coefficients of normals . D.
+
+    The first and the last coefficient vanish by the sides: no inner pole is in them.
+    """
+    product = bernstein_product(normals.shape[1] - 1, p if side in (0, 2) else q)[1:-1]
+    _, degree, along = product.shape
+    flat = product.transpose(0, 2, 1).reshape(-1, degree) @ normals
+    return flat.reshape(len(normals), -1, along, 3)
+
+
+def _multiply(products: Array, poles: Array) -> Array:
+    """The coefficients (n, m) that matrices (n, m, d + 1, 3) give of poles (n, d + 1, 3)."""
+    n, m, *_ = products.shape
+    return np.asarray((products.reshape(n, m, -1) @ poles.reshape(n, -1, 1))[..., 0])
 
 
 def _rows_of_inner_poles(p: int, q: int, side: int, product: Array) -> Array:
@@ -211,13 +223,18 @@ def fit_joined_curves(
 
 def _start_spokes(curves: list[Array], normals: list[Array]) -> tuple[Array, SpokeStarts]:
     """The midpoints (n, 3) of curves, and what the spokes that begin there take from them."""
-    middle = np.array([0.5])
     rows = []
     for poles, along in zip(curves, normals, strict=True):
-        value, slope = (bernstein_basis(len(poles) - 1, middle, order)[0] for order in (0, 1))
+        value, slope = _basis_at_middle(len(poles) - 1)
         rows.append([value @ poles, value @ along, slope @ along, slope @ poles])
     points, normal, normal_derivative, derivative = np.array(rows).transpose(1, 0, 2)
     return points, SpokeStarts(normal, normal_derivative, derivative)
+
+
+@lru_cache(maxsize=16)
+def _basis_at_middle(degree: int) -> tuple[Array, Array]:
+    """Bernstein polynomials and their derivatives (degree + 1,) at 1/2."""
+    return bernstein_basis(degree, np.array([0.5]))[0], bernstein_basis(degree, np.array([0.5]), 1)[0]
 
 
 def _fit_network_patches(
@@ -273,10 +290,20 @@ def _interpolate_coons(border: list[Array]) -> Array:
 
 def _collect_side_poles(network: PatchNetwork, curves: list[Array], patches: IntArray, side: int, degree: int) -> Array:
     """Poles (n, degree + 1, 3) of one side of patches, counter-clockwise, from their curves by degree elevation."""
+    numbers = network.curve[patches, side].tolist()
+    rows_of_kind: dict[tuple[int, int, int], list[int]] = {}
+    for row, kind in enumerate(
+        zip(
+            [len(curves[c]) - 1 for c in numbers],
+            network.piece[patches, side].tolist(),
+            network.sense[patches, side].tolist(),
+            strict=True,
+        )
+    ):
+        rows_of_kind.setdefault(kind, []).append(row)
     result = np.empty((len(patches), degree + 1, 3))
-    for row, patch in enumerate(patches):
-        poles = curves[network.curve[patch, side]]
-        piece, sense = int(network.piece[patch, side]), int(network.sense[patch, side])
-        matrix = side_pole_matrix(len(poles) - 1, degree, piece, sense)
-        result[row] = poles if matrix is None else matrix @ poles
+    for (low, piece, sense), rows in rows_of_kind.items():
+        poles = np.array([curves[numbers[row]] for row in rows])
+        matrix = side_pole_matrix(low, degree, piece, sense)
+        result[rows] = poles if matrix is None else matrix @ poles
     return result

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import cKDTree
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
@@ -64,20 +65,39 @@ def project_to_level_set(
 
     `fixed` (n, 3) marks coordinates that stay; `max_step` (n,) bounds the length of a single step.
     """
-    points = points.copy()
+    points = np.array(points, order="C")
+    fixed, max_step = np.ascontiguousarray(fixed), np.ascontiguousarray(max_step)
     active = np.arange(len(points))
     for _ in range(iterations):
-        value, gradient = field.value_and_gradient(points[active])
-        gradient = np.where(fixed[active], 0.0, gradient)
-        square = np.einsum("ni,ni->n", gradient, gradient)
-        step = -(value / np.maximum(square, MIN_DIVISOR))[:, None] * gradient
-        length = np.linalg.norm(step, axis=1)
-        shorten = np.minimum(1.0, max_step[active] / np.maximum(length, MIN_DIVISOR))
-        points[active] += shorten[:, None] * step
-        active = active[length > NEWTON_TOL_OF_MAX_STEP * max_step[active]]
+        value, gradient = field.value_and_gradient(points[active] if len(active) < len(points) else points)
+        active = active[: _take_newton_steps(points, active, fixed, max_step, value, gradient)]
         if len(active) == 0:
             break
     return points
+
+
+@njit_cached
+def _take_newton_steps(
+    points: Array, active: IntArray, fixed: BoolArray, max_step: Array, value: Array, gradient: Array
+) -> int:  # pragma: no cover
+    """Move the active points in place, and their numbers that are to move again to the front; return how many these are."""
+    count, step = 0, np.empty(3)
+    for k in range(len(active)):
+        i = active[k]
+        for x in range(3):
+            step[x] = 0.0 if fixed[i, x] else gradient[k, x]
+        square = step[0] ** 2 + step[2] ** 2 + step[1] ** 2
+        factor = -(value[k] / (MIN_DIVISOR if square < MIN_DIVISOR else square))
+        for x in range(3):
+            step[x] *= factor
+        length = np.sqrt(step[0] ** 2 + step[1] ** 2 + step[2] ** 2)
+        shorten = min(1.0, max_step[i] / max(length, MIN_DIVISOR))
+        for x in range(3):
+            points[i, x] += shorten * step[x]
+        if length > NEWTON_TOL_OF_MAX_STEP * max_step[i]:
+            active[count] = i
+            count += 1
+    return count
 
 
 def smooth_mesh(
