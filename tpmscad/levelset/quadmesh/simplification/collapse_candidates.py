@@ -62,9 +62,7 @@ class Candidates:
         is_strip = strip >= 0
         strips = self.strips.select(strip[is_strip])
         strip[is_strip] = np.arange(len(strips))
-        return Candidates(
-            self.polygon[mask], self.removed[mask], self.kept[mask], self.score[mask], strip, strips
-        )
+        return Candidates(self.polygon[mask], self.removed[mask], self.kept[mask], self.score[mask], strip, strips)
 
     def drop_indices(self, indices: Sequence[int]) -> Candidates:
         """All candidates except those of these indices."""
@@ -95,7 +93,9 @@ class Candidates:
         `is_taken` (V,) marks the vertices.
         """
         strips = self.strips.merges, self.strips.removed
-        return _find_next_free(order, start, stars, is_taken, self.polygon, self.removed, self.kept, self.strip, *strips)
+        return _find_next_free(
+            order, start, stars, is_taken, self.polygon, self.removed, self.kept, self.strip, *strips
+        )
 
 
 def rank_candidates(

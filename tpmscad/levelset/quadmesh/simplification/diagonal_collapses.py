@@ -152,9 +152,7 @@ def _entry_beside(stars: VertexStars, vertex: int, doublet: int, steps: int) -> 
 
 
 @njit_cached
-def _join_at_doublet(
-    stars: VertexStars, one: int, other: int, merged: int, row: IntArray
-) -> bool:  # pragma: no cover
+def _join_at_doublet(stars: VertexStars, one: int, other: int, merged: int, row: IntArray) -> bool:  # pragma: no cover
     """The polygon (4,) into which the polygons at entries `one` and `other`, before and behind a doublet, are joined.
 
     False if none is left.

@@ -16,9 +16,7 @@ from tpmscad.levelset.quadmesh.simplification.strip_collapses import StripSeeds
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars
 
 
-def rate_strip_collapses(
-    stars: VertexStars, surface: SurfaceVertices, seeds: StripSeeds
-) -> tuple[Array, IntArray]:
+def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: StripSeeds) -> tuple[Array, IntArray]:
     """Distortion of the worst polygon after each collapse, and the number of patches saved: (n,) each.
 
     The distortion is infinite if a polygon outside `removed` would degenerate, a valence would be too high or no patch would be
@@ -163,7 +161,9 @@ def _shrink_degenerate_quad(row: IntArray) -> bool:  # pragma: no cover
 
 
 @njit_cached
-def _join_triangles(stars: VertexStars, removed: IntArray, shared_edge: IntArray, row: IntArray) -> None:  # pragma: no cover
+def _join_triangles(
+    stars: VertexStars, removed: IntArray, shared_edge: IntArray, row: IntArray
+) -> None:  # pragma: no cover
     """The quadrilateral (4,) of two triangles without their shared edge."""
     a, b = shared_edge[0], shared_edge[1]
     c, d = -a - b, -a - b
