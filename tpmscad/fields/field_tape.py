@@ -57,7 +57,7 @@ class FieldTape:
         return jets[0], np.ascontiguousarray(jets[1:].T)
 
     def values_on_grid(self, axes: Axes) -> Array | None:
-        """Values (nx, ny, nz) on a grid in one pass; None if foreign functions are called, whose intermediate arrays are large."""
+        """Values (nx, ny, nz) on a grid in one pass; None where foreign functions need intermediate arrays."""
         evaluator = self.evaluator(False)
         if evaluator.externals or len(axes[2]) < MIN_LANE:
             return None

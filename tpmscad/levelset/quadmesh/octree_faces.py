@@ -66,7 +66,7 @@ class OctreeNodes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MinimalFaces:
-    """Some minimal faces: lowest node (F, 3), normal axis (F,), size (F,), and the leaves below and above (F,), -1 outside the box."""
+    """Minimal faces: lowest node (F, 3), normal axis (F,), size (F,), and the leaves below and above (F,), -1 outside the box."""
 
     origin: IntArray
     axis: IntArray

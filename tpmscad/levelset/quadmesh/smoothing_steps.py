@@ -1,4 +1,4 @@
-"""Compiled steps of a smoothing sweep: normals, moves along the surface, and the return of vertices that leave no room on the box."""
+"""Compiled steps of a smoothing sweep: normals, moves along the surface, and positions on the grid that ends round-off."""
 
 from __future__ import annotations
 

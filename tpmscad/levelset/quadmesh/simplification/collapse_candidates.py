@@ -78,17 +78,18 @@ class Candidates:
 
     def combine(self, more: Candidates) -> Candidates:
         """These candidates followed by `more`."""
-        pairs = (
-            (self.polygon, more.polygon),
-            (self.removed, more.removed),
-            (self.kept, more.kept),
-            (self.score, more.score),
-            (self.strip, np.where(more.strip < 0, -1, more.strip + len(self.strips))),
+        strip = np.where(more.strip < 0, -1, more.strip + len(self.strips))
+        return Candidates(
+            np.concatenate([self.polygon, more.polygon]),
+            np.concatenate([self.removed, more.removed]),
+            np.concatenate([self.kept, more.kept]),
+            np.concatenate([self.score, more.score]),
+            np.concatenate([self.strip, strip]),
+            self.strips.combine(more.strips),
         )
-        return Candidates(*(np.concatenate(pair) for pair in pairs), self.strips.combine(more.strips))
 
     def find_next_free(self, order: IntArray, start: int, stars: VertexStars, is_taken: BoolArray) -> int:
-        """The first place from `start` on in `order` of a candidate that changes no polygon at a taken vertex; at most its length.
+        """The first place from `start` on in `order` of a candidate that changes no polygon at a taken vertex, or its length.
 
         `is_taken` (V,) marks the vertices.
         """
@@ -154,10 +155,10 @@ def _find_next_free(
 @njit_cached
 def _is_touched(stars: VertexStars, is_taken: BoolArray, number: int) -> bool:  # pragma: no cover
     """Whether a corner of a polygon is taken; not if the polygon is gone."""
+    is_touched = False
     for v in stars.rows[number]:
-        if v >= 0 and is_taken[v]:
-            return True
-    return False
+        is_touched |= v >= 0 and is_taken[v]
+    return is_touched
 
 
 @njit_cached

@@ -119,7 +119,7 @@ class PolygonMesh:
 
     @property
     def rows(self) -> IntArray:
-        """The polygons as an array (N, 4), brought up to date all at once: to write rows one by one takes as long as the edits."""
+        """The polygons as an array (N, 4), brought up to date at once: to write rows one by one takes as long as the edits."""
         if self._outdated_rows:
             while self.next_number > len(self._rows):
                 self._rows = np.concatenate([self._rows, np.full(self._rows.shape, -1)])
@@ -309,7 +309,7 @@ def extract_mesh(
     sides = np.full(corners.shape, -1)
     sides[present] = side.ravel()
     plane = np.full(len(ends), -1)
-    on_box = mesh.fixed[ids].any(axis=1)
+    on_box = np.asarray(mesh.fixed[ids].any(axis=1))
     open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
     plane[open_sides] = [polygons.plane_of_side.get((a, b), -1) for a, b in ids[ends[open_sides]].tolist()]
     turned = polygons.are_reversed_sides(ids[ends])

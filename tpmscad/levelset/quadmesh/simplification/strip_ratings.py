@@ -136,10 +136,10 @@ def _is_doublet(
 @njit_cached
 def _has_doublet(row: IntArray, n_gone_at: IntArray, n_vertices: int) -> bool:  # pragma: no cover
     """Whether a corner of a polygon (4,) is marked as a doublet."""
+    is_marked = False
     for v in row:
-        if 0 <= v < n_vertices and n_gone_at[v] < 0:
-            return True
-    return False
+        is_marked |= 0 <= v < n_vertices and n_gone_at[v] < 0
+    return is_marked
 
 
 @njit_cached
