@@ -257,7 +257,7 @@ class PolygonMesh:
             odd = [
                 v
                 for v, n in count.items()
-                if not self.n_fixed[v] and n + len(self.polygons_at_vertex[v] - removed) == 2
+                if n <= 2 and not self.n_fixed[v] and n + len(self.polygons_at_vertex[v] - removed) == 2
             ]
             if not odd:
                 break
