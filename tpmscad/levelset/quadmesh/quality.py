@@ -226,14 +226,16 @@ def _measure_interiors(
 
     The last two corners (Q, 4) of a triangle are the same; it has no quarters to measure.
     """
-    middle_normal = np.empty((5, 3))
+    middle_normal, step = np.empty((5, 3)), np.empty(3)
     quarter, quarter_normal = np.empty((4, 3)), np.empty((4, 3))
     for q in range(len(corners)):
         sag, cosine, sine = 0.0, np.inf, np.inf
         total = 0.0  # of all measures: not a number if one of them is
         for k in range(5):
             if side[q, k] > 0:
-                moved = norm_of(projected[q, k] - points[q, k]) / max(side[q, k], MIN_DIVISOR)
+                for x in range(3):
+                    step[x] = projected[q, k, x] - points[q, k, x]
+                moved = norm_of(step) / max(side[q, k], MIN_DIVISOR)
                 sag, total = max(sag, moved), total + moved
             size = max(norm_of(gradient[q, k]), MIN_DIVISOR)
             for x in range(3):

@@ -85,7 +85,8 @@ def place_vertices(
     """
     before, ratio_before = np.empty((len(on_face), 3)), np.empty(len(on_face))
     for k in range(len(on_face)):
-        before[k] = vertices[on_face[k]]
+        for x in range(3):
+            before[k, x] = vertices[on_face[k], x]
         ratio_before[k] = _side_length_ratio(vertices, on_face[k], neighbours[k])
     for k in range(len(ids)):
         for x in range(3):
@@ -97,7 +98,8 @@ def place_vertices(
         is_reverted[k] = (ratio < MIN_BOX_SIDE_RATIO) & (ratio < ratio_before[k])
     for k in range(len(on_face)):
         if is_reverted[k]:
-            vertices[on_face[k]] = before[k]
+            for x in range(3):
+                vertices[on_face[k], x] = before[k, x]
 
 
 @njit_cached

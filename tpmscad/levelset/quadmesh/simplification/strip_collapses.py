@@ -126,18 +126,19 @@ def _find_seeds(
         for i in range(n):
             u, v = row[i - 1 if i else n - 1], row[i]
             other = polygon_left_of(stars, v, u)
-            if n == 3:
-                if other >= 0 and stars.rows[other, 3] < 0:
-                    merges[found], removed[found] = -1, -1
-                    removed[found, 0], removed[found, 1] = number, other
-                    shared_edge[found, 0], shared_edge[found, 1] = u, v
-                    found += 1
-                found = _grow_strip(stars, n_fixed, number, -1, -1, u, v, merges, removed, shared_edge, found)
-            elif other < 0:
-                a, b = _collapse_direction(n_fixed, u, v, True)
-                if a >= 0:
-                    u, v = row[(i + 1) % 4], row[(i + 2) % 4]
-                    found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, shared_edge, found)
+            a, b, begins_strip = -1, -1, n == 3
+            if n == 3 and other >= 0 and stars.rows[other, 3] < 0:
+                for k in range(MAX_STRIP_LENGTH):
+                    merges[found, k, 0], merges[found, k, 1], removed[found, k] = -1, -1, -1
+                removed[found, 0], removed[found, 1] = number, other
+                shared_edge[found, 0], shared_edge[found, 1] = u, v
+                found += 1
+            if n == 4 and other < 0:
+                a, b = _collapse_direction(n_fixed, u, v, other < 0)
+                begins_strip = a >= 0
+                u, v = row[(i + 1) % 4], row[(i + 2) % 4]
+            if begins_strip:
+                found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, shared_edge, found)
     return found
 
 
@@ -160,7 +161,7 @@ def _grow_strip(
     The strip begins with polygon `number`: a triangle, or a quadrilateral with a first merge of its side on the box, which is -1
     for a triangle. Fills in the seeds from number `found` on, and returns the number of the next.
     """
-    strip, gone = np.full((MAX_STRIP_LENGTH, 2), -1), np.full(MAX_STRIP_LENGTH, -1)
+    strip, gone = np.empty((MAX_STRIP_LENGTH, 2), np.int64), np.empty(MAX_STRIP_LENGTH, np.int64)
     gone[0] = number
     n_merges, n_gone = 0, 1
     if first_removed >= 0:
@@ -180,9 +181,13 @@ def _grow_strip(
         n_merges += 1
         ends_at_triangle = other >= 0 and stars.rows[other, 3] < 0
         if other < 0 or ends_at_triangle or (n_gone == 1 and first_removed < 0):
-            merges[found], removed[found], shared_edge[found] = strip, gone, -1
+            for k in range(MAX_STRIP_LENGTH):
+                merges[found, k, 0] = strip[k, 0] if k < n_merges else -1
+                merges[found, k, 1] = strip[k, 1] if k < n_merges else -1
+                removed[found, k] = gone[k] if k < n_gone else -1
             if ends_at_triangle:
                 removed[found, n_gone] = other
+            shared_edge[found, 0], shared_edge[found, 1] = -1, -1
             found += 1
         if other < 0 or ends_at_triangle:
             break
