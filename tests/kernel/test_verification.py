@@ -14,9 +14,13 @@ from tests.shapes.kernel_shapes import drilled_dome, hollow_box, notched_hollow,
 from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
 from tests.shapes.round_shapes import cone, flask, pierced_block, torus
 from tpmscad import kernel
+from tpmscad.brep.welding import weld_patches
 from tpmscad.errors import KernelError, TpmscadError
 from tpmscad.kernel.measure import file_check
+from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.step.entity_table import read_entity_table
+from tpmscad.rigid_motion import Motion
+from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.workflows import checked_write
 
 SHAPES = {
@@ -129,3 +133,28 @@ def test_a_file_above_the_limit_is_read_as_a_whole_on_demand_only(
     assert len(read) == 1
     checked_write.write_checked_brep(brep, nesting, tmp_path / "a.step", verify="kernel", **given)
     assert len(read) == 2
+
+
+@pytest.mark.parametrize(("bumps", "checked"), [((1, 1, 1, 1, 1), 1), ((1, 2, 3, 4, 5), 5), ((1, 2, 3, 2, 5), 4)])
+def test_of_faces_on_equal_carriers_one_is_checked_and_of_others_all(bumps: tuple[int, ...], checked: int) -> None:
+    """Patches side by side along x that differ in a pole inside; equal ones are carriers of their own."""
+    u, v = np.meshgrid(np.linspace(0, 1, 4), np.linspace(0, 1, 4), indexing="ij")
+    carriers, knots, count = [], np.repeat([0.0, 1.0], 4), np.arange(len(bumps))
+    for bump in bumps:
+        height = np.zeros((4, 4))
+        height[1, 1] = 0.1 * bump
+        carriers.append(BSplineSurface(np.stack([u, v, height], axis=-1), knots, knots, 3, 3))
+    motion = Motion.translations(count[:, None] * np.array([1.0, 0.0, 0.0]))
+    ones = np.ones(len(bumps), int)
+    brep = weld_patches(carriers, count, motion, ones, 0 * count, ["a"])
+    assert len(find_faces_to_check(brep)) == checked
+
+
+def test_classes_are_not_sought_where_no_carriers_are_alike(monkeypatch: pytest.MonkeyPatch) -> None:
+    u, v = np.meshgrid(np.linspace(0, 1, 2), np.linspace(0, 1, 2), indexing="ij")
+    knots = np.array([0.0, 0.0, 1.0, 1.0])
+    carriers = [BSplineSurface(np.stack([u + k, v, 0 * u], axis=-1), knots, knots, 1, 1) for k in range(4)]
+    still, ones = Motion.translations(np.zeros((4, 3))), np.ones(4, int)
+    brep = weld_patches(carriers, np.arange(4), still, ones, 0 * ones, ["a"])
+    monkeypatch.setattr("tpmscad.kernel.measure.validity.group_congruent_faces", None)
+    assert sorted(find_faces_to_check(brep).tolist()) == [0, 1, 2, 3]

@@ -16,8 +16,8 @@ from tpmscad.levelset.quadmesh.quality import corner_distortion
 from tpmscad.levelset.quadmesh.simplification import collapse_candidates
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeed, plan_edit, plan_edits_from
-from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit, plan_edits_from
+from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, build_vertex_stars
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set, smooth_mesh
 
 
@@ -129,10 +129,11 @@ def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str) -> No
     polygons = PolygonMesh(mesh)
     surface = SurfaceVertices(FIELDS[name], mesh.vertices, normals(mesh, name), mesh.fixed)
     numbers = np.array(sorted(polygons.corners_of))
-    found = collapse_candidates.rank_candidates(polygons, surface, numbers, np.inf)
+    stars = build_vertex_stars(polygons.rows, len(mesh.vertices))
+    found = collapse_candidates.rank_candidates(stars, surface, numbers, np.inf)
     by_arrays = set()
     for k in range(len(found.polygon)):
-        start = found.seed[k] or CollapseSeed(((int(found.removed[k]), int(found.kept[k])),), (int(found.polygon[k]),))
+        start = found.seed(k)
         by_arrays.add((tuple(sorted(start.merges)), tuple(sorted(start.removed))))
         change = plan_edit(polygons, start)
         if change is None or change.doublets or len(change.merges) != 1:

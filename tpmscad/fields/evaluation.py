@@ -209,6 +209,8 @@ class FieldEvaluation:
             Values, the same bits as on the points of the grid, at a fraction of the cost.
         """
         axes = as_grid_axes(x, y, z)
+        if self._is_traced and (whole := self.tape.values_on_grid(axes)) is not None:
+            return whole
         values = np.empty(tuple(len(axis) for axis in axes))
         for part, slab in grid_slabs(axes):
             values[part] = self.at(*broadcast_axes(slab))

@@ -56,6 +56,13 @@ class FieldTape:
         jets = self._evaluate(points, True)
         return jets[0], np.ascontiguousarray(jets[1:].T)
 
+    def values_on_grid(self, axes: Axes) -> Array | None:
+        """Values (nx, ny, nz) on a grid in one pass; None where foreign functions need intermediate arrays."""
+        evaluator = self.evaluator(False)
+        if evaluator.externals or len(axes[2]) < MIN_LANE:
+            return None
+        return np.asarray(evaluator.on_grid(axes)[0])
+
     def _evaluate(self, points: Array, with_gradient: bool) -> Array:
         """Outputs (m, n) at points (n, 3), in batches if foreign functions are called."""
         evaluator, columns = self.evaluator(with_gradient), np.ascontiguousarray(points.T)

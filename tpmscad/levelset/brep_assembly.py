@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -166,9 +167,7 @@ def _tabulate_level_set(
     n_curves, n_vertices = len(network.ends), len(network.vertices)
     split = np.zeros(n_curves, bool)
     split[network.curve[network.piece != WHOLE]] = True
-    midpoints = [
-        bernstein_basis(len(fit.curves[c]) - 1, np.array([0.5])) @ fit.curves[c] for c in np.flatnonzero(split)
-    ]
+    midpoints = [_basis_at_middle(len(fit.curves[c]) - 1) @ fit.curves[c] for c in np.flatnonzero(split)]
     middle = np.full(n_curves, -1)
     middle[split] = first_vertex + n_vertices + np.arange(len(midpoints))
 
@@ -301,13 +300,27 @@ def _starts(counts: IntArray) -> IntArray:
     return np.concatenate([[0], np.cumsum(counts)])
 
 
+@cache
+def _basis_at_middle(degree: int) -> Array:
+    """The Bernstein polynomials (1, degree + 1) at the middle of a curve."""
+    return bernstein_basis(degree, np.array([0.5]))
+
+
+@cache
+def _bezier_knots(degree: int) -> Array:
+    """The knots of a Bezier curve, which all curves of the degree share."""
+    knots = np.repeat([0.0, 1.0], degree + 1)
+    knots.flags.writeable = False
+    return knots
+
+
 def _bezier_curve(poles: Array) -> BSplineCurve:
-    return BSplineCurve(poles, np.repeat([0.0, 1.0], len(poles)), len(poles) - 1)
+    return BSplineCurve(poles, _bezier_knots(len(poles) - 1), len(poles) - 1)
 
 
 def _bezier_surface(poles: Array) -> BSplineSurface:
     p, q = poles.shape[0] - 1, poles.shape[1] - 1
-    return BSplineSurface(poles, np.repeat([0.0, 1.0], p + 1), np.repeat([0.0, 1.0], q + 1), p, q)
+    return BSplineSurface(poles, _bezier_knots(p), _bezier_knots(q), p, q)
 
 
 def _side_pcurve(side: int, sense: int, span: tuple[float, float], part: tuple[float, float]) -> BSplineCurve:

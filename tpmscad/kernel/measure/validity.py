@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from OCP.TopoDS import TopoDS_Face
 
-from tpmscad._typing import IntArray
+from tpmscad._typing import BoolArray, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
 from tpmscad.brep.face_classes import group_congruent_faces
@@ -25,9 +25,16 @@ from tpmscad.kernel.build.solids import build_faces
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.splines.bspline import BSplineSurface
 
 CLASS_RESOLUTION = 0.1 * CONFUSION_TOLERANCE
 """Faces that differ by less belong to one class: a tenth of the least tolerance of the kernel's check."""
+
+MAX_UNGROUPED_FRACTION = 0.1
+"""Greatest fraction of faces that may be congruent to others for which classes are not sought: to find them takes as long as the
+kernel's check of half the faces, and saves that of a tenth of them at most."""
+
+NO_POLES = (np.zeros(3), np.zeros(3))
 
 _faces_to_check: WeakKeyDictionary[Brep, IntArray] = WeakKeyDictionary()
 """What was found for solids that still exist: the check of a solid and that of its file ask for the same faces."""
@@ -57,6 +64,25 @@ def is_brep_valid(brep: Brep, faces: Sequence[TopoDS_Face] | None = None) -> boo
 def find_faces_to_check(brep: Brep) -> IntArray:
     """A face of each class of congruent faces, but for the planar ones that are simple beyond doubt: (n,)."""
     if brep not in _faces_to_check:
-        first = group_congruent_faces(brep, CLASS_RESOLUTION).first
+        first = _find_class_representatives(brep)
         _faces_to_check[brep] = first[~find_simple_planar_faces(brep, CONFUSION_TOLERANCE, first)]
     return _faces_to_check[brep]
+
+
+def _find_class_representatives(brep: Brep) -> IntArray:
+    """A face of each class of congruent faces: (n,); of all faces where few of them can be congruent to another."""
+    if np.count_nonzero(_have_like_carriers(brep)) > MAX_UNGROUPED_FRACTION * len(brep.faces):
+        return group_congruent_faces(brep, CLASS_RESOLUTION).first
+    return np.arange(len(brep.faces))
+
+
+def _have_like_carriers(brep: Brep) -> BoolArray:
+    """Whether the carrier of a face (F,) is that of another face, or has the same first and last pole as that of another.
+
+    Congruent faces have equal carriers. Carriers other than spline surfaces count as equal.
+    """
+    ends = [(c.poles[0, 0], c.poles[-1, -1]) if isinstance(c, BSplineSurface) else NO_POLES for c in brep.carriers]
+    ticks = np.rint(np.array(ends).reshape(-1, 6) / CLASS_RESOLUTION).astype(np.int64)
+    _, name = np.unique(ticks, axis=0, return_inverse=True)
+    face = name.ravel()[brep.faces.carrier]
+    return np.asarray(np.bincount(face, minlength=1)[face] > 1)

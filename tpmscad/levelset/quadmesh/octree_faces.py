@@ -31,7 +31,8 @@ decide on the mesh."""
 class OctreeNodes:
     """The corners of an octree's leaves (nodes) with the field's values; nodes are named by flat index on the finest grid.
 
-    `ids` (n,) are the sorted flat indices of the nodes, `values` (n,) the field, zero where it is round-off of zero.
+    `ids` (n,) are the sorted flat indices of the nodes, `values` (n,) the field, zero where it is round-off of zero. `of_leaf`
+    (N, 8) are the places of the leaves' corners among the nodes.
     """
 
     def __init__(self, tree: Octree, field: Field) -> None:
@@ -40,6 +41,7 @@ class OctreeNodes:
         self.ids = np.unique(flat)
         values = field(tree.points(self.grid_index(self.ids)))
         node = np.searchsorted(self.ids, flat)
+        self.of_leaf = node.reshape(-1, 8)
         greatest = np.zeros(len(values))
         np.maximum.at(greatest, node, np.abs(values[node]).reshape(-1, 8).max(axis=1).repeat(8))
         self.values = np.where(np.abs(values) <= ROUND_OFF_FRACTION * greatest, 0.0, values)
@@ -89,25 +91,41 @@ class CrossedEdgePairs:
 
 
 def find_minimal_faces(tree: Octree, nodes: OctreeNodes) -> MinimalFaces:
-    """All minimal faces: the faces of leaves without a node at their centre."""
-    rows = []
+    """The minimal faces that the level set may cross: the faces of leaves near it without a node at their centre."""
+    near = _find_leaves_near_level_set(tree, nodes)
+    leaf_origin, leaf_size = tree.origin[near], tree.size[near]
+    keys, leaves = [], []
     for axis, (b, c) in enumerate(FACE_AXES):
         for upper in (0, 1):
-            origin = tree.origin.copy()
-            origin[:, axis] += upper * tree.size
+            origin = leaf_origin.copy()
+            origin[:, axis] += upper * leaf_size
             centre = origin.copy()
-            centre[:, b] += tree.size // 2
-            centre[:, c] += tree.size // 2
-            minimal = (tree.size == 1) | ~nodes.contains(nodes.flat_index(centre))
-            rows.append(np.column_stack([origin, np.full(len(origin), axis), tree.size])[minimal])
-    faces = np.unique(np.concatenate(rows), axis=0)
-    origin, axis, size = faces[:, :3], faces[:, 3], faces[:, 4]
+            centre[:, b] += leaf_size // 2
+            centre[:, c] += leaf_size // 2
+            minimal = np.flatnonzero((leaf_size == 1) | ~nodes.contains(nodes.flat_index(centre)))
+            keys.append(3 * nodes.flat_index(origin[minimal]) + axis)
+            leaves.append(minimal)
+    key, first = np.unique(np.concatenate(keys), return_index=True)
+    axis, size = key % 3, leaf_size[np.concatenate(leaves)[first]]
+    origin = nodes.grid_index(key // 3)
     sides = []
     for shift in (-1, 0):
         cell = origin.copy()
         cell[np.arange(len(cell)), axis] += shift
         sides.append(find_leaves(tree, cell))
     return MinimalFaces(origin, axis, size, sides[0], sides[1])
+
+
+def _find_leaves_near_level_set(tree: Octree, nodes: OctreeNodes) -> IntArray:
+    """Leaves with corners in solid and void, and larger ones at their corners, whose faces may be crossed at hanging nodes.
+
+    A crossed minimal edge belongs to a leaf of the first kind, and begins or ends at a corner of every leaf that it bounds.
+    """
+    solid = nodes.values[nodes.of_leaf] <= 0
+    mixed = np.asarray(solid.any(axis=1) & ~solid.all(axis=1))
+    is_corner = np.zeros(len(nodes.ids), bool)
+    is_corner[nodes.of_leaf[mixed]] = True
+    return np.flatnonzero(mixed | ((tree.size > 1) & is_corner[nodes.of_leaf].any(axis=1)))
 
 
 def find_leaves(tree: Octree, cell: IntArray) -> IntArray:

@@ -9,19 +9,18 @@ from __future__ import annotations
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
-from tpmscad.levelset.quadmesh.vectors import (
-    MIN_DIVISOR,
-    corner_sines,
-    dot,
-    gather,
-    length,
-    normalize,
-    roll_next,
-    sines_between_sides,
+from tpmscad.levelset.quadmesh.short_vectors import (
+    difference_of,
+    dot_as_einsum,
+    dot_of,
+    norm_of,
+    triple_product_of,
 )
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
 
 MIN_CORNER_SINE = 0.42
 """Least signed sine of a corner angle: of well-shaped polygons nearly all patches were fitted, of thin ones one in five was
@@ -54,36 +53,9 @@ def corner_distortion(vertices: Array, normals: Array, fixed: BoolArray, corners
 
     `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3).
     """
-    result = np.zeros(len(corners))
-    triangular, on_box = corners[:, 3] < 0, np.asarray(fixed.any(axis=1))
-    for rows, n in ((np.flatnonzero(~triangular), 4), (np.flatnonzero(triangular), 3)):
-        if not len(rows):
-            continue
-        polygons = corners[rows, :n]
-        points, normal = gather(vertices, polygons), gather(normals, polygons)
-        chord, next_normal = roll_next(points) - points, roll_next(normal)
-        size = length(chord)
-        sine = sines_between_sides(chord, size, normal).min(axis=1)
-        cosine = dot(normal, next_normal).min(axis=1)
-        tilt = _max_tilt_sines(chord, size, normal, next_normal)
-        if n == 4:
-            diagonal = points[:, :, 2:] - points[:, :, :2]
-            one, other = normal[:, :, :2], normal[:, :, 2:]
-            cosine = np.minimum(cosine, dot(one, other).min(axis=1))
-            tilt = np.maximum(tilt, _max_tilt_sines(diagonal, length(diagonal), one, other))
-        boxed = np.flatnonzero(on_box[polygons].sum(axis=1) > 1)
-        if len(boxed):
-            row = polygons[boxed]
-            tilt[boxed] = np.maximum(tilt[boxed], _max_box_section_tilt(vertices[row], normals[row], fixed[row]))
-            sine[boxed[_has_smooth_box_corner(fixed[row])]] = -1.0
-        result[rows] = np.maximum.reduce(
-            [
-                MIN_SIDE_RATIO * size.max(axis=1) / np.maximum(size.min(axis=1), MIN_DIVISOR),
-                (1 - sine) / (1 - MIN_CORNER_SINE),
-                tilt / MAX_TILT_SINE,
-                (1 - np.minimum(cosine, 1.0)) / (1 - MIN_NORMAL_COSINE),
-            ]
-        )
+    result = np.empty(len(corners))
+    arrays = (np.ascontiguousarray(each) for each in (vertices, normals, fixed, corners))
+    _measure_polygons(*arrays, result)
     return result
 
 
@@ -94,45 +66,16 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
     normals turn from the corners to there, and the corner angles of the four quarters into which these points divide a
     quadrilateral.
     """
-    triangular = polygons[:, 3] < 0
-    corners = polygons.copy()
-    corners[triangular, 3] = corners[triangular, 2]
-    next_corners = np.roll(corners, -1, axis=1)
-    held = np.concatenate([fixed[corners] & fixed[next_corners], np.zeros((len(corners), 1, 3), bool)], axis=1)
-    points = np.concatenate(
-        [0.5 * (vertices[corners] + vertices[next_corners]), vertices[corners].mean(axis=1)[:, None]], 1
-    )
-    side = np.linalg.norm(vertices[corners] - vertices[next_corners], axis=2)
-    side = np.concatenate([side, side.max(axis=1, keepdims=True)], axis=1)
-    projected = points
+    count = len(polygons)
+    corners = np.where(polygons < 0, polygons[:, 2:3], polygons)
+    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), bool), np.empty((count, 5))
+    _place_middles(vertices, fixed, corners, points, held, side)
+    projected, result = points.copy(), np.empty(count)
     for _ in range(NEWTON_STEPS_FROM_MIDPOINTS):
         value, gradient = field.value_and_gradient(projected)
-        free = np.where(held, 0.0, gradient)
-        step = -(value / np.maximum(np.einsum("qix,qix->qi", free, free), MIN_DIVISOR))[..., None] * free
-        shorten = MAX_SAG_FRACTION * side / np.maximum(np.linalg.norm(step, axis=2), MIN_DIVISOR)
-        projected = projected + np.minimum(1.0, shorten)[..., None] * step
-    sag = np.linalg.norm(projected - points, axis=2) / np.maximum(side, MIN_DIVISOR)
-    sag[side <= 0] = 0.0
-    normal, at_corners = normalize(gradient), normals[corners]
-    cosine = np.minimum(
-        np.einsum("qix,qix->qi", normal[:, :4], at_corners),
-        np.einsum("qix,qix->qi", normal[:, :4], normals[next_corners]),
-    )
-    cosine = np.minimum(cosine, np.einsum("qx,qix->qi", normal[:, 4], at_corners)).min(axis=1)
-    sine = corner_sines(
-        _quarters(vertices[corners], projected).reshape(-1, 3),
-        np.arange(16 * len(corners)).reshape(-1, 4),
-        _quarters(at_corners, normal).reshape(-1, 3),
-    )
-    sine = sine.min(axis=1).reshape(-1, 4).min(axis=1)
-    sine[triangular] = 1.0
-    return np.maximum.reduce(
-        [
-            sag.max(axis=1) / MAX_SAG_FRACTION,
-            (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE),
-            (1 - sine) / (1 - MIN_QUARTER_SINE),
-        ]
-    )
+        _step_to_level_set(projected, value, gradient, held, side)
+    _measure_interiors(vertices, normals, corners, points, projected, gradient, side, result)
+    return result
 
 
 def max_corner_distortion(mesh: QuadMesh, field: Field) -> float:
@@ -141,36 +84,194 @@ def max_corner_distortion(mesh: QuadMesh, field: Field) -> float:
     return float(corner_distortion(mesh.vertices, normals, mesh.fixed, mesh.corners).max(initial=0.0))
 
 
-def _max_tilt_sines(chord: Array, size: Array, one: Array, other: Array) -> Array:
-    """Largest sine (Q,) of the angles between chords (3, Q, n), of lengths (Q, n), and the surface at their ends."""
-    return np.asarray(
-        (np.maximum(np.abs(dot(chord, one)), np.abs(dot(chord, other))) / np.maximum(size, MIN_DIVISOR)).max(1)
-    )
+@njit_cached
+def _measure_polygons(
+    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray, result: Array
+) -> None:  # pragma: no cover
+    """The distortion (Q,) of each polygon (Q, 4)."""
+    for q in range(len(polygons)):
+        result[q] = measure_polygon(vertices, normals, fixed, polygons[q])
 
 
-def _quarters(at_corners: Array, at_middles: Array) -> Array:
-    """Values (Q, 4, 4, 3) at the corners of the quarters: corner, midpoint behind it, centre, midpoint before it.
+@njit_cached
+def measure_polygon(vertices: Array, normals: Array, fixed: BoolArray, corners: IntArray) -> float:  # pragma: no cover
+    """The distortion of one polygon (4,), for compiled loops; as `corner_distortion`."""
+    n = 3 if corners[3] < 0 else 4
+    before = corners[n - 1]
+    previous = difference_of(vertices, before, corners[0])
+    previous_size = norm_of(previous)
+    longest, shortest = previous_size, previous_size
+    sine, cosine, tilt, boxed = np.inf, 1.0, 0.0, 0
+    total = 0.0  # of all sines: not a number if one of them is
+    for k in range(n):
+        i, j = corners[k], corners[(k + 1) % n]
+        chord = difference_of(vertices, i, j)
+        size = norm_of(chord)
+        longest, shortest = max(longest, size), min(shortest, size)
+        corner_sine = triple_product_of(previous, chord, normals[i]) / max(size * previous_size, MIN_DIVISOR)
+        sine, total = min(sine, corner_sine), total + corner_sine
+        cosine = min(cosine, dot_of(normals[i], normals[j]))
+        tilt = max(tilt, max(abs(dot_of(chord, normals[i])), abs(dot_of(chord, normals[j]))) / max(size, MIN_DIVISOR))
+        boxed += fixed[i, 0] | fixed[i, 1] | fixed[i, 2]
+        previous, previous_size = chord, size
+    if n == 4:
+        for k in range(2):
+            i, j = corners[k], corners[k + 2]
+            chord = difference_of(vertices, i, j)
+            size = max(norm_of(chord), MIN_DIVISOR)
+            cosine = min(cosine, dot_of(normals[i], normals[j]))
+            tilt = max(tilt, max(abs(dot_of(chord, normals[i])), abs(dot_of(chord, normals[j]))) / size)
+    if boxed > 1:
+        tilt = max(tilt, _max_box_section_tilt(vertices, normals, fixed, corners, n))
+        if _has_smooth_box_corner(fixed, corners, n):
+            sine = -1.0
+    worst = max(MIN_SIDE_RATIO * longest / max(shortest, MIN_DIVISOR), (1 - sine) / (1 - MIN_CORNER_SINE))
+    worst = max(worst, max(tilt / MAX_TILT_SINE, (1 - cosine) / (1 - MIN_NORMAL_COSINE)))
+    return np.nan if np.isnan(total) else worst
 
-    `at_corners` is (Q, 4, 3), `at_middles` (Q, 5, 3) with the centre last.
-    """
-    middle, centre = at_middles[:, :4], np.repeat(at_middles[:, 4:], 4, axis=1)
-    return np.stack([at_corners, middle, centre, np.roll(middle, 1, axis=1)], axis=2)
 
-
-def _has_smooth_box_corner(fixed: BoolArray) -> BoolArray:
-    """Polygons (Q,) with two consecutive sides in one face of the box, by `fixed` (Q, n, 3) of their corners.
+@njit_cached
+def _has_smooth_box_corner(fixed: BoolArray, corners: IntArray, n: int) -> bool:  # pragma: no cover
+    """Whether two consecutive sides of a polygon lie in one face of the box.
 
     The surface's section with the face runs smoothly through the corner between them, so that the patch has no angle there,
     however sharply the chords turn.
     """
-    three = fixed & np.roll(fixed, -1, axis=1) & np.roll(fixed, 1, axis=1)
-    return np.asarray(three.any(axis=(1, 2)))
+    for k in range(n):
+        i, j, h = corners[k], corners[(k + 1) % n], corners[k - 1 if k else n - 1]
+        for x in range(3):
+            if fixed[i, x] and fixed[j, x] and fixed[h, x]:
+                return True
+    return False
 
 
-def _max_box_section_tilt(points: Array, normals: Array, fixed: BoolArray) -> Array:
-    """Largest sine (Q,) of the angles between sides in a face of the box and the surface's section, at their ends."""
-    common = fixed & np.roll(fixed, -1, axis=1)
-    chord = normalize(np.where(common, 0.0, np.roll(points, -1, axis=1) - points))
-    ends = (normals, np.roll(normals, -1, axis=1))
-    tilt = [np.abs(np.einsum("qix,qix->qi", chord, normalize(np.where(common, 0.0, n)))) for n in ends]
-    return np.asarray(np.where(common.any(axis=2), np.maximum(*tilt), 0.0).max(axis=1))
+@njit_cached
+def _max_box_section_tilt(
+    vertices: Array, normals: Array, fixed: BoolArray, corners: IntArray, n: int
+) -> float:  # pragma: no cover
+    """Largest sine of the angles between a polygon's sides in a face of the box and the surface's section, at their ends."""
+    chord, one, other = np.empty(3), np.empty(3), np.empty(3)
+    tilt = 0.0
+    for k in range(n):
+        i, j = corners[k], corners[(k + 1) % n]
+        shared = False
+        for x in range(3):
+            common = fixed[i, x] and fixed[j, x]
+            shared |= common
+            chord[x] = 0.0 if common else vertices[j, x] - vertices[i, x]
+            one[x] = 0.0 if common else normals[i, x]
+            other[x] = 0.0 if common else normals[j, x]
+        if shared:
+            for vector in (chord, one, other):
+                size = max(norm_of(vector), MIN_DIVISOR)
+                for x in range(3):
+                    vector[x] /= size
+            tilt = max(tilt, max(abs(dot_as_einsum(chord, one)), abs(dot_as_einsum(chord, other))))
+    return tilt
+
+
+@njit_cached
+def _place_middles(
+    vertices: Array, fixed: BoolArray, corners: IntArray, points: Array, held: BoolArray, side: Array
+) -> None:  # pragma: no cover
+    """The midpoints of the sides and the centres (Q, 5, 3), the coordinates held on the box, and the lengths (Q, 5) of the sides.
+
+    The length of the longest side stands for the centre.
+    """
+    for q in range(len(corners)):
+        longest = 0.0
+        for k in range(4):
+            i, j = corners[q, k], corners[q, (k + 1) % 4]
+            side[q, k] = norm_of(difference_of(vertices, j, i))
+            longest = max(longest, side[q, k])
+            for x in range(3):
+                points[q, k, x] = 0.5 * (vertices[i, x] + vertices[j, x])
+                held[q, k, x] = fixed[i, x] and fixed[j, x]
+        side[q, 4] = longest
+        a, b, c, d = corners[q]
+        for x in range(3):
+            points[q, 4, x] = (vertices[a, x] + vertices[b, x] + vertices[c, x] + vertices[d, x]) / 4
+
+
+@njit_cached
+def _step_to_level_set(
+    points: Array, value: Array, gradient: Array, held: BoolArray, side: Array
+) -> None:  # pragma: no cover
+    """Move points (Q, 5, 3) by a Newton step along the free gradient, at most MAX_SAG_FRACTION of the side (Q, 5)."""
+    free, step = np.empty(3), np.empty(3)
+    for q in range(len(points)):
+        for k in range(5):
+            for x in range(3):
+                free[x] = 0.0 if held[q, k, x] else gradient[q, k, x]
+            factor = -(value[q, k] / max(dot_as_einsum(free, free), MIN_DIVISOR))
+            for x in range(3):
+                step[x] = factor * free[x]
+            shorten = min(1.0, MAX_SAG_FRACTION * side[q, k] / max(norm_of(step), MIN_DIVISOR))
+            for x in range(3):
+                points[q, k, x] += shorten * step[x]
+
+
+@njit_cached
+def _measure_interiors(
+    vertices: Array,
+    normals: Array,
+    corners: IntArray,
+    points: Array,
+    projected: Array,
+    gradient: Array,
+    side: Array,
+    result: Array,
+) -> None:  # pragma: no cover
+    """The interior distortion (Q,) by the middles (Q, 5, 3), their projections, the gradients there and the sides (Q, 5).
+
+    The last two corners (Q, 4) of a triangle are the same; it has no quarters to measure.
+    """
+    middle_normal, step = np.empty((5, 3)), np.empty(3)
+    quarter, quarter_normal = np.empty((4, 3)), np.empty((4, 3))
+    for q in range(len(corners)):
+        sag, cosine, sine = 0.0, np.inf, np.inf
+        total = 0.0  # of all measures: not a number if one of them is
+        for k in range(5):
+            if side[q, k] > 0:
+                for x in range(3):
+                    step[x] = projected[q, k, x] - points[q, k, x]
+                moved = norm_of(step) / max(side[q, k], MIN_DIVISOR)
+                sag, total = max(sag, moved), total + moved
+            size = max(norm_of(gradient[q, k]), MIN_DIVISOR)
+            for x in range(3):
+                middle_normal[k, x] = gradient[q, k, x] / size
+        for k in range(4):
+            i, j = corners[q, k], corners[q, (k + 1) % 4]
+            cosine = min(cosine, dot_as_einsum(middle_normal[k], normals[i]))
+            cosine = min(cosine, dot_as_einsum(middle_normal[k], normals[j]))
+            cosine = min(cosine, dot_as_einsum(middle_normal[4], normals[i]))
+            total += cosine
+        if corners[q, 2] == corners[q, 3]:
+            sine = 1.0
+        else:
+            for k in range(4):
+                before = k - 1 if k else 3
+                for x in range(3):
+                    quarter[0, x], quarter_normal[0, x] = vertices[corners[q, k], x], normals[corners[q, k], x]
+                    quarter[1, x], quarter_normal[1, x] = projected[q, k, x], middle_normal[k, x]
+                    quarter[2, x], quarter_normal[2, x] = projected[q, 4, x], middle_normal[4, x]
+                    quarter[3, x], quarter_normal[3, x] = projected[q, before, x], middle_normal[before, x]
+                sine = min(sine, _min_corner_sine(quarter, quarter_normal))
+            total += sine
+        worst = max(sag / MAX_SAG_FRACTION, (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE))
+        worst = max(worst, (1 - sine) / (1 - MIN_QUARTER_SINE))
+        result[q] = np.nan if np.isnan(total) else worst
+
+
+@njit_cached
+def _min_corner_sine(points: Array, normals: Array) -> float:  # pragma: no cover
+    """Least signed sine of the corner angles of a quadrilateral (4, 3) with normals (4, 3)."""
+    least = np.inf
+    previous = difference_of(points, 3, 0)
+    previous_size = norm_of(previous)
+    for k in range(4):
+        chord = difference_of(points, k, (k + 1) % 4)
+        size = norm_of(chord)
+        least = min(least, triple_product_of(previous, chord, normals[k]) / max(size * previous_size, MIN_DIVISOR))
+        previous, previous_size = chord, size
+    return least

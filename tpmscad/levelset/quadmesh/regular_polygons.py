@@ -51,7 +51,8 @@ def average_target_positions(vertices: Array, normals: Array, polygons: Sequence
     for corners in polygons:
         turns = 2 * np.pi / corners.shape[1] * np.arange(corners.shape[1])
         _add_proposals(vertices, normals, corners, np.cos(turns), np.sin(turns), weighted, weights, shortest)
-    return weighted / np.maximum(weights, MIN_DIVISOR)[:, None], shortest
+    weighted /= np.maximum(weights, MIN_DIVISOR)[:, None]
+    return weighted, shortest
 
 
 @njit_cached

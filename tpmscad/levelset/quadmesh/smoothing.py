@@ -18,6 +18,12 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.regular_polygons import average_target_positions
+from tpmscad.levelset.quadmesh.smoothing_steps import (
+    MAX_MOVE_FRACTION,
+    place_vertices,
+    set_normals,
+    step_along_surface,
+)
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, close_triangles, normalize
 
 SMOOTHING_SWEEPS = 60
@@ -29,13 +35,6 @@ SWEEPS_PER_BLOCK = 5
 REST_MOVE_FRACTION = 0.03
 """A vertex rests once the last sweep of a block moved it, and all its neighbours, by less than this fraction of the largest
 step."""
-
-MAX_MOVE_FRACTION = 0.25
-"""Largest step of a vertex, as a fraction of its leaf and of its shortest side."""
-
-MIN_BOX_SIDE_RATIO = 0.3
-"""Least ratio of the two sides in a face of the box at a vertex. Where the level set cuts off a small corner of the box, the
-large polygons beside it would otherwise pull the vertex out of the box."""
 
 MAX_NEWTON_STEPS = 12
 MAX_NEWTON_STEPS_FROM_AFAR = 30
@@ -164,21 +163,17 @@ def smooth_vertices(
         polygons = _polygons_at(mesh, moving)
         on_face, neighbours = _box_face_neighbours(mesh, moving)
         fixed, longest = mesh.fixed[ids], max_step[ids]
+        new, is_out = np.empty((len(ids), 3)), np.empty(len(ids), bool)
         for _ in range(min(SWEEPS_PER_BLOCK, sweeps - done)):
             old = vertices[ids]
             value, gradient = field.value_and_gradient(old)
-            normals[ids] = normalize(gradient)
+            set_normals(normals, ids, gradient)
             target, shortest = average_target_positions(vertices, normals, polygons)
-            new = _step_along_surface(old, target[ids], shortest[ids], value, gradient, fixed, longest)
-            out = np.flatnonzero(((new < lo) | (new > hi)).any(axis=1))
-            if len(out):
+            step_along_surface(old, target, shortest, ids, value, gradient, fixed, longest, lo, hi, new, is_out)
+            if is_out.any():
+                out = np.flatnonzero(is_out)
                 new[out] = _project_along_box_faces(field, old[out], new[out], fixed[out], longest[out], lo, hi)
-            new = np.where(fixed, new, lo + grid * np.rint((new - lo) / grid))
-            ratio_before = _side_length_ratio(vertices, on_face, neighbours)
-            vertices[ids] = new
-            ratio = _side_length_ratio(vertices, on_face, neighbours)
-            reverted = on_face[(ratio < MIN_BOX_SIDE_RATIO) & (ratio < ratio_before)]
-            vertices[reverted] = old[np.searchsorted(ids, reverted)]
+            place_vertices(vertices, ids, new, fixed, lo, grid, on_face, neighbours)
         moved = np.zeros(len(vertices), bool)
         moved[ids] = np.linalg.norm(vertices[ids] - old, axis=1) > REST_MOVE_FRACTION * longest
         moving &= dilate_vertices(mesh, moved)
@@ -194,24 +189,6 @@ def dilate_vertices(mesh: QuadMesh, vertices: BoolArray, rings: int = 1) -> Bool
     for _ in range(rings):
         result[corners[result[corners].any(axis=1)]] = True
     return result
-
-
-def _step_along_surface(
-    old: Array, target: Array, shortest: Array, value: Array, gradient: Array, fixed: BoolArray, max_step: Array
-) -> Array:
-    """New positions (n, 3): a tangential step towards the target and one Newton step towards the level set."""
-    gradient = np.where(fixed, 0.0, gradient)
-    normal = normalize(gradient)
-    move = np.where(fixed, 0.0, target - old)
-    move -= np.einsum("ni,ni->n", move, normal)[:, None] * normal
-    move *= _step_factors(move, np.minimum(max_step, MAX_MOVE_FRACTION * shortest))
-    newton = -(value / np.maximum(np.einsum("ni,ni->n", gradient, gradient), MIN_DIVISOR))[:, None] * gradient
-    return np.asarray(old + move + _step_factors(newton, max_step) * newton)
-
-
-def _step_factors(steps: Array, max_step: Array) -> Array:
-    """Factors (n, 1), at most 1, that shorten steps (n, 3) to lengths of at most `max_step` (n,)."""
-    return np.minimum(1.0, max_step / np.maximum(np.linalg.norm(steps, axis=1), MIN_DIVISOR))[:, None]
 
 
 def _project_within_box(field: Field, old: Array, fixed: BoolArray, max_step: Array, lo: Array, hi: Array) -> Array:
@@ -230,12 +207,6 @@ def _project_along_box_faces(
     points = project_to_level_set(field, old, fixed | (new < lo) | (new > hi), max_step)
     stays = np.asarray(((points < lo) | (points > hi)).any(axis=1))
     return np.where(stays[:, None], old, points)
-
-
-def _side_length_ratio(vertices: Array, ids: IntArray, neighbours: IntArray) -> Array:
-    """Ratio (n,), at most 1, of the distances from vertices (n,) to their two neighbours (n, 2)."""
-    one, other = (np.linalg.norm(vertices[ids] - vertices[neighbours[:, i]], axis=1) for i in (0, 1))
-    return np.asarray(np.minimum(one, other) / np.maximum(np.maximum(one, other), MIN_DIVISOR))
 
 
 def _polygons_at(mesh: QuadMesh, chosen: BoolArray) -> list[IntArray]:

@@ -11,13 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.levelset.quadmesh.quality import corner_distortion
+from tpmscad.levelset.quadmesh.quality import measure_polygon
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE
-from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars, segment_max
-
-CornerPolygons = tuple[IntArray, IntArray, IntArray]
-"""Polygons at corners of quadrilaterals: the quadrilateral, the polygon and the corner's slot in it, (m,) each."""
+from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
+    SurfaceVertices,
+    VertexStars,
+    are_adjacent,
+    corner_after,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,106 +34,135 @@ class DiagonalCollapses:
     patches_saved: IntArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _CollapsibleQuads:
-    """Quadrilaterals (n,), and their corners (4, n) counter-clockwise from the removed one.
-
-    `doublet` (2, n): whether the second and the fourth corner become doublets.
-    """
-
-    number: IntArray
-    corner: IntArray
-    doublet: BoolArray
-
-    def select(self, mask: BoolArray) -> _CollapsibleQuads:
-        return _CollapsibleQuads(self.number[mask], self.corner[:, mask], self.doublet[:, mask])
-
-
 def rate_diagonal_collapses(stars: VertexStars, surface: SurfaceVertices, numbers: IntArray) -> DiagonalCollapses:
     """The diagonal collapses of the quadrilaterals among these polygons, with an infinite distortion if a polygon degenerates."""
-    quads = _find_feasible_diagonals(stars, surface, numbers)
-    removed, kept, count = quads.corner[0], quads.corner[2], len(quads.number)
-    merged = len(surface.vertices) + np.arange(count)
-    ends = [_other_polygons_at_corner(stars, quads, i) for i in (0, 2)]
-    rows, owners, valid = [], [], np.ones(count, bool)
-    used = [np.zeros(len(owner), bool) for owner, _, _ in ends]
-    for side_corner, first, second in ((1, 0, 1), (3, 1, 0)):
-        row, owner, joined = _merge_doublet_polygons(stars, quads, side_corner, ends[first], ends[second], merged)
-        valid[owner[row[:, 2] < 0]] = False
-        used[first][joined[0]] = used[second][joined[1]] = True
-        rows.append(row)
-        owners.append(owner)
-    for vertex, (owner, polygon, _), in_doublet in zip((removed, kept), ends, used, strict=True):
-        owner, polygon = owner[~in_doublet], polygon[~in_doublet]
-        row = stars.rows[polygon]
-        rows.append(np.where(row == vertex[owner][:, None], merged[owner][:, None], row))
-        owners.append(owner)
-    after = surface.append_merged_vertices(removed, kept)
-    row, owner = np.concatenate(rows), np.concatenate(owners)
-    measured = valid[owner]
-    distortion = corner_distortion(after.vertices, after.normals, after.fixed, row[measured])
-    worst = np.where(valid, segment_max(distortion, owner[measured], count), np.inf)
-    return DiagonalCollapses(quads.number, removed, kept, worst, 1 + quads.doublet.sum(axis=0))
+    most = 2 * len(numbers)
+    number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    is_doublet = np.empty((most, 2), bool)
+    count = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers, number, corner, is_doublet)
+    number, corner, is_doublet = number[:count], corner[:count], is_doublet[:count]
+    after = surface.append_merged_vertices(corner[:, 0], corner[:, 2])
+    worst = np.empty(count)
+    _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet, worst)
+    return DiagonalCollapses(number, corner[:, 0], corner[:, 2], worst, 1 + is_doublet.sum(axis=1))
 
 
-def _find_feasible_diagonals(stars: VertexStars, surface: SurfaceVertices, numbers: IntArray) -> _CollapsibleQuads:
-    """Diagonals whose collapse leaves allowed valences and no double edges.
+@njit_cached
+def _find_feasible_diagonals(
+    stars: VertexStars, n_fixed: IntArray, numbers: IntArray, number: IntArray, corner: IntArray, is_doublet: BoolArray
+) -> int:  # pragma: no cover
+    """Diagonals whose collapse leaves allowed valences and no double edges, and how many they are.
 
-    The removed vertex lies inside the box; of two vertices inside, that of the lower number is removed.
+    The removed vertex lies inside the box; of two vertices inside, that of the lower number is removed. Found are the
+    quadrilaterals (n,), their corners (n, 4) counter-clockwise from the removed one, and whether the second and the fourth corner
+    (n, 2) become doublets.
     """
-    n_fixed, valence = surface.fixed.sum(axis=1), stars.valence
-    numbers = numbers[stars.rows[numbers, 3] >= 0]
-    number, slot = np.repeat(numbers, 2), np.tile([0, 1], len(numbers))
-    a, c = stars.rows[number, slot], stars.rows[number, slot + 2]
-    slot = np.where((n_fixed[c] > n_fixed[a]) | ((n_fixed[c] == n_fixed[a]) & (c > a)), slot, slot + 2)
-    corner = np.stack([stars.rows[number, (slot + k) % 4] for k in range(4)])
-    removed, kept, sides = corner[0], corner[2], corner[1::2]
-    doublet = (n_fixed[sides] == 0) & (valence[sides] == MIN_VALENCE)
-    left = valence[removed] + valence[kept] - 2 - doublet.sum(axis=0)
-    allowed = (n_fixed[removed] == 0) & (left <= MAX_VALENCE) & ((left >= MIN_VALENCE) | (n_fixed[kept] > 0))
-    quads = _CollapsibleQuads(number, corner, doublet).select(allowed)
+    found = 0
+    for q in numbers:
+        row = stars.rows[q]
+        if row[3] < 0:
+            continue
+        for start in range(2):
+            a, c, turn = row[start], row[start + 2], start
+            if not (n_fixed[c] > n_fixed[a] or (n_fixed[c] == n_fixed[a] and c > a)):
+                turn = start + 2
+            for k in range(4):
+                corner[found, k] = row[(turn + k) % 4]
+            removed, kept = corner[found, 0], corner[found, 2]
+            left = -2
+            for vertex in (removed, kept):
+                left += stars.first[vertex + 1] - stars.first[vertex]
+            for k in range(2):
+                vertex = corner[found, 2 * k + 1]
+                valence = stars.first[vertex + 1] - stars.first[vertex]
+                is_doublet[found, k] = n_fixed[vertex] == 0 and valence == MIN_VALENCE
+                left -= is_doublet[found, k]
+            if n_fixed[removed] > 0 or left > MAX_VALENCE or (left < MIN_VALENCE and n_fixed[kept] == 0):
+                continue
+            if not _makes_double_edge(stars, q, corner[found]):
+                number[found] = q
+                found += 1
+    return found
 
-    owner, polygon, slot = _other_polygons_at_corner(stars, quads, 0)
-    _, second, opposite, last = quads.corner[:, owner]
-    neighbour = stars.corner_after(polygon, slot, 1)
-    double = stars.are_adjacent(neighbour, opposite) & (neighbour != second) & (neighbour != last)
-    double |= (stars.rows[polygon] == opposite[:, None]).any(axis=1)
-    feasible = np.ones(len(quads.number), bool)
-    feasible[owner[double]] = False
-    return quads.select(feasible)
+
+@njit_cached
+def _makes_double_edge(stars: VertexStars, number: int, corner: IntArray) -> bool:  # pragma: no cover
+    """Whether the ends of a quadrilateral's diagonal share a polygon or a neighbour that are not its own."""
+    second, kept, last = corner[1], corner[2], corner[3]
+    for entry in range(stars.first[corner[0]], stars.first[corner[0] + 1]):
+        polygon = stars.polygon[entry]
+        if polygon == number:
+            continue
+        for k in range(4):
+            if stars.rows[polygon, k] == kept:
+                return True
+        neighbour = corner_after(stars, entry, 1)
+        if neighbour != second and neighbour != last and are_adjacent(stars, neighbour, kept):
+            return True
+    return False
 
 
-def _other_polygons_at_corner(stars: VertexStars, quads: _CollapsibleQuads, corner: int) -> CornerPolygons:
-    """The polygons other than the quadrilaterals themselves at this corner of them."""
-    owner, polygon, slot = stars.polygons_around(quads.corner[corner])
-    other = polygon != quads.number[owner]
-    return owner[other], polygon[other], slot[other]
-
-
-def _merge_doublet_polygons(
+@njit_cached
+def _rate_diagonals(
     stars: VertexStars,
-    quads: _CollapsibleQuads,
-    side_corner: int,
-    first: CornerPolygons,
-    second: CornerPolygons,
-    merged: IntArray,
-) -> tuple[IntArray, IntArray, tuple[IntArray, IntArray]]:
-    """The polygons (n, 4) into which the two polygons at each doublet are joined, with -1 in the third place where none is left.
+    vertices: Array,
+    normals: Array,
+    fixed: BoolArray,
+    number: IntArray,
+    corner: IntArray,
+    is_doublet: BoolArray,
+    worst: Array,
+) -> None:  # pragma: no cover
+    """The distortion (n,) of the worst polygon after each collapse; the last n vertices are the merged ones."""
+    first_merged = len(vertices) - len(number)
+    row = np.empty(4, np.int64)
+    for i in range(len(number)):
+        merged, result = first_merged + i, 0.0
+        for k in range(2):
+            if is_doublet[i, k]:
+                one = _entry_beside(stars, corner[i, 2 * k], corner[i, 2 * k + 1], -1)
+                other = _entry_beside(stars, corner[i, 2 - 2 * k], corner[i, 2 * k + 1], 1)
+                if _join_at_doublet(stars, one, other, merged, row):
+                    result = max(result, measure_polygon(vertices, normals, fixed, row))
+                else:
+                    result = np.inf
+        for end in (0, 2):
+            vertex = corner[i, end]
+            for entry in range(stars.first[vertex], stars.first[vertex + 1]):
+                polygon = stars.polygon[entry]
+                # before one end and behind the other lie the polygons that are joined at doublets
+                before, behind = corner_after(stars, entry, -1), corner_after(stars, entry, 1)
+                is_joined = is_doublet[i, end // 2] and before == corner[i, end + 1]
+                is_joined |= is_doublet[i, 1 - end // 2] and behind == corner[i, 3 - end]
+                if polygon == number[i] or is_joined:
+                    continue
+                row[:] = stars.rows[polygon]
+                row[stars.slot[entry]] = merged
+                result = max(result, measure_polygon(vertices, normals, fixed, row))
+        worst[i] = result
 
-    Also the quadrilateral (n,) of each, and its two polygons as entries (n,) of `first` and `second`, the polygons at the corners
-    before and behind the doublet.
+
+@njit_cached
+def _entry_beside(stars: VertexStars, vertex: int, doublet: int, steps: int) -> int:  # pragma: no cover
+    """The entry round a vertex at whose polygon the doublet is `steps` corners away."""
+    for entry in range(stars.first[vertex], stars.first[vertex + 1]):
+        if corner_after(stars, entry, steps) == doublet:
+            return entry
+    return -1
+
+
+@njit_cached
+def _join_at_doublet(stars: VertexStars, one: int, other: int, merged: int, row: IntArray) -> bool:  # pragma: no cover
+    """The polygon (4,) into which the polygons at entries `one` and `other`, before and behind a doublet, are joined.
+
+    False if none is left.
     """
-    doublet = quads.doublet[side_corner // 2]
-    vertex = quads.corner[side_corner]
-    entries = []
-    for (owner, polygon, slot), steps in ((first, -1), (second, 1)):
-        at_doublet = doublet[owner] & (stars.corner_after(polygon, slot, steps) == vertex[owner])
-        entries.append(np.flatnonzero(at_doublet))
-    owner = first[0][entries[0]]
-    (one, i), (other, k) = (first[1][entries[0]], first[2][entries[0]]), (second[1][entries[1]], second[2][entries[1]])
-    triangular = stars.rows[one, 3] < 0, stars.rows[other, 3] < 0
-    far = stars.corner_after(one, i, -2)
-    rows = np.stack([merged[owner], stars.corner_after(one, i, 1), far, stars.corner_after(other, k, -1)], axis=1)
-    rows[triangular[1], 3] = -1
-    rows[triangular[0], 1:] = np.stack([far, rows[:, 3], np.full(len(far), -1)], axis=1)[triangular[0]]
-    return rows, owner, (entries[0], entries[1])
+    far, last = corner_after(stars, one, -2), corner_after(stars, other, -1)
+    if stars.rows[stars.polygon[other], 3] < 0:
+        last = -1
+    row[0] = merged
+    if stars.rows[stars.polygon[one], 3] < 0:
+        row[1], row[2], row[3] = far, last, -1
+    else:
+        row[1], row[2], row[3] = corner_after(stars, one, 1), far, last
+    return row[2] >= 0

@@ -22,8 +22,13 @@ from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, max_corner_distortion
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeed, plan_edit
-from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, segment_max
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit
+from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
+    SurfaceVertices,
+    VertexStars,
+    build_vertex_stars,
+    segment_max,
+)
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import next_corner, normalize
 
@@ -130,13 +135,14 @@ class _Simplification:
 
     def run_round(self) -> int:
         """Rate the queue, apply the best candidates and keep what passes; the number of edits that were tried."""
-        alive = np.flatnonzero(self.polygons.rows[:, 0] >= 0)
+        rows = self.polygons.rows
         queue = np.array(sorted(self.queue.intersection(self.polygons.corners_of)), np.int64)
         self.queue = set()
+        stars = build_vertex_stars(rows, len(self.vertices))
         surface = SurfaceVertices(self.field, self.vertices, self.normals, self.fixed)
-        ranked = rank_candidates(self.polygons, surface, queue, MAX_RATIO_BEFORE_SMOOTHING * self.max_distortion)
-        self.candidates = self.candidates.drop_stale(alive, queue).combine(ranked)
-        selected, infeasible = self._select_independent()
+        ranked = rank_candidates(stars, surface, queue, MAX_RATIO_BEFORE_SMOOTHING * self.max_distortion)
+        self.candidates = self.candidates.drop_stale(rows[:, 0] >= 0, queue).combine(ranked)
+        selected, infeasible = self._select_independent(stars)
         if not selected:
             return 0
         kept = self._apply_and_verify(selected)
@@ -152,31 +158,23 @@ class _Simplification:
         np.minimum.at(shortest, np.concatenate([start, end]), np.concatenate([side, side]))
         return np.maximum(self.leaf_size, np.where(np.isfinite(shortest), shortest, 0.0))
 
-    def _select_independent(self) -> tuple[list[_SelectedEdit], list[int]]:
+    def _select_independent(self, stars: VertexStars) -> tuple[list[_SelectedEdit], list[int]]:
         """Greedy maximal set of non-overlapping candidates, best score first, and the indices of infeasible ones."""
-        polygons, known = self.polygons, self.candidates
-        taken: set[int] = set()
+        known, is_taken = self.candidates, np.zeros(len(self.vertices), bool)
         selected: list[_SelectedEdit] = []
         infeasible: list[int] = []
-        removed, kept, number = known.removed.tolist(), known.kept.tolist(), known.polygon.tolist()
-        for k in known.ranking().tolist():
-            v, w = removed[k], kept[k]
-            if v in taken or w in taken or not taken.isdisjoint(polygons.corners_of[number[k]]):
-                continue
-            seed = known.seed[k] or CollapseSeed(((v, w),), (number[k],))
-            ends = {v for pair in seed.merges for v in pair}
-            near = {f for v in ends for f in polygons.polygons_at_vertex[v]}.union(seed.removed)
-            if any(not taken.isdisjoint(polygons.corners_of.get(f, ())) for f in near):
-                continue
-            edit = plan_edit(polygons, seed)
+        order, place = known.ranking(), -1
+        while (place := known.find_next_free(order, place + 1, stars, is_taken)) < len(order):
+            k = int(order[place])
+            edit = plan_edit(self.polygons, known.seed(k))
             if edit is None:
                 infeasible.append(k)
                 continue
             neighbourhood = self._smoothed_neighbourhood(edit)
-            if not taken.isdisjoint(neighbourhood):
-                continue
-            taken |= neighbourhood
-            selected.append(_SelectedEdit(k, edit, neighbourhood))
+            vertices = np.fromiter(neighbourhood, np.int64, len(neighbourhood))
+            if not is_taken[vertices].any():
+                is_taken[vertices] = True
+                selected.append(_SelectedEdit(k, edit, neighbourhood))
         return selected, infeasible
 
     def _smoothed_neighbourhood(self, edit: MeshEdit) -> set[int]:

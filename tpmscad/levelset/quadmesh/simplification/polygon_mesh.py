@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.vectors import next_corner
 
@@ -29,6 +29,9 @@ MAX_VALENCE = 12
 `quality` allows the angles: 7 stopped the collapses of 65 % of the triangles left, which cost three patches each."""
 
 PATCHES_PER_TRIANGLE = 3
+
+NO_CORNERS = (-1, -1, -1, -1)
+"""The row of a number that no polygon has."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +106,9 @@ class PolygonMesh:
         self.polygons_at_vertex: list[set[int]] = [set() for _ in range(len(mesh.vertices))]
         self.polygon_of_half_edge: dict[HalfEdge, int] = {}
         self.next_number = 0
-        self.rows = np.full((2 * len(mesh.corners), 4), -1)
+        self._rows = np.full((2 * len(mesh.corners), 4), -1)
+        self._outdated_rows: set[int] = set()
+        self._side_keys = np.sort(mesh.side_ends @ [len(mesh.vertices), 1])
         on_box = mesh.side_plane >= 0
         self.plane_of_side = {
             (min(a, b), max(a, b)): int(p)
@@ -111,6 +116,17 @@ class PolygonMesh:
         }
         for row in mesh.corners.tolist():
             self._append(tuple(row) if row[3] >= 0 else tuple(row[:3]))
+
+    @property
+    def rows(self) -> IntArray:
+        """The polygons as an array (N, 4), brought up to date at once: to write rows one by one takes as long as the edits."""
+        if self._outdated_rows:
+            while self.next_number > len(self._rows):
+                self._rows = np.concatenate([self._rows, np.full(self._rows.shape, -1)])
+            numbers, self._outdated_rows = list(self._outdated_rows), set()
+            polygons = [self.corners_of.get(number, NO_CORNERS) for number in numbers]
+            self._rows[numbers] = [polygon if len(polygon) == 4 else (*polygon, -1) for polygon in polygons]
+        return self._rows
 
     def plan_collapse(self, merges: dict[int, int], vanishing: Iterable[int]) -> MeshEdit | None:
         """The edit that merges vertices into others.
@@ -163,6 +179,12 @@ class PolygonMesh:
         edges = self._half_edges_on_box(numbers)
         return {(min(e), max(e)): self.plane_of_side[min(e), max(e)] for e in edges}
 
+    def are_reversed_sides(self, ends: IntArray) -> BoolArray:
+        """Whether the original mesh has sides from the second to the first of the vertices (n, 2)."""
+        count, keys = len(self.mesh.vertices), self._side_keys
+        wanted = ends[:, 0] + count * ends[:, 1]
+        return np.asarray(keys[np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)] == wanted)
+
     def _append(self, polygon: Polygon) -> int:
         number, self.next_number = self.next_number, self.next_number + 1
         self._insert(number, polygon)
@@ -170,19 +192,21 @@ class PolygonMesh:
 
     def _insert(self, number: int, polygon: Polygon) -> None:
         self.corners_of[number] = polygon
-        if number >= len(self.rows):
-            self.rows = np.concatenate([self.rows, np.full(self.rows.shape, -1)])
-        self.rows[number, : len(polygon)] = polygon
-        for i, v in enumerate(polygon):
-            self.polygons_at_vertex[v].add(number)
-            self.polygon_of_half_edge[polygon[i - 1], v] = number
+        self._outdated_rows.add(number)
+        a = polygon[-1]
+        for b in polygon:
+            self.polygons_at_vertex[b].add(number)
+            self.polygon_of_half_edge[a, b] = number
+            a = b
 
     def _remove(self, number: int) -> None:
         polygon = self.corners_of.pop(number)
-        self.rows[number] = -1
-        for i, v in enumerate(polygon):
-            self.polygons_at_vertex[v].discard(number)
-            del self.polygon_of_half_edge[polygon[i - 1], v]
+        self._outdated_rows.add(number)
+        a = polygon[-1]
+        for b in polygon:
+            self.polygons_at_vertex[b].discard(number)
+            del self.polygon_of_half_edge[a, b]
+            a = b
 
     def _validate_edit(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> MeshEdit | None:
         """The edit with its doublets removed, or None if it is not valid or saves no patch; extends `removed` and `added`."""
@@ -210,7 +234,8 @@ class PolygonMesh:
                 if (v, polygon[i - 1]) not in half_edges:
                     boundary.add((merges.get(polygon[i - 1], polygon[i - 1]), merges.get(v, v)))
         boundary = {(a, b) for a, b in boundary if a != b}
-        opened = {(a, b) for a, b in edges if (b, a) not in distinct and half_edges.get((b, a), -1) in removed | {-1}}
+        gone = removed | {-1}
+        opened = {(a, b) for a, b in edges if (b, a) not in distinct and half_edges.get((b, a), -1) in gone}
         return opened == boundary
 
     def _keeps_vertices_valid(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> bool:
@@ -232,7 +257,7 @@ class PolygonMesh:
             odd = [
                 v
                 for v, n in count.items()
-                if not self.n_fixed[v] and n + len(self.polygons_at_vertex[v] - removed) == 2
+                if n <= 2 and not self.n_fixed[v] and n + len(self.polygons_at_vertex[v] - removed) == 2
             ]
             if not odd:
                 break
@@ -272,10 +297,11 @@ def extract_mesh(
     Sides keep the directions that they have in the original mesh.
     """
     corners = polygons.rows[np.fromiter(numbers, np.int64)]
-    present = corners >= 0
-    ids, renumbered = np.unique(corners[present], return_inverse=True)
-    small = np.full(corners.shape, -1)
-    small[present] = renumbered.ravel()
+    present, mesh = corners >= 0, polygons.mesh
+    is_used = np.zeros(len(mesh.vertices), bool)
+    is_used[corners[present]] = True
+    ids, renumbered = np.flatnonzero(is_used), np.cumsum(is_used) - 1
+    small = np.where(present, renumbered[corners], -1)
     one, other = small[present], next_corner(small)[present]
     keys = np.minimum(one, other) * len(ids) + np.maximum(one, other)
     keys, side, uses = np.unique(keys, return_inverse=True, return_counts=True)
@@ -283,12 +309,10 @@ def extract_mesh(
     sides = np.full(corners.shape, -1)
     sides[present] = side.ravel()
     plane = np.full(len(ends), -1)
-    mesh = polygons.mesh
-    on_box = mesh.fixed[ids].any(axis=1)
+    on_box = np.asarray(mesh.fixed[ids].any(axis=1))
     open_sides = np.flatnonzero((uses == 1) & on_box[ends].all(axis=1))
     plane[open_sides] = [polygons.plane_of_side.get((a, b), -1) for a, b in ids[ends[open_sides]].tolist()]
-    count = len(mesh.vertices)
-    turned = np.isin(ids[ends] @ [1, count], mesh.side_ends @ [count, 1])
+    turned = polygons.are_reversed_sides(ids[ends])
     ends[turned] = ends[turned, ::-1]
     of_vertices = (vertices[ids], mesh.start_positions[ids], mesh.fixed[ids], mesh.leaf[ids], size[ids])
     return QuadMesh(*of_vertices, small, sides, ends, plane), ids

@@ -1,11 +1,13 @@
-"""Polygons round each vertex in arrays, and the positions of merged vertices, for rating many collapses at once."""
+"""Polygons round each vertex in arrays, and the positions of merged vertices, for compiled loops over many collapses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
@@ -47,53 +49,67 @@ class SurfaceVertices:
         )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VertexStars:
+class VertexStars(NamedTuple):
     """Polygons round each vertex, in compressed rows: those of vertex v are entries `first[v]` to `first[v + 1]`.
 
-    `rows` (N, 4): polygons by number, triangles padded with -1. `first` (V + 1,). `polygon`, `slot` (S,): an incident polygon and
-    the place of the vertex among its corners. `side_keys`: sorted keys of all sides.
+    A named tuple, which compiled loops accept. `rows` (N, 4): polygons by number, triangles padded with -1. `first` (V + 1,).
+    `polygon`, `slot` (S,): an incident polygon and the place of the vertex among its corners.
     """
 
     rows: IntArray
     first: IntArray
     polygon: IntArray
     slot: IntArray
-    side_keys: IntArray
-
-    @property
-    def valence(self) -> IntArray:
-        """Number (V,) of polygons round each vertex."""
-        return np.diff(self.first)
-
-    def polygons_around(self, vertices: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-        """Polygons round vertices (n,): the index into `vertices`, the polygon and the slot of each incidence, (m,) each."""
-        count = self.first[vertices + 1] - self.first[vertices]
-        owner = np.repeat(np.arange(len(vertices)), count)
-        entry = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + self.first[vertices][owner]
-        return owner, self.polygon[entry], self.slot[entry]
-
-    def corner_after(self, polygon: IntArray, slot: IntArray, steps: int) -> IntArray:
-        """Vertex (m,) `steps` positions counter-clockwise of corner `slot` in each polygon."""
-        size = np.where(self.rows[polygon, 3] < 0, 3, 4)
-        return self.rows[polygon, (slot + steps) % size]
-
-    def are_adjacent(self, one: IntArray, other: IntArray) -> BoolArray:
-        """Whether a side joins the vertices of each pair (n,)."""
-        keys = _side_keys(one, other, len(self.first))
-        entry = np.minimum(np.searchsorted(self.side_keys, keys), len(self.side_keys) - 1)
-        return np.asarray(self.side_keys[entry] == keys)
 
 
 def build_vertex_stars(rows: IntArray, n_vertices: int) -> VertexStars:
     """The stars of all vertices of polygons (N, 4) by number."""
-    polygon, slot = np.nonzero(rows >= 0)
-    vertex = rows[polygon, slot]
-    next_vertex = rows[polygon, (slot + 1) % np.where(rows[polygon, 3] < 0, 3, 4)]
-    order = np.argsort(vertex, kind="stable")
-    first = np.concatenate([[0], np.cumsum(np.bincount(vertex, minlength=n_vertices))])
-    side_keys = np.unique(_side_keys(vertex, next_vertex, n_vertices + 1))
-    return VertexStars(rows, first, polygon[order], slot[order], side_keys)
+    first, count = np.zeros(n_vertices + 1, np.int64), int(np.count_nonzero(rows >= 0))
+    stars = VertexStars(rows, first, np.empty(count, np.int64), np.empty(count, np.int64))
+    _sort_incidences(stars)
+    return stars
+
+
+@njit_cached
+def _sort_incidences(stars: VertexStars) -> None:  # pragma: no cover
+    """Fill in the stars of the rows, by counting."""
+    rows, first = stars.rows, stars.first
+    for q in range(len(rows)):
+        for k in range(4):
+            if rows[q, k] >= 0:
+                first[rows[q, k] + 1] += 1
+    for v in range(1, len(first)):
+        first[v] += first[v - 1]
+    place = first[:-1].copy()
+    for q in range(len(rows)):
+        for k in range(4):
+            if rows[q, k] >= 0:
+                v = rows[q, k]
+                stars.polygon[place[v]], stars.slot[place[v]] = q, k
+                place[v] += 1
+
+
+@njit_cached
+def corner_after(stars: VertexStars, entry: int, steps: int) -> int:  # pragma: no cover
+    """The vertex `steps` positions counter-clockwise, -2 to 2, of the corner at an entry of the stars."""
+    row = stars.rows[stars.polygon[entry]]
+    size = 3 if row[3] < 0 else 4
+    return row[(stars.slot[entry] + steps + size) % size]
+
+
+@njit_cached
+def polygon_left_of(stars: VertexStars, a: int, b: int) -> int:  # pragma: no cover
+    """The polygon with a side from vertex a to vertex b, -1 if there is none."""
+    for entry in range(stars.first[a], stars.first[a + 1]):
+        if corner_after(stars, entry, 1) == b:
+            return stars.polygon[entry]
+    return -1
+
+
+@njit_cached
+def are_adjacent(stars: VertexStars, one: int, other: int) -> bool:  # pragma: no cover
+    """Whether a side joins two vertices."""
+    return polygon_left_of(stars, one, other) >= 0 or polygon_left_of(stars, other, one) >= 0
 
 
 def segment_max(values: Array, owner: IntArray, count: int) -> Array:
@@ -101,7 +117,3 @@ def segment_max(values: Array, owner: IntArray, count: int) -> Array:
     result = np.zeros(count)
     np.maximum.at(result, owner, values)
     return result
-
-
-def _side_keys(one: IntArray, other: IntArray, count: int) -> IntArray:
-    return np.minimum(one, other) * count + np.maximum(one, other)
