@@ -32,6 +32,10 @@ MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
+MAX_SIDE_DISTANCE_TOLS = 16.0
+"""Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in thirteen
+fails, and takes thirty others with it."""
+
 MAX_BAD_LEAVES = 16
 """Largest number of bad leaves for which polygons are merged."""
 
@@ -59,7 +63,8 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
 def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
     """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
     request, tree = fit.request, fit.tree
-    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion)
+    side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
+    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
     if not simplified.history:
         return fit
     history = EditHistory(fit.mesh, simplified, request.field, tree.lo, tree.hi)

@@ -11,6 +11,7 @@ patches than the surface needs. In every round
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -20,6 +21,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, max_corner_distortion
+from tpmscad.levelset.quadmesh.side_curves import measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
 from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit
@@ -71,9 +73,19 @@ class SimplifiedMesh:
     history: tuple[RecordedEdit, ...]
 
 
-def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float = 1.0) -> SimplifiedMesh:
-    """The mesh of {field = 0} in the box [lo, hi] with polygons merged whose distortion is at most `max_distortion`."""
-    state = _Simplification(mesh, field, lo, hi, max_distortion)
+def simplify_mesh(
+    mesh: QuadMesh,
+    field: Field,
+    lo: Array,
+    hi: Array,
+    max_distortion: float = 1.0,
+    max_side_distance: float = math.inf,
+) -> SimplifiedMesh:
+    """The mesh of {field = 0} in the box [lo, hi] with polygons merged whose distortion is at most `max_distortion`.
+
+    The cubic sides of merged polygons are at most `max_side_distance` from the level set (`measure_side_distances`).
+    """
+    state = _Simplification(mesh, field, lo, hi, max_distortion, max_side_distance)
     for _ in range(MAX_REQUEUES):
         for _ in range(MAX_ROUNDS_PER_QUEUE):
             if not state.run_round():
@@ -115,9 +127,11 @@ class _NearbyPolygons:
 class _Simplification:
     """The state of a simplification: mesh, vertex positions, candidates and the polygons to be rated again."""
 
-    def __init__(self, mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float) -> None:
+    def __init__(
+        self, mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float, max_side_distance: float
+    ) -> None:
         self.field, self.lo, self.hi = field, lo, hi
-        self.max_distortion = max_distortion
+        self.max_distortion, self.max_side_distance = max_distortion, max_side_distance
         self.polygons = PolygonMesh(mesh)
         self.vertices, self.fixed = mesh.vertices.copy(), mesh.fixed
         self.leaf_size = mesh.size.copy()
@@ -232,9 +246,15 @@ class _Simplification:
         passes = near.max_of_edits(self._distortion(near.rows), len(before)) <= np.maximum(self.max_distortion, before)
         polygon, edit = near.polygon[passes[near.edit]], near.edit[passes[near.edit]]
         measured, index = np.unique(polygon, return_inverse=True)
-        inside = interior_distortion(self.field, self.vertices, self.normals, self.fixed, near.rows[measured])
-        limit = np.where(before > self.max_distortion, before, MAX_INTERIOR_DISTORTION)
-        return passes & (segment_max(inside[index.ravel()], edit, len(before)) <= limit)
+        surface = self.field, self.vertices, self.normals, self.fixed
+        inside = interior_distortion(*surface, near.rows[measured])
+        was_bad = before > self.max_distortion
+        limit = np.where(was_bad, before, MAX_INTERIOR_DISTORTION)
+        passes &= segment_max(inside[index.ravel()], edit, len(before)) <= limit
+        if not math.isfinite(self.max_side_distance):
+            return passes
+        distance = measure_side_distances(*surface, near.rows[measured])
+        return passes & (was_bad | (segment_max(distance[index.ravel()], edit, len(before)) <= self.max_side_distance))
 
     def _polygons_near(self, owner: IntArray) -> _NearbyPolygons:
         """The polygons with a corner that has an owner (V,), the number of an edit or -1."""
