@@ -242,13 +242,19 @@ def test_the_next_free_candidate_changes_no_polygon_at_a_taken_vertex() -> None:
     assert 0 < len(free) < len(order)
 
 
+@pytest.mark.parametrize("solid_nodes", [None, 0.02, 0.2])
 @pytest.mark.parametrize("name", ["gyroid", "ball"])
-def test_the_level_set_crosses_no_minimal_face_away_from_the_leaves_near_it(name: str) -> None:
+def test_the_level_set_crosses_no_minimal_face_away_from_the_leaves_near_it(
+    name: str, solid_nodes: float | None
+) -> None:
+    """Single nodes in the solid, at random, cross faces at hanging nodes only."""
     rng = np.random.default_rng(6)
     tree = octree.uniform_octree(LO, HI, np.array((4, 5, 4)))
     for share in (0.3, 0.1):
         tree = octree.split_leaves(tree, rng.random(len(tree.size)) < share)
     nodes = OctreeNodes(tree, FIELDS[name])
+    if solid_nodes is not None:
+        nodes.values = np.where(rng.random(len(nodes.ids)) < solid_nodes, -1.0, 1.0)
     rows = []
     for axis, (b, c) in enumerate(FACE_AXES):
         for upper in (0, 1):
@@ -263,7 +269,7 @@ def test_the_level_set_crosses_no_minimal_face_away_from_the_leaves_near_it(name
     below, above = (find_leaves(tree, origin - shift * np.eye(3, dtype=int)[axis]) for shift in (1, 0))
     all_faces = MinimalFaces(origin, axis, faces[:, 4], below, above)
     near = find_minimal_faces(tree, nodes)
-    assert len(near.axis) < len(axis)
+    assert len(near.axis) < len(axis) or solid_nodes == 0.2
     expected, found = (pair_crossed_edges(tree, nodes, FIELDS[name], each) for each in (all_faces, near))
     for each in ("edge", "half_plane", "cell", "plane"):
         assert np.array_equal(getattr(found, each), getattr(expected, each))
