@@ -70,6 +70,7 @@ FACES = {
 ALLOWED = {
     **{name: {"numpy"} for name in GROUND},
     "_compiled_loops": {"numba"},
+    "parallel": {"numpy", "threadpoolctl"},
     "progress_display": {"rich", "IPython"},
     **ROOMS,
     **FACES,

@@ -16,6 +16,8 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from multiprocessing import get_context
 from typing import Any, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from tpmscad._typing import IntArray
 from tpmscad.errors import TpmscadError
 
@@ -82,6 +84,14 @@ def start_processes(jobs: int) -> AbstractContextManager[Executor | None]:
     if jobs < 2:
         return nullcontext()
     return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+
+
+def limit_blas_threads() -> AbstractContextManager[Any]:
+    """A context in which BLAS works in one thread.
+
+    For work of many small matrices: threads that wait for each other take up to three times the CPU seconds, and no less time.
+    """
+    return threadpool_limits(limits=1, user_api="blas")
 
 
 def split_batches(numbers: IntArray, size: int) -> list[IntArray]:

@@ -170,7 +170,7 @@ def test_undoing_the_history_from_its_end_restores_the_full_mesh() -> None:
         tuple(found.original_vertex[list(r)].tolist()) for r in rows(found.mesh)
     ]
     for step in reversed(found.history):
-        polygons.undo(step)
+        polygons.undo(step.applied)
     assert _state(polygons) == _state(PolygonMesh(before))
 
 

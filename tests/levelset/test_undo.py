@@ -89,7 +89,7 @@ def test_a_side_that_would_come_back_to_where_there_is_one_brings_back_what_made
     wanted = history()
     polygons = wanted._polygons
     last = max(wanted._applied)
-    sides = {(p[k - 1], v) for p in wanted._applied[last].old_polygons.values() for k, v in enumerate(p)} - set(
+    sides = {(p[k - 1], v) for p in wanted._applied[last].applied.old_polygons.values() for k, v in enumerate(p)} - set(
         polygons.polygon_of_half_edge
     )
     assert not wanted._conflicting_edits({last})

@@ -1,6 +1,6 @@
 """Fits with fewer patches: simplification of a mesh whose fit passes, and removal of polygons whose patches keep failing.
 
-`simplify_fit` simplifies the mesh of a fit that passes and fits it again, twice, with wider limits of shape. Where patches
+`simplify_fit` simplifies the mesh of a fit that passes and fits it again, thrice, with wider limits of shape. Where patches
 then fail, the edits of the mesh near them are undone, at first the latest ones and then deeper and farther ones, until all pass.
 
 `merge_failing_polygons` is for fits of which very few leaves stay bad. Where the level set almost grazes the box, slivers along
@@ -28,7 +28,7 @@ from tpmscad.levelset.quadmesh.vectors import close_triangles
 MAX_REFITS = 20
 """Largest number of simplified meshes that are fitted; all but the first are fitted again only where edits were undone."""
 
-MAX_DISTORTIONS = (1.0, 1.3)
+MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
@@ -44,18 +44,20 @@ SMOOTHING_SWEEPS = 40
 
 
 def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
-    """The fit with patches merged in two simplifications, or `fit` itself, as for periodic fields, whose periods match."""
+    """The fit with patches merged in three simplifications, or `fit` itself, as for periodic fields, whose periods match."""
     if fit.request.field.periods() is not None:
         return fit
     for max_distortion in MAX_DISTORTIONS:
         simplified = _simplify_once(fit, max_distortion)
+        if simplified is None:  # wider limits would fail all the more
+            break
         if len(simplified.network.curve) < len(fit.network.curve):
             fit = simplified
     return fit
 
 
-def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
-    """Fit of a simplified mesh that passes, or else `fit` itself."""
+def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | None:
+    """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
     request, tree = fit.request, fit.tree
     simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion)
     if not simplified.history:
@@ -70,7 +72,7 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
             return refit
         if not _undo_near(history, mesh, numbers, tree, refit.bad_leaves, times_bad):
             break
-    return fit
+    return None
 
 
 def merge_failing_polygons(fit: LevelSetFit) -> LevelSetFit:

@@ -38,7 +38,7 @@ MAX_OVERSHOOT_FRACTION = 1e-3
 """Largest overshoot of a curve in a face of the box, as a fraction of the tolerance: caps with larger ones intersect
 themselves."""
 
-MAX_HOPELESS_FRACTION = 0.1
+MAX_HOPELESS_FRACTION = 0.3
 """Largest fraction of hopeless patches for which higher degrees are tried: with more of them the mesh is too coarse."""
 
 HOPELESS_DISTANCE_TOLS = 8.0

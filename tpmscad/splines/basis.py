@@ -196,6 +196,27 @@ def evaluate_bezier_patches(rows: Array, poles: Array, columns: Array) -> Array:
     return (columns @ half).reshape(n, -1, 3)
 
 
+@lru_cache(maxsize=64)
+def second_differences(order: int) -> Array:
+    """Matrix (order - 2, order) from a row of poles to their second differences."""
+    return np.diff(np.eye(order), 2, axis=0)
+
+
+@lru_cache(maxsize=64)
+def net_differences(rows: int, columns: int) -> Array:
+    """Matrix (m, rows, columns) from a control net to its second differences along either axis and, times sqrt(2), mixed ones.
+
+    The sum of their squares is the discrete thin-plate energy, the same in all directions of the parameters' plane.
+    """
+    eyes, steps = ([f(n) for n in (rows, columns)] for f in (np.eye, lambda n: np.diff(np.eye(n), axis=0)))
+    parts = (
+        np.kron(second_differences(rows), eyes[1]),
+        np.kron(eyes[0], second_differences(columns)),
+        np.sqrt(2) * np.kron(*steps),
+    )
+    return np.concatenate(parts).reshape(-1, rows, columns)
+
+
 def legendre_basis(degree: int, domain: tuple[float, float], t: Array, order: int = 0) -> Array:
     """Legendre polynomials orthonormal on [0, 1], carried to the domain, or derivatives, at t (m,): (m, degree + 1).
 

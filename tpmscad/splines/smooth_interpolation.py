@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.splines.basis import bernstein_basis, bezier_interpolation
+from tpmscad.splines.basis import bernstein_basis, bezier_interpolation, second_differences
 
 ROUGHNESS_WEIGHT = 1e-8
 """Distance at a node that counts as much as a second difference of poles of one. The images of 613 patches of degree 16 (tooth of
@@ -49,7 +49,7 @@ def _inner_poles(degree: int) -> tuple[BoolArray, Array, Array]:
     order = degree + 1
     nodes, _ = bezier_interpolation(degree)
     basis = bernstein_basis(degree, nodes)
-    one, second = np.eye(order), np.diff(np.eye(order), 2, axis=0)
+    one, second = np.eye(order), second_differences(order)
     equations = np.concatenate(
         [np.kron(basis, basis), ROUGHNESS_WEIGHT * np.kron(second, one), ROUGHNESS_WEIGHT * np.kron(one, second)]
     )

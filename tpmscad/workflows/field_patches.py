@@ -42,7 +42,7 @@ from tpmscad.levelset.field_solid import (
     simplify_field_fit,
     validate_box,
 )
-from tpmscad.parallel import run_serial, task_runner
+from tpmscad.parallel import limit_blas_threads, run_serial, task_runner
 from tpmscad.stage_timer import StageTimer
 
 ROUNDING_TOL_FRACTION = 0.8
@@ -108,7 +108,7 @@ def fit_field_patches(
     rounded, moved, notes = _round_field_edges(field, lo, hi, tol)
     # fits are many small tasks: a process pool of this machine's cores took longer than one process
     runner = nullcontext(run_serial) if executor is None else task_runner(executor, rounded)
-    with stages("fit") as done, runner as run_tasks:
+    with stages("fit") as done, runner as run_tasks, limit_blas_threads():
         first = fit_field(rounded, lo, hi, tol - moved, run_tasks=run_tasks, progress=lambda part: done(0.5 * part))
         betti, is_possible = _compute_betti_numbers_of(first)
         if is_possible:  # else patches that miss a neck would be merged and measured in vain

@@ -25,6 +25,10 @@ MAX_STEP_OF_CHORD = 0.3
 PROJECTION_STEPS = 8
 """Newton steps towards the level set."""
 
+FAIRNESS_WEIGHT = 3e-3
+"""Weight of the second differences of poles. Where the level set turns by 90 degrees within a part of a curve, curves of degree 9
+would have control polygons several times as long as they are, normals that swing as much, and patches that fold beside them."""
+
 
 def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, max_step: Array) -> Array:
     """Points (n, m, 3) projected onto the level set; `fixed` (n, 3) and `max_step` (n,) hold for m points each."""

@@ -41,6 +41,11 @@ class NormalEquations:
         """Ask the components along the normals (n, m, 3) of the basis times poles to be those of `target`."""
         self._add(basis, normal, target, weight, 0.0)
 
+    def add_fairness_rows(self, rows: Array, value: Array, weight: float) -> None:
+        """Ask rows (m, unknowns) times poles to cancel `value` (n, m, 3), alike in all directions."""
+        self.matrix += weight**2 * np.kron(rows.T @ rows, np.eye(3))
+        self.rhs -= weight**2 * (rows.T @ value).reshape(self.rhs.shape)
+
     def solve_subject_to(self, conditions: HardRows, target: Array) -> Array:
         """Poles (n, unknowns, 3) that minimise the sum of squares and meet conditions on the unknowns, pole by pole."""
         return conditions.minimise(self.matrix, self.rhs, target).reshape(len(self.rhs), -1, 3)

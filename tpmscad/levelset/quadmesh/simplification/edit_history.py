@@ -1,7 +1,7 @@
 """Edits of a simplified mesh, of which those near polygons that a fit rejects can be undone.
 
-An edit can be undone only after the later edits of the polygons that it made. Polygons that come back have their vertices at the
-original positions, and the vertices round them are smoothed. Polygons that are rejected again after they came back keep the
+An edit can be undone only after the later edits of the polygons that it made. The vertices round it return to where they were
+before it, and are smoothed if that improves the polygons there. Polygons that are rejected again after they came back get the
 original positions exactly.
 """
 
@@ -14,9 +14,11 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import SimplifiedMesh
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import extract_mesh
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
+from tpmscad.levelset.quadmesh.vectors import normalize
 
 RINGS_AROUND_UNDONE = 2
 SWEEPS_AFTER_UNDO = 40
@@ -33,8 +35,10 @@ class EditHistory:
         ids = simplified.original_vertex
         self._vertices[ids], self._size[ids] = simplified.mesh.vertices, simplified.mesh.size
         self._applied = dict(enumerate(simplified.history))
-        self._edit_that_made = {number: i for i, each in self._applied.items() for number in each.new_numbers}
-        self._edit_that_removed = {number: i for i, each in self._applied.items() for number in each.old_polygons}
+        self._edit_that_made = {number: i for i, each in self._applied.items() for number in each.applied.new_numbers}
+        self._edit_that_removed = {
+            number: i for i, each in self._applied.items() for number in each.applied.old_polygons
+        }
         self._pinned = np.zeros(len(original.vertices), bool)
 
     def mesh(self) -> tuple[QuadMesh, IntArray]:
@@ -57,7 +61,7 @@ class EditHistory:
         for _ in range(levels):
             makers = {self._edit_that_made[n] for n in region if n in self._edit_that_made}
             chosen |= self._dependents_of(makers - chosen)
-            region |= {n for i in chosen for n in self._applied[i].old_polygons}
+            region |= {n for i in chosen for n in self._applied[i].applied.old_polygons}
         while conflicting := self._conflicting_edits(chosen) - chosen:
             chosen |= self._dependents_of(conflicting)
         for i in sorted(chosen, reverse=True):
@@ -68,17 +72,17 @@ class EditHistory:
         if not chosen and self._pinned[pin].all():
             return False
         self._pinned[pin] = True
-        self._vertices[restored], self._size[restored] = (
-            self._original.vertices[restored],
-            self._original.size[restored],
-        )
+        self._size[restored] = self._original.size[restored]
+        self._vertices[pin] = self._original.vertices[pin]
         self._smooth_around(set(restored))
         return True
 
     def _undo_edit(self, i: int) -> set[int]:
         """Undo one edit; the numbers of the polygons that come back."""
-        applied = self._applied.pop(i)
+        recorded = self._applied.pop(i)
+        applied = recorded.applied
         self._polygons.undo(applied)
+        self._vertices[recorded.vertices] = recorded.positions
         for number in applied.new_numbers:
             del self._edit_that_made[number]
         for number in applied.old_polygons:
@@ -93,14 +97,14 @@ class EditHistory:
             i = stack.pop()
             if i not in found:
                 found.add(i)
-                made = self._applied[i].new_numbers
+                made = self._applied[i].applied.new_numbers
                 stack += [self._edit_that_removed[n] for n in made if n in self._edit_that_removed]
         return found
 
     def _conflicting_edits(self, chosen: set[int]) -> set[int]:
         """Edits that made a half-edge which the polygons restored by undoing the chosen edits would have, too."""
-        gone = {n for i in chosen for n in self._applied[i].new_numbers}
-        restored = {n: p for i in chosen for n, p in self._applied[i].old_polygons.items() if n not in gone}
+        gone = {n for i in chosen for n in self._applied[i].applied.new_numbers}
+        restored = {n: p for i in chosen for n, p in self._applied[i].applied.old_polygons.items() if n not in gone}
         edges = ((p[k - 1], v) for p in restored.values() for k, v in enumerate(p))
         owners = {self._polygons.polygon_of_half_edge.get(edge, -1) for edge in edges} - gone
         return {self._edit_that_made[n] for n in owners if n in self._edit_that_made}
@@ -117,4 +121,16 @@ class EditHistory:
         if touched:
             part, ids = extract_mesh(self._polygons, self._vertices, self._size, touched)
             smoothed = smooth_vertices(part, free[ids], self._field, self._lo, self._hi, SWEEPS_AFTER_UNDO)
-            self._vertices[ids] = smoothed.vertices
+            vertices = self._vertices.copy()
+            vertices[ids] = smoothed.vertices
+            before, after = (self._measure_distortion(positions, touched) for positions in (self._vertices, vertices))
+            if after < max(before, 1.0):  # vertices that were drawn far together tangle the polygons round them
+                self._vertices = vertices
+
+    def _measure_distortion(self, vertices: Array, numbers: list[int]) -> float:
+        """The largest distortion of the polygons of these numbers, with all vertices (V, 3) at the given positions."""
+        rows, fixed = self._polygons.rows[numbers], self._original.fixed
+        normals = normalize(self._field.gradient(vertices))
+        corner = corner_distortion(vertices, normals, fixed, rows)
+        inside = interior_distortion(self._field, vertices, normals, fixed, rows)
+        return float(max(corner.max(), inside.max()))

@@ -30,6 +30,9 @@ from tpmscad.levelset.quadmesh.vectors import next_corner, normalize
 MAX_RATIO_BEFORE_SMOOTHING = 1.25
 """Distortion that a candidate may leave, over the limit: smoothing brings it below in many cases."""
 
+MAX_INTERIOR_DISTORTION = 1.1
+"""Greatest distortion by the surface between the corners, which tells more than the corners whether a patch will fold."""
+
 SWEEPS_PER_ROUND = 5
 FINAL_SWEEPS = 60
 """Smoothing sweeps near the edits of a round, and over the whole mesh at the end."""
@@ -37,6 +40,15 @@ FINAL_SWEEPS = 60
 MAX_ROUNDS_PER_QUEUE = 4
 MAX_REQUEUES = 10
 """Rounds before the polygons whose surroundings moved are rated again, and how often that is done."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedEdit:
+    """An applied edit, and vertices (n,) round it with their positions (n, 3) before."""
+
+    applied: AppliedEdit
+    vertices: IntArray
+    positions: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +63,7 @@ class SimplifiedMesh:
     original_vertex: IntArray
     polygon_numbers: IntArray
     polygons: PolygonMesh
-    history: tuple[AppliedEdit, ...]
+    history: tuple[RecordedEdit, ...]
 
 
 def simplify_mesh(mesh: QuadMesh, field: Field, lo: Array, hi: Array, max_distortion: float = 1.0) -> SimplifiedMesh:
@@ -108,7 +120,7 @@ class _Simplification:
         self.candidates = Candidates.empty()
         self.queue = set(self.polygons.corners_of)
         self.stale: set[int] = set()
-        self.history: list[AppliedEdit] = []
+        self.history: list[RecordedEdit] = []
 
     def requeue_stale(self) -> bool:
         """Re-queue polygons whose neighbourhood moved; whether the queue is not empty."""
@@ -186,13 +198,14 @@ class _Simplification:
         applied = [self._apply(each.edit) for each in selected]
         near = self._polygons_near(owner)
         self._smooth(near, owner)
-        passes = self._passes(near, np.maximum(self.max_distortion, before))
-        for kept, each in zip(passes, applied, strict=True):
+        passes = self._passes(near, before)
+        for kept, each, chosen in zip(passes, applied, selected, strict=True):
             if kept:
                 merged = each.edit.merges.values()
                 self.queue.update(f for v in merged for f in self.polygons.polygons_at_vertex[v])
                 self.queue.update(each.new_numbers)
-                self.history.append(each)
+                moved = np.array(sorted(chosen.edit.vertices), np.int64)
+                self.history.append(RecordedEdit(each, moved, vertices_before[moved]))
             else:
                 self.polygons.undo(each)
         undone = np.flatnonzero(~passes[owner] & (owner >= 0))
@@ -216,13 +229,14 @@ class _Simplification:
         self.vertices[ids] = smoothed.vertices
         self.normals[ids[free]] = normalize(self.field.gradient(smoothed.vertices[free]))
 
-    def _passes(self, near: _NearbyPolygons, limit: Array) -> BoolArray:
-        """Whether all polygons near each edit (n,) are within its limit, by their corners and the surface between them."""
-        passes = near.max_of_edits(self._distortion(near.rows), len(limit)) <= limit
+    def _passes(self, near: _NearbyPolygons, before: Array) -> BoolArray:
+        """Whether all polygons near each edit (n,), and the surface in them, are within the limits or no worse than `before`."""
+        passes = near.max_of_edits(self._distortion(near.rows), len(before)) <= np.maximum(self.max_distortion, before)
         polygon, edit = near.polygon[passes[near.edit]], near.edit[passes[near.edit]]
         measured, index = np.unique(polygon, return_inverse=True)
         inside = interior_distortion(self.field, self.vertices, self.normals, self.fixed, near.rows[measured])
-        return passes & (segment_max(inside[index.ravel()], edit, len(limit)) <= limit)
+        limit = np.where(before > self.max_distortion, before, MAX_INTERIOR_DISTORTION)
+        return passes & (segment_max(inside[index.ravel()], edit, len(before)) <= limit)
 
     def _polygons_near(self, owner: IntArray) -> _NearbyPolygons:
         """The polygons with a corner that has an owner (V,), the number of an edit or -1."""
