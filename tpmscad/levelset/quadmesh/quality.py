@@ -12,7 +12,6 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.short_vectors import (
     difference_of,
     dot_as_einsum,
@@ -20,7 +19,7 @@ from tpmscad.levelset.quadmesh.short_vectors import (
     norm_of,
     triple_product_of,
 )
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 MIN_CORNER_SINE = 0.42
 """Least signed sine of a corner angle: of well-shaped polygons nearly all patches were fitted, of thin ones one in five was
@@ -76,12 +75,6 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
         _step_to_level_set(projected, value, gradient, held, side)
     _measure_interiors(vertices, normals, corners, points, projected, gradient, side, result)
     return result
-
-
-def max_corner_distortion(mesh: QuadMesh, field: Field) -> float:
-    """Largest corner distortion of the mesh's polygons."""
-    normals = normalize(field.gradient(mesh.vertices))
-    return float(corner_distortion(mesh.vertices, normals, mesh.fixed, mesh.corners).max(initial=0.0))
 
 
 @njit_cached

@@ -20,7 +20,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
-from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, max_corner_distortion
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
 from tpmscad.levelset.quadmesh.side_curves import measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
@@ -41,8 +41,7 @@ MAX_INTERIOR_DISTORTION = 1.1
 """Greatest distortion by the surface between the corners, which tells more than the corners whether a patch will fold."""
 
 SWEEPS_PER_ROUND = 5
-FINAL_SWEEPS = 60
-"""Smoothing sweeps near the edits of a round, and over the whole mesh at the end."""
+"""Smoothing sweeps near the edits of a round."""
 
 MAX_ROUNDS_PER_QUEUE = 4
 MAX_REQUEUES = 10
@@ -95,10 +94,7 @@ def simplify_mesh(
     polygons = state.polygons
     numbers = sorted(polygons.corners_of)
     small, ids = extract_mesh(polygons, state.vertices, state.vertex_sizes(polygons.rows[numbers]), numbers)
-    smoothed = smooth_vertices(small, np.ones(len(ids), bool), field, lo, hi, FINAL_SWEEPS)
-    limit = max(max_distortion, max_corner_distortion(small, field))
-    best = smoothed if max_corner_distortion(smoothed, field) <= limit else small
-    return SimplifiedMesh(best, ids, np.array(numbers, np.int64), polygons, tuple(state.history))
+    return SimplifiedMesh(small, ids, np.array(numbers, np.int64), polygons, tuple(state.history))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
