@@ -11,7 +11,7 @@ from tpmscad import fields
 from tpmscad.brep import connectivity
 from tpmscad.errors import LevelSetError
 from tpmscad.levelset import adaptive_search
-from tpmscad.levelset.boundary_level_sets import sample_level_set, sample_narrow_places
+from tpmscad.levelset.boundary_level_sets import find_narrow_places, sample_level_set, sample_narrow_places
 from tpmscad.levelset.field_solid import fit_field_solid
 from tpmscad.levelset.level_set_fit import FitRequest
 from tpmscad.parallel import run_serial
@@ -41,20 +41,21 @@ def test_narrow_places_that_samples_missed_are_sampled(formula: str, radius: flo
     centre = np.array([1.0563, 0.8428, 1.0769])
     square = "((x - 1.0563)^2 + (y - 0.8428)^2 + (z - 1.0769)^2)"
     speck = fields.expression(formula.format(square, radius))
-    found = sample_narrow_places(speck, LO, HI, np.empty((0, 3)))
+    found = sample_narrow_places(speck, LO, HI, np.empty((0, 3)), find_narrow_places(speck, LO, HI))
     assert len(found) > 3
     np.testing.assert_allclose(np.linalg.norm(found - centre, axis=1), radius, rtol=1e-3)
 
 
 def test_narrow_places_of_a_plate_are_sampled_as_coarsely_as_its_length_allows() -> None:
     ball = fields.sphere((1.0, 1.0, 0.0), 0.5)
-    found = sample_narrow_places(ball, LO, np.array([2.0, 2.0, 1e-4]), np.empty((0, 3)))
+    thin = np.array([2.0, 2.0, 1e-4])
+    found = sample_narrow_places(ball, LO, thin, np.empty((0, 3)), find_narrow_places(ball, LO, thin))
     assert 100 < len(found) < 10_000
 
 
 def test_a_surface_that_samples_show_has_no_narrow_places() -> None:
     known = sample_level_set(BALL, LO, HI, 0.05)
-    assert not len(sample_narrow_places(BALL, LO, HI, known))
+    assert not len(sample_narrow_places(BALL, LO, HI, known, find_narrow_places(BALL, LO, HI)))
 
 
 @pytest.mark.parametrize("size", [1.0, 1e-2, 1e-5])

@@ -69,12 +69,12 @@ def test_a_part_that_the_first_look_misses_is_found_by_continuing_it(monkeypatch
     assert looks == [False]
     assert found.properties.betti == (2, 0, 0)
     assert failed(found) == []
-    monkeypatch.setattr(field_patches, "refine_field_fit", lambda unchanged: unchanged)
+    monkeypatch.setattr(field_patches, "refine_field_fit", lambda unchanged, _everywhere: unchanged)
     assert fit(monkeypatch, field_patches.compute_betti_numbers, BALL_AND_SPECK)[1][:2] == [False, True]
 
 
 def test_a_continued_fit_that_fails_is_repeated_from_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(_: Any) -> Any:
+    def fail(*_: Any) -> Any:
         raise LevelSetError("4 places could not be fitted")
 
     monkeypatch.setattr(field_patches, "refine_field_fit", fail)

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
@@ -123,14 +124,15 @@ def fit_level_set_adaptively(
     raise LevelSetError(_explain_failure(best))
 
 
-def split_hidden_crossings(fit: LevelSetFit, more_samples: Array) -> LevelSetFit:
+def split_hidden_crossings(fit: LevelSetFit, more_samples: Array, places: Array | None = None) -> LevelSetFit:
     """The fit continued where leaves hide a crossing of the level set, patches elsewhere reused; LevelSetError if it fails.
 
-    Leaves are split as well where `more_samples` (n, 3) of the level set are far from its patches. Leaves finer than the fit's
-    largest by more than PRESPLIT_LEVELS are split for that only.
+    Of these only leaves within their size of `places` (m, 3) are split if such are given. Leaves are split as well where
+    `more_samples` (n, 3) of the level set are far from its patches. Leaves finer than the fit's largest by more than
+    PRESPLIT_LEVELS are split for that only.
     """
     field = fit.request.field
-    tree = _presplit(fit.tree, field, None)
+    tree = _presplit(fit.tree, field, None, places)
     if tree is fit.tree and not len(more_samples):
         return fit
     request = replace(fit.request, surface_samples=np.concatenate([fit.request.surface_samples, more_samples]))
@@ -254,10 +256,14 @@ def _select_splittable(tree: Octree, field: Field, leaves: IntArray) -> IntArray
     return leaves[shallow | (few & (tree.size[leaves] * 2**MAX_DEPTH_OF_FEW > first))]
 
 
-def _presplit(tree: Octree, field: Field, cosine: float | None) -> Octree:
-    """The octree split where it is too coarse by `find_coarse_leaves`."""
+def _presplit(tree: Octree, field: Field, cosine: float | None, places: Array | None = None) -> Octree:
+    """The octree split where it is too coarse by `find_coarse_leaves`, and near `places` (n, 3) if these are given."""
     for _ in range(PRESPLIT_LEVELS):
         flagged = find_coarse_leaves(tree, field, cosine) & (tree.size * 2 ** (PRESPLIT_LEVELS + 1) > tree.size.max())
+        if places is not None:
+            leaves = np.flatnonzero(flagged)
+            distance, _ = cKDTree(places).query(tree.leaf_centres(leaves))
+            flagged[leaves] = distance < tree.size[leaves] * tree.cell_edges.max()
         if not flagged.any():
             break
         tree = octree.split_leaves(tree, flagged)

@@ -7,7 +7,7 @@ than a thick one. Level sets that meet form a sharp edge, which smoothly joined 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -136,16 +136,30 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
     return points[inside & converged]
 
 
-def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array) -> Array:
-    """Points (n, 3) of {field = 0} in the box that samples `known` (m, 3) may have missed.
+@dataclass(frozen=True, slots=True, eq=False)
+class NarrowPlaces:
+    """Necks, gaps and specks of a level set: critical points (n, 3) of the field near it, found on a grid of spacing `reach`."""
 
-    They surround the field's critical points near the level set: necks, gaps and specks that lie between samples on a finer grid.
-    Samples of that grid far from those known are of small parts.
-    """
+    points: Array
+    reach: float
+
+
+def find_narrow_places(field: Field, lo: Array, hi: Array) -> NarrowPlaces:
+    """The narrow places of {field = 0} in the box."""
     cells = np.maximum(MIN_NARROW_PLACE_CELLS, np.ceil(NARROW_PLACE_LINES * (hi - lo) / (hi - lo).max())).astype(int)
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((cells + 1).tolist()))
     reach = float(grid.spacing.max())
-    [(places, _)] = find_narrow_points([field], grid, reach)
+    [(points, _)] = find_narrow_points([field], grid, reach)
+    return NarrowPlaces(points, reach)
+
+
+def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array, found: NarrowPlaces) -> Array:
+    """Points (n, 3) of {field = 0} in the box that samples `known` (m, 3) may have missed.
+
+    They surround the narrow places found, which may lie between samples on a finer grid. Samples of that grid far from those
+    known are of small parts.
+    """
+    places, reach = found.points, found.reach
     around = np.concatenate([reach * radius * spread_directions(NARROW_PLACE_RAYS) for radius in NARROW_PLACE_RADII])
     starts = (places[:, None] + np.concatenate([np.zeros((1, 3)), around])).reshape(-1, 3)
     starts = starts[((starts >= lo) & (starts <= hi)).all(axis=1)]
@@ -153,11 +167,11 @@ def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array) -> Ar
     value, gradient = field.value_and_gradient(points)
     converged = np.abs(value) < SAMPLE_TOL_FRACTION * reach * np.linalg.norm(gradient, axis=1)
     near = np.linalg.norm(points - starts, axis=1) <= reach
-    found = points[converged & near & ((points >= lo) & (points <= hi)).all(axis=1)]
+    around_places = points[converged & near & ((points >= lo) & (points <= hi)).all(axis=1)]
     finer = sample_level_set(field, lo, hi, reach)
     if len(known):
         finer = finer[cKDTree(known).query(finer)[0] > ISOLATION_SPACINGS * reach]
-    return np.concatenate([finer, found])
+    return np.concatenate([finer, around_places])
 
 
 def shift_level_off_corners(

@@ -22,6 +22,7 @@ from tpmscad.levelset.boundary_level_sets import (
     box_corners,
     check_separation,
     decompose_level_sets,
+    find_narrow_places,
     replace_level_sets,
     sample_level_set,
     sample_narrow_places,
@@ -98,7 +99,7 @@ class _LevelSetPart:
 
     def with_narrow_places(self, lo: Array, hi: Array) -> _LevelSetPart:
         """With samples of narrow places as well, which may be all of a small part."""
-        found = sample_narrow_places(self.field, lo, hi, self.samples)
+        found = sample_narrow_places(self.field, lo, hi, self.samples, find_narrow_places(self.field, lo, hi))
         return replace(self, samples=np.concatenate([self.samples, found]))
 
 
@@ -148,18 +149,19 @@ def fit_field(
     return FieldFit(tuple(fits), lo, hi, fitted_field, tol, min_wall, notes, brep)
 
 
-def refine_field_fit(fit: FieldFit) -> FieldFit:
-    """The fit continued where octree leaves hide a crossing of its level sets or a narrow place; LevelSetError if that fails.
+def refine_field_fit(fit: FieldFit, everywhere: bool) -> FieldFit:
+    """The fit continued where octree leaves hide a crossing of its level sets; LevelSetError if that fails.
 
-    Faster than `fit_field` with `detect_hidden_crossings`, because patches elsewhere are reused.
+    Leaves are split near narrow places of the level sets, or `everywhere` if these do not suffice. Faster than `fit_field` with
+    `detect_hidden_crossings`, because patches elsewhere are reused.
     """
-    refined = tuple(
-        split_hidden_crossings(
-            each, sample_narrow_places(each.request.field, fit.lo, fit.hi, each.request.surface_samples)
-        )
-        for each in fit.fits
-    )
-    return replace(fit, fits=refined, brep=_assemble(refined, fit.field, fit.lo, fit.hi))
+    refined = []
+    for each in fit.fits:
+        field, samples = each.request.field, each.request.surface_samples
+        places = find_narrow_places(field, fit.lo, fit.hi)
+        missed = sample_narrow_places(field, fit.lo, fit.hi, samples, places)
+        refined.append(split_hidden_crossings(each, missed, None if everywhere else places.points))
+    return replace(fit, fits=tuple(refined), brep=_assemble(refined, fit.field, fit.lo, fit.hi))
 
 
 def simplify_field_fit(fit: FieldFit, progress: FractionProgress | None = None) -> FieldFit:

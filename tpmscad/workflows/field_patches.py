@@ -170,12 +170,19 @@ def _compute_betti_numbers_of(fit: FieldFit) -> tuple[Betti | None, bool]:
 
 
 def _refine_until_possible(fit: FieldFit, betti: Betti | None) -> FieldFit | None:
-    """The fit continued where leaves hide crossings, None if that fails or its patches cannot have the Betti numbers."""
-    try:
-        refined = refine_field_fit(fit)
-    except LevelSetError:
-        return None
-    return refined if betti is not None and _could_have(refined.brep, betti) else None
+    """The fit continued where leaves hide crossings, None if that fails or its patches cannot have the Betti numbers.
+
+    Near narrow places first: everywhere it takes half as many patches again.
+    """
+    refined = fit
+    for everywhere in (False, True):
+        try:
+            refined = refine_field_fit(refined, everywhere)
+        except LevelSetError:
+            return None
+        if betti is not None and _could_have(refined.brep, betti):
+            return refined
+    return None
 
 
 def _could_have(brep: Brep, betti: Betti) -> bool:
