@@ -119,11 +119,14 @@ def test_poles_are_the_constrained_least_squares_solution_of_their_weighted_rows
         system = NormalEquations(k * l, 3)
         system.add_point_rows(bases[0], normal[0], target[0], 0.3)
         system.add_normal_rows(bases[1], normal[1], target[1], 0.7)
-        fairness, value = rng.normal(size=(2, k * l)), rng.normal(size=(3, 2, 3))
-        system.add_fairness_rows(fairness, value, 0.4)
+        # differences of more poles than are unknown
+        differences, poles = rng.normal(size=(2, k * l + 3)), rng.normal(size=(3, k * l + 3, 3))
+        unknown = rng.permutation(k * l + 3)[: k * l]
+        system.add_energy(differences.T @ differences, unknown, poles, 0.4)
         found = system.solve_subject_to(HardRows.factorise(hard), wanted)
         for each in range(3):
-            rows, right = [0.4 * np.kron(fairness, np.eye(3))], [-0.4 * value[each].ravel()]
+            rows = [0.4 * np.kron(differences[:, unknown], np.eye(3))]
+            right = [-0.4 * (differences @ poles[each]).ravel()]
             for (u, v), n, t, weights in zip(
                 bases, normal[:, each], target[:, each], ((1.0, 0.3), (0.7, 0.0)), strict=True
             ):

@@ -9,7 +9,7 @@ from tpmscad import fields
 from tpmscad.levelset.fit import network_curves
 from tpmscad.levelset.fit.fit_quality import sample_patches
 from tpmscad.levelset.fit.network_fit import fit_joined_curves, fit_patches
-from tpmscad.splines.basis import bernstein_basis, net_differences, second_differences
+from tpmscad.splines.basis import bending_energy, bernstein_basis
 
 BAR = fields.from_function(
     lambda p: p[..., 0] ** 12 + p[..., 2] ** 12 - 1.0,
@@ -42,13 +42,14 @@ def length_ratios() -> np.ndarray:
     return np.divide(*(np.linalg.norm(np.diff(x, axis=1), axis=2).sum(axis=1) for x in (curves, points)))
 
 
-def test_differences_of_a_linear_net_vanish_and_those_of_products_are_the_thin_plate_energy() -> None:
+def test_the_energy_of_a_net_is_that_of_its_differences_and_vanishes_for_linear_nets() -> None:
     u, v = np.meshgrid(np.arange(5.0), np.arange(7.0), indexing="ij")
-    rows = net_differences(5, 7)
-    assert np.abs(np.einsum("mij,ij->m", rows, 3 * u - 2 * v + 1)).max() < 1e-12
-    energy = [(np.einsum("mij,ij->m", rows, net) ** 2).sum() for net in (u**2, v**2, u * v)]
-    np.testing.assert_allclose(energy, [4.0 * 3 * 7, 4.0 * 5 * 5, 2.0 * 4 * 6])
-    np.testing.assert_allclose(second_differences(5) @ np.arange(5.0) ** 2, 2.0)
+    energy = bending_energy(5, 7)
+    assert np.abs(energy @ (3 * u - 2 * v + 1).ravel()).max() < 1e-12
+    found = [net.ravel() @ energy @ net.ravel() for net in (u**2, v**2, u * v)]
+    np.testing.assert_allclose(found, [4.0 * 3 * 7, 4.0 * 5 * 5, 2.0 * 4 * 6])
+    curve = np.random.default_rng(4).normal(size=6)
+    np.testing.assert_allclose(curve @ bending_energy(6, 1) @ curve, (np.diff(curve, 2) ** 2).sum())
 
 
 def test_control_polygons_are_at_most_twice_as_long_as_the_curves_and_longer_without_fairness(

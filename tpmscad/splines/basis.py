@@ -203,10 +203,10 @@ def second_differences(order: int) -> Array:
 
 
 @lru_cache(maxsize=64)
-def net_differences(rows: int, columns: int) -> Array:
-    """Matrix (m, rows, columns) from a control net to its second differences along either axis and, times sqrt(2), mixed ones.
+def bending_energy(rows: int, columns: int) -> Array:
+    """Matrix (rows columns,) * 2 of the discrete thin-plate energy of a control net, which is alike in all directions.
 
-    The sum of their squares is the discrete thin-plate energy, the same in all directions of the parameters' plane.
+    It is the sum of the squares of the second differences along either axis, and of twice the squares of the mixed ones.
     """
     eyes, steps = ([f(n) for n in (rows, columns)] for f in (np.eye, lambda n: np.diff(np.eye(n), axis=0)))
     parts = (
@@ -214,7 +214,7 @@ def net_differences(rows: int, columns: int) -> Array:
         np.kron(eyes[0], second_differences(columns)),
         np.sqrt(2) * np.kron(*steps),
     )
-    return np.concatenate(parts).reshape(-1, rows, columns)
+    return sum((each.T @ each for each in parts), np.zeros((rows * columns,) * 2))
 
 
 def legendre_basis(degree: int, domain: tuple[float, float], t: Array, order: int = 0) -> Array:

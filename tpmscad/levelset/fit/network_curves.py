@@ -21,7 +21,7 @@ from tpmscad.levelset.fit.least_squares import (
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
-from tpmscad.splines.basis import bernstein_basis, second_differences
+from tpmscad.splines.basis import bending_energy, bernstein_basis
 
 CURVE_TANGENT_WEIGHT = 1.0
 """Weight of the residuals by which tangents along the curve leave the level set."""
@@ -45,7 +45,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     points = _project_interior_points(field, points, chord, fixed, max_step)
 
     values, derivatives = bernstein_basis(degree, t), bernstein_basis(degree, t, 1)
-    differences = second_differences(degree + 1)
+    energy, numbers = bending_energy(degree + 1, 1), np.arange(degree + 1)
     fraction = np.arange(degree + 1)[:, None] / degree
     poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
     # of unit length in the planes of the box, too: the condition at one end counts no less than that at the other
@@ -60,7 +60,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
         system.add_point_rows(curve_basis(values[:, inner]), normal, points - values @ poles, TANGENTIAL_WEIGHT)
         tangent = derivatives @ poles
         system.add_normal_rows(curve_basis(derivatives[:, inner]), normal, -tangent, CURVE_TANGENT_WEIGHT / len(t))
-        system.add_fairness_rows(differences[:, inner], differences @ poles, FAIRNESS_WEIGHT)
+        system.add_energy(energy, numbers[inner], poles, FAIRNESS_WEIGHT)
         lack = np.einsum("nei,nei->ne", end_normals, poles[:, [0, -1]] - poles[:, [1, -2]])
         poles[:, inner] += system.solve_subject_to(held, lack)
     poles = match_end_curvatures(poles, shapes, fixed)
@@ -75,7 +75,7 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
             points - values @ poles,
             TANGENTIAL_WEIGHT,
         )
-        system.add_fairness_rows(differences[:, inner], differences @ poles, FAIRNESS_WEIGHT)
+        system.add_energy(energy, numbers[inner], poles, FAIRNESS_WEIGHT)
         poles[:, inner] += system.solve_subject_to(held, np.zeros((len(start), 2)))
     rows, axis = np.nonzero(fixed)
     poles[rows, :, axis] = start[rows, axis][:, None]

@@ -35,10 +35,10 @@ from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
 from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.parallel import TaskRunner, run_serial, split_batches
 from tpmscad.splines.basis import (
+    bending_energy,
     bernstein_basis,
     bernstein_product,
     evaluate_bezier_patches,
-    net_differences,
     side_pole_matrix,
 )
 
@@ -104,8 +104,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
     u, v = (np.linspace(0.0, 1.0, d + 5)[1:-1] for d in (p, q))
     bu, bv = bernstein_basis(p, u), bernstein_basis(q, v)
     inner = bu[:, 1:-1], bv[:, 1:-1]
-    differences = net_differences(p + 1, q + 1)
-    fairness = differences[:, 1:-1, 1:-1].reshape(len(differences), -1)
+    energy, numbers = bending_energy(p + 1, q + 1), np.arange((p + 1) * (q + 1)).reshape(p + 1, q + 1)
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(poles[:, 0, 0] - poles[:, -1, -1], axis=1)
     free = np.zeros((len(poles), 3), bool)
     products = [_normal_products(p, q, side, along) for side, along in enumerate(normals)]
@@ -117,7 +116,8 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
         target = project_curves_to_level_set(field, points, free, max_step)
         system = NormalEquations((p - 1) * (q - 1), len(poles))
         system.add_point_rows(inner, unit_normals(field, target), target - points, TANGENTIAL_WEIGHT)
-        system.add_fairness_rows(fairness, np.einsum("mij,nijx->nmx", differences, poles), FAIRNESS_WEIGHT)
+        net = poles.reshape(len(poles), -1, 3)
+        system.add_energy(energy, numbers[1:-1, 1:-1].ravel(), net, FAIRNESS_WEIGHT)
         across = [_multiply(each, cross_poles(poles, side)) for side, each in enumerate(products)]
         step = system.solve_subject_to(conditions, -np.concatenate(across, axis=1))
         poles[:, 1:-1, 1:-1] += step.reshape(len(poles), p - 1, q - 1, 3)

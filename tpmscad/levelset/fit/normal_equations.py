@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
 from tpmscad.levelset.fit.hard_rows import HardRows, add_row_sum
 
 Basis = tuple[Array, Array]
@@ -41,12 +41,12 @@ class NormalEquations:
         """Ask the components along the normals (n, m, 3) of the basis times poles to be those of `target`."""
         self._add(basis, normal, target, weight, 0.0)
 
-    def add_fairness_rows(self, rows: Array, value: Array, weight: float) -> None:
-        """Ask rows (m, unknowns) times poles to cancel `value` (n, m, 3), alike in all directions."""
-        square = weight**2 * (rows.T @ rows)
+    def add_energy(self, energy: Array, unknown: IntArray, poles: Array, weight: float) -> None:
+        """Add a quadratic energy (m, m) of all poles (n, m, 3), of which the numbers `unknown` are corrected."""
+        rows = weight**2 * energy[unknown]
         for axis in range(3):
-            self.matrix[:, axis::3, axis::3] += square
-        self.rhs -= weight**2 * (rows.T @ value).reshape(self.rhs.shape)
+            self.matrix[:, axis::3, axis::3] += rows[:, unknown]
+        self.rhs -= (rows @ poles).reshape(self.rhs.shape)
 
     def solve_subject_to(self, conditions: HardRows, target: Array) -> Array:
         """Poles (n, unknowns, 3) that minimise the sum of squares and meet conditions on the unknowns, pole by pole."""
