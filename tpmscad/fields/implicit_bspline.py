@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.fields import stencil
-from tpmscad.fields.evaluation import FieldJet, Triple
+from tpmscad.fields.evaluation import Triple
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import choose_periods
+from tpmscad.fields.tape_nodes import Node, periodic_spline
 from tpmscad.public_calls import public
 
 
@@ -27,13 +27,9 @@ class ImplicitBSpline(Field):
     coefficients: Array
     period: Triple
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return stencil.contract_table(self.coefficients, self._stencils(x, y, z), (x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        return stencil.contract_table_jet(self.coefficients, self._stencils(x, y, z), (x, y, z))
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        return periodic_spline(self.coefficients, self.period, (x, y, z))
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""
@@ -42,12 +38,6 @@ class ImplicitBSpline(Field):
     def __repr__(self) -> str:
         digest = hashlib.sha256(self.coefficients.tobytes()).hexdigest()[:8]
         return f"ImplicitBSpline({'x'.join(map(str, self.coefficients.shape))} coefficients {digest}, period={self.period})"
-
-    def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
-        return [
-            _cubic_stencil(t, count, period)
-            for t, count, period in zip(coordinates, self.coefficients.shape, self.period, strict=True)
-        ]
 
 
 @public()
@@ -87,13 +77,3 @@ def bspline_unit(
     array = np.array(coefficients, dtype=float)
     array.setflags(write=False)
     return ImplicitBSpline(array, choose_periods(period, cell))
-
-
-def _cubic_stencil(t: Array, count: int, period: float) -> stencil.Stencil:
-    """Cubic cardinal B-splines on a periodic grid of `count` coefficients."""
-    rate = count / period
-    u = t * rate
-    base = np.floor(u)
-    weights, derivatives = stencil.cubic_weights(u - base, rate)
-    first = base.astype(np.int64)
-    return stencil.Stencil([(first + step) % count for step in (-1, 0, 1, 2)], weights, derivatives)

@@ -96,6 +96,7 @@ FACTORS: Mapping[str, Callable[[Node], Sequence[Node | float]]] = MappingProxyTy
         "sine_cosine": lambda n: (-sine(n.args[0]) if n.output else cosine(n.args[0]),),
         "piecewise": lambda n: (_other_output(n, 1),),
         "tensor": lambda n: tuple(_other_output(n, k) for k in (1, 2, 3)),
+        "periodic_spline": lambda n: tuple(_other_output(n, k) for k in (1, 2, 3)),
         "tan": lambda n: (n * n + 1.0,),
         "asin": lambda n: (1.0 / root(1.0 - n.args[0] * n.args[0]),),
         "acos": lambda n: (-1.0 / root(1.0 - n.args[0] * n.args[0]),),

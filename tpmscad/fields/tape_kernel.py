@@ -22,6 +22,7 @@ OPERATIONS = (
     *("at_least", "greater", "select"),
     *("absolute", "root", "sine_cosine", "piecewise", "tensor"),
     *("tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log", "power", "angle"),
+    "periodic_spline",
 )
 """Names of the operations; their codes are the positions."""
 
@@ -46,6 +47,7 @@ _SCALE, _SHIFT, _ADD, _SUBTRACT, _MULTIPLY, _DIVIDE, _CHAIN = range(5, 12)
 _AT_LEAST, _GREATER, _SELECT = range(12, 15)
 _ABSOLUTE, _ROOT, _SINE_COSINE, _PIECEWISE, _TENSOR = range(15, 20)
 _TAN, _ASIN, _ACOS, _ATAN, _SINH, _COSH, _TANH, _EXP, _LOG, _POWER, _ANGLE = range(20, 31)
+_PERIODIC_SPLINE = 31
 
 
 @njit_cached
@@ -161,6 +163,58 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
             rows[dy, i] = total_y
         if dz >= 0:
             rows[dz, i] = total_z
+
+
+@njit_cached
+def _cardinal_splines(t, count, rate, entries, values, slopes):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The four cubic cardinal B-splines of a periodic grid that are not zero at t: their entries, values and slopes."""
+    u = t * rate
+    base = math.floor(u)
+    r = u - base
+    s = 1.0 - r
+    values[0], values[1] = (s * s * s) / 6.0, (4.0 + (r * r) * (3.0 * r - 6.0)) / 6.0
+    values[2], values[3] = (4.0 + (s * s) * (3.0 * s - 6.0)) / 6.0, (r * r * r) / 6.0
+    slopes[0], slopes[1] = (-0.5 * rate) * (s * s), (0.5 * rate) * (r * (3.0 * r - 4.0))
+    slopes[2], slopes[3] = (-0.5 * rate) * (s * (3.0 * s - 4.0)), (0.5 * rate) * (r * r)
+    first = int(base - 1.0 - count * math.floor((base - 1.0) / count))
+    for k in range(4):
+        entries[k] = (first + k) % count
+
+
+@njit_cached
+def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Cubic splines on periodic grids: parameters are the numbers of coefficients, the same per unit of length, the coefficients."""
+    value, dx, dy, dz = op[1], op[2], op[3], op[4]
+    counts = (int(parameters[p]), int(parameters[p + 1]), int(parameters[p + 2]))
+    table = p + 6
+    entries, weights, slopes = np.empty((3, 4), np.int64), np.empty((3, 4)), np.empty((3, 4))
+    for i in range(n):
+        finite = True
+        for axis in range(3):
+            t = rows[op[5 + axis], i]
+            finite &= math.isfinite(t)
+            t = t if math.isfinite(t) else 0.0
+            _cardinal_splines(t, counts[axis], parameters[p + 3 + axis], entries[axis], weights[axis], slopes[axis])
+        total = total_x = total_y = total_z = 0.0
+        for u in range(4):
+            plane = plane_y = plane_z = 0.0
+            for v in range(4):
+                at = table + (entries[0, u] * counts[1] + entries[1, v]) * counts[2]
+                line = line_z = 0.0
+                for w in range(4):
+                    coefficient = parameters[at + entries[2, w]]
+                    line += weights[2, w] * coefficient
+                    line_z += slopes[2, w] * coefficient
+                plane += weights[1, v] * line
+                plane_y += slopes[1, v] * line
+                plane_z += weights[1, v] * line_z
+            total += weights[0, u] * plane
+            total_x += slopes[0, u] * plane
+            total_y += weights[0, u] * plane_y
+            total_z += weights[0, u] * plane_z
+        for row, found in ((value, total), (dx, total_x), (dy, total_y), (dz, total_z)):
+            if row >= 0:
+                rows[row, i] = found if finite else math.nan
 
 
 @njit_cached
@@ -287,6 +341,8 @@ def run_tape(code, parameters, n_rows, x_table, y_table, z_table, point_table, f
                     _piecewise(rows, n, d, op[2], a, p, parameters)
                 elif kind == _TENSOR:
                     _tensor(rows, n, op, p, parameters)
+                elif kind == _PERIODIC_SPLINE:
+                    _periodic_spline(rows, n, op, p, parameters)
                 elif kind == _CHECK:
                     low, high = parameters[p], parameters[p + 1]
                     for i in range(n):

@@ -345,6 +345,13 @@ def tensor_spline(
     return nodes[0].recorder.record("tensor", nodes, numbers)
 
 
+def periodic_spline(coefficients: Array, period: Sequence[float], nodes: tuple[Node, Node, Node]) -> Node:
+    """The cubic B-spline on a uniform periodic grid: coefficient (i, j, k) of (l, m, n) is at (i / l, j / m, k / n) periods."""
+    counts = np.array(coefficients.shape)
+    numbers = np.concatenate([counts, counts / np.array(period), coefficients.ravel()])
+    return nodes[0].recorder.record("periodic_spline", nodes, numbers)
+
+
 ELEMENTARY_FUNCTIONS = frozenset({"tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log"})
 """Elementary functions of one argument that are computed point by point."""
 

@@ -13,7 +13,7 @@ from tpmscad.fields.tape_kernel import CODES
 from tpmscad.fields.tape_nodes import Node, Region, find_ancestors, resolve_alias
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
-OPERATIONS_OF_SEVERAL_RESULTS = ("sine_cosine", "piecewise", "tensor")
+OPERATIONS_OF_SEVERAL_RESULTS = ("sine_cosine", "piecewise", "tensor", "periodic_spline")
 RESULTS_WRITTEN = {"sine_cosine": 2}
 """Results that an operation writes, wanted or not."""
 
