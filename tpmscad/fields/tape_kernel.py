@@ -166,8 +166,8 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
 
 
 @njit_cached
-def _cardinal_splines(t, count, rate, entries, values, slopes):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The four cubic cardinal B-splines of a periodic grid that are not zero at t: their entries, values and slopes."""
+def _cardinal_splines(t, count, rate, values, slopes):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The four cubic cardinal B-splines of a periodic grid that are not zero at t, values and slopes; the interval of t."""
     u = t * rate
     base = math.floor(u)
     r = u - base
@@ -176,38 +176,41 @@ def _cardinal_splines(t, count, rate, entries, values, slopes):  # type: ignore[
     values[2], values[3] = (4.0 + (s * s) * (3.0 * s - 6.0)) / 6.0, (r * r * r) / 6.0
     slopes[0], slopes[1] = (-0.5 * rate) * (s * s), (0.5 * rate) * (r * (3.0 * r - 4.0))
     slopes[2], slopes[3] = (-0.5 * rate) * (s * (3.0 * s - 4.0)), (0.5 * rate) * (r * r)
-    first = int(base - 1.0 - count * math.floor((base - 1.0) / count))
-    for k in range(4):
-        entries[k] = (first + k) % count
+    return int(base - count * math.floor(base / count)) % count
 
 
 @njit_cached
 def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Cubic splines on periodic grids: parameters are the numbers of coefficients, the same per unit of length, the coefficients."""
+    """Cubic splines on periodic grids; parameters: the numbers of coefficients, the same per unit of length, a table of them.
+
+    The table goes on for three coefficients beyond the period along each axis, so that those of an interval are consecutive.
+    """
     value, dx, dy, dz = op[1], op[2], op[3], op[4]
     counts = (int(parameters[p]), int(parameters[p + 1]), int(parameters[p + 2]))
-    table = p + 6
-    entries, weights, slopes = np.empty((3, 4), np.int64), np.empty((3, 4)), np.empty((3, 4))
+    height, depth = counts[1] + 3, counts[2] + 3
+    weights, slopes, first = np.empty((3, 4)), np.empty((3, 4)), np.empty(3, np.int64)
+    only_value = dx < 0 and dy < 0 and dz < 0
     for i in range(n):
         finite = True
         for axis in range(3):
             t = rows[op[5 + axis], i]
             finite &= math.isfinite(t)
             t = t if math.isfinite(t) else 0.0
-            _cardinal_splines(t, counts[axis], parameters[p + 3 + axis], entries[axis], weights[axis], slopes[axis])
+            first[axis] = _cardinal_splines(t, counts[axis], parameters[p + 3 + axis], weights[axis], slopes[axis])
+        start = p + 6 + (first[0] * height + first[1]) * depth + first[2]
+        c0, c1, c2, c3 = weights[2]
+        d0, d1, d2, d3 = slopes[2]
         total = total_x = total_y = total_z = 0.0
         for u in range(4):
             plane = plane_y = plane_z = 0.0
             for v in range(4):
-                at = table + (entries[0, u] * counts[1] + entries[1, v]) * counts[2]
-                line = line_z = 0.0
-                for w in range(4):
-                    coefficient = parameters[at + entries[2, w]]
-                    line += weights[2, w] * coefficient
-                    line_z += slopes[2, w] * coefficient
+                at = start + (u * height + v) * depth
+                f0, f1, f2, f3 = parameters[at], parameters[at + 1], parameters[at + 2], parameters[at + 3]
+                line = ((c0 * f0 + c1 * f1) + c2 * f2) + c3 * f3
                 plane += weights[1, v] * line
-                plane_y += slopes[1, v] * line
-                plane_z += weights[1, v] * line_z
+                if not only_value:
+                    plane_y += slopes[1, v] * line
+                    plane_z += weights[1, v] * (((d0 * f0 + d1 * f1) + d2 * f2) + d3 * f3)
             total += weights[0, u] * plane
             total_x += slopes[0, u] * plane
             total_y += weights[0, u] * plane_y

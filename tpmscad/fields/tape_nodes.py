@@ -348,7 +348,8 @@ def tensor_spline(
 def periodic_spline(coefficients: Array, period: Sequence[float], nodes: tuple[Node, Node, Node]) -> Node:
     """The cubic B-spline on a uniform periodic grid: coefficient (i, j, k) of (l, m, n) is at (i / l, j / m, k / n) periods."""
     counts = np.array(coefficients.shape)
-    numbers = np.concatenate([counts, counts / np.array(period), coefficients.ravel()])
+    table = np.pad(coefficients, (1, 2), mode="wrap")
+    numbers = np.concatenate([counts, counts / np.array(period), table.ravel()])
     return nodes[0].recorder.record("periodic_spline", nodes, numbers)
 
 
