@@ -135,6 +135,7 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
     table = kz + count[2] + degree[2] + 1
     a, b, c = np.empty(degree[0] + 1), np.empty(degree[1] + 1), np.empty(degree[2] + 1)
     da, db, dc = np.empty(degree[0] + 1), np.empty(degree[1] + 1), np.empty(degree[2] + 1)
+    only_value = dx < 0 and dy < 0 and dz < 0
     for i in range(n):
         first_x = _basis(rows[op[5], i], kx, degree[0], count[0], parameters, a, da)
         first_y = _basis(rows[op[6], i], ky, degree[1], count[1], parameters, b, db)
@@ -147,22 +148,19 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
                 line = line_z = 0.0
                 for w in range(degree[2] + 1):
                     line += c[w] * parameters[at + w]
-                    line_z += dc[w] * parameters[at + w]
                 plane += b[v] * line
-                plane_y += db[v] * line
-                plane_z += b[v] * line_z
+                if not only_value:
+                    for w in range(degree[2] + 1):
+                        line_z += dc[w] * parameters[at + w]
+                    plane_y += db[v] * line
+                    plane_z += b[v] * line_z
             total += a[u] * plane
             total_x += da[u] * plane
             total_y += a[u] * plane_y
             total_z += a[u] * plane_z
-        if value >= 0:
-            rows[value, i] = total
-        if dx >= 0:
-            rows[dx, i] = total_x
-        if dy >= 0:
-            rows[dy, i] = total_y
-        if dz >= 0:
-            rows[dz, i] = total_z
+        for row, found in ((value, total), (dx, total_x), (dy, total_y), (dz, total_z)):
+            if row >= 0:
+                rows[row, i] = found
 
 
 @njit_cached
