@@ -251,14 +251,16 @@ def _fit_network_patches(
     curves, normals = joined
     side_degree = curve_degree[network.curve]
     # the same both ways: patches of degrees 9 and 5 between sides of both degrees fold
-    degrees = np.column_stack([np.maximum(patch_degree, side_degree.max(axis=1)), side_degree])
+    degrees = np.maximum(patch_degree, side_degree.max(axis=1))
     patches = list(warm_start.fit.patches)
     numbers = np.flatnonzero(copies.original_patches & warm_start.refit_patches)
     tasks, batches = [], []
-    for group in np.unique(degrees[numbers], axis=0):
-        for batch in split_batches(numbers[(degrees[numbers] == group).all(axis=1)], ITEMS_PER_TASK):
-            border = [_collect_side_poles(network, curves, batch, s, int(group[0])) for s in range(4)]
-            along = [_collect_side_poles(network, normals, batch, s, int(group[1 + s])) for s in range(4)]
+    for degree in np.unique(degrees[numbers]).tolist():
+        for batch in split_batches(numbers[degrees[numbers] == degree], ITEMS_PER_TASK):
+            border, along = (
+                [_collect_side_poles(network, poles, batch, side, degree) for side in range(4)]
+                for poles in (curves, normals)
+            )
             tasks.append((field, border, along))
             batches.append(batch)
     for i, poles in _numbered_results(batches, run_tasks(fit_patches, tasks)):
