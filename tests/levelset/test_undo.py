@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -13,9 +14,12 @@ from hypothesis import strategies as st
 from tpmscad import fields
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
+from tpmscad.levelset.quadmesh.quality import corner_distortion
+from tpmscad.levelset.quadmesh.simplification import edit_history
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import SimplifiedMesh, simplify_mesh
 from tpmscad.levelset.quadmesh.smoothing import smooth_mesh
+from tpmscad.levelset.quadmesh.vectors import normalize
 
 LO, HI = np.array([0.0, 0.0, 0.0]), np.array([10.0, 11.0, 9.0])
 FIELD = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
@@ -35,6 +39,11 @@ def simple() -> SimplifiedMesh:
 
 def history() -> EditHistory:
     return EditHistory(full_mesh(), deepcopy(simple()), FIELD, LO, HI)
+
+
+def measure_distortion(mesh: QuadMesh) -> np.ndarray:
+    normals = normalize(FIELD.gradient(mesh.vertices))
+    return corner_distortion(mesh.vertices, normals, mesh.fixed, mesh.corners)
 
 
 def directed(mesh: QuadMesh) -> list[tuple[int, int]]:
@@ -72,6 +81,26 @@ def test_any_edits_undone_leave_a_two_manifold_of_the_same_topology_on_the_field
     slope = np.linalg.norm(FIELD.gradient(mesh.vertices), axis=1)
     assert (np.abs(FIELD(mesh.vertices)) / slope).max() < 1e-6
     assert ((mesh.vertices >= LO) & (mesh.vertices <= HI)).all()
+
+
+def test_the_vertices_round_an_undone_edit_return_to_where_they_were_before_it() -> None:
+    wanted, moved = history(), 0
+    for last in sorted(wanted._applied, reverse=True):
+        recorded = wanted._applied[last]
+        wanted._undo_edit(last)
+        np.testing.assert_array_equal(wanted._vertices[recorded.vertices], recorded.positions)
+        moved += (recorded.positions != full_mesh().vertices[recorded.vertices]).any()
+    assert 0 < moved < len(simple().history)
+
+
+def test_smoothing_that_would_tangle_polygons_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = simple().history[-1].applied.new_numbers
+    smoothed, kept = history(), history()
+    assert smoothed.undo(made, 1)
+    monkeypatch.setattr(edit_history, "smooth_vertices", lambda mesh, *_: replace(mesh, vertices=mesh.vertices[::-1]))
+    assert kept.undo(made, 1)
+    assert measure_distortion(kept.mesh()[0]).max() < 2.5 < measure_distortion(full_mesh()).max()
+    assert not np.array_equal(kept.mesh()[0].vertices, smoothed.mesh()[0].vertices)
 
 
 @pytest.mark.slow
