@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from tests.shapes.box_shapes import plane_box
 from tpmscad import fields
@@ -119,3 +120,21 @@ def test_patches_can_have_betti_numbers_only_with_their_shells_and_euler_charact
     betti: tuple[int, int, int], possible: bool
 ) -> None:
     assert field_patches._could_have(plane_box(), betti) is possible
+
+
+def test_fits_use_one_thread_of_blas_and_give_the_others_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    def count_threads() -> set[int]:
+        return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+    seen: list[set[int]] = []
+    fit_field = field_patches.fit_field
+
+    def record(*args: Any, **options: Any) -> Any:
+        seen.append(count_threads())
+        return fit_field(*args, **options)
+
+    monkeypatch.setattr(field_patches, "fit_field", record)
+    with threadpool_limits(2, user_api="blas"):
+        fit_field_patches(BALL, np.zeros(3), np.full(3, 2.0), 2e-2, StageTimer(lambda *_: None))
+        assert count_threads() == {2}
+    assert seen == [{1}]
