@@ -33,7 +33,7 @@ MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
 MAX_SIDE_DISTANCE_TOLS = 16.0
-"""Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in thirteen
+"""Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in twenty
 fails, and takes thirty others with it."""
 
 MAX_BAD_LEAVES = 16

@@ -2,8 +2,7 @@
 
 Between two vertices the cubic with their chord as its derivative at both ends, turned into the tangent planes there, leaves the
 level set where this bends unevenly, as beside the rounded edge of a wall. The fit has the same end points and tangents, and a
-higher degree: of 1900 polygons of a blended sheet with all sides within 8 tolerances none failed, of 250 within 8 and 16 one in
-eighteen, and beyond that one in thirteen.
+higher degree: of 1655 polygons of a blended sheet with all sides within six tolerances none failed, of 422 others one in 26.
 """
 
 from __future__ import annotations
