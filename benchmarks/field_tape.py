@@ -79,6 +79,16 @@ def _apply(node: Node, operands: Sequence[Array]) -> Array:
             order = [int(node.output == axis) for axis in (1, 2, 3)]
             spline = NdBSpline(tuple(knots), coefficients.reshape(counts), tuple(degrees.tolist()))
             return np.asarray(spline(np.stack(operands, axis=-1), nu=order))
+        case "periodic_spline":
+            counts, rates = node.numbers[:3].astype(int), node.numbers[3:6]
+            order = [int(node.output == axis) for axis in (1, 2, 3)]
+            # in steps of the grid; the table begins with the last coefficient and ends with the first two
+            spline = NdBSpline(
+                tuple(np.arange(-3.0, n + 4) for n in counts), node.numbers[6:].reshape(counts + 3), (3, 3, 3)
+            )
+            steps = [np.mod(t * rate, n) for t, rate, n in zip(operands, rates, counts, strict=True)]
+            factor = np.prod(rates ** np.array(order))
+            return np.asarray(factor * spline(np.stack(steps, axis=-1), nu=order))
     return OPERATIONS[node.name](*operands)
 
 
@@ -141,6 +151,7 @@ def make_kinds() -> dict[str, fields.Field]:
         "blend of volume weight": replace(blend, weights=(volume,)),
         "blend round a sphere": BlendedField((rod, sheet), (ball, -ball), (shell,), (radial,)),
         "extended blend": extend_linearly(blend, LOW, HIGH),
+        "B-spline unit": fields.bspline_unit(rng.normal(size=(5, 4, 6)), (1.3, 1.7, 2.1)),
         "image and gyroid": gyroid & fields.image_region(rng.random((6, 5, 4)) > 0.5, (-2, -2, -2), (2.5, 2.5, 2.5)),
     }
 
