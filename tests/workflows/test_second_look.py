@@ -70,7 +70,7 @@ def test_a_part_that_the_first_look_misses_is_found_by_continuing_it(monkeypatch
     assert looks == [False]
     assert found.properties.betti == (2, 0, 0)
     assert failed(found) == []
-    monkeypatch.setattr(field_patches, "refine_field_fit", lambda unchanged, _everywhere: unchanged)
+    monkeypatch.setattr(field_patches, "refine_field_fit", lambda unchanged, *_: unchanged)
     assert fit(monkeypatch, field_patches.compute_betti_numbers, BALL_AND_SPECK)[1][:2] == [False, True]
 
 

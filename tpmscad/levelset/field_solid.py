@@ -19,6 +19,7 @@ from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset.adaptive_search import fit_level_set_adaptively, split_hidden_crossings
 from tpmscad.levelset.boundary_level_sets import (
+    NarrowPlaces,
     box_corners,
     check_separation,
     decompose_level_sets,
@@ -149,16 +150,20 @@ def fit_field(
     return FieldFit(tuple(fits), lo, hi, fitted_field, tol, min_wall, notes, brep)
 
 
-def refine_field_fit(fit: FieldFit, everywhere: bool) -> FieldFit:
+def find_places_of_fit(fit: FieldFit) -> tuple[NarrowPlaces, ...]:
+    """The narrow places of each level set of a fit."""
+    return tuple(find_narrow_places(each.request.field, fit.lo, fit.hi) for each in fit.fits)
+
+
+def refine_field_fit(fit: FieldFit, narrow: Sequence[NarrowPlaces], everywhere: bool) -> FieldFit:
     """The fit continued where octree leaves hide a crossing of its level sets; LevelSetError if that fails.
 
-    Leaves are split near narrow places of the level sets, or `everywhere` if these do not suffice. Faster than `fit_field` with
-    `detect_hidden_crossings`, because patches elsewhere are reused.
+    Leaves are split near the `narrow` places of each level set, or `everywhere` if these do not suffice. Faster than `fit_field`
+    with `detect_hidden_crossings`, because patches elsewhere are reused.
     """
     refined = []
-    for each in fit.fits:
+    for each, places in zip(fit.fits, narrow, strict=True):
         field, samples = each.request.field, each.request.surface_samples
-        places = find_narrow_places(field, fit.lo, fit.hi)
         missed = sample_narrow_places(field, fit.lo, fit.hi, samples, places)
         refined.append(split_hidden_crossings(each, missed, None if everywhere else places.points))
     return replace(fit, fits=tuple(refined), brep=_assemble(refined, fit.field, fit.lo, fit.hi))

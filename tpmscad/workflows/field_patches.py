@@ -36,6 +36,7 @@ from tpmscad.levelset import field_solid
 from tpmscad.levelset.field_solid import (
     FieldFit,
     FieldSolid,
+    find_places_of_fit,
     fit_field,
     measure_field_fit,
     refine_field_fit,
@@ -174,10 +175,10 @@ def _refine_until_possible(fit: FieldFit, betti: Betti | None) -> FieldFit | Non
 
     Near narrow places first: everywhere it takes half as many patches again.
     """
-    refined = fit
+    refined, narrow = fit, find_places_of_fit(fit)
     for everywhere in (False, True):
         try:
-            refined = refine_field_fit(refined, everywhere)
+            refined = refine_field_fit(refined, narrow, everywhere)
         except LevelSetError:
             return None
         if betti is not None and _could_have(refined.brep, betti):
