@@ -11,6 +11,7 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.tape_kernel import CODES
 from tpmscad.fields.tape_nodes import Node, Region, find_ancestors, resolve_alias
+from tpmscad.splines.basis import span_polynomials
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
 OPERATIONS_OF_SEVERAL_RESULTS = ("sine_cosine", "piecewise", "tensor", "periodic_spline")
@@ -96,6 +97,22 @@ def _group_results(nodes: Sequence[Node], guarded: bool) -> list[_Step]:
     return steps
 
 
+def _lay_out_tensor(numbers: Array) -> Array:
+    """The degrees, numbers of coefficients, knots and coefficients of a spline in the layout that the interpreter reads."""
+    degrees, counts = numbers[:3].astype(int), numbers[3:6].astype(int)
+    *knots, coefficients = np.split(numbers[6:], np.cumsum(degrees + counts + 1))
+    orders = 4 * np.ceil((degrees + 1) / 4).astype(int)
+    spare = orders - degrees - 1
+    axes = []
+    for t, degree, zeros in zip(knots, degrees.tolist(), spare.tolist(), strict=True):
+        ends, polynomials = span_polynomials(t, degree)
+        spans = len(polynomials)
+        table = np.pad(np.swapaxes(polynomials, 1, 2), ((0, 0), (zeros, 0), (0, zeros)))
+        axes += [[spans], ends, [spans / (ends[-1] - ends[0])], table.ravel()]
+    table = np.pad(coefficients.reshape(counts), [(0, zeros) for zeros in spare])
+    return np.concatenate([orders, table.shape, *axes, table.ravel()])
+
+
 class _Writer:
     """Operations as they are written, the rows in use, and the guards that are open."""
 
@@ -146,7 +163,8 @@ class _Writer:
         for k in spare:
             results[k] = self.n_rows
             self.n_rows += 1
-        self.write(node.name, results, operands, node.numbers)
+        numbers = _lay_out_tensor(node.numbers) if node.name == "tensor" else node.numbers
+        self.write(node.name, results, operands, numbers)
         self.free += [results[k] for k in spare]
         if node.name == "check":
             self.refusals[self.code[-1][-1]] = int(node.numbers[2])

@@ -50,6 +50,18 @@ def power_coefficients(knots: Array, coefficients: Array, degree: int) -> tuple[
     return breaks, np.stack([spline(breaks[:-1], order) / factorial(order) for order in range(degree, -1, -1)])
 
 
+def span_polynomials(knots: Array, degree: int) -> tuple[Array, Array]:
+    """The B-splines of each span as polynomials: ends (m + 1,) of the spans, coefficients (m, degree + 1, degree + 1).
+
+    Coefficient (i, j, k) is of the j-th B-spline that is not zero in span i, highest power of the distance from its start first.
+    """
+    ends = np.asarray(knots[degree : len(knots) - degree], float)
+    splines = scipy_spline(knots, np.eye(len(knots) - degree - 1), degree)
+    powers = [splines(ends[:-1], order) / factorial(order) for order in range(degree, -1, -1)]
+    span = np.arange(len(ends) - 1)[:, None]
+    return ends, np.stack(powers, axis=-1)[span, span + np.arange(degree + 1)]
+
+
 def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:
     """Design (collocation) matrix: every basis function, or its derivative of the given order, at every parameter.
 
