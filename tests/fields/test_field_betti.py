@@ -99,8 +99,8 @@ def test_what_is_narrow_is_seen_in_faces_and_edges_of_the_box_and_where_a_field_
 @pytest.mark.parametrize("value", [0.0, 1e-9, -1.0])
 def test_nothing_narrow_is_sought_where_a_field_is_constant(value: float) -> None:
     grid = SampleGrid((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (9, 9, 9))
-    [(points, _)] = saddles.find_narrow_points([fields.constant(value)], grid, 0.1)
-    assert len(points) == 0
+    [narrow] = saddles.find_narrow_points([fields.constant(value)], grid, 0.1)
+    assert len(narrow.points) == 0
 
 
 def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(monkeypatch: pytest.MonkeyPatch) -> None:

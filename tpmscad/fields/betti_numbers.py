@@ -40,6 +40,10 @@ SADDLE_LINE_OFFSETS_SPACINGS = 2.0 ** -np.arange(8.0)
 """Offsets, in grid spacings, of the lines added on each side of a critical point; they resolve necks of 0.01 spacings. With the
 ratio 1.5 there are 13 of them, and 2 to 4 times as many nodes for the same counts."""
 
+LEAST_OFFSET_HALF_WIDTHS = 0.25
+"""Least offset of these lines in half widths of the neck, whose level set is no cone any more closer to the critical point: a third
+to a tenth of the nodes for the same counts."""
+
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
 """Grid lines of a third grid, beyond two that agree."""
 
@@ -129,11 +133,25 @@ def _sample_on_graded_grids(
     """Values of each field on a uniform grid with lines graded towards the necks, and False if these would be too many."""
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((counts + 1).tolist()))
     half_width = NARROW_HALF_WIDTH_SPACINGS * float(grid.spacing.min())
-    steps = np.concatenate([-SADDLE_LINE_OFFSETS_SPACINGS, [0.0], SADDLE_LINE_OFFSETS_SPACINGS])
-    for field, (narrow, values) in zip(operands, find_narrow_points(operands, grid, half_width), strict=True):
-        axes = []
-        for axis, uniform in enumerate(grid.axes):
-            added = (narrow[:, axis, None] + grid.spacing[axis] * steps).ravel()
-            axes.append(np.union1d(uniform, added[(added > lo[axis]) & (added < hi[axis])]))
+    for field, narrow in zip(operands, find_narrow_points(operands, grid, half_width), strict=True):
+        values = narrow.grid_values
+        axes = [
+            _grade_lines(uniform, spacing, narrow.points[:, axis], narrow.half_widths)
+            for axis, (uniform, spacing) in enumerate(zip(grid.axes, grid.spacing, strict=True))
+        ]
         too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_GRADED_NODES
-        yield (values, not len(narrow)) if too_many or not len(narrow) else (field.on_grid(*axes), True)
+        if too_many or not len(narrow.points):
+            yield values, not len(narrow.points)
+        else:
+            yield field.on_grid(*axes), True
+
+
+def _grade_lines(uniform: Array, spacing: float, narrow: Array, half_widths: Array) -> Array:
+    """Uniform grid lines of an axis, and lines at decreasing distances from narrow places (n,) of given half widths (n,)."""
+    offsets = spacing * SADDLE_LINE_OFFSETS_SPACINGS
+    added = [narrow]
+    for offset in offsets:
+        wide = narrow[offset >= LEAST_OFFSET_HALF_WIDTHS * half_widths]
+        added += [wide - offset, wide + offset]
+    lines = np.concatenate(added)
+    return np.union1d(uniform, lines[(lines > uniform[0]) & (lines < uniform[-1])])

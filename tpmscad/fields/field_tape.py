@@ -6,6 +6,7 @@ and of grids run the same operations in the same order, so that both give the sa
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from functools import partial
 from threading import Lock
@@ -13,10 +14,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.tape_derivatives import differentiate
-from tpmscad.fields.tape_kernel import LOAD_POINT, LOAD_X, LOAD_Z, run_tape
-from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors, resolve_alias
+from tpmscad.fields.tape_kernel import BLOCK, LOAD_POINT, LOAD_X, LOAD_Z, run_tape
+from tpmscad.fields.tape_nodes import Node, Recorder, find_ancestors, is_mask, resolve_alias
 from tpmscad.fields.tape_program import Program, Source, compile_program, list_operands
 
 MIN_LANE = 16
@@ -106,6 +107,20 @@ def _make_jet(value: Node) -> list[Node]:
     return [value, *(zero if p is None else p for p in differentiate(value, recorder.coordinates))]
 
 
+def _split_into_blocks(count: int, masks: Array | None = None) -> IntArray:
+    """Ends of the blocks of `count` columns; a mask (m, count), if given, is constant in each unless it changes all the time.
+
+    What a mask guards is then run for the columns that need it only, such as a field's extension beyond the faces of a box.
+    """
+    parts = np.array([0, count])
+    if masks is not None:
+        changes = np.flatnonzero((masks[:, 1:] != masks[:, :-1]).any(axis=0)) + 1
+        if len(changes) * MIN_LANE <= count:
+            parts = np.concatenate([[0], changes, [count]])
+    starts = [np.arange(a, b, BLOCK) for a, b in itertools.pairwise(parts.tolist())]
+    return np.concatenate([*starts, [count]]).astype(np.int64)
+
+
 class _Evaluator:
     """Programs of the same outputs for points and for grids, compiled when they are needed."""
 
@@ -126,7 +141,8 @@ class _Evaluator:
         if self._point_program is None:
             loads = {node.index: (LOAD_Z, axis) for axis, node in enumerate(self.recorder.coordinates)}
             self._point_program = compile_program(self.outputs, self.loads | loads, self.guarded)
-        return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), self.read_inputs(columns), columns)
+        ends = _split_into_blocks(columns.shape[1])
+        return self._run(self._point_program, (NO_TABLE, NO_TABLE, columns), ends, self.read_inputs(columns), columns)
 
     def read_inputs(self, columns: Array) -> Array:
         """Values and derivatives (inputs, n) of the foreign functions at points given as columns (3, n)."""
@@ -160,7 +176,10 @@ class _Evaluator:
             mask = self._mask_evaluator(k)
             is_needed = None if mask is None else mask.on_grid(axes)[0].ravel() != 0
             self._fill(inputs, k, self._map_grid(k, axes), is_needed)
-        return self._run(program, (tables[0], tables[1], tables[2]), inputs, axes).reshape(-1, *shape)
+        along_z = [] if of_axis[2] is None else of_axis[2].outputs
+        masks = tables[2][[k + 1 for k, node in enumerate(along_z) if is_mask(node)]]
+        ends = _split_into_blocks(shape[2], masks)
+        return self._run(program, (tables[0], tables[1], tables[2]), ends, inputs, axes).reshape(-1, *shape)
 
     def _compile_for_grids(self) -> tuple[Program, list[_Evaluator | None]]:
         """The program of grids, and for each axis the evaluator of what depends on its coordinate only."""
@@ -180,9 +199,9 @@ class _Evaluator:
             loads |= {node.index: (LOAD_X + axis, k + 1) for k, node in enumerate(hoisted)}
         return compile_program(self.outputs, loads), evaluators
 
-    def _run(self, program: Program, tables: Axes, inputs: Array, coordinates: Any) -> Array:
+    def _run(self, program: Program, tables: Axes, ends: IntArray, inputs: Array, coordinates: Any) -> Array:
         found = np.empty((len(self.outputs), tables[0].shape[1] * tables[1].shape[1] * tables[2].shape[1]))
-        place, point = run_tape(program.code, program.parameters, program.n_rows, *tables, inputs, found)
+        place, point = run_tape(program.code, program.parameters, program.n_rows, *tables, ends, inputs, found)
         if place >= 0:
             shape = [len(axis) for axis in coordinates] if isinstance(coordinates, tuple) else None
             at = (point, point, point) if shape is None else np.unravel_index(point, shape)

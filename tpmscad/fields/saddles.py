@@ -95,6 +95,20 @@ class CriticalPoints:
     across: Array
     is_saddle: BoolArray
 
+    @property
+    def half_widths(self) -> Array:
+        """The quadratic estimates (n,) of the half width of what is narrow."""
+        return np.asarray(np.sqrt(2 * np.abs(self.values) / np.maximum(self.across, np.finfo(float).tiny)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NarrowPoints:
+    """Points (n, 3) at which solid or void is narrow, estimates of its half widths there (n,), 0 if unknown, and values on a grid."""
+
+    points: Array
+    half_widths: Array
+    grid_values: Array
+
 
 def find_saddles(
     field: Field, grid: SampleGrid, where: BoolArray, closest: float, samples: tuple[Array, Array] | None = None
@@ -112,8 +126,8 @@ def find_saddles(
     return Saddles(found.points[found.is_saddle], found.values[found.is_saddle])
 
 
-def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float) -> list[tuple[Array, Array]]:
-    """Critical points (n, 3) at which solid or void may be narrower than 2 * `closest`, and values on the grid, of each field.
+def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float) -> list[NarrowPoints]:
+    """Critical points at which solid or void may be narrower than 2 * `closest`, and values on the grid, of each field.
 
     The points lie in the box and on its faces and edges. On a face or an edge they are those of the field's restriction: as a
     level passes their values, the part of the solid in the box changes its topology there, though the field itself has no
@@ -133,16 +147,19 @@ def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float
             found = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
             cells[k].append(found + np.array([first, 0, 0]))
     inside = (None, None, None)
-    points = [
-        [_find_in_cells(f, grid, inside, np.concatenate(c), closest).points] for f, c in zip(fields, cells, strict=True)
-    ]
+    critical = [[_find_in_cells(f, grid, inside, np.concatenate(c), closest)] for f, c in zip(fields, cells, strict=True)]
     for sides in product((None, 0, -1), repeat=3):
         if None in sides and sides != inside:
             axes = [axis if side is None else axis[[side]] for axis, side in zip(grid.axes, sides, strict=True)]
             for k, samples in enumerate(tape.jets_on_grid(*axes)):
                 found = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
-                points[k].append(_find_in_cells(fields[k], grid, sides, found, closest).points)
-    return [(np.concatenate(p), v) for p, v in zip(points, values, strict=True)]
+                critical[k].append(_find_in_cells(fields[k], grid, sides, found, closest))
+    return [
+        NarrowPoints(
+            np.concatenate([each.points for each in parts]), np.concatenate([each.half_widths for each in parts]), v
+        )
+        for parts, v in zip(critical, values, strict=True)
+    ]
 
 
 def _find_in_cells(

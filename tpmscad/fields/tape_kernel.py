@@ -259,10 +259,11 @@ def _elementary(rows, n, code, d, a, b, number):  # type: ignore[no-untyped-def]
 
 
 @njit_cached
-def run_tape(code, parameters, n_rows, x_table, y_table, z_table, point_table, found):  # type: ignore[no-untyped-def]  # pragma: no cover
+def run_tape(code, parameters, n_rows, x_table, y_table, z_table, ends, point_table, found):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Run the operations (m, 9) on all points of the grid of the tables' columns, into found (outputs, points).
 
     An operation is its code, the rows of up to four results, the rows of up to three operands, and the place of its parameters.
+    Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
     nx, ny, nz = x_table.shape[1], y_table.shape[1], z_table.shape[1]
@@ -274,8 +275,9 @@ def run_tape(code, parameters, n_rows, x_table, y_table, z_table, point_table, f
         body += 1
     for line in range(nx * ny):
         ix, iy = line // ny, line % ny
-        for start in range(0, nz, BLOCK):
-            n = min(BLOCK, nz - start)
+        for block in range(len(ends) - 1):
+            start = ends[block]
+            n = ends[block + 1] - start
             at = line * nz + start
             k = body
             while k < len(code):

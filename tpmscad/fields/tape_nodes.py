@@ -246,6 +246,11 @@ def resolve_alias(node: Node) -> Node:
     return node
 
 
+def is_mask(node: Node) -> bool:
+    """Whether a node is a comparison, or a choice between such."""
+    return node.name in ("at_least", "greater") or (node.name == "select" and all(map(is_mask, node.args)))
+
+
 def find_ancestors(
     nodes: Sequence[Node], stop: Collection[int], operands: Callable[[Node], Sequence[Node]]
 ) -> list[Node]:

@@ -149,8 +149,8 @@ def find_narrow_places(field: Field, lo: Array, hi: Array) -> NarrowPlaces:
     cells = np.maximum(MIN_NARROW_PLACE_CELLS, np.ceil(NARROW_PLACE_LINES * (hi - lo) / (hi - lo).max())).astype(int)
     grid = SampleGrid(tuple(lo.tolist()), tuple(hi.tolist()), tuple((cells + 1).tolist()))
     reach = float(grid.spacing.max())
-    [(points, _)] = find_narrow_points([field], grid, reach)
-    return NarrowPlaces(points, reach)
+    [narrow] = find_narrow_points([field], grid, reach)
+    return NarrowPlaces(narrow.points, reach)
 
 
 def sample_narrow_places(field: Field, lo: Array, hi: Array, known: Array, found: NarrowPlaces) -> Array:
