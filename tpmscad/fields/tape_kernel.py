@@ -93,6 +93,19 @@ def _piecewise(rows, n, value, slope, argument, p, parameters):  # type: ignore[
 
 
 @njit_cached
+def _list_needed_columns(rows, n, op):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The columns at which the results of an operation are needed: all, or those of its mask."""
+    columns, mask = np.arange(n), op[9]
+    if mask < 0:
+        return columns
+    found = 0
+    for i in range(n):
+        columns[found] = i
+        found += rows[mask, i] != 0.0
+    return columns[:found]
+
+
+@njit_cached
 def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Tensor-product splines; parameters: orders, numbers of coefficients, the polynomials of each axis, the coefficients.
 
@@ -100,6 +113,8 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
     the coefficients of the B-splines that are not zero there, those of the highest power first. Orders are rounded up to a whole
     number of fours by zeros, and the coefficients go on with zeros along each axis.
     """
+    columns = _list_needed_columns(rows, n, op)
+    n = len(columns)
     fours = (int(parameters[p]) // 4, int(parameters[p + 1]) // 4, int(parameters[p + 2]) // 4)
     width = 4 * max(fours)
     splines, start = np.zeros((n, 6 * width)), np.zeros(n, np.uint64)
@@ -111,7 +126,7 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
         polynomials = place + spans + 3
         low, rate, stride = parameters[place + 1], parameters[polynomials - 1], (one, height, depth)[axis]
         for i in range(n):
-            t = rows[op[5 + axis], i]
+            t = rows[op[5 + axis], columns[i]]
             guess = (t - low) * rate
             span = np.uint64(min(int(guess), spans - 1) if guess > 0.0 else 0)  # not a number: the first span
             while span > 0 and t < parameters[ends + span]:
@@ -135,7 +150,7 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
                 splines[i, j], splines[i, j + 1], splines[i, j + 2], splines[i, j + 3] = s0, s1, s2, s3
         place = polynomials + spans * (4 * fours[axis]) ** 2
     start += np.uint64(place)
-    _sum_tensor_product(rows, n, op, fours, height, depth, start, splines, parameters)
+    _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, parameters)
 
 
 @njit_cached
@@ -144,12 +159,14 @@ def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def
 
     The table goes on for three coefficients beyond the period along each axis, so that those of an interval are consecutive.
     """
+    columns = _list_needed_columns(rows, n, op)
+    n = len(columns)
     splines, start = np.empty((n, 24)), np.zeros(n, np.uint64)
     height, depth = np.uint64(parameters[p + 1] + 3.0), np.uint64(parameters[p + 2] + 3.0)
     for axis in range(3):
         count, rate, at = parameters[p + axis], parameters[p + 3 + axis], 4 * axis
         for i in range(n):
-            u = rows[op[5 + axis], i] * rate
+            u = rows[op[5 + axis], columns[i]] * rate
             base = math.floor(u)
             r = u - base
             s = 1.0 - r
@@ -166,18 +183,18 @@ def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def
             interval = interval if 0.0 <= interval < count else 0.0
             start[i] = start[i] * (np.uint64(1), height, depth)[axis] + np.uint64(interval)
     start += np.uint64(p + 6)
-    _sum_tensor_product(rows, n, op, (1, 1, 1), height, depth, start, splines, parameters)
+    _sum_tensor_product(rows, columns, op, (1, 1, 1), height, depth, start, splines, parameters)
 
 
 @njit_cached
-def _sum_tensor_product(rows, n, op, fours, height, depth, start, splines, table):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Sums of coefficients times B-splines of three axes, and their derivatives, written to the result rows.
+def _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Sums of coefficients times B-splines of three axes, and their derivatives, written to these columns of the result rows.
 
     `splines` (n, 6 w) holds the B-splines along x, y and z, and their slopes. The coefficients of a point begin at `start` of the
     table, with rows of `depth` numbers and planes of `height` rows. They are added four by four by four: loops of fixed length
     over unsigned indices take half the time of general ones.
     """
-    width, plane = splines.shape[1] // 6, height * depth
+    n, width, plane = len(columns), splines.shape[1] // 6, height * depth
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     total = np.zeros((4, n))
     with_slopes = op[2] >= 0 or op[3] >= 0 or op[4] >= 0
@@ -226,7 +243,7 @@ def _sum_tensor_product(rows, n, op, fours, height, depth, start, splines, table
     for k in range(4):
         if op[1 + k] >= 0:
             for i in range(n):
-                rows[op[1 + k], i] = total[k, i]
+                rows[op[1 + k], columns[i]] = total[k, i]
 
 
 @njit_cached
@@ -260,10 +277,10 @@ def _elementary(rows, n, code, d, a, b, number):  # type: ignore[no-untyped-def]
 
 @njit_cached
 def run_tape(code, parameters, n_rows, x_table, y_table, z_table, ends, point_table, found):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Run the operations (m, 9) on all points of the grid of the tables' columns, into found (outputs, points).
+    """Run the operations (m, 10) on all points of the grid of the tables' columns, into found (outputs, points).
 
-    An operation is its code, the rows of up to four results, the rows of up to three operands, and the place of its parameters.
-    Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
+    An operation is its code, the rows of up to four results, the rows of up to three operands, the place of its parameters, and
+    the row of the mask of the columns at which it is needed, which operations of some cost look at, or -1 for all columns. Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
     nx, ny, nz = x_table.shape[1], y_table.shape[1], z_table.shape[1]

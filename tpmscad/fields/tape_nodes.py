@@ -32,7 +32,7 @@ EVERY_AXIS = 0b111
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Region:
-    """Operations under a mask: recorded in `parent` and run in the blocks where the mask holds at a point."""
+    """Operations under a mask: recorded in `parent`, whose mask holds where this one does, and run where it holds at a point."""
 
     parent: Region | None
     mask: Node
@@ -183,8 +183,9 @@ class Recorder:
 
     @contextmanager
     def where(self, mask: Node) -> Iterator[None]:
-        """Record operations that only points of the mask need."""
-        with self.inside(Region(self.region, mask)):
+        """Record operations that only points of the mask need, in a region those of both."""
+        both = mask if self.region is None else self.region.mask & mask
+        with self.inside(Region(self.region, both)):
             yield
 
     def external(self, source: Any, coordinates: tuple[Node, Node, Node]) -> Node:
@@ -193,7 +194,7 @@ class Recorder:
         `source.at` and `source.jet` evaluate it outside the tape, once for all calls with coordinates of the same values.
         """
         x, y, z = (resolve_alias(node) for node in coordinates)
-        mask = None if self.region is None else self.mask_of(self.region)
+        mask = None if self.region is None else self.region.mask
         known = [k for k, each in enumerate(self.externals) if each.source is source and each.coordinates == (x, y, z)]
         number = known[0] if known else len(self.externals)
         if not known:
@@ -222,12 +223,8 @@ class Recorder:
 
     def check(self, node: Node, numbers: tuple[float, ...]) -> Node:
         """The node, checked in its region: the numbers are the limits, and of the refusals of its values and derivatives."""
-        mask = self.constant(1.0) if self.region is None else self.mask_of(self.region)
+        mask = self.constant(1.0) if self.region is None else self.region.mask
         return self.record("check", (node, mask), numbers, depends=EVERY_AXIS)
-
-    def mask_of(self, region: Region) -> Node:
-        """The mask that holds where those of a region and of all round it do."""
-        return region.mask if region.parent is None else region.mask * self.mask_of(region.parent)
 
     @contextmanager
     def inside(self, region: Region | None) -> Iterator[None]:

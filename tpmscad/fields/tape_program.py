@@ -24,7 +24,7 @@ Source = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Operations (m, 9), their parameters, the number of rows, and the number of the refusal of each check by its parameters."""
+    """Operations (m, 10), their parameters, the number of rows, and the number of the refusal of each check by its parameters."""
 
     code: IntArray
     parameters: Array
@@ -139,8 +139,10 @@ class _Writer:
         if node.index in self.row_of:
             self.free.append(self.row_of.pop(node.index))
 
-    def write(self, name: str, results: Sequence[int], operands: Sequence[int], numbers: object) -> None:
-        """Append an operation with its parameters."""
+    def write(
+        self, name: str, results: Sequence[int], operands: Sequence[int], numbers: object, region: Region | None = None
+    ) -> None:
+        """Append an operation with its parameters, needed in a region only if one is given."""
         place = 0
         array = np.atleast_1d(np.asarray(numbers, float))
         if len(array):
@@ -148,7 +150,7 @@ class _Writer:
             self.parameters.append(array)
             self.n_parameters += len(array)
         padded = [*results, *[-1] * (MAX_OUTPUTS - len(results)), *operands, *[-1] * (MAX_OPERANDS - len(operands))]
-        self.code.append([CODES[name], *padded, place])
+        self.code.append([CODES[name], *padded, place, -1 if region is None else self.mask_row(region)])
 
     def write_step(self, step: _Step, loads: Mapping[int, Source]) -> None:
         """Append a step."""
@@ -164,10 +166,14 @@ class _Writer:
             results[k] = self.n_rows
             self.n_rows += 1
         numbers = _lay_out_tensor(node.numbers) if node.name == "tensor" else node.numbers
-        self.write(node.name, results, operands, numbers)
+        self.write(node.name, results, operands, numbers, step.region)
         self.free += [results[k] for k in spare]
         if node.name == "check":
-            self.refusals[self.code[-1][-1]] = int(node.numbers[2])
+            self.refusals[self.code[-1][8]] = int(node.numbers[2])
+
+    def mask_row(self, region: Region) -> int:
+        """The row of a region's mask."""
+        return self.row_of[resolve_alias(region.mask).index]
 
     def guard(self, region: Region | None) -> None:
         """End the guards that are open, and open those of a region, the outermost first."""
@@ -180,9 +186,9 @@ class _Writer:
             region = region.parent
         for each in reversed(chain):
             self.guards.append(len(self.code))
-            self.write("guard", [], [self.row_of[resolve_alias(each.mask).index], 0], ())
+            self.write("guard", [], [self.mask_row(each), 0], ())
 
     def finish(self) -> Program:
         """The program written."""
-        code = np.array(self.code, np.int64).reshape(-1, 2 + MAX_OUTPUTS + MAX_OPERANDS)
+        code = np.array(self.code, np.int64).reshape(-1, 3 + MAX_OUTPUTS + MAX_OPERANDS)
         return Program(code, np.concatenate(self.parameters), self.n_rows, self.refusals)

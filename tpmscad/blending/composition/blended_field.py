@@ -44,25 +44,29 @@ class BlendedField(Field):
     domain: BoxBounds | None = None
 
     def trace(self, x: Node, y: Node, z: Node) -> Node:
-        """The formula on the nodes of a tape; where only one structure counts, only that one is evaluated."""
+        """The formula on the nodes of a tape; each structure and weight is evaluated only where the result depends on it."""
         recorder, clamped = x.recorder, [x, y, z]
         if self.domain is not None:
             clamped = [clamp(t, low, high) for t, low, high in zip(clamped, *self.domain, strict=True)]
         region = _trace_region_index(self.regions, clamped)
         blended = [each.trace(*clamped) <= 0.0 for each in self.blending_regions]
-        with recorder.where((region <= 0.0) | blended[0] | (region > 1.0)):
+        is_later = [region > float(stage) for stage in range(len(self.weights))]
+        is_mixed = [blended[stage] | (region > stage + 1.0) for stage in range(len(self.weights))]
+        is_needed = [recorder.constant(1.0)]  # of the value after each stage, the last one first
+        for later, mixed in zip(reversed(is_later), reversed(is_mixed), strict=True):
+            is_needed.append(is_needed[-1] & (mixed | (later <= 0.0)))
+        with recorder.where(is_needed.pop()):
             value = self.structures[0].trace(x, y, z)
         for stage, weight in enumerate(self.weights):
-            is_later = region > float(stage)
-            is_mixed = blended[stage] | (region > stage + 1.0)
-            with recorder.where(is_later | is_mixed):
+            needed = is_needed.pop()
+            with recorder.where(needed & (is_later[stage] | is_mixed[stage])):
                 next_value = self.structures[stage + 1].trace(x, y, z)
-            with recorder.where(is_mixed):
+            with recorder.where(needed & is_mixed[stage]):
                 w = trace_weight(weight, clamped)
-                mixed = (1.0 - w) * value + w * next_value
+                mixed_value = (1.0 - w) * value + w * next_value
                 if (level_shift := self._level_shift(stage)) is not None:
-                    mixed = mixed + trace_weight(level_shift, clamped)
-            value = select(is_mixed, mixed, select(is_later, next_value, value))
+                    mixed_value = mixed_value + trace_weight(level_shift, clamped)
+            value = select(is_mixed[stage], mixed_value, select(is_later[stage], next_value, value))
         return value
 
     def region_index(self, points: Array) -> IntArray:
