@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from threading import Lock
 from typing import Any, Protocol
@@ -107,11 +108,22 @@ def _make_jet(value: Node) -> list[Node]:
     return [value, *(zero if p is None else p for p in differentiate(value, recorder.coordinates))]
 
 
+@dataclass(frozen=True, slots=True)
+class _ForeignCall:
+    """A foreign function, the rows of its coordinates, and the row of the mask of the points at which it is needed, if any."""
+
+    external: int
+    coordinates: list[int]
+    mask: int | None
+
+
 def _split_into_blocks(count: int, masks: Array | None = None) -> IntArray:
     """Ends of the blocks of `count` columns; a mask (m, count), if given, is constant in each unless it changes all the time.
 
     What a mask guards is then run for the columns that need it only, such as a field's extension beyond the faces of a box.
     """
+    if masks is None and count <= BLOCK:
+        return np.array([0, count])
     parts = np.array([0, count])
     if masks is not None:
         changes = np.flatnonzero((masks[:, 1:] != masks[:, :-1]).any(axis=0)) + 1
@@ -130,8 +142,10 @@ class _Evaluator:
         self.inputs = [node for node in self.nodes if node.name == "input"]
         self.loads: dict[int, Source] = {node.index: (LOAD_POINT, k) for k, node in enumerate(self.inputs)}
         self.externals = sorted({node.numbers[0] for node in self.inputs})
+        self.rows_of = {k: [r for r, node in enumerate(self.inputs) if node.numbers[0] == k] for k in self.externals}
         self.needs_jet = {node.numbers[0] for node in self.inputs if node.output}
         self._point_program: Program | None = None
+        self._foreign_calls: list[tuple[_Evaluator | None, list[_ForeignCall]]] | None = None
         self._grid: tuple[Program, list[_Evaluator | None]] | None = None
         self._coordinates: dict[int, _Evaluator] = {}
         self._masks: dict[int, _Evaluator] = {}
@@ -147,12 +161,34 @@ class _Evaluator:
     def read_inputs(self, columns: Array) -> Array:
         """Values and derivatives (inputs, n) of the foreign functions at points given as columns (3, n)."""
         inputs = np.empty((len(self.inputs), columns.shape[1]))
-        for k in self.externals:
-            own = self._coordinate_evaluator(k)
-            mask = self._mask_evaluator(k)
-            is_needed = None if mask is None else mask.at_points(columns)[0] != 0
-            self._fill(inputs, k, list(columns if own is None else own.at_points(columns)), is_needed)
+        if self._foreign_calls is None:
+            self._foreign_calls = self._plan_foreign_calls()
+        for evaluator, calls in self._foreign_calls:
+            found = columns if evaluator is None else np.concatenate([columns, evaluator.at_points(columns)])
+            for call in calls:
+                is_needed = None if call.mask is None else found[call.mask] != 0
+                self._fill(inputs, call.external, [found[row] for row in call.coordinates], is_needed)
         return inputs
+
+    def _plan_foreign_calls(self) -> list[tuple[_Evaluator | None, list[_ForeignCall]]]:
+        """Calls of foreign functions, and the evaluators of what they need: all together unless one needs another's result."""
+        waiting = {k: self.recorder.externals[k] for k in self.externals}
+        plan: list[tuple[_Evaluator | None, list[_ForeignCall]]] = []
+        while waiting:
+            outputs: dict[Node, int] = {node: axis for axis, node in enumerate(self.recorder.coordinates)}
+            calls = []
+            for k, each in waiting.items():
+                nodes = each.coordinates if each.mask is None else (*each.coordinates, resolve_alias(each.mask))
+                ancestors = find_ancestors(nodes, (), partial(list_operands, guarded=self.guarded))
+                if waiting.keys() & {node.numbers[0] for node in ancestors if node.name == "input"}:
+                    continue
+                rows = [outputs.setdefault(node, len(outputs)) for node in nodes]
+                calls.append(_ForeignCall(k, rows[:3], None if each.mask is None else rows[3]))
+            own = list(outputs)[3:]
+            plan.append((_Evaluator(self.recorder, own, self.guarded) if own else None, calls))
+            for call in calls:
+                del waiting[call.external]
+        return plan
 
     def on_grid(self, axes: Axes) -> Array:
         """Outputs (m, nx, ny, nz) on a grid."""
@@ -242,8 +278,7 @@ class _Evaluator:
 
     def _fill(self, inputs: Array, external: int, coordinates: Sequence[Any], is_needed: BoolArray | None) -> None:
         """Write the value, or value and derivatives, of a foreign function into its rows of the inputs; 0 where not needed."""
-        source = self.recorder.externals[external].source
-        rows = [row for row, node in enumerate(self.inputs) if node.numbers[0] == external]
+        source, rows = self.recorder.externals[external].source, self.rows_of[external]
         columns: slice | BoolArray = slice(None)
         if is_needed is not None and not is_needed.all():
             inputs[rows] = 0.0
