@@ -41,8 +41,8 @@ SADDLE_LINE_OFFSETS_SPACINGS = 2.0 ** -np.arange(8.0)
 ratio 1.5 there are 13 of them, and 2 to 4 times as many nodes for the same counts."""
 
 LEAST_OFFSET_HALF_WIDTHS = 0.25
-"""Least offset of these lines in half widths of the neck, whose level set is no cone any more closer to the critical point: a third
-to a tenth of the nodes for the same counts."""
+"""Least offset of these lines in half widths of the neck. Closer to the critical point the level set is no cone any more; lines
+there made 3 to 10 times as many nodes for the same counts."""
 
 FINER_LINES = INITIAL_LINES * REFINEMENT_RATIO**2
 """Grid lines of a third grid, beyond two that agree."""

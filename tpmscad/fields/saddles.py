@@ -103,7 +103,10 @@ class CriticalPoints:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NarrowPoints:
-    """Points (n, 3) at which solid or void is narrow, estimates of its half widths there (n,), 0 if unknown, and values on a grid."""
+    """Points (n, 3) at which solid or void is narrow, and the field's values on the grid on which they were found.
+
+    `half_widths` (n,) are estimates of half the width of what is narrow; 0 if it is unknown.
+    """
 
     points: Array
     half_widths: Array
@@ -147,7 +150,9 @@ def find_narrow_points(fields: Sequence[Field], grid: SampleGrid, closest: float
             found = _find_cells(samples, np.ones(samples[0].shape, bool), grid.spacing, closest)
             cells[k].append(found + np.array([first, 0, 0]))
     inside = (None, None, None)
-    critical = [[_find_in_cells(f, grid, inside, np.concatenate(c), closest)] for f, c in zip(fields, cells, strict=True)]
+    critical = [
+        [_find_in_cells(f, grid, inside, np.concatenate(c), closest)] for f, c in zip(fields, cells, strict=True)
+    ]
     for sides in product((None, 0, -1), repeat=3):
         if None in sides and sides != inside:
             axes = [axis if side is None else axis[[side]] for axis, side in zip(grid.axes, sides, strict=True)]

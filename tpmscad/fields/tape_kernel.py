@@ -280,7 +280,8 @@ def run_tape(code, parameters, n_rows, x_table, y_table, z_table, ends, point_ta
     """Run the operations (m, 10) on all points of the grid of the tables' columns, into found (outputs, points).
 
     An operation is its code, the rows of up to four results, the rows of up to three operands, the place of its parameters, and
-    the row of the mask of the columns at which it is needed, which operations of some cost look at, or -1 for all columns. Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
+    the row of the mask of the columns at which it is needed, -1 for all. Only operations that take long look at their mask.
+    Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
     nx, ny, nz = x_table.shape[1], y_table.shape[1], z_table.shape[1]

@@ -34,7 +34,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.linear_extension import LinearExtension
 from tpmscad.levelset.fit.hard_rows import HardRows
-from tpmscad.levelset.fit.least_squares import unit_normals
+from tpmscad.levelset.fit.least_squares import unit_vectors
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bernstein_basis, bernstein_product
@@ -117,7 +117,7 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     target = np.concatenate([-np.einsum("nkix,nix->nk", product, normals), (change - at_ends) / degree], axis=1)
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
     basis = bernstein_basis(degree, t)
-    wanted = unit_normals(field, basis @ curves)
+    wanted = unit_vectors(field.gradient(basis @ curves))
     system = NormalEquations(degree - 1, len(curves))
     system.add_point_rows(curve_basis(basis[:, 1:-1]), wanted, wanted - basis @ normals, 1.0)
     conditions = HardRows.factorise(rows.reshape(*rows.shape[:2], -1))

@@ -10,7 +10,7 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
+from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 TANGENTIAL_WEIGHT = 0.3
@@ -23,27 +23,37 @@ MAX_STEP_OF_CHORD = 0.3
 """Largest Newton step towards the level set, as a fraction of a curve's chord or a patch's diagonal."""
 
 PROJECTION_STEPS = 8
-"""Newton steps towards the level set."""
+"""Most Newton steps towards the level set."""
 
+PROJECTION_TOL_OF_MAX_STEP = 1e-3
+"""A projection ends with a step below this fraction of the largest one. The point is then off the level set by half the curvature
+times the square of the step, a thousandth of any tolerance that such patches can meet, and the normal by an angle of 1e-3."""
 
 FAIRNESS_WEIGHT = 3e-3
 """Weight of the second differences of poles. Where the level set turns by 90 degrees within a part of a curve, curves of degree 9
 would have control polygons several times as long as they are, normals that swing as much, and patches that fold beside them."""
 
 
-def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, max_step: Array) -> Array:
-    """Points (n, m, 3) projected onto the level set; `fixed` (n, 3) and `max_step` (n,) hold for m points each."""
+def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, max_step: Array) -> tuple[Array, Array]:
+    """Points (n, m, 3) projected onto the level set, and its unit normals there (n, m, 3).
+
+    Coordinates `fixed` (n, 3) stay, and the normals are those of the section of the level set by the box; `max_step` (n,) bounds
+    single steps.
+    """
     m = points.shape[1]
-    flat, fixed, max_step = points.reshape(-1, 3), np.repeat(fixed, m, axis=0), np.repeat(max_step, m)
-    return project_to_level_set(field, flat, fixed, max_step, PROJECTION_STEPS).reshape(points.shape)
+    flat, all_fixed, steps = points.reshape(-1, 3), np.repeat(fixed, m, axis=0), np.repeat(max_step, m)
+    projected, gradients = project_with_gradients(
+        field, flat, all_fixed, steps, PROJECTION_STEPS, PROJECTION_TOL_OF_MAX_STEP
+    )
+    return projected.reshape(points.shape), unit_vectors(gradients.reshape(points.shape), fixed)
 
 
-def unit_normals(field: Field, points: Array, fixed: BoolArray | None = None) -> Array:
-    """Unit normals of the level set at points (n, m, 3), or of its section by the box where coordinates (n, 3) are fixed."""
-    fixed = np.zeros((len(points), 3), bool) if fixed is None else np.ascontiguousarray(fixed)
-    normals = np.empty(points.shape)
-    _normalize_free(np.ascontiguousarray(field.gradient(points)), fixed, normals)
-    return normals
+def unit_vectors(vectors: Array, fixed: BoolArray | None = None) -> Array:
+    """Unit vectors along vectors (n, m, 3), without their components that are `fixed` (n, 3)."""
+    fixed = np.zeros((len(vectors), 3), bool) if fixed is None else np.ascontiguousarray(fixed)
+    result = np.empty(vectors.shape)
+    _normalize_free(np.ascontiguousarray(vectors), fixed, result)
+    return result
 
 
 @njit_cached

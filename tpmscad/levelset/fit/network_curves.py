@@ -16,11 +16,11 @@ from tpmscad.levelset.fit.least_squares import (
     PROJECTION_STEPS,
     TANGENTIAL_WEIGHT,
     project_curves_to_level_set,
-    unit_normals,
+    unit_vectors,
 )
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.splines.basis import bending_energy, bernstein_basis
 
 CURVE_TANGENT_WEIGHT = 1.0
@@ -39,22 +39,22 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     t = np.linspace(0.0, 1.0, 2 * degree + 4)
     max_step = MAX_STEP_OF_CHORD * np.linalg.norm(end - start, axis=1)
     chord = start[:, None] + t[:, None] * (end - start)[:, None]
+    # of unit length in the planes of the box, too: the condition at one end counts no less than that at the other
+    end_normals = unit_vectors(shapes.normal, fixed)
     points = chord
     for _ in range(2):
-        points = _resample_by_arc_length(_project_interior_points(field, points, chord, fixed, max_step), t)
-    points = _project_interior_points(field, points, chord, fixed, max_step)
+        points = _project_interior_points(field, points, chord, fixed, max_step, end_normals)[0]
+        points = _resample_by_arc_length(points, t)
+    points, normal = _project_interior_points(field, points, chord, fixed, max_step, end_normals)
 
     values, derivatives = bernstein_basis(degree, t), bernstein_basis(degree, t, 1)
     energy, numbers = bending_energy(degree + 1, 1), np.arange(degree + 1)
     fraction = np.arange(degree + 1)[:, None] / degree
     poles = (1 - fraction) * start[:, None] + fraction * end[:, None]
-    # of unit length in the planes of the box, too: the condition at one end counts no less than that at the other
-    end_normals = normalize(shapes.normal * ~fixed[:, None])
     held = hold_end_poles(end_normals, degree - 1)
     for turn in range(FIT_PASSES):
         if turn:
-            points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
-        normal = unit_normals(field, points, fixed)
+            points, normal = _project_interior_points(field, values @ poles, chord, fixed, max_step, end_normals)
         inner = slice(1, degree)
         system = NormalEquations(degree - 1, len(start))
         system.add_point_rows(curve_basis(values[:, inner]), normal, points - values @ poles, TANGENTIAL_WEIGHT)
@@ -66,15 +66,10 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     poles = match_end_curvatures(poles, shapes, fixed)
     held = hold_end_poles(end_normals, degree - 3)
     for _ in range(FIT_PASSES):
-        points = _project_interior_points(field, values @ poles, chord, fixed, max_step)
+        points, normal = _project_interior_points(field, values @ poles, chord, fixed, max_step, end_normals)
         inner = slice(2, degree - 1)
         system = NormalEquations(degree - 3, len(start))
-        system.add_point_rows(
-            curve_basis(values[:, inner]),
-            unit_normals(field, points, fixed),
-            points - values @ poles,
-            TANGENTIAL_WEIGHT,
-        )
+        system.add_point_rows(curve_basis(values[:, inner]), normal, points - values @ poles, TANGENTIAL_WEIGHT)
         system.add_energy(energy, numbers[inner], poles, FAIRNESS_WEIGHT)
         poles[:, inner] += system.solve_subject_to(held, np.zeros((len(start), 2)))
     rows, axis = np.nonzero(fixed)
@@ -104,15 +99,19 @@ def _resample_by_arc_length(points: Array, t: Array) -> Array:
     return (1 - s) * start + s * end
 
 
-def _project_interior_points(field: Field, points: Array, chord: Array, fixed: BoolArray, max_step: Array) -> Array:
-    """Points of curves (n, m, 3) projected onto the level set, except their ends; kept inside the box of a `LinearExtension`.
+def _project_interior_points(
+    field: Field, points: Array, chord: Array, fixed: BoolArray, max_step: Array, end_normals: Array
+) -> tuple[Array, Array]:
+    """Points of curves (n, m, 3) projected onto the level set, except their ends, and unit normals; in the box of an extension.
 
-    Points that leave the box, or come too near to its faces, are moved back and projected parallel to the faces they crossed.
+    Points that leave the box of a `LinearExtension`, or come too near to its faces, are moved back and projected parallel to the
+    faces they crossed. `end_normals` (n, 2, 3) are known.
     """
-    result = points.copy()
-    result[:, 1:-1] = project_curves_to_level_set(field, points[:, 1:-1], fixed, max_step)
+    result, normals = points.copy(), np.empty(points.shape)
+    result[:, 1:-1], normals[:, 1:-1] = project_curves_to_level_set(field, points[:, 1:-1], fixed, max_step)
+    normals[:, [0, -1]] = end_normals
     if not isinstance(field, LinearExtension):
-        return result
+        return result, normals
     lo, hi = np.array(field.lo), np.array(field.hi)
     leaving = np.flatnonzero(((result < lo) | (result > hi))[:, 1:-1].any(axis=(1, 2)))
     low, high = (b + MIN_CLEARANCE_FRACTION * (chord[leaving] - b) for b in (lo, hi))
@@ -124,4 +123,5 @@ def _project_interior_points(field: Field, points: Array, chord: Array, fixed: B
         moved = np.clip(result[curve, k], low[row, k], high[row, k])
         held = fixed[curve] | out[row, k]
         result[curve, k] = project_to_level_set(field, moved, held, max_step[curve], PROJECTION_STEPS)
-    return result
+        normals[curve, k] = unit_vectors(field.gradient(result[curve, k])[:, None], fixed[curve])[:, 0]
+    return result, normals

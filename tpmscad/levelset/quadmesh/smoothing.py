@@ -64,20 +64,34 @@ def project_to_level_set(
 
     `fixed` (n, 3) marks coordinates that stay; `max_step` (n,) bounds the length of a single step.
     """
+    return project_with_gradients(field, points, fixed, max_step, iterations, NEWTON_TOL_OF_MAX_STEP)[0]
+
+
+def project_with_gradients(
+    field: Field, points: Array, fixed: BoolArray, max_step: Array, iterations: int, tol_of_max_step: float
+) -> tuple[Array, Array]:
+    """The points projected with steps down to a fraction of the largest one, and gradients (n, 3) where the last steps began."""
     points = np.array(points, order="C")
     fixed, max_step = np.ascontiguousarray(fixed), np.ascontiguousarray(max_step)
-    active = np.arange(len(points))
+    gradients, active = np.empty(points.shape), np.arange(len(points))
     for _ in range(iterations):
         value, gradient = field.value_and_gradient(points[active] if len(active) < len(points) else points)
-        active = active[: _take_newton_steps(points, active, fixed, max_step, value, gradient)]
+        gradients[active] = gradient
+        active = active[: _take_newton_steps(points, active, fixed, max_step, value, gradient, tol_of_max_step)]
         if len(active) == 0:
             break
-    return points
+    return points, gradients
 
 
 @njit_cached
 def _take_newton_steps(
-    points: Array, active: IntArray, fixed: BoolArray, max_step: Array, value: Array, gradient: Array
+    points: Array,
+    active: IntArray,
+    fixed: BoolArray,
+    max_step: Array,
+    value: Array,
+    gradient: Array,
+    tol_of_max_step: float,
 ) -> int:  # pragma: no cover
     """Move the active points in place, and their numbers that are to move again to the front; return how many these are."""
     count, step = 0, np.empty(3)
@@ -93,7 +107,7 @@ def _take_newton_steps(
         shorten = min(1.0, max_step[i] / max(length, MIN_DIVISOR))
         for x in range(3):
             points[i, x] += shorten * step[x]
-        if length > NEWTON_TOL_OF_MAX_STEP * max_step[i]:
+        if length > tol_of_max_step * max_step[i]:
             active[count] = i
             count += 1
     return count
