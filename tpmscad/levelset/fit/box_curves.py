@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.fit.network_fit import NetworkFit
 from tpmscad.levelset.quadmesh.octree import Octree
@@ -18,9 +19,6 @@ from tpmscad.splines.basis import bernstein_basis
 
 CURVE_PARAMETERS = np.linspace(0.0, 1.0, 33)
 """Parameters at which a curve is sampled."""
-
-PAIRS_PER_BATCH = 1 << 10
-"""Pairs of curves tested at once, with 1024 pairs of segments each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,26 +58,46 @@ def find_crossing_curves(network: PatchNetwork, box_curves: BoxCurves) -> BoolAr
     for plane in range(6):
         rows = np.flatnonzero(network.plane[curve] == plane)
         flat = np.delete(points[rows], plane // 2, axis=2)
-        low, high, ends = flat.min(axis=1), flat.max(axis=1), network.ends[curve[rows]]
-        for i in range(len(rows)):
-            overlapping = ((low[i + 1 :] <= high[i]) & (high[i + 1 :] >= low[i])).all(axis=1)
-            others = i + 1 + np.flatnonzero(overlapping)
-            others = others[~(ends[others][:, :, None] == ends[i]).any(axis=(1, 2))]
-            for start in range(0, len(others), PAIRS_PER_BATCH):
-                batch = others[start : start + PAIRS_PER_BATCH]
-                crossed = batch[_polylines_cross(flat[i][None], flat[batch])]
-                result[curve[rows[crossed]]] = True
-                result[curve[rows[i]]] |= len(crossed) > 0
+        low, high = flat.min(axis=1), flat.max(axis=1)
+        order = np.argsort(low[:, 0], kind="stable")
+        crossing = np.zeros(len(rows), bool)
+        _mark_crossing_polylines(flat[order], low[order], high[order], network.ends[curve[rows[order]]], crossing)
+        result[curve[rows[order]]] = crossing
     return result
 
 
-def _polylines_cross(one: Array, other: Array) -> BoolArray:
-    """Whether polylines (1 or n, m, 2) and (n, m, 2) cross: (n,)."""
-    a, b, c, d = one[:, :-1, None], one[:, 1:, None], other[:, None, :-1], other[:, None, 1:]
-    opposite = (_orient(a, b, c) * _orient(a, b, d) < 0) & (_orient(c, d, a) * _orient(c, d, b) < 0)
-    return np.asarray(opposite.any(axis=(1, 2)))
+@njit_cached
+def _mark_crossing_polylines(
+    lines: Array, low: Array, high: Array, ends: IntArray, crossing: BoolArray
+) -> None:  # pragma: no cover
+    """Mark polylines (n, m, 2) that cross another one without a common end (n, 2); they are sorted by their least abscissa."""
+    for i in range(len(lines)):
+        for j in range(i + 1, len(lines)):
+            if low[j, 0] > high[i, 0]:
+                break
+            if low[j, 1] > high[i, 1] or high[j, 1] < low[i, 1]:
+                continue
+            shared = False
+            for a in range(2):
+                for b in range(2):
+                    shared |= ends[i, a] == ends[j, b]
+            if not shared and _do_polylines_cross(lines[i], lines[j]):
+                crossing[i] = crossing[j] = True
 
 
-def _orient(p: Array, q: Array, r: Array) -> Array:
-    """Twice the signed area of the triangles p, q, r (..., 2)."""
-    return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+@njit_cached
+def _do_polylines_cross(one: Array, other: Array) -> bool:  # pragma: no cover
+    """Whether two polylines (m, 2) cross."""
+    for i in range(len(one) - 1):
+        a, b = one[i], one[i + 1]
+        for j in range(len(other) - 1):
+            c, d = other[j], other[j + 1]
+            if _orient(a, b, c) * _orient(a, b, d) < 0 and _orient(c, d, a) * _orient(c, d, b) < 0:
+                return True
+    return False
+
+
+@njit_cached
+def _orient(p: Array, q: Array, r: Array) -> float:  # pragma: no cover
+    """Twice the signed area of the triangle p, q, r."""
+    return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
