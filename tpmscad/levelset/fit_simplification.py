@@ -32,9 +32,9 @@ MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 """Greatest distortion of polygons in each simplification, of the mesh of the one before. Wide limits from the start leave more
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
-MIN_GAIN = 0.35
-"""Fraction of the patches that a simplification has to remove for the next one to be tried. That one removes a third of this
-fraction, and takes a fifth of the time of the solid."""
+MIN_GAIN, MIN_GAIN_PATCHES = 0.35, 1500
+"""Fraction of the patches that a simplification has to remove for the next one to be tried, where it leaves more than this number of
+them. The next one removes a third of that fraction, and takes a fifth of the time of the solid: seconds for so many."""
 
 MAX_SIDE_DISTANCE_TOLS = 16.0
 """Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in twenty
@@ -62,7 +62,7 @@ def simplify_fit(fit: LevelSetFit) -> LevelSetFit:
         before, after = len(fit.network.curve), len(simplified.network.curve)
         if after < before:
             fit = simplified
-        if after > (1.0 - MIN_GAIN) * before:
+        if after > max(MIN_GAIN_PATCHES, (1.0 - MIN_GAIN) * before):
             break
     return fit
 
