@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.interpolate import NdBSpline
 
 from benchmarks.field_tape import HIGH, LOW, compare, make_kinds
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field_tape import JointTape
 from tpmscad.fields.linear_extension import extend_linearly
-from tpmscad.fields.tape_nodes import Node, select
+from tpmscad.fields.tape_nodes import Node, select, tensor_spline
 
 KINDS = make_kinds()
 VALUE_TOL, GRADIENT_TOL = 1e-14, 1e-12
@@ -151,3 +152,87 @@ def test_fields_sampled_together_have_the_values_of_each_and_call_what_they_shar
         expected, slopes = field.value_and_gradient_on_grid(*axes)
         assert np.array_equal(values, expected)
         assert np.array_equal(gradients, slopes)
+
+
+@pytest.mark.parametrize("degrees", [(3, 3, 3), (1, 2, 4), (5, 0, 8)])
+def test_tensor_product_splines_of_any_degrees_and_knots_are_those_of_scipy(degrees: tuple[int, int, int]) -> None:
+    rng = np.random.default_rng(7)
+    counts = (9, 11, 12)
+    knots = []
+    for degree, count in zip(degrees, counts, strict=True):
+        inner = np.sort(rng.uniform(0.0, 1.0, count - degree - 1))
+        inner[len(inner) // 2] = inner[len(inner) // 2 - 1] if degree > 1 else inner[len(inner) // 2]  # a double knot
+        knots.append(np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]))
+    coefficients = rng.standard_normal(counts)
+    field = TracedFormula(lambda *nodes: tensor_spline(knots, degrees, coefficients, nodes))
+    points = np.concatenate([rng.uniform(0.0, 1.0, (400, 3)), np.zeros((1, 3)), np.ones((1, 3))])
+    spline = NdBSpline(tuple(knots), coefficients, degrees)
+    values, gradients = field.value_and_gradient(points)
+    np.testing.assert_allclose(values, spline(points), atol=1e-13)
+    assert np.array_equal(field(points), values)
+    inside = points[:400]
+    for axis in range(3):
+        slope = spline(inside, nu=[int(k == axis) for k in range(3)])
+        np.testing.assert_allclose(gradients[:400, axis], slope, atol=1e-12 * np.abs(slope).max())
+
+
+def test_splines_are_evaluated_at_the_points_of_their_mask_only_whatever_the_others_are() -> None:
+    knots = [np.array([0.0, 0.0, 1.0, 1.0])] * 3
+    coefficients = np.arange(8.0).reshape(2, 2, 2)
+
+    def formula(x: Node, y: Node, z: Node) -> Node:
+        with x.recorder.where(x <= 1.0):
+            inner = tensor_spline(knots, (1, 1, 1), coefficients, (x, y, z))
+        return select(x <= 1.0, inner, y)
+
+    points = np.random.default_rng(2).uniform(0.0, 1.0, (300, 3))
+    points[::3, 0] += 5.0
+    expected = np.where(points[:, 0] <= 1.0, points @ [4.0, 2.0, 1.0], points[:, 1])
+    values, gradients = TracedFormula(formula).value_and_gradient(points)
+    np.testing.assert_allclose(values, expected, atol=1e-14)
+    inside = points[:, [0]] <= 1.0
+    np.testing.assert_allclose(gradients, np.where(inside, [4.0, 2.0, 1.0], [0.0, 1.0, 0.0]), atol=1e-13)
+
+
+def test_what_a_region_in_a_region_needs_is_what_both_masks_hold() -> None:
+    called = []
+
+    def count(points: np.ndarray) -> np.ndarray:
+        called.append(points[:, :2])
+        return points[:, 0]
+
+    foreign = fields.as_field(count)
+
+    def formula(x: Node, y: Node, z: Node) -> Node:
+        with x.recorder.where(x > 0.0):
+            with x.recorder.where(y > 0.0):
+                inner = foreign.trace(x, y, z)
+            outer = select(y > 0.0, inner, z)
+        return select(x > 0.0, outer, z)
+
+    field = TracedFormula(formula)
+    points = np.random.default_rng(5).uniform(-1.0, 1.0, (200, 3))
+    called.clear()
+    values = field(points)
+    needed = (points[:, :2] > 0).all(axis=1)
+    assert np.array_equal(values, np.where(needed, points[:, 0], points[:, 2]))
+    assert np.array_equal(np.concatenate(called), points[needed, :2])
+
+
+def test_a_foreign_function_may_need_the_result_of_another() -> None:
+    inner = fields.as_field(lambda points: 2 * points[..., 0])
+    outer = fields.as_field(lambda points: points[..., 0] + points[..., 1] * points[..., 2])
+    field = TracedFormula(lambda x, y, z: outer.trace(inner.trace(x, y, z), y, z))
+    points = np.random.default_rng(6).uniform(-1.0, 1.0, (50, 3))
+    np.testing.assert_allclose(field(points), 2 * points[:, 0] + points[:, 1] * points[:, 2], rtol=1e-14)
+
+
+def test_an_extension_of_an_extension_is_that_of_the_inner_box() -> None:
+    gyroid = fields.tpms("gyroid", 1.0)
+    inner = extend_linearly(gyroid, np.zeros(3), np.ones(3))
+    both = extend_linearly(inner, np.full(3, -0.25), np.full(3, 1.25))
+    smaller = extend_linearly(inner, np.zeros(3), np.full(3, 0.5))
+    points = np.random.default_rng(8).uniform(-1.0, 2.0, (500, 3))
+    for a, b in zip(both.value_and_gradient(points), inner.value_and_gradient(points), strict=True):
+        assert np.array_equal(a, b)
+    assert not np.allclose(smaller(points), inner(points))

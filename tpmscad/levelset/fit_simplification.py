@@ -33,8 +33,8 @@ MAX_DISTORTIONS = (1.0, 1.3, 1.6)
 patches than narrow ones: a polygon that fails takes the merges round it with it."""
 
 MIN_GAIN, MIN_GAIN_PATCHES = 0.35, 1500
-"""Fraction of the patches that a simplification has to remove for the next one to be tried, where it leaves more than this number of
-them. The next one removes a third of that fraction, and takes a fifth of the time of the solid: seconds for so many."""
+"""Fraction of the patches that a simplification has to remove for the next one to be tried, where it leaves more patches than
+this number: the next one removes a third of that fraction, and takes a fifth of the time of the solid, seconds for so many."""
 
 MAX_SIDE_DISTANCE_TOLS = 16.0
 """Greatest distance of the cubic sides of merged polygons from the level set, in tolerances: of those farther off one in twenty
