@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields, topology
-from tpmscad.fields import saddles
+from tpmscad.fields import betti_numbers, saddles
 from tpmscad.fields.betti_numbers import INITIAL_LINES, compute_betti_numbers
 from tpmscad.fields.sample_grid import SampleGrid
 
@@ -119,12 +119,30 @@ def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(mon
     assert starts[0] == 0 < starts[1]
 
 
+def test_lines_near_a_neck_are_no_denser_than_it_is_wide() -> None:
+    """A neck ten times as wide needs a third fewer lines, and its count is right."""
+    shapes = []
+    for half in (2e-3, 2e-2):
+        grid = SampleGrid(tuple(LO), tuple(HI), (49, 37, 37))
+        [narrow] = saddles.find_narrow_points([ovals(half, 1)], grid, 0.75 * float(grid.spacing.min()))
+        assert len(narrow.points) == 1
+        assert narrow.half_widths[0] == pytest.approx(half, rel=1e-2)
+        lines = betti_numbers._grade_lines(grid.axes[0], grid.spacing[0], narrow.points[:, 0], narrow.half_widths)
+        near = np.sort(np.abs(lines - narrow.points[0, 0]))
+        assert near[0] == 0.0
+        assert near[1] <= max(half / 2, grid.spacing[0] / 64)
+        shapes.append(len(lines))
+        assert compute_betti_numbers(ovals(half, 1), LO, HI) == (1, 0, 0)
+    assert shapes[1] < shapes[0]
+
+
 def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_confirmed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Without room for more lines all grids see one piece where there are two."""
-    monkeypatch.setattr("tpmscad.fields.betti_numbers.MAX_GRADED_NODES", 1)
-    monkeypatch.setattr("tpmscad.fields.betti_numbers.MAX_UNIFORM_NODES", 2**21)
+    for kind in ("", "FOREIGN_"):
+        monkeypatch.setattr(f"tpmscad.fields.betti_numbers.MAX_{kind}GRADED_NODES", 1)
+        monkeypatch.setattr(f"tpmscad.fields.betti_numbers.MAX_{kind}UNIFORM_NODES", 2**21)
     gap = ovals(-1e-3, 1)
     assert compute_betti_numbers(gap, LO, HI) is None
     asked = []

@@ -24,10 +24,11 @@ Betti = tuple[int, int, int]
 INITIAL_LINES, REFINEMENT_RATIO = 96, 1.4
 """Grid lines along the longest edge of the first grid, and the factor from one grid to the next."""
 
-MAX_UNIFORM_NODES = 2**24
-"""Greatest number of nodes of a uniform grid, 128 MB of values."""
+MAX_UNIFORM_NODES, MAX_FOREIGN_UNIFORM_NODES = 2**24, 2**23
+"""Greatest number of nodes of a uniform grid, 128 MB of values; the second number holds for fields that are not on the tape
+entirely. Distances from a level set take 10 us a node, a hundred times as long."""
 
-MAX_GRADED_NODES = 3 * 2**24
+MAX_GRADED_NODES, MAX_FOREIGN_GRADED_NODES = 3 * 2**24, 3 * 2**20
 """Greatest number of nodes of a grid with lines graded towards necks, 384 MB of values; a blend of two takes 8 s for them."""
 
 SAMPLED_TOGETHER = 2
@@ -107,7 +108,8 @@ def _count_operands(
     counts: list[list[_Count]] = [[] for _ in operands]
     while unsettled := [k for k, history in enumerate(counts) if not _is_settled(history, n_agreeing)]:
         cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
-        if np.prod(cells + 1.0) > MAX_UNIFORM_NODES:
+        is_foreign = any(operands[k].tape.calls_foreign_functions for k in unsettled)
+        if np.prod(cells + 1.0) > (MAX_FOREIGN_UNIFORM_NODES if is_foreign else MAX_UNIFORM_NODES):
             break
         samples = _sample_on_graded_grids([operands[k] for k in unsettled], lo, hi, cells)
         for k, (values, sees_necks) in zip(unsettled, samples, strict=True):
@@ -139,7 +141,8 @@ def _sample_on_graded_grids(
             _grade_lines(uniform, spacing, narrow.points[:, axis], narrow.half_widths)
             for axis, (uniform, spacing) in enumerate(zip(grid.axes, grid.spacing, strict=True))
         ]
-        too_many = np.prod([float(len(axis)) for axis in axes]) > MAX_GRADED_NODES
+        most = MAX_FOREIGN_GRADED_NODES if field.tape.calls_foreign_functions else MAX_GRADED_NODES
+        too_many = np.prod([float(len(axis)) for axis in axes]) > most
         if too_many or not len(narrow.points):
             yield values, not len(narrow.points)
         else:

@@ -49,6 +49,11 @@ class FieldTape:
         self._evaluators: dict[bool, _Evaluator] = {}
         self._lock = Lock()
 
+    @property
+    def calls_foreign_functions(self) -> bool:
+        """Whether the formula needs functions that are evaluated outside the tape."""
+        return bool(self.evaluator(False).externals)
+
     def values_at(self, points: Array) -> Array:
         """Values (n,) at points (n, 3)."""
         return self._evaluate(points, False)[0]
