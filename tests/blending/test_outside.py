@@ -66,6 +66,27 @@ def test_outside_the_blending_region_the_blend_is_its_inputs_bit_for_bit(case):
     assert np.any((w[inside] > 0.1) & (w[inside] < 0.9))
 
 
+def test_a_structure_is_evaluated_only_where_the_blend_depends_on_it():
+    """Of three structures in a row the first counts up to its own blending region, and where the third region is blended."""
+    called = []
+
+    def first(points):
+        called.append(np.atleast_2d(points))
+        return schwarz(points)
+
+    bounds, bands = (-9.0, 0.35, 0.65, 9.0), [layer(X, 0.25, 0.45), layer(X, 0.55, 0.75)]
+    regions = [layer(X, low, high) for low, high in zip(bounds[:-1], bounds[1:], strict=True)]
+    found = blend([first, gyroid, schwarz], regions, bands, resolution=(44, 18, 22), domain=DOMAIN)
+    points = np.random.default_rng(7).uniform(*DOMAIN, (5000, 3))
+    called.clear()
+    found.field.value_and_gradient(points)
+    x, step = np.concatenate(called)[:, 0], 1e-3  # the gradient of a function takes differences
+    for low, high in ((0.45, 0.65), (0.75, 1.0)):
+        assert not ((x > low + step) & (x < high - step)).any()
+    for low, high in ((0.0, 0.45), (0.65, 0.75)):
+        assert ((x > low) & (x < high)).sum() > 1000
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [*BASELINE_METHODS, "paper"])
 def test_so_are_the_blends_of_the_other_methods(method):

@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from tests.shapes.ball_level_sets import TOL, ball_fit
-from tpmscad.levelset.fit.box_curves import find_crossing_curves, measure_overshoot, sample_box_curves
+from tpmscad.levelset.fit.box_curves import (
+    _mark_crossing_polylines,
+    find_crossing_curves,
+    measure_overshoot,
+    sample_box_curves,
+)
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures
 
 
@@ -41,3 +47,31 @@ def test_two_curves_that_cross_are_found_and_their_patches_are_folded(reach: flo
     assert found[on_box[[one, other]]].all() == (reach > 1)
     folded = classify_failures(net, spoilt, made.quality, made.tree, TOL).folded
     assert folded[(net.curve == on_box[other]).any(axis=1)].all() == (reach > 1)
+
+
+def test_crossing_curves_are_those_whose_polylines_cross_in_some_pair() -> None:
+    rng = np.random.default_rng(9)
+    count = 60
+    start = rng.uniform(0.0, 1.0, (count, 2))
+    points = np.cumsum(np.concatenate([start[:, None], rng.normal(0, 0.012, (count, 32, 2))], axis=1), axis=1)
+    ends = np.stack([np.arange(count), np.arange(count) + count], axis=1)
+    ends[1, 0] = ends[0, 1]  # two that share an end
+    points[1] += points[0, -1] - points[1, 0]
+    order = np.argsort(points[..., 0].min(axis=1))
+    lines = points[order]
+    found = np.zeros(count, bool)
+    _mark_crossing_polylines(lines, lines.min(axis=1), lines.max(axis=1), ends[order], found)
+    expected = np.zeros(count, bool)
+    for i, j in combinations(range(count), 2):
+        if set(ends[i]) & set(ends[j]):
+            continue
+        a, b, c, d = points[i][:-1, None], points[i][1:, None], points[j][None, :-1], points[j][None, 1:]
+        one, other = b - a, d - c
+        side = [cross(one, c - a) * cross(one, d - a) < 0, cross(other, a - c) * cross(other, b - c) < 0]
+        expected[[i, j]] |= (side[0] & side[1]).any()
+    assert 5 < expected.sum() < count - 5
+    assert np.array_equal(found, expected[order])
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

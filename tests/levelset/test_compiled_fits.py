@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 from tpmscad import fields
 from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.hard_rows import HardRows
-from tpmscad.levelset.fit.least_squares import unit_vectors
+from tpmscad.levelset.fit.least_squares import PROJECTION_TOL_OF_MAX_STEP, project_curves_to_level_set, unit_vectors
 from tpmscad.levelset.fit.network_curves import hold_end_poles
 from tpmscad.levelset.fit.network_fit import _normal_products, _rows_of_inner_poles
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
@@ -211,3 +211,22 @@ def test_normals_of_a_level_set_lie_in_the_faces_of_the_box_where_coordinates_ar
     free = field.gradient(points)
     expected = free / np.linalg.norm(free, axis=2, keepdims=True)
     np.testing.assert_allclose(unit_vectors(field.gradient(points)), expected, rtol=1e-14)
+
+
+def test_projections_of_fits_are_off_by_the_square_of_the_last_step_and_have_its_normals():
+    radius, max_step = 2.0, 0.3
+    ball = fields.sphere((0, 0, 0), radius)
+    rng = np.random.default_rng(12)
+    way = rng.standard_normal((6, 9, 3))
+    way /= np.linalg.norm(way, axis=2, keepdims=True)
+    wavy = ball * (fields.expression("2 + sin(x)*cos(2*y)"))
+    points = way * rng.uniform(0.95, 1.05, (6, 9, 1)) * radius
+    fixed = np.zeros((6, 3), bool)
+    fixed[0, 2] = True
+    found, normals = project_curves_to_level_set(wavy, points, fixed, np.full(6, max_step))
+    step = PROJECTION_TOL_OF_MAX_STEP * max_step
+    assert np.abs(np.linalg.norm(found, axis=2) - radius).max() < 5 * step**2
+    assert np.array_equal(found[0, :, 2], points[0, :, 2])
+    expected = found * ~fixed[:, None]
+    expected /= np.linalg.norm(expected, axis=2, keepdims=True)
+    assert np.linalg.norm(normals - expected, axis=2).max() < 5 * step

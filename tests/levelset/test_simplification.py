@@ -36,6 +36,28 @@ def polygons_of(mesh: QuadMesh) -> set[tuple[tuple[float, ...], ...]]:
     return {tuple(sorted(start[v] for v in corners if v >= 0)) for corners in mesh.corners.tolist()}
 
 
+@pytest.mark.parametrize(("kept", "tried"), [(0.6, 3), (0.7, 1)])
+def test_large_fits_are_simplified_again_only_after_a_simplification_that_removed_enough(
+    kept: float, tried: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole, _samples = full_fit()
+    calls = []
+
+    def simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit:
+        calls.append(max_distortion)
+        curve = fit.network.curve[: int(kept * len(fit.network.curve))]
+        return replace(fit, network=replace(fit.network, curve=curve))
+
+    monkeypatch.setattr(fit_simplification, "_simplify_once", simplify_once)
+    monkeypatch.setattr(fit_simplification, "MIN_GAIN_PATCHES", 0)
+    simplify_fit(whole)
+    assert len(calls) == tried
+    calls.clear()
+    monkeypatch.setattr(fit_simplification, "MIN_GAIN_PATCHES", len(whole.network.curve))
+    simplify_fit(whole)
+    assert len(calls) == 3
+
+
 @pytest.mark.parametrize("name", ["distance", "min_normal_cosine"])
 def test_a_patch_whose_measurements_are_not_finite_fails(name: str) -> None:
     whole, _samples = full_fit()
