@@ -80,7 +80,7 @@ def test_a_structure_is_evaluated_only_where_the_blend_depends_on_it():
     points = np.random.default_rng(7).uniform(*DOMAIN, (5000, 3))
     called.clear()
     found.field.value_and_gradient(points)
-    x, step = np.concatenate(called)[:, 0], 1e-3  # the gradient of a function takes differences
+    x, step = np.concatenate(called)[:, 0], 5e-3  # the gradient of a function takes differences
     for low, high in ((0.45, 0.65), (0.75, 1.0)):
         assert not ((x > low + step) & (x < high - step)).any()
     for low, high in ((0.0, 0.45), (0.65, 0.75)):
