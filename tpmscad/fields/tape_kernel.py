@@ -3,6 +3,8 @@
 A tape is a list of operations on rows of numbers, one row for each intermediate value and one column for each point of a block.
 Every loop is elementwise, so that a point has the same bits in every block. Sine and cosine are computed together, by argument
 reduction (Cody and Waite) and the polynomials of fdlibm, which the compiler turns into vector instructions.
+
+Everything is in this one module: Numba's cache does not notice that a function called from another module has changed.
 """
 
 from __future__ import annotations
