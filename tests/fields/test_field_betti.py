@@ -120,8 +120,8 @@ def test_no_neck_is_sought_on_the_creases_of_a_distance_far_from_its_surface(mon
 
 
 def test_lines_near_a_neck_are_no_denser_than_it_is_wide() -> None:
-    """A neck ten times as wide needs a third fewer lines, and its count is right."""
-    shapes = []
+    """A neck ten times as wide has fewer lines, the closest within half of its half width, and its count is right."""
+    n_lines = []
     for half in (2e-3, 2e-2):
         grid = SampleGrid(tuple(LO), tuple(HI), (49, 37, 37))
         [narrow] = saddles.find_narrow_points([ovals(half, 1)], grid, 0.75 * float(grid.spacing.min()))
@@ -131,9 +131,9 @@ def test_lines_near_a_neck_are_no_denser_than_it_is_wide() -> None:
         near = np.sort(np.abs(lines - narrow.points[0, 0]))
         assert near[0] == 0.0
         assert near[1] <= max(half / 2, grid.spacing[0] / 64)
-        shapes.append(len(lines))
+        n_lines.append(len(lines))
         assert compute_betti_numbers(ovals(half, 1), LO, HI) == (1, 0, 0)
-    assert shapes[1] < shapes[0]
+    assert n_lines[1] < n_lines[0]
 
 
 def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_confirmed(

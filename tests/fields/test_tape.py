@@ -161,7 +161,8 @@ def test_tensor_product_splines_of_any_degrees_and_knots_are_those_of_scipy(degr
     knots = []
     for degree, count in zip(degrees, counts, strict=True):
         inner = np.sort(rng.uniform(0.0, 1.0, count - degree - 1))
-        inner[len(inner) // 2] = inner[len(inner) // 2 - 1] if degree > 1 else inner[len(inner) // 2]  # a double knot
+        if degree > 1:
+            inner[len(inner) // 2] = inner[len(inner) // 2 - 1]  # a double knot
         knots.append(np.concatenate([np.zeros(degree + 1), inner, np.ones(degree + 1)]))
     coefficients = rng.standard_normal(counts)
     field = TracedFormula(lambda *nodes: tensor_spline(knots, degrees, coefficients, nodes))

@@ -108,15 +108,22 @@ def _count_operands(
     counts: list[list[_Count]] = [[] for _ in operands]
     while unsettled := [k for k, history in enumerate(counts) if not _is_settled(history, n_agreeing)]:
         cells = np.maximum(8, np.ceil(lines * (hi - lo) / (hi - lo).max())).astype(int)
-        is_foreign = any(operands[k].tape.calls_foreign_functions for k in unsettled)
-        if np.prod(cells + 1.0) > (MAX_FOREIGN_UNIFORM_NODES if is_foreign else MAX_UNIFORM_NODES):
+        fields = [operands[k] for k in unsettled]
+        if np.prod(cells + 1.0) > min(_limit_nodes(field)[0] for field in fields):
             break
-        samples = _sample_on_graded_grids([operands[k] for k in unsettled], lo, hi, cells)
+        samples = _sample_on_graded_grids(fields, lo, hi, cells)
         for k, (values, sees_necks) in zip(unsettled, samples, strict=True):
             found = topology.betti(values)
             counts[k].append(_Count((found.b0, found.b1, found.b2), sees_necks))
         lines = REFINEMENT_RATIO * lines
     return counts
+
+
+def _limit_nodes(field: Field) -> tuple[int, int]:
+    """The greatest numbers of nodes of a uniform and of a graded grid of a field."""
+    if field.tape.calls_foreign_functions:
+        return MAX_FOREIGN_UNIFORM_NODES, MAX_FOREIGN_GRADED_NODES
+    return MAX_UNIFORM_NODES, MAX_GRADED_NODES
 
 
 def _is_settled(history: Sequence[_Count], n_agreeing: int) -> bool:
@@ -141,8 +148,7 @@ def _sample_on_graded_grids(
             _grade_lines(uniform, spacing, narrow.points[:, axis], narrow.half_widths)
             for axis, (uniform, spacing) in enumerate(zip(grid.axes, grid.spacing, strict=True))
         ]
-        most = MAX_FOREIGN_GRADED_NODES if field.tape.calls_foreign_functions else MAX_GRADED_NODES
-        too_many = np.prod([float(len(axis)) for axis in axes]) > most
+        too_many = np.prod([float(len(axis)) for axis in axes]) > _limit_nodes(field)[1]
         if too_many or not len(narrow.points):
             yield values, not len(narrow.points)
         else:
@@ -151,9 +157,8 @@ def _sample_on_graded_grids(
 
 def _grade_lines(uniform: Array, spacing: float, narrow: Array, half_widths: Array) -> Array:
     """Uniform grid lines of an axis, and lines at decreasing distances from narrow places (n,) of given half widths (n,)."""
-    offsets = spacing * SADDLE_LINE_OFFSETS_SPACINGS
     added = [narrow]
-    for offset in offsets:
+    for offset in spacing * SADDLE_LINE_OFFSETS_SPACINGS:
         wide = narrow[offset >= LEAST_OFFSET_HALF_WIDTHS * half_widths]
         added += [wide - offset, wide + offset]
     lines = np.concatenate(added)

@@ -127,15 +127,12 @@ def _split_into_blocks(count: int, masks: Array | None = None) -> IntArray:
 
     What a mask guards is then run for the columns that need it only, such as a field's extension beyond the faces of a box.
     """
-    if masks is None and count <= BLOCK:
-        return np.array([0, count])
-    parts = np.array([0, count])
+    changes: list[int] = []
     if masks is not None:
-        changes = np.flatnonzero((masks[:, 1:] != masks[:, :-1]).any(axis=0)) + 1
-        if len(changes) * MIN_LANE <= count:
-            parts = np.concatenate([[0], changes, [count]])
-    starts = [np.arange(a, b, BLOCK) for a, b in itertools.pairwise(parts.tolist())]
-    return np.concatenate([*starts, [count]]).astype(np.int64)
+        found = np.flatnonzero((masks[:, 1:] != masks[:, :-1]).any(axis=0)) + 1
+        changes = found.tolist() if len(found) * MIN_LANE <= count else []
+    parts = itertools.pairwise([0, *changes, count])
+    return np.array([*(at for low, high in parts for at in range(low, high, BLOCK)), count], np.int64)
 
 
 class _Evaluator:

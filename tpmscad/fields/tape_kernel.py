@@ -210,38 +210,29 @@ def _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines,
         for i in range(n):
             first = start[i] + shift
             a0 = a1 = a2 = a3 = b0 = b1 = b2 = b3 = c0 = c1 = c2 = c3 = 0.0
-            if with_slopes:
-                for u in range(4):
-                    p0 = p1 = p2 = p3 = q0 = q1 = q2 = q3 = 0.0
-                    for v in range(4):
-                        at = first + np.uint64(u) * plane + np.uint64(v) * depth
-                        f0, f1, f2, f3 = table[at], table[at + one], table[at + two], table[at + three]
-                        s = splines[i, y + v]
-                        p0, p1, p2, p3 = p0 + s * f0, p1 + s * f1, p2 + s * f2, p3 + s * f3
+            for u in range(4):
+                p0 = p1 = p2 = p3 = q0 = q1 = q2 = q3 = 0.0
+                for v in range(4):
+                    at = first + np.uint64(u) * plane + np.uint64(v) * depth
+                    f0, f1, f2, f3 = table[at], table[at + one], table[at + two], table[at + three]
+                    s = splines[i, y + v]
+                    p0, p1, p2, p3 = p0 + s * f0, p1 + s * f1, p2 + s * f2, p3 + s * f3
+                    if with_slopes:
                         s = splines[i, dy + v]
                         q0, q1, q2, q3 = q0 + s * f0, q1 + s * f1, q2 + s * f2, q3 + s * f3
-                    s = splines[i, x + u]
-                    a0, a1, a2, a3 = a0 + s * p0, a1 + s * p1, a2 + s * p2, a3 + s * p3
+                s = splines[i, x + u]
+                a0, a1, a2, a3 = a0 + s * p0, a1 + s * p1, a2 + s * p2, a3 + s * p3
+                if with_slopes:
                     c0, c1, c2, c3 = c0 + s * q0, c1 + s * q1, c2 + s * q2, c3 + s * q3
                     s = splines[i, dx + u]
                     b0, b1, b2, b3 = b0 + s * p0, b1 + s * p1, b2 + s * p2, b3 + s * p3
-                s0, s1, s2, s3 = splines[i, z], splines[i, z + 1], splines[i, z + 2], splines[i, z + 3]
+            s0, s1, s2, s3 = splines[i, z], splines[i, z + 1], splines[i, z + 2], splines[i, z + 3]
+            total[0, i] += ((s0 * a0 + s1 * a1) + s2 * a2) + s3 * a3
+            if with_slopes:
                 total[1, i] += ((s0 * b0 + s1 * b1) + s2 * b2) + s3 * b3
                 total[2, i] += ((s0 * c0 + s1 * c1) + s2 * c2) + s3 * c3
                 s0, s1, s2, s3 = splines[i, dz], splines[i, dz + 1], splines[i, dz + 2], splines[i, dz + 3]
                 total[3, i] += ((s0 * a0 + s1 * a1) + s2 * a2) + s3 * a3
-            else:
-                for u in range(4):
-                    p0 = p1 = p2 = p3 = 0.0
-                    for v in range(4):
-                        at = first + np.uint64(u) * plane + np.uint64(v) * depth
-                        f0, f1, f2, f3 = table[at], table[at + one], table[at + two], table[at + three]
-                        s = splines[i, y + v]
-                        p0, p1, p2, p3 = p0 + s * f0, p1 + s * f1, p2 + s * f2, p3 + s * f3
-                    s = splines[i, x + u]
-                    a0, a1, a2, a3 = a0 + s * p0, a1 + s * p1, a2 + s * p2, a3 + s * p3
-            s0, s1, s2, s3 = splines[i, z], splines[i, z + 1], splines[i, z + 2], splines[i, z + 3]
-            total[0, i] += ((s0 * a0 + s1 * a1) + s2 * a2) + s3 * a3
     for k in range(4):
         if op[1 + k] >= 0:
             for i in range(n):

@@ -14,6 +14,9 @@ from tpmscad.fields.tape_nodes import Node, Region, find_ancestors, resolve_alia
 from tpmscad.splines.basis import span_polynomials
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
+PLACE = 1 + MAX_OUTPUTS + MAX_OPERANDS
+"""The column of the place of an operation's parameters, after its code, results and operands; that of its mask follows."""
+
 OPERATIONS_OF_SEVERAL_RESULTS = ("sine_cosine", "piecewise", "tensor", "periodic_spline")
 RESULTS_WRITTEN = {"sine_cosine": 2}
 """Results that an operation writes, wanted or not."""
@@ -169,7 +172,7 @@ class _Writer:
         self.write(node.name, results, operands, numbers, step.region)
         self.free += [results[k] for k in spare]
         if node.name == "check":
-            self.refusals[self.code[-1][8]] = int(node.numbers[2])
+            self.refusals[self.code[-1][PLACE]] = int(node.numbers[2])
 
     def mask_row(self, region: Region) -> int:
         """The row of a region's mask."""
@@ -190,5 +193,5 @@ class _Writer:
 
     def finish(self) -> Program:
         """The program written."""
-        code = np.array(self.code, np.int64).reshape(-1, 3 + MAX_OUTPUTS + MAX_OPERANDS)
+        code = np.array(self.code, np.int64).reshape(-1, PLACE + 2)
         return Program(code, np.concatenate(self.parameters), self.n_rows, self.refusals)

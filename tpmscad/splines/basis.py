@@ -46,8 +46,7 @@ def power_coefficients(knots: Array, coefficients: Array, degree: int) -> tuple[
     of a span: from degree 8 on it writes beyond them and the process crashes.
     """
     breaks = np.unique(knots)
-    spline = scipy_spline(knots, coefficients, degree)
-    return breaks, np.stack([spline(breaks[:-1], order) / factorial(order) for order in range(degree, -1, -1)])
+    return breaks, _taylor_coefficients(scipy_spline(knots, coefficients, degree), breaks[:-1])
 
 
 def span_polynomials(knots: Array, degree: int) -> tuple[Array, Array]:
@@ -57,9 +56,14 @@ def span_polynomials(knots: Array, degree: int) -> tuple[Array, Array]:
     """
     ends = np.asarray(knots[degree : len(knots) - degree], float)
     splines = scipy_spline(knots, np.eye(len(knots) - degree - 1), degree)
-    powers = [splines(ends[:-1], order) / factorial(order) for order in range(degree, -1, -1)]
+    powers = np.moveaxis(_taylor_coefficients(splines, ends[:-1]), 0, -1)
     span = np.arange(len(ends) - 1)[:, None]
-    return ends, np.stack(powers, axis=-1)[span, span + np.arange(degree + 1)]
+    return ends, powers[span, span + np.arange(degree + 1)]
+
+
+def _taylor_coefficients(spline: BSpline, at: Array) -> Array:
+    """Derivatives over factorials (degree + 1, m, ...) at parameters (m,), from the highest order down."""
+    return np.stack([spline(at, order) / factorial(order) for order in range(spline.k, -1, -1)])
 
 
 def design_matrix(knots: Array, degree: int, t: Array, order: int = 0) -> Array:

@@ -52,13 +52,14 @@ class BlendedField(Field):
         blended = [each.trace(*clamped) <= 0.0 for each in self.blending_regions]
         is_later = [region > float(stage) for stage in range(len(self.weights))]
         is_mixed = [blended[stage] | (region > stage + 1.0) for stage in range(len(self.weights))]
-        is_needed = [recorder.constant(1.0)]  # of the value after each stage, the last one first
+        # where the value before each stage, and that after the last one, counts; found from the last one back
+        is_needed = [recorder.constant(1.0)]
         for later, mixed in zip(reversed(is_later), reversed(is_mixed), strict=True):
-            is_needed.append(is_needed[-1] & (mixed | (later <= 0.0)))
-        with recorder.where(is_needed.pop()):
+            is_needed.insert(0, is_needed[0] & (mixed | (later <= 0.0)))
+        with recorder.where(is_needed[0]):
             value = self.structures[0].trace(x, y, z)
         for stage, weight in enumerate(self.weights):
-            needed = is_needed.pop()
+            needed = is_needed[stage + 1]
             with recorder.where(needed & (is_later[stage] | is_mixed[stage])):
                 next_value = self.structures[stage + 1].trace(x, y, z)
             with recorder.where(needed & is_mixed[stage]):

@@ -112,9 +112,9 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
     for _ in range(FIT_PASSES):
         # the unknowns are corrections of the poles: small next to the coordinates, they keep all their digits
         points = evaluate_bezier_patches(bu, poles, bv)
-        target, normals_there = project_curves_to_level_set(field, points, free, max_step)
+        target, target_normals = project_curves_to_level_set(field, points, free, max_step)
         system = NormalEquations((p - 1) * (q - 1), len(poles))
-        system.add_point_rows(inner, normals_there, target - points, TANGENTIAL_WEIGHT)
+        system.add_point_rows(inner, target_normals, target - points, TANGENTIAL_WEIGHT)
         net = poles.reshape(len(poles), -1, 3)
         system.add_energy(energy, numbers[1:-1, 1:-1].ravel(), net, FAIRNESS_WEIGHT)
         across = [_multiply(each, cross_poles(poles, side)) for side, each in enumerate(products)]
