@@ -18,11 +18,12 @@ import numpy as np
 from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 
 from tests.kernel import occt_oracle
-from tpmscad import kernel, surfaces
+from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep, scale_brep
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
-from tpmscad.workflows.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import resolve_lattice_request
 
 CELL, THICKNESS, TOL = 10.0, 1.0, 1e-2
 SEWING_TOLERANCE = 1e-4
@@ -59,7 +60,7 @@ def main(arguments: list[str] | None = None) -> list[dict[str, float]]:
     rows = []
     for n in map(int, options.cells.split(",")):
         brep = natural_lattice(options.surface, n)
-        built, shared = timed(lambda brep=brep: kernel.build_solids(brep))
+        built, shared = timed(lambda brep=brep: build_solids(brep))
         faces = len(brep.faces)
         sewing = float("nan")
         if n <= options.sew_up_to:

@@ -30,7 +30,7 @@ from benchmarks.random_pairs import random_pair
 from benchmarks.solidify_blends import box_of
 from tpmscad import fields
 from tpmscad.blending import blend
-from tpmscad.fields.betti_numbers import compute_betti_numbers
+from tpmscad.fields.analysis.betti_numbers import compute_betti_numbers
 
 LINES = 113, 149, 179
 """Grid lines along the longest edge of the box: beyond the two grids, of 96 and 134 lines, that the program begins with."""

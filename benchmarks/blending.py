@@ -30,7 +30,7 @@ from tpmscad.blending.optimise.blend_state import find_grid_defects
 from tpmscad.blending.optimise.neck_width import measure_necks
 from tpmscad.blending.optimise.subgrid_defects import is_isolated
 from tpmscad.blending.sampling_domain import resolve_domain
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.topology import gudhi_complex
 
 EARLIER = ("beta-growth", "discrete-reconstruction", "sigmoid")

@@ -23,7 +23,8 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRepBndLib import BRepBndLib
 
 import tpmscad
-from tpmscad import fields, kernel
+from tpmscad import fields
+from tpmscad.kernel.measure.shape_extents import shape_bounds
 
 CADQUERY_CODE = """
 import json, sys
@@ -77,7 +78,7 @@ CASES: dict[str, Callable[[], Any]] = {
 def solid_of(made: Any) -> tuple[Any, np.ndarray]:
     """The TopoDS shape of a result (of fluid domains the wall's), and its true corners (6,)."""
     model = getattr(made, "wall", made)
-    return model.wrapped, np.concatenate(kernel.shape_bounds(model.wrapped))
+    return model.wrapped, np.concatenate(shape_bounds(model.wrapped))
 
 
 def boxes_of(shape: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -18,12 +18,15 @@ import numpy as np
 
 import tpmscad
 from tests.kernel import occt_oracle
-from tpmscad import kernel, surfaces
+from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
-from tpmscad.trimming import box, trim
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 CELL, HALF, TOL = 10.0, 0.5, 1e-3
 
@@ -35,16 +38,16 @@ def cut(name: str, n: int) -> tuple[float, float, float, float]:
     begun = time.process_time()
     covering = scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL)
     own = trim(covering, box(np.zeros(3), np.full(3, n * CELL))).brep
-    built = kernel.build_solids(own)
+    built = build_solids(own)
     seconds = time.process_time() - begun
-    assert kernel.is_valid(built.shape)
+    assert is_valid(built.shape)
 
     cover = copies.place_whole_cells(name, (n + 2,) * 3, np.full(3, -1.0))
-    solid = kernel.build_solids(scale_brep(copies.build_natural_lattice(motions, sheet, cover), CELL)).shape
+    solid = build_solids(scale_brep(copies.build_natural_lattice(motions, sheet, cover), CELL)).shape
     begun = time.process_time()
     common = occt_oracle.intersect_with_box(solid, np.zeros(3), np.full(3, n * CELL))
     boolean = time.process_time() - begun
-    return seconds, measure_solid(own).volume / n**3, boolean, kernel.check_shape(common).volume / n**3
+    return seconds, measure_solid(own).volume / n**3, boolean, check_shape(common).volume / n**3
 
 
 def whole(name: str, n: int) -> tuple[tpmscad.Certificate, float, float, float]:

@@ -24,8 +24,9 @@ from OCP.TopLoc import TopLoc_Location
 
 import tpmscad
 from benchmarks.facets import Array, facets
-from tpmscad import fields, kernel
-from tpmscad.kernel.occt.exploration import list_subshapes
+from tpmscad import fields
+from tpmscad.kernel.occt.exploration import faces_of, list_subshapes
+from tpmscad.kernel.step.step_reader import read_step
 
 LEVEL = 0.3
 LOW, HIGH = np.full(3, -0.5), np.full(3, 0.5)
@@ -54,10 +55,10 @@ def gyroid(points: Array) -> tuple[Array, Array]:
 
 def surface_points(path: Path) -> tuple[int, int, Array]:
     """The number of faces and of solids of a STEP file, and a point of its surfaces for each triangle of the kernel's mesh."""
-    shape = kernel.read_step(path).shape
+    shape = read_step(path).shape
     BRepMesh_IncrementalMesh(shape, 2e-3, False, 0.3)
     found = []
-    faces = kernel.faces_of(shape)
+    faces = faces_of(shape)
     for face in faces:
         mesh = BRep_Tool.Triangulation_s(face, TopLoc_Location())
         if mesh is None:

@@ -17,7 +17,9 @@ import build123d as bd
 import trimesh
 
 import tpmscad
-from tpmscad import fields, kernel
+from tpmscad import fields
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.step.step_reader import read_step
 
 DEVIATION = 0.02
 SUFFIXES = ("step", "brep", "stl", "3mf", "glb")
@@ -51,8 +53,8 @@ def judge(model: tpmscad.Model, path: Path) -> tuple[bool, float]:
     if path.suffix in (".stl", ".3mf", ".glb"):
         mesh = read_mesh(path)
         return bool(mesh.is_watertight), abs(mesh.volume - model.volume) / (DEVIATION * model.area)
-    shape = kernel.read_step(path).shape if path.suffix == ".step" else bd.import_brep(path)
-    report = kernel.check_shape(shape)
+    shape = read_step(path).shape if path.suffix == ".step" else bd.import_brep(path)
+    report = check_shape(shape)
     return report.ok, abs(report.volume - model.volume) / model.volume
 
 

@@ -15,8 +15,8 @@ from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid, TopoDS_Wire
 from skimage.measure import marching_cubes
 
-from tpmscad import kernel
 from tpmscad.fields import Field
+from tpmscad.kernel.export.shape_file import write_shape
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def facets(field: Field, low: Array, high: Array, deviation: float) -> Facets:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "facets.step"
         middle = (len(corners) - timed) // 2  # the first ones may all lie in one face of the box
-        kernel.write_shape(_solid(points, corners[middle : middle + timed]), path)
+        write_shape(_solid(points, corners[middle : middle + timed]), path)
         size = path.stat().st_size / 1e6
     share = len(corners) / timed
     written = time.process_time() - begun

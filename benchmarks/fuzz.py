@@ -2,7 +2,7 @@
 
     python -m benchmarks.fuzz --seed 1 --count 100000
 
-The functions are found by introspection of the public modules. The arguments are the examples of `tpmscad.argument_table`,
+The functions are found by introspection of the public modules. The arguments are the examples of `tpmscad.api.argument_table`,
 of which one or two are replaced by hostile values; those that would take long are made cheap by arguments that are refused late
 (`CHEAP`). A field that comes back is evaluated, too. A CPU limit holds for each call. Every kind of failure is printed once,
 with a line that reproduces it; the exit status is 1 if there is one.
@@ -31,8 +31,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad import fields, maps
-from tpmscad.argument_kinds import show_value
-from tpmscad.argument_table import find_kind
+from tpmscad.api.argument_kinds import show_value
+from tpmscad.api.argument_table import find_kind
 from tpmscad.errors import TpmscadError, UnexpectedError
 
 CPU_LIMIT = 3.0
@@ -44,7 +44,6 @@ MODULES = (
     "tpmscad.surfaces",
     "tpmscad.topology",
     "tpmscad.blending",
-    "tpmscad.workflows",
     "tpmscad",
 )
 

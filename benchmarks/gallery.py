@@ -23,7 +23,10 @@ import build123d as bd
 import numpy as np
 from PIL import Image
 
-from tpmscad import kernel
+from tpmscad.kernel.export.gltf_file import write_glb
+from tpmscad.kernel.export.mesh_parts import group_faces
+from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.render.palette import SURFACE_COLOUR, piece_colour
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
@@ -94,17 +97,15 @@ def write_view(files: Iterable[Path], target: Path) -> None:
     """The solids of STEP files as GLB of at most VIEW_BYTES, in as many colours, with sharp edges round planes and quadrics."""
     shape = bd.Compound([solid for file in sorted(files) for solid in bd.import_step(file).solids()])
     solids = shape.solids()
-    colours = [kernel.SURFACE_COLOUR] if len(solids) == 1 else [kernel.piece_colour("", i) for i in range(len(solids))]
+    colours = [SURFACE_COLOUR] if len(solids) == 1 else [piece_colour("", i) for i in range(len(solids))]
     deviation, angle = VIEW_DEVIATION * shape.bounding_box().diagonal, VIEW_ANGLE
     while True:
-        meshes = kernel.mesh_solids(shape.wrapped, deviation, angle)
+        meshes = mesh_solids(shape.wrapped, deviation, angle)
         parts = [
-            kernel.group_faces(
-                f"solid {i}", mesh, [smooth_group(face) for face in solid.faces()], lambda _, i=i: colours[i]
-            )
+            group_faces(f"solid {i}", mesh, [smooth_group(face) for face in solid.faces()], lambda _, i=i: colours[i])
             for i, (solid, mesh) in enumerate(zip(solids, meshes, strict=True))
         ]
-        kernel.write_glb(parts, target, target.stem)
+        write_glb(parts, target, target.stem)
         size = target.stat().st_size
         print(f"{target.name}: {size / 1e6:.2f} MB, deviation {deviation:.3g} mm", flush=True)
         if size <= VIEW_BYTES:

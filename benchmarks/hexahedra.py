@@ -16,7 +16,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad._typing import Array
-from tpmscad.meshing import VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
 
 SURFACES = ("gyroid", "diamond", "schwarz_p", "iwp", "neovius", "frd")

@@ -31,13 +31,14 @@ from OCP.gp import gp_Dir, gp_Lin, gp_Pnt
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from scipy.spatial import cKDTree
 
-from tpmscad import kernel, surfaces
-from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad import surfaces
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.requests.lattice_request import LatticeRequest, resolve_lattice_request
+from tpmscad.solids.boolean_strategies import intersect_body_with_lattice
+from tpmscad.solids.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
-from tpmscad.workflows.boolean_strategies import intersect_body_with_lattice
-from tpmscad.workflows.lattice_block import build_lattice_block
-from tpmscad.workflows.lattice_request import LatticeRequest, resolve_lattice_request
 
 SIZE = 40.0
 WALL = 0.1
@@ -179,7 +180,7 @@ def intersect_by_kernel(block: object, body: object, limit: float) -> tuple[floa
         made = time.process_time()
         BRepCheck_Analyzer(common, True, False).IsValid()  # the kernel's threads do not survive a fork
         checked = time.process_time()
-        text = json.dumps([made - used, checked - made, kernel.check_shape(common).volume])
+        text = json.dumps([made - used, checked - made, check_shape(common).volume])
         os.write(writing, text.encode())
         os._exit(0)
     os.close(writing)
@@ -212,7 +213,7 @@ def main(arguments: list[str] | None = None) -> None:
             cut = intersect_body_with_lattice(block, body)
             shape = cut.built.shape  # made when it is asked for
             own = time.process_time() - begun
-            report = kernel.check_shape(shape)
+            report = check_shape(shape)
             assert report.ok, report
             plain, check, apart, ratio = float("nan"), float("nan"), float("nan"), ""
             if options.plain:

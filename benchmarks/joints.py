@@ -19,8 +19,8 @@ from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 from OCP.TopExp import TopExp
 
-from tpmscad import kernel
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.step.step_reader import read_step
 
 SAMPLES = 100
 """Random parameters of each edge."""
@@ -34,7 +34,7 @@ def worst_joint(path: str | Path, samples: int = SAMPLES, seed: int = 1) -> tupl
     """The largest angle in degrees between the normals of two B-spline faces at their edges in a STEP file, and their number."""
     rng = np.random.default_rng(seed)
     faces_of_edge = convert.shape_map()
-    TopExp.MapShapesAndAncestors_s(kernel.read_step(path).shape, TopAbs_EDGE, TopAbs_FACE, faces_of_edge)
+    TopExp.MapShapesAndAncestors_s(read_step(path).shape, TopAbs_EDGE, TopAbs_FACE, faces_of_edge)
     worst, count = 0.0, 0
     for i in range(1, faces_of_edge.Extent() + 1):
         edge = convert.as_edge(faces_of_edge.FindKey(i))

@@ -26,7 +26,7 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.meshing import VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 
 def make_bracket() -> Any:

@@ -19,7 +19,7 @@ from tpmscad import fields
 from tpmscad.blending import blend
 from tpmscad.errors import TpmscadError
 from tpmscad.fields.field import Field
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 
 def add_noise(field: Field, run: int) -> Field:

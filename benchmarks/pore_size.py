@@ -17,8 +17,8 @@ from scipy.spatial import cKDTree
 import tpmscad
 from tpmscad import fields
 from tpmscad._typing import Array
-from tpmscad.brep import spline_faces
-from tpmscad.workflows.lattice_request import resolve_lattice_request
+from tpmscad.brep.boundary_representation import spline_faces
+from tpmscad.requests.lattice_request import resolve_lattice_request
 
 SURFACES = ("gyroid", "diamond", "schwarz_p", "lidinoid", "fischer_koch_s", "split_p", "octo")
 POROSITY, PORE_SIZE = 0.7, 0.6

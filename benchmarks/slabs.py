@@ -24,7 +24,8 @@ from typing import Any
 
 import tpmscad
 from tpmscad import surfaces
-from tpmscad.kernel import check_shape
+from tpmscad.files._export_slabs import SlabFiles
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.parallel import start_processes
 
 CELL = 10.0
@@ -67,7 +68,7 @@ def peak_memory() -> Iterator[list[int]]:
         thread.join()
 
 
-def compare_with_dask(files: tpmscad.workflows.SlabFiles, jobs: int, request: dict[str, Any]) -> bool:
+def compare_with_dask(files: SlabFiles, jobs: int, request: dict[str, Any]) -> bool:
     """Whether a cluster of Dask writes files of the same hashes."""
     from distributed import Client, LocalCluster
 

@@ -15,9 +15,9 @@ from typing import Any
 import build123d as bd
 import numpy as np
 
-from tests.workflows.test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
-from tpmscad import kernel
-from tpmscad.workflows import solidify
+from tests.solids.test_solid_booleans import BODIES, CELL, FIELDS, in_ball, in_cylinder, quadratures
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.solids._solidify import solidify
 
 
 def field() -> None:
@@ -28,7 +28,7 @@ def field() -> None:
     print(f"{'':24s} faces  result  seconds  volume off")
     for name, f in FIELDS.items():
         solid = solidify(f, CELL, tol=1e-2).solid
-        faces, whole = len(solid.faces()), kernel.check_shape(solid).volume
+        faces, whole = len(solid.faces()), check_shape(solid).volume
         (buried,) = quadratures(lambda x, f=f: (f(x) < 0,), low, np.array([10.0, 10.0, 0.1]), 120)
         cut, common = quadratures(lambda x, f=f: ((f(x) < 0) & ~in_cylinder(x), (f(x) < 0) & in_ball(x)), low, high)
         row(f"{name} - cylinder", faces, lambda s=solid: s - bore, cut)
@@ -51,7 +51,7 @@ def row(name: str, faces: int, make: Callable[[], Any], expected: float) -> None
     begun = time.process_time()
     made = make()
     seconds = time.process_time() - begun
-    found = kernel.check_shape(made)
+    found = check_shape(made)
     verdict = "valid" if found.ok else "NOT valid"
     pieces = f"{found.solids} pieces" if found.solids > 1 else ""
     print(f"{name:24s} {faces:5d} {found.faces:7d} {seconds:8.1f}  {found.volume / expected - 1.0:+10.1e}  {verdict} {pieces}",

@@ -16,7 +16,7 @@ from benchmarks.facets import facets
 from benchmarks.joints import worst_joint
 from tpmscad import fields
 from tpmscad.errors import TpmscadError
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 CELL = ((0.0, 0.0, 0.0), (10.0, 10.0, 10.0))
 NAMES = (

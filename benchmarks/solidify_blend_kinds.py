@@ -24,7 +24,7 @@ from tpmscad._typing import BoxCorners
 from tpmscad.blending import CylinderRadius, LineWeightSpec, SphereRadius, blend
 from tpmscad.blending.initial_weights import WeightSpec
 from tpmscad.errors import TpmscadError
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 TOL = 5e-3
 LINES = 149, 223

@@ -21,10 +21,10 @@ import numpy as np
 from benchmarks.joints import worst_joint
 from benchmarks.random_pairs import Pair, random_pair
 from benchmarks.solidify_figures import cpu, sampled_betti
-from tpmscad import kernel
 from tpmscad.blending import blend
 from tpmscad.errors import TpmscadError
-from tpmscad.workflows import solidify
+from tpmscad.kernel.measure.shape_report import check_step
+from tpmscad.solids._solidify import solidify
 
 PERIODS = "2x1x1,2x1x1,3x1x1,2x2x1,4x2x2"
 TOL = 5e-3
@@ -62,7 +62,7 @@ def main(first: int, last: int, sizes: list[tuple[int, ...]]) -> None:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "blend.step"
             model.export_step(path)
-            valid = kernel.check_step(path, healed=False).ok
+            valid = check_step(path, healed=False).ok
             jump, joints = worst_joint(path)
         counted = {sampled_betti(field, (lo, hi), lines) for lines in LINES}
         pieces, *others = c.betti

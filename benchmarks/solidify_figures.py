@@ -28,11 +28,12 @@ from benchmarks.joints import worst_joint
 sys.path.insert(0, str(Path(__file__).parents[1] / "examples"))
 import blend_scaffold
 
-from tpmscad import fields, kernel, topology
+from tpmscad import fields, topology
 from tpmscad.blending import BlendResult, blend
 from tpmscad.errors import TpmscadError
-from tpmscad.fields import volume_quadrature
-from tpmscad.workflows import solidify
+from tpmscad.fields.analysis import volume_quadrature
+from tpmscad.kernel.measure.shape_report import check_step
+from tpmscad.solids._solidify import solidify
 
 Corners = tuple[tuple[float, float, float], tuple[float, float, float]]
 FLAT: Corners = (0, 0, 0), (1, 1, 0.25)
@@ -157,7 +158,7 @@ def measured(row: Row, tol: float) -> str:
         path = Path(folder) / "solid.step"
         model.export_step(path)
         stored = cpu() - begun - solid
-        megabytes, again = path.stat().st_size / 1e6, kernel.check_step(path)
+        megabytes, again = path.stat().st_size / 1e6, check_step(path)
         jump, joints = worst_joint(path)
         kept = "" if row.body is None else f"faces in the file: {faces_of(path)}, "
     c = model.certificate

@@ -20,7 +20,7 @@ import numpy as np
 import tpmscad
 from tpmscad import fields
 from tpmscad._typing import Array
-from tpmscad.meshing import VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.periodic_cell import CellProperties, IsotropicMaterial, solve_cell
 
 POISSON_RATIO = 0.3

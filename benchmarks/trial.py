@@ -133,11 +133,11 @@ class Child:
 
 def judge_requests(seed: int, numbers: range, kind: str | None, jobs: int) -> Iterator[tuple[int, str, str, Verdict]]:
     """Every request's number, kind, text and verdict, `jobs` at a time."""
-    import tpmscad.recipe
-    import tpmscad.workflows
 
-    for name in tpmscad.workflows.__all__:
-        getattr(tpmscad.workflows, name)  # the kernel and every module are loaded once, before the forks
+    import tpmscad.recipe
+
+    for name in tpmscad.__all__:
+        getattr(tpmscad, name)  # the kernel and every module are loaded once, before the forks
 
     waiting = list(numbers)[::-1]
     running: list[Child] = []

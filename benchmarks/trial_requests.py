@@ -379,7 +379,7 @@ def draw_field(rng: np.random.Generator) -> Drawn:
 
 
 def draw_recipe(rng: np.random.Generator) -> Drawn:
-    from tpmscad.recipe import SolidRun
+    from tpmscad.recipe.recipe_runs import SolidRun
 
     _, recipe, value = _field(rng)
     high = [float(v) for v in rng.choice([6.0, 9.3, 10.0], 3)]

@@ -19,15 +19,17 @@ from dataclasses import replace
 import build123d as bd
 import numpy as np
 
-from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
-from tpmscad.trimming import box, trim
-from tpmscad.workflows.lattice_block import LatticeCover, cover_box
-from tpmscad.workflows.lattice_request import resolve_lattice_request
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape, is_valid
+from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.solids.lattice_block import LatticeCover, cover_box
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 CELL, TOL = 10.0, 1e-3
 HEAD = f"{'surface':>10} {'body':>12} {'patches':>7} {'faces':>6} {'cut':>6} {'build':>6} {'boolean':>8} {'ratio':>6} "
@@ -86,16 +88,16 @@ def measured(surface: str, name: str, patches: Brep, block: Brep, shape: bd.Part
         return
     traced = time.process_time() - begun
     begun = time.process_time()
-    built = kernel.build_solids(cut.brep)
+    built = build_solids(cut.brep)
     made = time.process_time() - begun
-    valid, found = kernel.is_valid(built.shape), volume(cut.brep)
+    valid, found = is_valid(built.shape), volume(cut.brep)
     line = f"{surface:>10} {name:>12} {len(patches.faces):>7} {len(cut.brep.faces):>6} {traced:6.2f} {made:6.2f} "
     if by_boolean:
-        solid = kernel.build_solids(block).shape
+        solid = build_solids(block).shape
         begun = time.process_time()
         other = boolean_operations.intersect_solids(solid, shape.wrapped)
         spent = time.process_time() - begun
-        off = sum(kernel.check_shape(s).volume for s in other) / found - 1
+        off = sum(check_shape(s).volume for s in other) / found - 1
         line += f"{spent:8.2f} {spent / (traced + made):6.1f} "
     else:
         off = (found + volume(trim(turned(patches), tool).brep)) / volume(tool) - 1
@@ -118,10 +120,10 @@ def large(n: int) -> None:
     cut = trim(patches, brep_from_shape(shape))
     stages.append(("cut", time.process_time() - begun))
     begun = time.process_time()
-    built = kernel.build_solids(cut.brep)
+    built = build_solids(cut.brep)
     stages.append(("build", time.process_time() - begun))
     begun = time.process_time()
-    valid = kernel.is_valid(built.shape)
+    valid = is_valid(built.shape)
     stages.append(("check", time.process_time() - begun))
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
     print(f"{len(cut.brep.faces)} faces, valid {valid}, volume {volume(cut.brep):.4f}, {cut.report}")

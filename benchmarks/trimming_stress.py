@@ -26,15 +26,17 @@ import numpy as np
 from scipy.stats import qmc
 
 from benchmarks.trimming import covering, turned, volume
-from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TpmscadError, TrimmingError
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.boolean import boolean_operations
-from tpmscad.kernel.measure.cad_body import read_body
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.trimming import box, trim
-from tpmscad.workflows.boolean_strategies import signed_distances_to_nodes, split_near_body_faces
+from tpmscad.solids.boolean_strategies import signed_distances_to_nodes, split_near_body_faces
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 KINDS = ("box", "cylinder", "sphere", "cone", "torus")
 SURFACES = ("gyroid", "diamond", "schwarz_p")
@@ -142,7 +144,7 @@ def by_kernel(block: Callable[[], Any], patches: Brep, shape: bd.Part, note: str
     }
     for word, way in ways.items():
         try:
-            reports = [[kernel.check_shape(s) for s in solids] for solids in way()]
+            reports = [[check_shape(s) for s in solids] for solids in way()]
         except TpmscadError as error:
             note = f"{note}; {word}: {error}"
             continue
@@ -164,9 +166,9 @@ def outcome(patches: Brep, block: Callable[[], Any], body: RandomBody, by_boolea
         tool = brep_from_shape(shape)
         cut = trim(patches, tool)
         if len(cut.brep.faces):
-            made = kernel.build_solids(cut.brep).shape
+            made = build_solids(cut.brep).shape
             seconds = time.process_time() - begun
-            report = kernel.check_shape(made)
+            report = check_shape(made)
             if not (report.valid and report.closed):
                 raise TrimmingError("the kernel's check rejects the trimmed lattice")
         else:
@@ -224,7 +226,7 @@ def main(arguments: list[str] | None = None) -> None:
         def block(surface: str = surface) -> Any:
             if surface not in solids:
                 own = lattices[surface]
-                solids[surface] = kernel.build_solids(trim(own.patches, box(own.low, own.high)).brep).shape
+                solids[surface] = build_solids(trim(own.patches, box(own.low, own.high)).brep).shape
             return solids[surface]
 
         found = outcome(patches, block, body, i % options.boolean == 0, options.void)

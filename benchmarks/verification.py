@@ -23,9 +23,14 @@ import numpy as np
 import tpmscad
 from tests.shapes.kernel_shapes import drilled_dome, notched_hollow
 from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
-from tpmscad import fields, kernel
+from tpmscad import fields
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.workflows.checked_write import REREAD_VOLUME_RTOL_OF_BODIES, make_volume_check
+from tpmscad.files.checked_write import REREAD_VOLUME_RTOL_OF_BODIES, make_volume_check
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.file_check import check_excerpt
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.step.brep_writer import write_step
 
 RTOL = REREAD_VOLUME_RTOL_OF_BODIES
 SECONDS = 60
@@ -34,16 +39,16 @@ SECONDS = 60
 
 def accepts_in_full(brep: Brep, path: Path) -> bool:
     """The kernel's check of the solid, and of the file read back."""
-    built = kernel.build_solids(brep)
-    if not kernel.is_valid(built.shape):
+    built = build_solids(brep)
+    if not is_valid(built.shape):
         return False
-    kernel.write_step(brep, built.nesting, path)
+    write_step(brep, built.nesting, path)
     return accepts_file_in_full(brep, path)
 
 
 def accepts_file_in_full(brep: Brep, path: Path) -> bool:
     """The kernel's check of the file."""
-    built = kernel.build_solids(brep)
+    built = build_solids(brep)
     volume = float((built.nesting.volume).sum())
     make_volume_check(volume, RTOL)(path)
     return True
@@ -51,16 +56,16 @@ def accepts_file_in_full(brep: Brep, path: Path) -> bool:
 
 def accepts_in_short(brep: Brep, path: Path) -> bool:
     """Classes of faces and arrays, the text of the file and its excerpt."""
-    built = kernel.build_solids(brep)
-    if not kernel.is_brep_valid(brep, built.faces):
+    built = build_solids(brep)
+    if not is_brep_valid(brep, built.faces):
         return False
-    kernel.write_step(brep, built.nesting, path)
+    write_step(brep, built.nesting, path)
     return accepts_file_in_short(brep, path)
 
 
 def accepts_file_in_short(brep: Brep, path: Path) -> bool:
     """The text of the file and its excerpt."""
-    kernel.check_excerpt(path, brep, kernel.build_solids(brep).nesting)
+    check_excerpt(path, brep, build_solids(brep).nesting)
     return True
 
 
@@ -110,7 +115,7 @@ def run(count: int, seed: int) -> int:
         for number in range(count):
             fault_of_text = TEXT_FAULTS[number % len(TEXT_FAULTS)]
             solid = solids[number % len(solids)]
-            kernel.write_step(solid, kernel.build_solids(solid).nesting, path)
+            write_step(solid, build_solids(solid).nesting, path)
             path.write_text(fault_of_text(path.read_text(), rng))
             found = [is_noticed(a, solid, path) for a in (accepts_file_in_full, accepts_file_in_short)]
             missed += _count(tally[fault_of_text.__name__], found)

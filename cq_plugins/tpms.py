@@ -14,16 +14,18 @@ from typing import Any, Literal, Unpack
 
 import cadquery as cq
 
+from tpmscad.api.public_calls import public
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.public_calls import public
-from tpmscad.workflows import Model, infill, lattice
-from tpmscad.workflows.lattice_request import (
+from tpmscad.requests.lattice_request import (
     LATTICE_DEFAULTS,
     InfillOptions,
     LatticeOptions,
     lattice_size,
     with_keywords_of,
 )
+from tpmscad.results.model import Model
+from tpmscad.solids._infill import infill
+from tpmscad.solids._lattice import lattice
 
 __all__ = ["tpms", "tpmsInfill", "tpmsModels"]
 

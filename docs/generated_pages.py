@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import tpmscad
-from tpmscad import fields, recipe
+from tpmscad import fields
+from tpmscad.recipe.key_reference import format_reference
 
 ROOT = Path(__file__).resolve().parents[1]
 GALLERY = ROOT / "docs" / "gallery"
@@ -54,7 +55,7 @@ def write_all(folder: Path) -> None:
     described: set[int] = set()
     for module, title in MODULES.items():
         (folder / f"api_{module.replace('.', '_')}.rst").write_text(describe_module(module, title, described))
-    (folder / "recipe_keys.txt").write_text(recipe.format_reference(None, width=100))
+    (folder / "recipe_keys.txt").write_text(format_reference(None, width=100))
     (folder / "commands.md").write_text(describe_commands())
     (folder / "catalogue.txt").write_text(run_command("surfaces"))
     (folder / "examples.md").write_text(describe_examples())

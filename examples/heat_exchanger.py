@@ -5,7 +5,8 @@ import numpy as np
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.workflows import FlowEstimate, FluidDomains
+from tpmscad.results.domain_results import FluidDomains
+from tpmscad.studies.flow_results import FlowEstimate
 
 CELL, CELLS = 8.0, (4, 4, 6)
 PHASE = (0.25, 0.0, 0.0)

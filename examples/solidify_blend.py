@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmscad import blend, fields
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 
 def main(path: str | Path = "blend.step", half: float = 10.0) -> dict[str, object]:

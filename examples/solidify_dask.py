@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from tpmscad import fields
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 
 def main(path: str | Path = "block.step", address: str | None = None, cells: int = 3) -> dict[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tpmscad import fields
-from tpmscad.workflows import solidify
+from tpmscad.solids._solidify import solidify
 
 GRADIENT = 0.961
 """One over the mean of 1 / slope of the 10 mm gyroid's field on its mid surface, per mm: level = slope x half the thickness."""

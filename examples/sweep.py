@@ -13,7 +13,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import tpmscad
-from tpmscad.sweeps import SweepResults
+from tpmscad.sweeps._sweep import SweepResults
 
 SURFACES = ("gyroid", "diamond", "schwarz_p")
 CELL = 10.0

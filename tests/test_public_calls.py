@@ -11,7 +11,8 @@ import pytest
 import tpmscad
 from benchmarks import fuzz
 from tpmscad import fields
-from tpmscad.argument_table import ARGUMENTS
+from tpmscad.api.argument_table import ARGUMENTS
+from tpmscad.api.public_calls import public
 from tpmscad.errors import (
     InvalidRequest,
     MisusedCall,
@@ -22,7 +23,6 @@ from tpmscad.errors import (
     UserFunctionError,
 )
 from tpmscad.memory_limit import format_bytes, physical_memory, require_memory
-from tpmscad.public_calls import public
 
 pytestmark = pytest.mark.kernel
 

@@ -1,44 +1,45 @@
 """Packages whose public names are imported at their first use (PEP 562).
 
-The public functions need the CAD kernel, which takes seconds to load. A package that lists its names with `lazy_attributes`
-loads a module only when one of its names is used:
+The public functions need the CAD kernel, which takes seconds to load. A package lists its names once, in the stub beside its
+source, which type checkers read as well (scientific Python's SPEC 1), here with absolute imports:
 
-    __getattr__, __dir__ = lazy_attributes(__name__, {"lattice": "tpmscad.workflows.lattice_solid"})
+    __getattr__, __dir__, __all__ = attach_stub(__name__, __file__)
 """
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from tpmscad.errors import InvalidRequest
 
 
-def lazy_attributes(
-    package: str, module_of_name: Mapping[str, str]
-) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """The `__getattr__` and `__dir__` of a package whose names come from other modules.
-
-    `module_of_name` maps each public name to the module that defines it, and the name of a public module to its dotted path.
-    """
+def attach_stub(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
+    """The `__getattr__`, `__dir__` and `__all__` of a module whose names come from other modules, as its stub lists them."""
+    homes = {
+        alias.asname or alias.name: (node.module, alias.name)
+        for node in ast.parse(Path(file).with_suffix(".pyi").read_text("utf-8")).body
+        if isinstance(node, ast.ImportFrom) and node.module
+        for alias in node.names
+    }
+    names = sorted(homes)
 
     def __getattr__(name: str) -> Any:
-        if name not in module_of_name:
-            near = get_close_matches(name, module_of_name, n=1)
+        if name not in homes:
+            near = get_close_matches(name, names, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
             raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
-        module = import_module(module_of_name[name])
-        value = module if module_of_name[name].endswith(f".{name}") else getattr(module, name)
+        home, original = homes[name]
+        value = import_module(f"{home}.{original}") if home == package else getattr(import_module(home), original)
         setattr(sys.modules[package], name, value)
         return value
 
-    def __dir__() -> list[str]:
-        return sorted(module_of_name)
-
-    return __getattr__, __dir__
+    return __getattr__, lambda: names, names
 
 
 def import_extra(module: str, what: str, extra: str) -> Any:

@@ -17,11 +17,10 @@ from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode
 from build123d.build_common import Builder
 from build123d.geometry import to_align_offset
 
+from tpmscad.api.public_calls import public
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
-from tpmscad.workflows import Certificate, Model, infill, lattice
-from tpmscad.workflows.face_selection import list_given_faces
-from tpmscad.workflows.lattice_request import (
+from tpmscad.requests.face_selection import list_given_faces
+from tpmscad.requests.lattice_request import (
     INFILL_DEFAULTS,
     LATTICE_DEFAULTS,
     InfillOptions,
@@ -29,8 +28,12 @@ from tpmscad.workflows.lattice_request import (
     lattice_size,
     with_keywords_of,
 )
-from tpmscad.workflows.placed_model import place_model
-from tpmscad.workflows.result_summary import count_pieces
+from tpmscad.results.certificate import Certificate
+from tpmscad.results.model import Model
+from tpmscad.results.placed_model import place_model
+from tpmscad.results.result_summary import count_pieces
+from tpmscad.solids._infill import infill
+from tpmscad.solids._lattice import lattice
 
 __all__ = ["Tpms", "TpmsInfill"]
 

@@ -8,8 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from tpmscad._typing import FractionProgress, ProgressOption
+from tpmscad.api.public_calls import call_user_function
 from tpmscad.progress_display import show_stage
-from tpmscad.public_calls import call_given
 
 
 @dataclass(slots=True)
@@ -46,7 +46,7 @@ class StageTimer:
         """The function that reports the fraction of the stage that is done."""
         call = self.progress
         if callable(call):
-            yield lambda done: call_given("progress", call, stage, done)
+            yield lambda done: call_user_function("progress", call, stage, done)
         elif call is False:
             yield lambda done: None
         else:

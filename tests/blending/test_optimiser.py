@@ -17,8 +17,8 @@ from tpmscad.blending.initial_weights import LineWeightSpec, VolumeWeightSpec, m
 from tpmscad.blending.optimise.gradient_descent import descend, evaluate_objective
 from tpmscad.blending.weights.constraints import WeightConstraints, add_consistent_constraints, project_onto_constraints
 from tpmscad.blending.weights.coordinates import LinearCoordinate
-from tpmscad.fields.saddles import Saddles, find_saddles, measure_neck_widths
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.analysis.saddles import Saddles, find_saddles, measure_neck_widths
+from tpmscad.fields.data.sample_grid import SampleGrid
 
 LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.5, 0.5)), fields.box((0.5, 0, 0), (1, 0.5, 0.5))
 MIDDLE = fields.box((0.25, 0, 0), (0.75, 0.5, 0.5))

@@ -7,7 +7,7 @@ import numpy as np
 import tpmscad
 import tpmscad.blending
 from tpmscad import fields
-from tpmscad.blending.porous_blending import blend
+from tpmscad.blending._blend import blend
 
 
 def test_the_public_function_is_that_of_the_room() -> None:

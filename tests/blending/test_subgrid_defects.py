@@ -12,7 +12,7 @@ from tpmscad.blending import blend
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import sample_composition
 from tpmscad.blending.optimise.subgrid_defects import find_subgrid_defects
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.data.sample_grid import SampleGrid
 
 GRID = SampleGrid((0, 0, 0), (1, 1, 1), (25, 22, 27))
 ALL = fields.box((-1, -1, -1), (2, 2, 2))

@@ -23,7 +23,7 @@ from tpmscad.blending.weights.volume_weight_fit import (
     refine_knots,
 )
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.data.sample_grid import SampleGrid
 
 BOX = (0.0, 0.0, 0.0), (1.0, 0.8, 0.6)
 GRID = SampleGrid(*BOX, (31, 26, 19))

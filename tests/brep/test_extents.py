@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tpmscad.brep import Brep, Edges, EdgeUses, Faces, true_bounds
+from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.quadrics import SphericalSurface, ToroidalSurface
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines import BSplineCurve, BSplineSurface, bezier_knots, line_segment, split_surface

@@ -9,11 +9,15 @@ import pytest
 
 from tests.brep.test_extents import PARABOLOID, random_rotation, trimmed_face
 from tests.trimming.conftest import covered
-from tpmscad.brep import Brep, measure_edge_continuity, measure_solid, true_bounds
-from tpmscad.brep.tight_carriers import RestrictedSurface, bound_curves, restrict_carriers, whole_surfaces
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.edge_continuity import measure_edge_continuity
+from tpmscad.brep.extents import true_bounds
+from tpmscad.brep.restricted_surfaces import RestrictedSurface, bound_curves, restrict_carriers, whole_surfaces
+from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines import BSplineCurve, BSplineSurface
-from tpmscad.trimming import box, trim
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 
 def poles_of_faces(brep: Brep) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""The command line's own promises, with the workflows replaced by a recorder: options, exit status, what is left behind."""
+"""The command line's own promises, with a recorder for the public functions: options, exit status, what is left behind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 import typer
 
-import tpmscad.workflows
+import tpmscad
 from tpmscad import cli, maps
 from tpmscad.catalogue import CATALOGUE
 from tpmscad.cli import output
@@ -52,7 +52,7 @@ class Certificate:
 
 
 class Recorder:
-    """Stands for the functions of tpmscad.workflows: notes how it was called and does what `outcome` says."""
+    """Stands for the public functions: notes how it was called and does what `outcome` says."""
 
     def __init__(self) -> None:
         self.called: dict[str, Any] = {}
@@ -104,14 +104,15 @@ class Recorder:
 
 
 @pytest.fixture
-def workflows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
-    recorder = Recorder()
+def recorder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Recorder:
+    stand_in = Recorder()
     for name in ("lattice", "infill", "fluid_domains"):
-        monkeypatch.setitem(vars(tpmscad.workflows), name, recorder.make)
-    for name in ("check_step", "export_instances", "render_step", "slice_step"):
-        monkeypatch.setitem(vars(tpmscad.workflows), name, getattr(recorder, name))
+        monkeypatch.setitem(vars(tpmscad), name, stand_in.make)
+    for name in ("check_step", "export_instances", "render_step"):
+        monkeypatch.setitem(vars(tpmscad), name, getattr(stand_in, name))
+    monkeypatch.setitem(sys.modules, "tpmscad.studies._slice_step", SimpleNamespace(slice_step=stand_in.slice_step))
     monkeypatch.chdir(tmp_path)
-    return recorder
+    return stand_in
 
 
 def run(line: str) -> int:
@@ -123,7 +124,7 @@ def run(line: str) -> int:
 LATTICE = "lattice gyroid --cell 10 -o out.step"
 
 
-def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> None:
+def test_every_option_of_lattice_reaches_the_workflow(recorder: Recorder) -> None:
     assert (
         run(
             "lattice gyroid --cell 10,10,14 --cells 2,3,4 --offset -0.6,0.4 --tol 0.01 --kind skeletal --side + "
@@ -131,7 +132,7 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
         )
         == 0
     )
-    assert workflows.called == {
+    assert recorder.called == {
         "operands": ("gyroid",),
         "cell": (10.0, 10.0, 14.0),
         "cells": (2, 3, 4),
@@ -148,10 +149,10 @@ def test_every_option_of_lattice_reaches_the_workflow(workflows: Recorder) -> No
     }
 
 
-def test_instanced_asks_for_copies_of_one_cell(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_instanced_asks_for_copies_of_one_cell(recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
     line = "lattice gyroid --cell 10 --cells 20 --thickness 1 --instanced --verify kernel --report out.json -o out.step"
     assert run(line) == 0
-    called = {key: value for key, value in workflows.called.items() if key != "progress"}
+    called = {key: value for key, value in recorder.called.items() if key != "progress"}
     assert called == {
         "operands": ("gyroid", Path("out.step")),
         "cell": 10.0,
@@ -166,14 +167,14 @@ def test_instanced_asks_for_copies_of_one_cell(workflows: Recorder, capsys: pyte
     assert json.loads(Path("out.json").read_text()) == {"copies": 8000}
 
 
-def test_every_option_of_infill_reaches_the_workflow(workflows: Recorder) -> None:
+def test_every_option_of_infill_reaches_the_workflow(recorder: Recorder) -> None:
     Path("part.step").touch()
     line = (
         'infill part.step P --porosity 0.7 --pore-size 0.6 --skin 1.5 --open-faces ">Z, 3" --rotation 0,0,45 '
         "--deviation 0.05 -o out.3mf"
     )
     assert run(line) == 0
-    called = workflows.called
+    called = recorder.called
     assert called["operands"] == (Path("part.step"), "P")
     assert {k: called[k] for k in ("porosity", "pore_size", "skin", "open_faces", "rotation", "deviation")} == {
         "porosity": 0.7,
@@ -185,18 +186,17 @@ def test_every_option_of_infill_reaches_the_workflow(workflows: Recorder) -> Non
     }
 
 
-def test_domains_asks_for_the_fluid_domains_of_the_body(workflows: Recorder) -> None:
+def test_domains_asks_for_the_fluid_domains_of_the_body(recorder: Recorder) -> None:
     Path("body.step").touch()
     assert run("domains body.step gyroid --cell 8 --thickness 0.8 -o out.brep --quiet") == 0
-    called = workflows.called
+    called = recorder.called
     assert (called["operands"], called["cell"], called["thickness"]) == ((Path("body.step"), "gyroid"), 8.0, 0.8)
 
 
 @pytest.mark.kernel
 @pytest.mark.parametrize("name", ["lattice", "infill", "fluid_domains"])
-def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder, name: str) -> None:
-    function = tpmscad.workflows._MODULE_OF_NAME  # what the recorder stands for
-    real = getattr(import_module(function[name]), name)
+def test_options_left_out_keep_the_defaults_of_the_function(recorder: Recorder, name: str) -> None:
+    real = getattr(import_module(f"tpmscad.solids._{name}"), name)  # what the recorder stands for
     Path("part.step").touch()
     start = {
         "lattice": "lattice gyroid",
@@ -205,7 +205,7 @@ def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder,
     }
     assert run(f"{start[name]} --cell 10 -o out.step --quiet") == 0
     defaults = {key: p.default for key, p in signature(real).parameters.items()}
-    for key, value in workflows.called.items():
+    for key, value in recorder.called.items():
         if key not in ("operands", "cell", "file"):
             assert value == defaults[key], key
 
@@ -213,25 +213,25 @@ def test_options_left_out_keep_the_defaults_of_the_function(workflows: Recorder,
 @pytest.mark.parametrize(
     ("text", "radius"), [("cylinder", 10 * 12 / (2 * np.pi)), ("cylinder:30", 30.0), ("sphere:40", 40.0)]
 )
-def test_a_map_wraps_the_lattice_or_closes_the_ring(workflows: Recorder, text: str, radius: float) -> None:
+def test_a_map_wraps_the_lattice_or_closes_the_ring(recorder: Recorder, text: str, radius: float) -> None:
     assert run(f"lattice P --cell 10 --cells 12,1,1 --thickness 1 --map {text} -o out.step --quiet") == 0
-    assert workflows.called["boundary"] == "natural"  # the box of a lattice has no flat faces when it is wrapped
+    assert recorder.called["boundary"] == "natural"  # the box of a lattice has no flat faces when it is wrapped
     make = maps.sphere if text.startswith("sphere") else maps.cylinder
     points = np.random.default_rng(0).uniform(0, 5, (20, 3))
-    np.testing.assert_array_equal(workflows.called["map"].function(points), make(radius).function(points))
+    np.testing.assert_array_equal(recorder.called["map"].function(points), make(radius).function(points))
 
 
 @pytest.mark.parametrize("text", ["torus:3", "sphere", "cylinder:wide", "cylinder:0"])
 def test_a_map_that_is_not_understood_is_bad_usage(
-    workflows: Recorder, capsys: pytest.CaptureFixture[str], text: str
+    recorder: Recorder, capsys: pytest.CaptureFixture[str], text: str
 ) -> None:
     assert run(f"lattice P --cell 10 --thickness 1 --map {text} -o out.step") == 2
     assert "radius" in capsys.readouterr().err.lower()
-    assert not workflows.called
+    assert not recorder.called
 
 
 def test_what_is_made_and_met_ends_in_0_with_file_and_report(
-    workflows: Recorder, capsys: pytest.CaptureFixture[str]
+    recorder: Recorder, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(f"{LATTICE} --volume-fraction 0.3 --report out.json") == 0
     assert json.loads(Path("out.json").read_text()) == {"met": True, "max_deviation": 0.0625}
@@ -239,14 +239,14 @@ def test_what_is_made_and_met_ends_in_0_with_file_and_report(
     assert capsys.readouterr() == ("met, all of it\n", "")
 
 
-def test_verbose_tells_the_bounds(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verbose_tells_the_bounds(recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(f"{LATTICE} --verbose") == 0
     assert capsys.readouterr().out == "met, all of it, bound 0.25\n"
 
 
 @pytest.mark.parametrize("command", ["lattice gyroid", "infill part.step gyroid", "domains part.step gyroid"])
 def test_a_command_tells_the_result_unless_it_is_quiet(
-    workflows: Recorder, capsys: pytest.CaptureFixture[str], command: str
+    recorder: Recorder, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     Path("part.step").touch()
     assert run(f"{command} --cell 10 -o out.step") == 0
@@ -269,7 +269,7 @@ def test_mesh_reports_what_was_made(monkeypatch: pytest.MonkeyPatch, tmp_path: P
         periodic={"x": None},
         mismatch=0.0,
     )
-    monkeypatch.setitem(vars(tpmscad.workflows), "mesh_step", lambda *_, **__: made)
+    monkeypatch.setitem(sys.modules, "tpmscad.studies._mesh_step", SimpleNamespace(mesh_step=lambda *_, **__: made))
     assert run("mesh part.step --size 0.8 -o part.msh --report part.json --quiet") == 0
     told = json.loads(Path("part.json").read_text())
     assert (told["cells"], told["nodes"], told["volume"], told["size"]) == ({"tetra10": 5}, 14, 2.5, 0.75)
@@ -288,13 +288,13 @@ def test_mesh_reports_what_was_made(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     ids=["missed", "NotMet", "KernelError", "OSError", "InvalidRequest"],
 )
 def test_what_fails_says_one_line_and_leaves_no_model(
-    workflows: Recorder,
+    recorder: Recorder,
     capsys: pytest.CaptureFixture[str],
     outcome: Certificate | Exception,
     status: int,
     words: str,
 ) -> None:
-    workflows.outcome = outcome
+    recorder.outcome = outcome
     assert run(f"{LATTICE} --report out.json") == status
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
@@ -332,7 +332,7 @@ def test_what_fails_says_one_line_and_leaves_no_model(
     ],
 )
 def test_bad_usage_ends_in_2_before_anything_is_made(
-    workflows: Recorder, capsys: pytest.CaptureFixture[str], line: str
+    recorder: Recorder, capsys: pytest.CaptureFixture[str], line: str
 ) -> None:
     for name in ("folder.step", "folder.json"):
         Path(name).mkdir()
@@ -343,7 +343,7 @@ def test_bad_usage_ends_in_2_before_anything_is_made(
     out, err = capsys.readouterr()
     assert (out, err.count("\n")) == ("", 1)
     assert err.startswith("tpmscad: ")
-    assert not workflows.called
+    assert not recorder.called
     assert sorted(os.listdir()) == before
 
 
@@ -359,21 +359,21 @@ def test_bad_usage_ends_in_2_before_anything_is_made(
     ],
 )
 def test_options_that_do_not_go_together_are_refused_by_name(
-    workflows: Recorder, capsys: pytest.CaptureFixture[str], options: str, words: str
+    recorder: Recorder, capsys: pytest.CaptureFixture[str], options: str, words: str
 ) -> None:
     assert run(f"lattice gyroid --cell 10 --cells 4 {options} -o out.step") == 2
     assert words in capsys.readouterr().err
-    assert not workflows.called
+    assert not recorder.called
     assert os.listdir() == []
 
 
-def test_a_ring_without_a_cell_or_a_radius_is_refused(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_ring_without_a_cell_or_a_radius_is_refused(recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
     assert run("lattice P --pore-size 3 --thickness 1 --map cylinder -o out.step") == 2
     assert "a ring of whole cells needs --cell: give it, or the radius, cylinder:20" in capsys.readouterr().err
-    assert not workflows.called
+    assert not recorder.called
 
 
-def test_check_ends_in_1_for_a_file_that_fails(workflows: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_ends_in_1_for_a_file_that_fails(recorder: Recorder, capsys: pytest.CaptureFixture[str]) -> None:
     Path("good.step").touch()
     Path("bad.step").touch()
     assert run("check good.step") == 0
@@ -383,16 +383,16 @@ def test_check_ends_in_1_for_a_file_that_fails(workflows: Recorder, capsys: pyte
     assert json.loads(Path("bad.json").read_text()) == {"ok": False}
 
 
-def test_render_writes_the_picture(workflows: Recorder) -> None:
+def test_render_writes_the_picture(recorder: Recorder) -> None:
     Path("part.step").touch()
     assert run("render part.step -o part.jpg") == 2
     assert run("render part.step -o part.png --report part.json") == 0
     assert json.loads(Path("part.json").read_text())["bytes"] == Path("part.png").stat().st_size
-    assert workflows.called == {}
+    assert recorder.called == {}
     assert run("render part.step --view 1,1,0.5 --section z=5 --size 1600x1200 --color-by piece -o part.png") == 0
-    assert workflows.called == {"view": "1,1,0.5", "section": "z=5", "size": (1600, 1200), "color_by": "piece"}
+    assert recorder.called == {"view": "1,1,0.5", "section": "z=5", "size": (1600, 1200), "color_by": "piece"}
     assert run('render part.step --hide wall --hide "channel +" -o part.png') == 0
-    assert workflows.called == {"hide": ["wall", "channel +"]}
+    assert recorder.called == {"hide": ["wall", "channel +"]}
 
 
 @pytest.mark.parametrize("line", [*DOCUMENTED_LINES, *HELP_LINES])

@@ -1,4 +1,4 @@
-"""The command line with its real workflows and the kernel: a lattice to a STEP file and back, and the requests it refuses."""
+"""The command line with the real functions and the kernel: a lattice to a STEP file and back, and the requests it refuses."""
 
 from __future__ import annotations
 

@@ -26,11 +26,15 @@ OPTIONS = {
 }
 ERRORS = {"InvalidRequest", "LevelSetError", "KernelError", "TrimmingError", "MissingDomain", "NotMet"}
 FLOORS = (
-    "fields/sampled_data.py",
-    "fields/scattered_data.py",
-    "fields/image_files.py",
-    "fields/expressions.py",
-    "workflows",
+    "fields/kinds/sampled_data.py",
+    "fields/kinds/scattered_data.py",
+    "fields/data/image_files.py",
+    "fields/kinds/expressions.py",
+    "requests",
+    "results",
+    "solids",
+    "files",
+    "studies",
     "kernel",
     "surfaces",
     "lattices",

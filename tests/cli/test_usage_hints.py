@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-import tpmscad.workflows
-from tests.cli.test_cli import Recorder, run, workflows  # noqa: F401
+import tpmscad
+from tests.cli.test_cli import Recorder, recorder, run  # noqa: F401
 from tpmscad.cli import COMMANDS, app
 from tpmscad.cli.usage_hints import COMMAND_REMEDIES, OPTION_REMEDIES, OPTION_SYNONYMS
 
@@ -65,14 +65,14 @@ def read_error(line: str, capsys: pytest.CaptureFixture[str]) -> str:
     ],
 )
 def test_a_word_of_another_program_is_answered_with_ours(
-    workflows: Recorder,  # noqa: F811
+    recorder: Recorder,  # noqa: F811
     capsys: pytest.CaptureFixture[str],
     line: str,
     meant: str,
 ) -> None:
     Path("part.step").touch()
     assert meant in read_error(line, capsys)
-    assert not workflows.called
+    assert not recorder.called
 
 
 def test_an_option_that_is_only_misspelled_keeps_its_suggestions(capsys: pytest.CaptureFixture[str]) -> None:
@@ -95,9 +95,9 @@ def test_every_word_leads_to_an_option_or_command_that_there_is() -> None:
             assert word.split("`")[0].split(" ")[0] in names | {"--version", "--help"}
 
 
-def test_numbers_are_separated_by_commas_or_by_x(workflows: Recorder) -> None:  # noqa: F811
+def test_numbers_are_separated_by_commas_or_by_x(recorder: Recorder) -> None:  # noqa: F811
     assert run("lattice gyroid --cell 10 --cells 2x3X1 --thickness 1 -o a.step") == 0
-    assert workflows.called["cells"] == (2.0, 3.0, 1.0)
+    assert recorder.called["cells"] == (2.0, 3.0, 1.0)
 
 
 def test_the_porosity_of_a_lattice_to_homogenize_is_the_rest_of_its_volume(
@@ -109,7 +109,7 @@ def test_the_porosity_of_a_lattice_to_homogenize_is_the_rest_of_its_volume(
         called.update(request)
         return SimpleNamespace(to_dict=dict)
 
-    monkeypatch.setitem(vars(tpmscad.workflows), "homogenize", record)
+    monkeypatch.setitem(vars(tpmscad), "homogenize", record)
     assert run("homogenize gyroid --porosity 0.75") == 0
     assert called["volume_fraction"] == 0.25
 
@@ -136,8 +136,8 @@ def test_a_channel_is_what_the_wall_leaves_on_one_side(
         called["permeability"] = request
         return SimpleNamespace(to_dict=dict)
 
-    monkeypatch.setitem(vars(tpmscad.workflows), "lattice", make)
-    monkeypatch.setitem(vars(tpmscad.workflows), "permeability", solve)
+    monkeypatch.setitem(vars(tpmscad), "lattice", make)
+    monkeypatch.setitem(vars(tpmscad), "permeability", solve)
     assert run(f"permeability gyroid {options} --size 0.2") == 0
     cell = 8.0 if "--cell" in options else 1.0
     fixed = {"cell": cell, "kind": "skeletal", "reference": None, "loose": "keep"}

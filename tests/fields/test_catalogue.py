@@ -12,7 +12,7 @@ from scipy.optimize import minimize
 
 from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.trigonometric_polynomials import parse_formula
+from tpmscad.fields.kinds.trigonometric_polynomials import parse_formula
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-20, 30, (500, 3))

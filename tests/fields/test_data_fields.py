@@ -11,7 +11,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.image_files import read_image
+from tpmscad.fields.data.image_files import read_image
 
 RNG = np.random.default_rng(11)
 SPACING, ORIGIN = np.array([0.5, 0.4, 0.7]), np.array([1.0, -2.0, 0.5])
@@ -204,7 +204,7 @@ class TestScatteredField:
     def test_nearest_points_are_enough_where_there_are_many(self, monkeypatch: pytest.MonkeyPatch) -> None:
         values = fields.tpms("schwarz_p", 20.0)(self.POINTS)
         whole = fields.scattered(self.POINTS, values)
-        monkeypatch.setattr("tpmscad.fields.scattered_data.MAX_GLOBAL_POINTS", 100)
+        monkeypatch.setattr("tpmscad.fields.kinds.scattered_data.MAX_GLOBAL_POINTS", 100)
         inside = RNG.uniform(2, 8, (300, 3))
         local = fields.scattered(self.POINTS, values)
         difference = np.abs(local(inside) - whole(inside)).max()

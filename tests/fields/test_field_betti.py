@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tpmscad import fields, topology
-from tpmscad.fields import betti_numbers, saddles
-from tpmscad.fields.betti_numbers import INITIAL_LINES, compute_betti_numbers
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.analysis import betti_numbers, saddles
+from tpmscad.fields.analysis.betti_numbers import INITIAL_LINES, compute_betti_numbers
+from tpmscad.fields.data.sample_grid import SampleGrid
 
 LO, HI = np.array([-1.9, -1.45, -1.3]), np.array([1.93, 1.38, 1.51])
 
@@ -141,8 +141,8 @@ def test_grids_without_lines_through_all_necks_count_only_where_the_count_is_con
 ) -> None:
     """Without room for more lines all grids see one piece where there are two."""
     for kind in ("", "FOREIGN_"):
-        monkeypatch.setattr(f"tpmscad.fields.betti_numbers.MAX_{kind}GRADED_NODES", 1)
-        monkeypatch.setattr(f"tpmscad.fields.betti_numbers.MAX_{kind}UNIFORM_NODES", 2**21)
+        monkeypatch.setattr(f"tpmscad.fields.analysis.betti_numbers.MAX_{kind}GRADED_NODES", 1)
+        monkeypatch.setattr(f"tpmscad.fields.analysis.betti_numbers.MAX_{kind}UNIFORM_NODES", 2**21)
     gap = ovals(-1e-3, 1)
     assert compute_betti_numbers(gap, LO, HI) is None
     asked = []

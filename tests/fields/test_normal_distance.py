@@ -7,8 +7,8 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.foot_point_search import POINTS_PER_BATCH
-from tpmscad.fields.isometries import find_isometries
+from tpmscad.fields.analysis.isometries import find_isometries
+from tpmscad.fields.kinds.foot_point_search import POINTS_PER_BATCH
 
 RNG = np.random.default_rng(5)
 

@@ -9,9 +9,9 @@ from scipy.interpolate import NdBSpline
 from benchmarks.field_tape import HIGH, LOW, compare, make_kinds
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.field_tape import JointTape
-from tpmscad.fields.linear_extension import extend_linearly
-from tpmscad.fields.tape_nodes import Node, select, tensor_spline
+from tpmscad.fields.kinds.linear_extension import extend_linearly
+from tpmscad.fields.tape.field_tape import SharedTape
+from tpmscad.fields.tape.tape_nodes import Node, select, tensor_spline
 
 KINDS = make_kinds()
 VALUE_TOL, GRADIENT_TOL = 1e-14, 1e-12
@@ -146,7 +146,7 @@ def test_fields_sampled_together_have_the_values_of_each_and_call_what_they_shar
     counted = CountedField()
     first, second = counted - fields.sphere((0.5, 0.5, 0.5), 0.3), -counted - 0.25
     axes = [np.linspace(0, 1, n) for n in (4, 5, 33)]
-    jets = list(JointTape((first, second)).jets_on_grid(*axes))
+    jets = list(SharedTape((first, second)).jets_on_grid(*axes))
     assert counted.counts == [4 * 5 * 33]
     for field, (values, gradients) in zip((first, second), jets, strict=True):
         expected, slopes = field.value_and_gradient_on_grid(*axes)

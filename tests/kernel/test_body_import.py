@@ -17,12 +17,15 @@ from OCP.TopLoc import TopLoc_Location
 from scipy.integrate import dblquad
 
 from tests.shapes.round_shapes import SURFACE_KINDS
-from tpmscad import kernel
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces, brep_from_shape
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace
+from tpmscad.kernel.step.step_reader import read_step
 
 
 @cache
@@ -103,8 +106,8 @@ def kinds(brep, origin) -> Counter:
 
 def assert_same(shape, brep, volume=1e-10) -> None:
     before, after, own = (
-        kernel.check_shape(shape),
-        kernel.check_shape(kernel.build_solids(brep).shape),
+        check_shape(shape),
+        check_shape(build_solids(brep).shape),
         measure_solid(brep),
     )
     assert after.ok
@@ -153,7 +156,7 @@ def test_a_ball_may_be_cut_beside_its_poles(off: float) -> None:
     body = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
     brep, height = brep_from_shape(body), 3 + off
     assert measure_solid(brep).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)
-    assert kernel.check_shape(kernel.build_solids(brep).shape).ok
+    assert check_shape(build_solids(brep).shape).ok
 
 
 def motions() -> dict[str, gp_Trsf]:
@@ -173,7 +176,7 @@ def test_a_body_may_stand_anywhere(name: str, how: str) -> None:
     else:
         moved = BRepBuilderAPI_Transform(body.wrapped, motions()[how], True).Shape()
     assert_same(moved, brep_from_shape(moved), 1e-8 if name in BY_CUTS else 1e-10)
-    assert kernel.check_shape(moved).volume == pytest.approx(kernel.check_shape(body).volume, rel=1e-9)
+    assert check_shape(moved).volume == pytest.approx(check_shape(body).volume, rel=1e-9)
 
 
 @pytest.mark.parametrize("name", ["rounded box", "full cone", "torus", "bracket", "flask", "pipe crossing"])
@@ -212,8 +215,8 @@ def test_planes_and_quadrics_in_disguise_are_recognised(name: str) -> None:
 
 def test_a_step_file_of_a_body_gives_the_same_complex_as_the_body(tmp_path) -> None:
     body = bracket()
-    kernel.write_shape(body, tmp_path / "bracket.step")
-    again = kernel.read_step(tmp_path / "bracket.step")
+    write_shape(body, tmp_path / "bracket.step")
+    again = read_step(tmp_path / "bracket.step")
     assert_same(again, brep_from_shape(again))
 
 

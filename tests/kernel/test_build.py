@@ -16,9 +16,10 @@ from OCP.GeomAbs import GeomAbs_Line
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_SHELL, TopAbs_VERTEX
 
 from tests.shapes.kernel_shapes import CASES, joined, plane_box, turned_inside_out
-from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import build_solids, select_solids
+from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import count_subshape_uses, edges_of
 
@@ -29,8 +30,8 @@ def brep(request):
 
 
 def test_a_solid_is_valid_closed_and_outward_with_the_patches_volume_area_and_centre(brep) -> None:
-    built = kernel.build_solids(brep)
-    report = kernel.check_shape(built.shape)
+    built = build_solids(brep)
+    report = check_shape(built.shape)
     moments = integral_properties.integrate_faces(brep)
     assert report.ok
     assert report.volume == pytest.approx(integral_properties.volume(moments)[0], rel=1e-12)
@@ -41,14 +42,14 @@ def test_a_solid_is_valid_closed_and_outward_with_the_patches_volume_area_and_ce
 
 
 def test_each_vertex_and_edge_is_one_kernel_object_at_the_least_tolerance(brep) -> None:
-    shape = kernel.build_solids(brep).shape
+    shape = build_solids(brep).shape
     for kind, count in ((TopAbs_VERTEX, len(brep.vertices)), (TopAbs_EDGE, len(brep.edges))):
         assert len(count_subshape_uses(shape, kind, TopAbs_FACE)) == count
-    assert kernel.check_shape(shape).max_tolerance == 1e-7
+    assert check_shape(shape).max_tolerance == 1e-7
 
 
 def test_edges_and_parameter_curves_take_the_same_parameter(brep) -> None:
-    for face in kernel.build_solids(brep).faces:
+    for face in build_solids(brep).faces:
         surface = BRepAdaptor_Surface(face)
         for edge in edges_of(face):
             along, flat = BRepAdaptor_Curve(edge), BRepAdaptor_Curve2d(edge, face)
@@ -59,13 +60,13 @@ def test_edges_and_parameter_curves_take_the_same_parameter(brep) -> None:
 
 
 def test_straight_edges_between_planes_are_lines() -> None:
-    shape = kernel.build_solids(plane_box()).shape
+    shape = build_solids(plane_box()).shape
     edges = [convert.as_edge(edge) for edge, _ in count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE)]
     assert {BRepAdaptor_Curve(edge).GetType() for edge in edges} == {GeomAbs_Line}
 
 
 def test_a_void_belongs_to_the_solid_around_it_even_where_boxes_mislead() -> None:
-    built = kernel.build_solids(CASES["hollow bar in a notch"]())
+    built = build_solids(CASES["hollow bar in a notch"]())
     volumes = [[built.nesting.volume[s] for s in piece] for piece in built.nesting.shells_of_solid]
     assert [len(piece) for piece in built.nesting.shells_of_solid] == [2, 1]
     np.testing.assert_allclose(volumes[0], [14.4, -0.008], rtol=1e-12)
@@ -76,7 +77,7 @@ def test_pieces_come_largest_first() -> None:
     boxes = joined(
         plane_box((1, 1, 1)), plane_box((2, 2, 2), translation=(5, 0, 0)), plane_box((1, 1, 1), translation=(9, 0, 0))
     )
-    assert kernel.build_solids(boxes).nesting.shells_of_solid == ((1,), (0,), (2,))
+    assert build_solids(boxes).nesting.shells_of_solid == ((1,), (0,), (2,))
 
 
 def test_a_missing_face_is_refused() -> None:
@@ -86,18 +87,18 @@ def test_a_missing_face_is_refused() -> None:
     uses = type(u)(u.edge[:20], u.sense[:20], u.pcurve[:20])
     open_box = replace(box, faces=faces, uses=uses)
     with pytest.raises(KernelError, match="4 edges do not join two faces"):
-        kernel.build_solids(open_box)
+        build_solids(open_box)
 
 
 def test_a_solid_inside_out_is_refused() -> None:
     with pytest.raises(KernelError, match=r"volume -30 .*inside out"):
-        kernel.build_solids(turned_inside_out(plane_box()))
+        build_solids(turned_inside_out(plane_box()))
 
 
 def test_the_result_is_a_build123d_solid_or_compound() -> None:
     from build123d import Compound, Solid
 
-    one, two = kernel.build_solids(CASES["drilled dome"]()), kernel.build_solids(CASES["two boxes"]())
+    one, two = build_solids(CASES["drilled dome"]()), build_solids(CASES["two boxes"]())
     assert isinstance(one.solid, Solid)
     assert isinstance(two.solid, Compound)
     assert [s.volume for s in two.solid.solids()] == pytest.approx([45.0, 2.0])
@@ -105,20 +106,20 @@ def test_the_result_is_a_build123d_solid_or_compound() -> None:
 
 @pytest.mark.parametrize("case", ["drilled dome", "hollow bar in a notch", "two boxes"])
 def test_solids_that_were_not_made_yet_are_stored_without_shapes_and_made_alike(case: str) -> None:
-    built = kernel.build_solids(CASES[case]())
+    built = build_solids(CASES[case]())
     stored = pickle.dumps(built)
     restored = pickle.loads(stored)
     assert not {"faces", "solids", "shape"} & set(vars(restored))
-    assert kernel.check_shape(restored.shape) == kernel.check_shape(built.shape)
+    assert check_shape(restored.shape) == check_shape(built.shape)
     assert len(pickle.dumps(restored)) == len(stored)
 
 
 def test_parts_of_solids_are_the_same_whether_faces_were_made_before_or_not() -> None:
     brep = CASES["two boxes"]()
-    nested = kernel.build_solids(brep)
+    nested = build_solids(brep)
     made = replace(nested, known_faces=nested.faces)
     for built in (replace(nested, known_faces=None), made):
-        part, one = kernel.select_solids(brep, built, [0])
+        part, one = select_solids(brep, built, [0])
         assert len(one.solids) == 1
-        assert kernel.check_shape(one.shape).volume == pytest.approx(45.0)
+        assert check_shape(one.shape).volume == pytest.approx(45.0)
         assert len(part.faces) == len(one.faces)

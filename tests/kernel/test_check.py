@@ -23,8 +23,9 @@ from OCP.GProp import GProp_GProps
 from OCP.TopLoc import TopLoc_Location
 
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
-from tpmscad import kernel
 from tpmscad.brep.boundary_representation import move_brep
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import StepReport, check_shape
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid
 from tpmscad.rigid_motion import Motion
 
@@ -42,7 +43,7 @@ ROUND = {
 def test_round_bodies_have_their_volume_and_area(name: str, as_splines: bool) -> None:
     maker, volume, area = ROUND[name]
     shape = BRepBuilderAPI_NurbsConvert(maker.Shape()).Shape() if as_splines else maker.Shape()
-    report = kernel.check_shape(shape)
+    report = check_shape(shape)
     assert report.volume == pytest.approx(volume, rel=1e-6)  # as good as OCC's adaptive quadrature
     assert report.area == pytest.approx(area, rel=1e-6)
     assert report.closed
@@ -58,9 +59,9 @@ def moved() -> gp_Trsf:
 
 
 def test_placed_copies_are_counted_each_and_measured_where_they_stand() -> None:
-    solid = kernel.build_solids(drilled_dome()).shape
-    alone = kernel.check_shape(solid)
-    pair = kernel.check_shape(make_compound([solid, solid.Moved(TopLoc_Location(moved()))]))
+    solid = build_solids(drilled_dome()).shape
+    alone = check_shape(solid)
+    pair = check_shape(make_compound([solid, solid.Moved(TopLoc_Location(moved()))]))
     assert (pair.solids, pair.faces, pair.edges) == (2, 2 * alone.faces, 2 * alone.edges)
     assert pair.volume == pytest.approx(2 * alone.volume, rel=1e-14)
     there = gp_Pnt(*alone.centroid).Transformed(moved()).Coord()
@@ -68,28 +69,28 @@ def test_placed_copies_are_counted_each_and_measured_where_they_stand() -> None:
 
 
 def test_trimmed_areas_agree_with_the_kernels_adaptive_quadrature() -> None:
-    shape = kernel.build_solids(drilled_dome()).shape
+    shape = build_solids(drilled_dome()).shape
     adaptive = GProp_GProps()
     BRepGProp.SurfaceProperties_s(shape, adaptive, 1e-12)
-    assert kernel.check_shape(shape).area == pytest.approx(adaptive.Mass(), rel=1e-8)
+    assert check_shape(shape).area == pytest.approx(adaptive.Mass(), rel=1e-8)
 
 
 def test_a_solid_turned_inside_out_is_noticed() -> None:
-    report = kernel.check_shape(kernel.build_solids(plane_box()).shape.Reversed())
+    report = check_shape(build_solids(plane_box()).shape.Reversed())
     assert not report.outward
     assert not report.ok
     assert report.volume == pytest.approx(-30.0)
 
 
 def test_a_solid_with_a_face_missing_is_noticed() -> None:
-    faces = kernel.build_solids(plane_box()).faces
-    report = kernel.check_shape(make_solid([make_shell(faces[:5])]))
+    faces = build_solids(plane_box()).faces
+    report = check_shape(make_solid([make_shell(faces[:5])]))
     assert not report.closed
     assert not report.ok
 
 
 def test_a_report_is_plain_values_and_says_what_it_found() -> None:
-    report = kernel.check_shape(kernel.build_solids(CASES["box with a void"]()).shape)
+    report = check_shape(build_solids(CASES["box with a void"]()).shape)
     assert json.loads(json.dumps(report.to_dict()))["volume"] == pytest.approx(29.0)
     assert "1 solids, 2 shells, 12 faces, 24 edges" in str(report)
     assert report.bounds == ((0.0, 0.0, 0.0), (2.0, 3.0, 5.0))
@@ -109,7 +110,7 @@ def test_inner_knots_change_nothing() -> None:
         v, turned = _inserted(insert_knot, 0.45, v, np.swapaxes(poles, 0, 1), surface.degree_v)
         split.append(type(surface)(np.swapaxes(turned, 0, 1), u, v, surface.degree_u, surface.degree_v))
     knotted = replace(whole, carriers=tuple(split))
-    before, after = (kernel.check_shape(_solid(c)) for c in (whole, knotted))
+    before, after = (check_shape(_solid(c)) for c in (whole, knotted))
     assert after.volume == pytest.approx(before.volume, rel=1e-13)
     assert after.area == pytest.approx(before.area, rel=1e-9)
     np.testing.assert_allclose(after.centroid, before.centroid, atol=1e-13)
@@ -138,10 +139,10 @@ def test_round_faces_are_measured_to_round_off() -> None:
         (half_ring, 4 * np.pi**2, 8 * np.pi**2 + 16 * np.pi),
         (slice_of_ball, 20 / 3 * np.pi, (6 + 8 + 5) * np.pi),
     ):
-        report = kernel.check_shape(solid.solid())
+        report = check_shape(solid.solid())
         assert report.volume == pytest.approx(volume, rel=1e-13)
         assert report.area == pytest.approx(area, rel=1e-13)
-        mirrored = kernel.check_shape(bd.mirror(bd.Rot(10, 20, 30) * solid.solid(), bd.Plane.YZ))
+        mirrored = check_shape(bd.mirror(bd.Rot(10, 20, 30) * solid.solid(), bd.Plane.YZ))
         assert mirrored.volume == pytest.approx(volume, rel=1e-12)
         np.testing.assert_allclose(np.linalg.norm(mirrored.centroid), np.linalg.norm(report.centroid), rtol=1e-10)
 
@@ -153,19 +154,19 @@ def test_edges_that_pass_a_pole_are_followed(off: float) -> None:
 
     piece = (bd.Sphere(3) - bd.Pos(5 + off, 0, 0) * bd.Box(10, 10, 10)).solid()
     height = 3 + off
-    assert kernel.check_shape(piece).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)
+    assert check_shape(piece).volume == pytest.approx(np.pi * height**2 * (9 - height) / 3, rel=1e-9)
 
 
 def test_far_from_the_origin_trimmed_faces_have_the_same_volume_and_centroid() -> None:
     place = np.array([10000.0, 3000.0, -500.0])
-    far = kernel.check_shape(kernel.build_solids(move_brep(drilled_dome(), Motion(np.eye(3), place))).shape)
-    near = kernel.check_shape(kernel.build_solids(drilled_dome()).shape)
+    far = check_shape(build_solids(move_brep(drilled_dome(), Motion(np.eye(3), place))).shape)
+    near = check_shape(build_solids(drilled_dome()).shape)
     assert far.volume == pytest.approx(near.volume, rel=1e-12)
     assert np.array(far.centroid) - place == pytest.approx(near.centroid, abs=1e-9)
 
 
 def test_corners_are_told_to_the_tolerance() -> None:
-    report = kernel.check_shape(kernel.build_solids(plane_box()).shape)
+    report = check_shape(build_solids(plane_box()).shape)
     report = replace(report, bounds=((-1e-7, 0.0, 3e-8), (2.0000001, 3.0, 5.0)))
-    told = kernel.StepReport("box.step", report, ("millimetre",), ("box",)).summary()
+    told = StepReport("box.step", report, ("millimetre",), ("box",)).summary()
     assert "from (0, 0, 0) to (2, 3, 5)" in told

@@ -14,11 +14,17 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad import kernel
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.body_import.isolated_reader import check_foreign_step, read_foreign_step
+from tpmscad.kernel.export.brep_file import write_brep_file
+from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.measure.shape_report import check_shape, check_step, is_valid
 from tpmscad.kernel.occt import child_process
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import shape_from_bytes, shape_to_bytes
 from tpmscad.kernel.step.coloured_reader import read_coloured_solids
+from tpmscad.kernel.step.step_reader import read_step
 
 pytestmark = pytest.mark.kernel
 
@@ -28,7 +34,7 @@ CRASHING = ("DIRECTION('',", "DIRECTION(('',")
 
 @pytest.fixture
 def box_file(tmp_path: Path) -> Path:
-    kernel.write_shape(bd.Box(3, 4, 5), tmp_path / "box.step")
+    write_shape(bd.Box(3, 4, 5), tmp_path / "box.step")
     return tmp_path / "box.step"
 
 
@@ -64,7 +70,7 @@ def test_a_child_that_ends_with_a_status_or_takes_too_long_is_a_failure() -> Non
         call_in_child(time.sleep, 40, seconds=0.3)
 
 
-@pytest.mark.parametrize("read", [kernel.read_step, read_coloured_solids])
+@pytest.mark.parametrize("read", [read_step, read_coloured_solids])
 @pytest.mark.parametrize(
     ("entities", "words"),
     [
@@ -86,7 +92,7 @@ def test_both_readers_refuse_files_without_a_solid_or_that_break_off(
 def test_a_face_is_no_part(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"face.{suffix}"
     (bd.export_step if suffix == "step" else bd.export_brep)(bd.Face.make_rect(3, 4), path)
-    readers = [kernel.read_foreign_step] + [read_coloured_solids] * (suffix == "step")
+    readers = [read_foreign_step] + [read_coloured_solids] * (suffix == "step")
     for read in readers:
         with pytest.raises(tpmscad.InvalidRequest, match=rf"face\.{suffix} holds no solid: export the part as a solid"):
             read(path)
@@ -130,22 +136,22 @@ def test_a_file_that_breaks_off_is_refused_in_plain_words(box_file: Path) -> Non
 
 
 def test_a_foreign_file_reads_as_in_this_process(box_file: Path) -> None:
-    expected = kernel.check_step(box_file)
-    assert kernel.check_foreign_step(box_file) == expected
-    foreign = kernel.read_foreign_step(box_file)
-    assert kernel.check_shape(foreign.shape) == expected.shape
+    expected = check_step(box_file)
+    assert check_foreign_step(box_file) == expected
+    foreign = read_foreign_step(box_file)
+    assert check_shape(foreign.shape) == expected.shape
     assert foreign.notes == ()
 
 
 def test_a_shape_survives_bytes_with_its_placed_copies() -> None:
     solid = bd.Box(1, 2, 3).solid()
-    copies = kernel.make_compound([solid.wrapped, (bd.Pos(5, 0, 0) * solid).wrapped])
+    copies = make_compound([solid.wrapped, (bd.Pos(5, 0, 0) * solid).wrapped])
     again = shape_from_bytes(shape_to_bytes(copies))
     first, second = (
         bd.Solid(of).faces()[0].wrapped for of in (again_solid.wrapped for again_solid in bd.Compound(again).solids())
     )
     assert first.IsPartner(second)
-    assert kernel.check_shape(again) == kernel.check_shape(copies)
+    assert check_shape(again) == check_shape(copies)
 
 
 def test_a_file_without_a_unit_is_told(box_file: Path) -> None:
@@ -160,7 +166,7 @@ def test_a_file_without_a_unit_is_told(box_file: Path) -> None:
     told = "box.step states no length unit: its numbers were read as millimetres"
     assert report.notes == (told,)
     assert told in report.summary()
-    assert kernel.read_body(box_file).notes == (told,)
+    assert read_body(box_file).notes == (told,)
 
 
 def test_a_name_that_is_no_text_is_refused_and_any_other_is_read(box_file: Path, tmp_path: Path) -> None:
@@ -175,7 +181,7 @@ def test_a_name_that_is_no_text_is_refused_and_any_other_is_read(box_file: Path,
 
 
 def check_own_box() -> bool:
-    return kernel.is_valid(bd.Box(1, 1, 1).wrapped)
+    return is_valid(bd.Box(1, 1, 1).wrapped)
 
 
 @pytest.mark.skipif(not child_process.CAN_FORK, reason="the test forks")
@@ -186,7 +192,7 @@ def test_a_forked_process_does_not_wait_for_the_kernels_threads() -> None:
 
 def test_brep_files_are_checked_and_drawn_too(tmp_path: Path) -> None:
     path = tmp_path / "box.brep"
-    kernel.write_brep_file(bd.Box(3, 4, 5).wrapped, path, 60.0)
+    write_brep_file(bd.Box(3, 4, 5).wrapped, path, 60.0)
     report = tpmscad.check_step(path)
     assert report.ok
     assert report.shape.volume == pytest.approx(60.0)

@@ -25,10 +25,13 @@ from OCP.TopAbs import TopAbs_FACE, TopAbs_REVERSED, TopAbs_VERTEX
 from OCP.TopExp import TopExp_Explorer
 
 import tpmscad
-from tpmscad import kernel, surfaces
+from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import scale_brep
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import edges_of
+from tpmscad.kernel.step.brep_writer import write_step
+from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
 
@@ -141,8 +144,8 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
     sheet = fit_offset_surfaces(name, "minimal", layers, 1.0, tol).sheet
     placed = copies.place_whole_cells(name, cells, np.zeros(3))
     brep = scale_brep(copies.build_natural_lattice(surfaces.patch_symmetry(name), sheet, placed), CELL)
-    kernel.write_step(brep, kernel.build_solids(brep).nesting, tmp_path / "lattice.step")
-    shape = kernel.read_step(tmp_path / "lattice.step").shape
+    write_step(brep, build_solids(brep).nesting, tmp_path / "lattice.step")
+    shape = read_step(tmp_path / "lattice.step").shape
     edges, vertices = joins(shape)
 
     whole = sum(smooth(BRepAdaptor_Surface(face)) for face in faces_of(shape))
@@ -158,7 +161,7 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
 def test_so_do_those_of_a_lattice_cut_by_a_box(name: str, tmp_path: Path) -> None:
     model = tpmscad.lattice(name, cell=CELL, thickness=1.0, tol=1e-3, boundary="box")
     model.export_step(tmp_path / "lattice.step")
-    edges, vertices = joins(kernel.read_step(tmp_path / "lattice.step").shape)
+    edges, vertices = joins(read_step(tmp_path / "lattice.step").shape)
     assert max(vertices.valences) == 6
     assert_continuous(edges, vertices)
 

@@ -31,11 +31,12 @@ from OCP.TopLoc import TopLoc_Location
 
 from tests.brep.test_extents import trimmed_face
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box, voxels
-from tpmscad import kernel
-from tpmscad.brep import true_bounds
+from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import KernelError
-from tpmscad.kernel import offset_by_occt
-from tpmscad.kernel.build.solids import build_faces
+from tpmscad.kernel.boolean.inward_offset import offset_by_occt
+from tpmscad.kernel.build.solids import build_faces, build_solids
+from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
@@ -57,8 +58,8 @@ def volume(shape) -> float:
     strict=True, raises=AssertionError, reason=f"OCCT {VERSION}: an integration rule that breaks at no inner knot"
 )
 def test_the_default_volume_of_splines_with_inner_knots_is_exact_to_1e_10() -> None:
-    shape = kernel.build_solids(voxels(np.ones((1, 1, 1)), 3, knots=3)).shape
-    assert volume(shape) == pytest.approx(kernel.check_shape(shape).volume, rel=1e-10)
+    shape = build_solids(voxels(np.ones((1, 1, 1)), 3, knots=3)).shape
+    assert volume(shape) == pytest.approx(check_shape(shape).volume, rel=1e-10)
 
 
 @pytest.mark.xfail(
@@ -76,7 +77,7 @@ def test_volumes_of_a_solids_faces_add_up_to_the_solids() -> None:
 def test_a_mirrored_location_keeps_a_solid_the_right_way_out() -> None:
     mirror = gp_Trsf()
     mirror.SetMirror(gp_Ax2(gp_Pnt(0, 0, 0), gp_Dir(0, 0, 1)))
-    mirrored = kernel.build_solids(plane_box()).shape.Moved(TopLoc_Location(mirror), False)
+    mirrored = build_solids(plane_box()).shape.Moved(TopLoc_Location(mirror), False)
     assert volume(mirrored) > 0 or not BRepCheck_Analyzer(mirrored).IsValid()
 
 
@@ -88,7 +89,7 @@ def test_the_kernels_writer_writes_one_shape_twice_alike(tmp_path) -> None:
     for name in "ab":
         writer = STEPControl_Writer()
         with silence_occt():
-            writer.Transfer(kernel.build_solids(plane_box()).shape, STEPControl_AsIs)
+            writer.Transfer(build_solids(plane_box()).shape, STEPControl_AsIs)
             writer.Write(str(tmp_path / name))
         texts.append((tmp_path / name).read_text().split("DATA;")[1])
     assert texts[0] == texts[1]
@@ -117,7 +118,7 @@ def test_a_glued_boolean_of_crossing_bodies_is_not_silently_empty() -> None:
     from OCP.BOPAlgo import BOPAlgo_GlueShift
 
     operation = BRepAlgoAPI_Common()
-    operation.SetArguments(convert.shape_list([kernel.build_solids(drilled_dome()).shape]))
+    operation.SetArguments(convert.shape_list([build_solids(drilled_dome()).shape]))
     operation.SetTools(convert.shape_list([BRepPrimAPI_MakeBox(gp_Pnt(-1, -1, -1), gp_Pnt(1, 1, 1)).Shape()]))
     operation.SetGlue(BOPAlgo_GlueShift)
     operation.Build()
@@ -137,12 +138,12 @@ def test_edges_at_negative_angles_are_as_good_as_a_turn_later(monkeypatch) -> No
     monkeypatch.setattr(edges, "conic_range_shifts", lambda brep: np.zeros(len(brep.edges)))
     waist = revolved((0, -1.5), [To(2, -1.5), Arc(2, 0, -3.0), To(1.0, 1.0), To(0, 1.0)])
     assert (waist.edges.span[:, 1] < 0).any()
-    assert kernel.is_valid(kernel.build_solids(waist).shape)
+    assert is_valid(build_solids(waist).shape)
 
 
 def test_the_cases_above_are_sound_shapes() -> None:
     for shape in (plane_box, drilled_dome, CASES["bent cube"]):
-        assert kernel.check_shape(kernel.build_solids(shape()).shape).ok
+        assert check_shape(build_solids(shape()).shape).ok
 
 
 @pytest.mark.xfail(
@@ -225,7 +226,7 @@ def test_two_cylinders_that_meet_are_offset_with_mitres() -> None:
     strict=True, raises=ChildFailure, reason=f"OCCT {VERSION}: the reader crashes on a list in place of a name"
 )
 def test_a_damaged_step_file_is_refused_by_the_reader(tmp_path: Path) -> None:
-    kernel.write_shape(BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape(), tmp_path / "box.step")
+    write_shape(BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape(), tmp_path / "box.step")
     text = (tmp_path / "box.step").read_text()
     (tmp_path / "box.step").write_text(text.replace("DIRECTION('',", "DIRECTION(('',", 1))
     call_in_child(read_step, tmp_path / "box.step", seconds=20)

@@ -15,7 +15,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Vertex
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean import body_split, boolean_operations
-from tpmscad.workflows import boolean_strategies
+from tpmscad.solids import boolean_strategies
 
 BODY = bd.Box(3, 4, 5).solid().wrapped
 

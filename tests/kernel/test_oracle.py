@@ -11,11 +11,11 @@ pytestmark = pytest.mark.kernel
 
 from tests.kernel import occt_oracle
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
-from tpmscad import kernel
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, EdgeUses, Faces
 from tpmscad.brep.moments import integral_properties
-from tpmscad.kernel.build.solids import build_faces
+from tpmscad.kernel.build.solids import build_faces, build_solids
+from tpmscad.kernel.measure.shape_report import check_shape
 
 
 def lone_faces(brep: Brep):
@@ -37,7 +37,7 @@ def test_sewing_finds_the_solid_that_shared_edges_give(case: str) -> None:
     brep = CASES[case]()
     assert connectivity.is_closed(brep)
     (solid,) = occt_oracle.sew_solids(lone_faces(brep), 1e-6)
-    report = kernel.check_shape(solid)
+    report = check_shape(solid)
     assert report.closed
     assert abs(report.volume) == pytest.approx(
         integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-12
@@ -45,13 +45,9 @@ def test_sewing_finds_the_solid_that_shared_edges_give(case: str) -> None:
 
 
 def test_the_kernels_boolean_cuts_a_built_solid() -> None:
-    solid = kernel.build_solids(drilled_dome()).shape
-    lower = kernel.check_shape(
-        occt_oracle.intersect_with_box(solid, np.array([-1.0, -1.0, -1.0]), np.array([3.0, 4.0, 1.0]))
-    )
-    box = kernel.check_shape(
-        occt_oracle.intersect_with_box(kernel.build_solids(plane_box()).shape, np.zeros(3), np.ones(3))
-    )
+    solid = build_solids(drilled_dome()).shape
+    lower = check_shape(occt_oracle.intersect_with_box(solid, np.array([-1.0, -1.0, -1.0]), np.array([3.0, 4.0, 1.0])))
+    box = check_shape(occt_oracle.intersect_with_box(build_solids(plane_box()).shape, np.zeros(3), np.ones(3)))
     assert box.volume == pytest.approx(1.0)
     assert lower.ok
     assert 6.0 - lower.volume == pytest.approx(0.6 * 0.6 * np.pi, rel=1e-3)  # a drilled near-ellipse of semi-axes 0.6

@@ -9,7 +9,7 @@ import build123d as bd
 import pytest
 
 import tpmscad
-from tpmscad.brep.piece_names import describe_place, name_pieces, strip_place
+from tpmscad.brep.solid_names import describe_place, name_pieces, strip_place
 from tpmscad.kernel.occt.exploration import vertices_of
 
 pytestmark = pytest.mark.kernel

@@ -12,16 +12,20 @@ import pytest
 pytestmark = pytest.mark.kernel
 
 from tests.shapes.kernel_shapes import TURN, voxels
-from tpmscad import kernel
 from tpmscad.errors import KernelError
-from tpmscad.kernel.step.cell_assembly import MAX_SIDE_BY_SIDE, compose_levels
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.file_check import check_excerpt
+from tpmscad.kernel.measure.shape_report import check_step
+from tpmscad.kernel.step.brep_writer import write_step
+from tpmscad.kernel.step.cell_assembly import MAX_SIDE_BY_SIDE, arrange_cells, compose_levels
+from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 
 
 @pytest.mark.parametrize("counts", [(1, 1, 1), (4, 4, 4), (5, 4, 4), (65, 1, 1), (2, 1, 40), (9, 8, 7)])
 def test_levels_place_every_cell_once(counts: tuple[int, int, int]) -> None:
     edges = (2.0, 3.0, 5.0)
-    levels = kernel.arrange_cells(edges, counts)
+    levels = arrange_cells(edges, counts)
     corners = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), axis=-1).reshape(-1, 3) * edges
     placed = compose_levels(levels)
     assert {tuple(p) for p in placed.translation.tolist()} == {tuple(p) for p in corners.tolist()}
@@ -92,21 +96,21 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_copy_out_of_its_place_is_noticed(fault: str, tmp_path: Path) -> None:
     brep = voxels(np.ones((1, 1, 1), bool))
-    nesting = kernel.build_solids(brep).nesting
+    nesting = build_solids(brep).nesting
     path = tmp_path / "a.step"
-    kernel.write_step(brep, nesting, path, instances=LEVELS)
-    kernel.check_text(path, brep, nesting, LEVELS)
-    assert kernel.check_step(path).shape.solids == 6
+    write_step(brep, nesting, path, instances=LEVELS)
+    check_text(path, brep, nesting, LEVELS)
+    assert check_step(path).shape.solids == 6
     path.write_text(FAULTS[fault](path.read_text()))
     with pytest.raises(KernelError, match="not what was meant"):
-        kernel.check_text(path, brep, nesting, LEVELS)
+        check_text(path, brep, nesting, LEVELS)
 
 
 def test_another_number_of_copies_than_was_meant_is_noticed(tmp_path: Path) -> None:
     brep = voxels(np.ones((1, 1, 1), bool))
-    nesting = kernel.build_solids(brep).nesting
-    kernel.write_step(brep, nesting, tmp_path / "a.step", instances=LEVELS)
-    kernel.check_excerpt(tmp_path / "a.step", brep, nesting, LEVELS)
+    nesting = build_solids(brep).nesting
+    write_step(brep, nesting, tmp_path / "a.step", instances=LEVELS)
+    check_excerpt(tmp_path / "a.step", brep, nesting, LEVELS)
     for meant in (LEVELS[:1], (*LEVELS, LEVELS[1])):
         with pytest.raises(KernelError, match="6 placements in place of"):
-            kernel.check_excerpt(tmp_path / "a.step", brep, nesting, meant)
+            check_excerpt(tmp_path / "a.step", brep, nesting, meant)

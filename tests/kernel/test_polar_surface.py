@@ -11,7 +11,8 @@ from PIL import Image
 import tpmscad
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.render.polar_surface import make_polar_surface
-from tpmscad.simulation import HomogenizedProperties, IsotropicMaterial
+from tpmscad.simulation.periodic_cell import IsotropicMaterial
+from tpmscad.simulation.properties import HomogenizedProperties
 
 pytestmark = pytest.mark.kernel
 

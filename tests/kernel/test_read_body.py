@@ -9,8 +9,9 @@ from typing import Any
 import build123d as bd
 import pytest
 
-from tpmscad import fields, kernel
+from tpmscad import fields
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.cad_body import read_body
 
 pytestmark = pytest.mark.kernel
 
@@ -26,23 +27,23 @@ SOURCES: dict[str, Callable[[], Any]] = {
     "builder": builder,
     "kernel shape": lambda: bd.Box(2, 3, 4).solid().wrapped,
     "region": lambda: fields.box((-1, -1.5, -2), (1, 1.5, 2)),
-    "body": lambda: kernel.read_body(bd.Box(2, 3, 4)),
+    "body": lambda: read_body(bd.Box(2, 3, 4)),
 }
 
 
 @pytest.mark.parametrize("name", SOURCES)
 def test_a_body_is_read_from(name: str) -> None:
-    body = kernel.read_body(SOURCES[name]())
+    body = read_body(SOURCES[name]())
     assert body.report.volume == pytest.approx(24.0)
     assert body.report.solids == 1
 
 
 def test_a_body_is_read_from_a_file(tmp_path: Path) -> None:
     bd.export_step(bd.Box(2, 3, 4), tmp_path / "box.step")
-    assert kernel.read_body(tmp_path / "box.step").report.volume == pytest.approx(24.0)
+    assert read_body(tmp_path / "box.step").report.volume == pytest.approx(24.0)
 
 
 @pytest.mark.parametrize("source", [bd.Sketch() + bd.Rectangle(1, 2), bd.Line((0, 0), (1, 1)), object()])
 def test_what_has_no_solid_is_refused(source: Any) -> None:
     with pytest.raises(InvalidRequest, match=r"no solid|no body"):
-        kernel.read_body(source)
+        read_body(source)

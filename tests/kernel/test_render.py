@@ -12,9 +12,10 @@ import pytest
 pytestmark = pytest.mark.kernel
 
 from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
-from tpmscad import kernel
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.render.picture import draw_scene
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.kernel.render.picture import draw_scene, render_png
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.render.section_caps import cut_segments, fill_segments
 from tpmscad.kernel.render.tessellation import tessellate
@@ -57,7 +58,7 @@ def test_a_filled_section_has_the_area_of_the_body_s_section(case: str, axis: in
     """Against the kernel's intersection of the body with a planar face."""
     import build123d as bd
 
-    scene = Scene.of_shape(kernel.build_solids(CASES[case]()).shape)
+    scene = Scene.of_shape(build_solids(CASES[case]()).shape)
     low, high = scene.box
     normal, offset = np.eye(3)[axis], float(low[axis] + 0.37 * (high - low)[axis])
     start, end = cut_segments(scene.points, scene.triangles, normal, offset)
@@ -65,7 +66,7 @@ def test_a_filled_section_has_the_area_of_the_body_s_section(case: str, axis: in
     scale = 400 / float((high - low)[across].max())
     filled = fill_segments((start[:, across] - low[across]) * scale, (end[:, across] - low[across]) * scale, 400, 400)
     plane = bd.Plane(origin=tuple(offset * normal), z_dir=tuple(normal))
-    section = bd.Face.make_rect(100, 100, plane) & bd.Solid(kernel.build_solids(CASES[case]()).shape)
+    section = bd.Face.make_rect(100, 100, plane) & bd.Solid(build_solids(CASES[case]()).shape)
     assert filled.sum() / scale**2 == pytest.approx(sum(face.area for face in section.faces()), rel=0.02)
 
 
@@ -144,7 +145,7 @@ def test_a_view_that_is_not_understood_is_refused_with_the_names(wrong: object) 
 @pytest.mark.parametrize("size", [(8, 100), (100, 100000), "large", (100,)])
 def test_a_size_that_cannot_be_drawn_is_refused(size: object) -> None:
     with pytest.raises(InvalidRequest, match="size"):
-        draw_scene(Scene.of_shape(kernel.build_solids(plane_box()).shape), size=size)  # type: ignore[arg-type]
+        draw_scene(Scene.of_shape(build_solids(plane_box()).shape), size=size)  # type: ignore[arg-type]
 
 
 def test_the_mean_curvature_is_positive_on_convex_faces_whatever_their_orientation() -> None:
@@ -179,18 +180,18 @@ def test_triangles_off_the_picture_are_clipped() -> None:
 
 @pytest.mark.parametrize("case", ["mirrored box", "bent frame", "drilled dome"])
 def test_normals_point_out_of_the_solid_and_corners_turn_with_them(case: str) -> None:
-    found = tessellate(kernel.build_solids(CASES[case]()).shape, 0.01)
+    found = tessellate(build_solids(CASES[case]()).shape, 0.01)
     a, b, c = (found.points[found.triangles[:, k]] for k in range(3))
     facet = np.cross(b - a, c - a)
     assert (np.einsum("fd,fkd->fk", facet, found.normals[found.triangles]) > 0).all()
     volume = np.einsum("fd,fd->", facet, a) / 6
-    assert volume == pytest.approx(kernel.check_shape(kernel.build_solids(CASES[case]()).shape).volume, rel=0.02)
+    assert volume == pytest.approx(check_shape(build_solids(CASES[case]()).shape).volume, rel=0.02)
 
 
 def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: Path) -> None:
     from matplotlib.image import imread
 
-    kernel.render_png(kernel.build_solids(drilled_dome()).shape, tmp_path / "dome.png", width=160, height=120)
+    render_png(build_solids(drilled_dome()).shape, tmp_path / "dome.png", width=160, height=120)
     image = imread(tmp_path / "dome.png")[..., :3]
     assert image.shape == (120, 160, 3)
     assert image[0, 0].min() > 0.9
@@ -200,22 +201,20 @@ def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: 
 
 
 def test_equal_shapes_make_equal_pictures() -> None:
-    first, second = (
-        draw_scene(Scene.of_shape(kernel.build_solids(plane_box()).shape), size=(64, 48)) for _ in range(2)
-    )
+    first, second = (draw_scene(Scene.of_shape(build_solids(plane_box()).shape), size=(64, 48)) for _ in range(2))
     assert first == second
 
 
 def test_another_extension_or_a_missing_folder_is_refused(tmp_path: Path) -> None:
-    shape = kernel.build_solids(plane_box()).shape
+    shape = build_solids(plane_box()).shape
     with pytest.raises(InvalidRequest, match=r"\.jpg"):
-        kernel.render_png(shape, tmp_path / "a.jpg")
+        render_png(shape, tmp_path / "a.jpg")
     with pytest.raises(InvalidRequest, match=r"folder .*nowhere"):
-        kernel.render_png(shape, tmp_path / "nowhere" / "a.png")
+        render_png(shape, tmp_path / "nowhere" / "a.png")
 
 
 @pytest.mark.parametrize("section", ["z=5.1", "x=1,y=-0.1", ((9.0, 9.0, 9.0), (1.0, 1.0, 1.0))])
 def test_a_section_beside_the_part_is_refused_with_its_box(section: Any) -> None:
-    scene = Scene.of_shape(kernel.build_solids(CASES["box of planes"]()).shape)
+    scene = Scene.of_shape(build_solids(CASES["box of planes"]()).shape)
     with pytest.raises(InvalidRequest, match=r"lies between \(0, 0, 0\) and \(2, 3, 5\)"):
         draw_scene(scene, section=section, size=(60, 60))

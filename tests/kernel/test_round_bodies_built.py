@@ -17,11 +17,14 @@ from scipy.spatial.transform import Rotation
 
 from tests.shapes.kernel_shapes import joined, plane_box, turned_inside_out
 from tests.shapes.round_shapes import Arc, To, cone, cylinder, flask, frustum, pierced_block, revolved, sphere, torus
-from tpmscad import kernel
 from tpmscad.brep.boundary_representation import scale_brep
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import KernelError
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape, check_step
 from tpmscad.kernel.occt.exploration import edges_of
+from tpmscad.kernel.step.brep_writer import write_step
+from tpmscad.kernel.step.step_reader import read_step
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 PLACES = {
@@ -61,7 +64,7 @@ ENTITIES = {
 @pytest.mark.parametrize(("shape", "place"), PLACED)
 def test_a_round_solid_is_valid_closed_and_outward_at_the_least_tolerance(shape: str, place: str) -> None:
     brep = SHAPES[shape](**PLACES[place])
-    report, expected = kernel.check_shape(kernel.build_solids(brep).shape), measure_solid(brep)
+    report, expected = check_shape(build_solids(brep).shape), measure_solid(brep)
     assert report.ok
     assert report.volume == pytest.approx(expected.volume, rel=1e-11)
     assert report.area == pytest.approx(expected.area, rel=1e-11)
@@ -72,7 +75,7 @@ def test_a_round_solid_is_valid_closed_and_outward_at_the_least_tolerance(shape:
 
 @pytest.mark.parametrize(("shape", "place"), PLACED)
 def test_edges_on_quadrics_take_the_parameter_of_their_parameter_curves(shape: str, place: str) -> None:
-    for face in kernel.build_solids(SHAPES[shape](**PLACES[place])).faces:
+    for face in build_solids(SHAPES[shape](**PLACES[place])).faces:
         assert BRepCheck_Analyzer(face).IsValid()
         surface = BRepAdaptor_Surface(face)
         assert surface.GetType() != GeomAbs_BSplineSurface
@@ -86,7 +89,7 @@ def test_edges_on_quadrics_take_the_parameter_of_their_parameter_curves(shape: s
 
 def test_loops_at_a_pole_get_a_degenerated_edge_and_others_none() -> None:
     def count(brep) -> int:
-        return sum(BRep_Tool.Degenerated_s(e) for f in kernel.build_solids(brep).faces for e in edges_of(f))
+        return sum(BRep_Tool.Degenerated_s(e) for f in build_solids(brep).faces for e in edges_of(f))
 
     assert [count(s) for s in (sphere(2), cone(2, 3), flask(), frustum(3, 1, 2), torus(3, 1))] == [4, 2, 4, 0, 0]
 
@@ -95,8 +98,8 @@ def test_loops_at_a_pole_get_a_degenerated_edge_and_others_none() -> None:
 @pytest.mark.parametrize(("shape", "place"), PLACED)
 def test_a_step_file_of_round_faces_reads_back_the_same(shape: str, place: str, healed: bool, tmp_path) -> None:
     brep, path = SHAPES[shape](**PLACES[place]), tmp_path / "round.step"
-    kernel.write_step(brep, kernel.build_solids(brep).nesting, path)
-    report, expected = kernel.check_shape(kernel.read_step(path, healed=healed)), measure_solid(brep)
+    write_step(brep, build_solids(brep).nesting, path)
+    report, expected = check_shape(read_step(path, healed=healed)), measure_solid(brep)
     assert report.ok
     assert report.faces == len(brep.faces)
     assert report.volume == pytest.approx(expected.volume, rel=1e-11)
@@ -107,7 +110,7 @@ def test_a_step_file_of_round_faces_reads_back_the_same(shape: str, place: str, 
 @pytest.mark.parametrize("shape", ENTITIES)
 def test_a_step_file_holds_the_quadric_itself(shape: str, tmp_path) -> None:
     brep = SHAPES[shape]()
-    kernel.write_step(brep, kernel.build_solids(brep).nesting, tmp_path / "round.step")
+    write_step(brep, build_solids(brep).nesting, tmp_path / "round.step")
     text = (tmp_path / "round.step").read_text()
     assert re.search(rf"={ENTITIES[shape]}\(''", text)
     assert "B_SPLINE" not in text
@@ -115,7 +118,7 @@ def test_a_step_file_holds_the_quadric_itself(shape: str, tmp_path) -> None:
 
 def test_a_ball_in_a_ball_is_its_void_and_two_apart_are_two_solids() -> None:
     def split(*parts) -> list[int]:
-        return [len(piece) for piece in kernel.build_solids(joined(*parts)).nesting.shells_of_solid]
+        return [len(piece) for piece in build_solids(joined(*parts)).nesting.shells_of_solid]
 
     thin = turned_inside_out(sphere(1.999))
     assert split(sphere(2), thin) == [2]
@@ -123,13 +126,13 @@ def test_a_ball_in_a_ball_is_its_void_and_two_apart_are_two_solids() -> None:
     assert split(plane_box((9.0, 9.0, 9.0)), turned_inside_out(torus(3, 1, translation=(4.5, 4.5, 4.5)))) == [2]
     # In the torus' box, and its ball, but in its hole.
     with pytest.raises(KernelError, match="inside out"):
-        kernel.build_solids(joined(torus(3, 1), turned_inside_out(sphere(0.5))))
+        build_solids(joined(torus(3, 1), turned_inside_out(sphere(0.5))))
 
 
 def test_a_void_in_a_torus_is_written_and_read_as_one(tmp_path) -> None:
     brep = joined(torus(3, 1), turned_inside_out(torus(3, 0.5)))
-    kernel.write_step(brep, kernel.build_solids(brep).nesting, tmp_path / "tube.step")
-    report = kernel.check_step(tmp_path / "tube.step").shape
+    write_step(brep, build_solids(brep).nesting, tmp_path / "tube.step")
+    report = check_step(tmp_path / "tube.step").shape
     assert report.ok
     assert (report.solids, report.shells) == (1, 2)
     assert report.volume == pytest.approx(2 * np.pi**2 * 3 * 0.75, rel=1e-11)

@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 from tests.trimming.conftest import covered
-from tpmscad import kernel
-from tpmscad.brep import true_bounds
-from tpmscad.trimming import box, trim
+from tpmscad.brep.extents import true_bounds
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 
@@ -32,15 +35,13 @@ def test_turned_bodies_have_the_extents_of_closed_forms_in_arrays_and_in_the_ker
     shape = TURN * BODIES[kind]()
     half = half_extent(kind, axis_of(TURN))
     centre = np.array(tuple(TURN.position))
-    np.testing.assert_allclose(
-        true_bounds(kernel.brep_from_shape(shape.wrapped)), [centre - half, centre + half], atol=1e-6
-    )
+    np.testing.assert_allclose(true_bounds(brep_from_shape(shape.wrapped)), [centre - half, centre + half], atol=1e-6)
     if kind == "cylinder":  # of the others the kernel's own optimum is looser
-        np.testing.assert_allclose(kernel.shape_bounds(shape), [centre - half, centre + half], atol=1e-6)
+        np.testing.assert_allclose(shape_bounds(shape), [centre - half, centre + half], atol=1e-6)
 
 
 def test_the_kernels_solid_of_a_cut_lattice_has_the_extent_of_its_arrays():
     lattice = covered("gyroid", (1, 1, 1), (0.02, 0.03, 0.05), (None, 0.05))
     brep = trim(lattice, box([1.3, 2.1, 1.7], [6.2, 6.9, 7.1])).brep
-    shape = kernel.build_solids(brep).shape
-    np.testing.assert_allclose(kernel.shape_bounds(shape), true_bounds(brep), atol=1e-6)
+    shape = build_solids(brep).shape
+    np.testing.assert_allclose(shape_bounds(shape), true_bounds(brep), atol=1e-6)

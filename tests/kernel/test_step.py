@@ -22,20 +22,23 @@ from OCP.TopAbs import TopAbs_FACE, TopAbs_SHELL
 
 import tpmscad
 from tests.shapes.kernel_shapes import CASES, TURN, drilled_dome, joined, plane_box, voxels
-from tpmscad import kernel
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.measure.shape_report import check_step
 from tpmscad.kernel.occt.exploration import count_subshape_uses
 from tpmscad.kernel.step import occt_topology
+from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.part21 import format_real, format_string
-from tpmscad.kernel.step.step_reader import silence_occt
+from tpmscad.kernel.step.step_reader import read_step, silence_occt
 from tpmscad.rigid_motion import Motion
 
 STAMP = "2026-01-01T00:00:00"
 
 
 def written(brep, path: Path, **how) -> str:
-    kernel.write_step(brep, kernel.build_solids(brep).nesting, path, **({"time_stamp": STAMP} | how))
+    write_step(brep, build_solids(brep).nesting, path, **({"time_stamp": STAMP} | how))
     return path.read_text(encoding="ascii")
 
 
@@ -56,7 +59,7 @@ class TestEveryFile:
     def test_reads_back_valid_closed_in_mm_with_the_same_volume(self, case: str, schema: str, tmp_path: Path) -> None:
         brep, moments = CASES[case](), moments_of(case)
         written(brep, tmp_path / "part.step", schema=schema)
-        found = kernel.check_step(tmp_path / "part.step")
+        found = check_step(tmp_path / "part.step")
         assert found.ok
         assert found.units == ("millimetre",)
         assert found.products == ("part",)
@@ -240,7 +243,7 @@ def test_replicas_read_back_as_the_same_solid(case: str, tmp_path: Path) -> None
     text = written(brep, tmp_path / "part.step", replicas=True)
     broken = [f.split(":")[0] for f in check.faults(parser.parse(text)[1], "ap242")]
     assert broken == (["advanced_face.WR1"] if "=SURFACE_REPLICA" in text else [])
-    found = kernel.check_step(tmp_path / "part.step")
+    found = check_step(tmp_path / "part.step")
     assert found.ok
     assert found.shape.volume == pytest.approx(
         integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-9
@@ -259,7 +262,7 @@ class TestInstances:
         text = written(cell, path, instances=[Motion.translations(shifts)])
         assert path.stat().st_size < 2e6
         assert check.faults(parser.parse(text)[1], "ap242") == []
-        found = kernel.check_step(path)
+        found = check_step(path)
         assert found.ok
         assert found.shape.solids == 512
         assert found.products == ("lattice cell", "lattice")
@@ -272,7 +275,7 @@ class TestInstances:
         assert np.linalg.det(TURN) == pytest.approx(1.0)
         written(drilled_dome(), tmp_path / "pair.step", instances=[place])
         centre = integral_properties.centroid(integral_properties.integrate_faces(drilled_dome()))
-        found = kernel.check_step(tmp_path / "pair.step").shape
+        found = check_step(tmp_path / "pair.step").shape
         np.testing.assert_allclose(found.centroid, (centre + TURN @ centre + place.translation[1]) / 2, atol=1e-9)
 
     def test_a_mirror_is_refused(self, tmp_path: Path) -> None:
@@ -288,27 +291,23 @@ class TestForeignShapes:
 
         path, texts = tmp_path / "ring.stp", []
         for _ in range(2):
-            kernel.write_shape(
-                BRepPrimAPI_MakeTorus(5.0, 1.5).Shape(), path, schema=schema, name="ring", time_stamp=STAMP
-            )
+            write_shape(BRepPrimAPI_MakeTorus(5.0, 1.5).Shape(), path, schema=schema, name="ring", time_stamp=STAMP)
             texts.append(path.read_bytes())
         assert texts[0] == texts[1]
-        found = kernel.check_step(path)
+        found = check_step(path)
         assert found.ok
         assert found.products == ("ring",)
         assert found.shape.volume == pytest.approx(2 * np.pi**2 * 5.0 * 1.5**2, rel=1e-9)
 
     def test_nothing_is_printed(self, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-        kernel.write_shape(kernel.build_solids(plane_box()).shape, tmp_path / "box.step")
-        kernel.check_step(tmp_path / "box.step")
+        write_shape(build_solids(plane_box()).shape, tmp_path / "box.step")
+        check_step(tmp_path / "box.step")
         assert capfd.readouterr() == ("", "")
 
 
 WRITERS = {
-    "complex": lambda path, **how: kernel.write_step(
-        plane_box(), kernel.build_solids(plane_box()).nesting, path, **how
-    ),
-    "shape": lambda path, **how: kernel.write_shape(kernel.build_solids(plane_box()).shape, path, **how),
+    "complex": lambda path, **how: write_step(plane_box(), build_solids(plane_box()).nesting, path, **how),
+    "shape": lambda path, **how: write_shape(build_solids(plane_box()).shape, path, **how),
 }
 
 
@@ -345,23 +344,21 @@ class TestBadRequests:
 
 @pytest.mark.parametrize(("scale", "end"), [(1.0, "1.0"), (2.0**-10, "0.0009765625")])
 def test_knots_of_small_splines_of_the_kernel_are_scaled_in_the_file(scale: float, end: str, tmp_path: Path) -> None:
-    block = kernel.build_solids(voxels(np.ones((1, 1, 1), bool))).solid.scale(scale)
+    block = build_solids(voxels(np.ones((1, 1, 1), bool))).solid.scale(scale)
     tpmscad.export_step(block, tmp_path / "block.step")
     surfaces = re.findall(r"B_SPLINE_SURFACE_WITH_KNOTS.*?;", (tmp_path / "block.step").read_text(), re.DOTALL)
     assert len(surfaces) == 6
     assert all(f"(0.0,{end}),(0.0,{end})" in text for text in surfaces)
-    report = kernel.check_step(tmp_path / "block.step")
+    report = check_step(tmp_path / "block.step")
     assert report.ok
-    assert report.shape.volume == pytest.approx(
-        scale**3 * kernel.build_solids(voxels(np.ones((1, 1, 1), bool))).solid.volume
-    )
+    assert report.shape.volume == pytest.approx(scale**3 * build_solids(voxels(np.ones((1, 1, 1), bool))).solid.volume)
 
 
 def test_a_file_that_is_not_verified_is_not_left(tmp_path: Path) -> None:
     seen: list[float] = []
 
     def verify(path: Path) -> None:
-        seen.append(kernel.check_step(path).shape.volume)
+        seen.append(check_step(path).shape.volume)
         raise KernelError("verify", "no")
 
     with pytest.raises(KernelError, match="verify: no"):
@@ -373,25 +370,25 @@ def test_a_file_that_is_not_verified_is_not_left(tmp_path: Path) -> None:
 class TestBadFiles:
     def test_a_missing_file_is_named(self, tmp_path: Path) -> None:
         with pytest.raises(InvalidRequest, match=r"no file .*gone"):
-            kernel.read_step(tmp_path / "gone.step")
+            read_step(tmp_path / "gone.step")
 
     def test_another_kind_of_file_is_refused(self, tmp_path: Path) -> None:
         (tmp_path / "a.step").write_text("solid ascii\nendsolid\n")
         with pytest.raises(InvalidRequest, match="not a STEP file"):
-            kernel.read_step(tmp_path / "a.step")
+            read_step(tmp_path / "a.step")
 
     def test_a_file_cut_short_is_refused(self, tmp_path: Path) -> None:
         text = written(plane_box(), tmp_path / "a.step")
         (tmp_path / "a.step").write_text(text[: len(text) // 2])
         with pytest.raises(InvalidRequest, match=r"a\.step is a damaged file"):
-            kernel.read_step(tmp_path / "a.step")
+            read_step(tmp_path / "a.step")
 
     def test_a_file_without_solids_is_refused(self, tmp_path: Path) -> None:
         text = written(plane_box(), tmp_path / "a.step")
         shell = re.sub(r"MANIFOLD_SOLID_BREP\('[^']*',(#\d+)\)", r"SHELL_BASED_SURFACE_MODEL('',(\1))", text)
         (tmp_path / "a.step").write_text(shell.replace("ADVANCED_BREP_SHAPE", "MANIFOLD_SURFACE_SHAPE"))
         with pytest.raises(InvalidRequest, match="no solid"):
-            kernel.read_step(tmp_path / "a.step")
+            read_step(tmp_path / "a.step")
 
 
 PART21_REAL = re.compile(r"[+-]?\d+\.\d*(E[+-]?\d+)?")
@@ -411,7 +408,7 @@ def test_strings_are_printable_ascii_with_quotes_doubled(text: str) -> None:
 
 def test_names_beyond_ascii_come_back(tmp_path: Path) -> None:
     written(joined(plane_box()), tmp_path / "part.step", name="Gitter «ß» d'été")
-    assert kernel.read_step(tmp_path / "part.step").products == ("Gitter «ß» d'été",)
+    assert read_step(tmp_path / "part.step").products == ("Gitter «ß» d'été",)
 
 
 def test_edges_of_a_loop_are_put_head_to_tail_once_each() -> None:

@@ -13,15 +13,18 @@ pytestmark = pytest.mark.kernel
 from tests.shapes.kernel_shapes import drilled_dome, hollow_box, notched_hollow, voxels
 from tests.shapes.mutants import BREP_FAULTS, TEXT_FAULTS
 from tests.shapes.round_shapes import cone, flask, pierced_block, torus
-from tpmscad import kernel
 from tpmscad.brep.welding import weld_patches
 from tpmscad.errors import KernelError, TpmscadError
-from tpmscad.kernel.measure import file_check
-from tpmscad.kernel.measure.validity import find_faces_to_check
+from tpmscad.files import checked_write
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export import file_check
+from tpmscad.kernel.export.file_check import check_excerpt
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.validity import find_faces_to_check, is_brep_valid
+from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.entity_table import read_entity_table
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.workflows import checked_write
 
 SHAPES = {
     "voxels": lambda: voxels(np.ones((2, 2, 1), bool)),
@@ -40,23 +43,23 @@ def test_a_sound_solid_passes_the_short_verification_and_the_kernel_reads_its_ex
     name: str, tmp_path: Path
 ) -> None:
     brep = SHAPES[name]()
-    built = kernel.build_solids(brep)
-    assert kernel.is_brep_valid(brep, built.faces)
-    assert kernel.is_brep_valid(brep)  # with the faces alone that are checked
-    kernel.write_step(brep, built.nesting, tmp_path / "a.step")
-    kernel.check_excerpt(tmp_path / "a.step", brep, built.nesting)
+    built = build_solids(brep)
+    assert is_brep_valid(brep, built.faces)
+    assert is_brep_valid(brep)  # with the faces alone that are checked
+    write_step(brep, built.nesting, tmp_path / "a.step")
+    check_excerpt(tmp_path / "a.step", brep, built.nesting)
 
 
 @pytest.mark.parametrize("fault", BREP_FAULTS, ids=lambda f: f.__name__)
 def test_faults_of_solids_that_the_kernel_notices_are_noticed(fault) -> None:
     mutant = fault(voxels(np.ones((2, 1, 1), bool)), np.random.default_rng(5))
     try:
-        built = kernel.build_solids(mutant)
+        built = build_solids(mutant)
     except TpmscadError:
         return  # both verifications begin with this
-    seen = kernel.is_brep_valid(mutant, built.faces)
-    assert kernel.is_valid(built.shape) or not seen
-    assert kernel.is_brep_valid(mutant) == seen
+    seen = is_brep_valid(mutant, built.faces)
+    assert is_valid(built.shape) or not seen
+    assert is_brep_valid(mutant) == seen
 
 
 @pytest.mark.parametrize("vertex", [5, 9, 42, 47])
@@ -65,28 +68,28 @@ def test_a_vertex_off_its_edges_is_noticed_whatever_the_faces_around_it(vertex: 
     vertices = brep.vertices.copy()
     vertices[vertex] += 1e-5  # far within the tolerance that the kernel's vertex gets
     mutant = replace(brep, vertices=vertices)
-    assert not kernel.is_brep_valid(mutant, kernel.build_solids(mutant).faces)
+    assert not is_brep_valid(mutant, build_solids(mutant).faces)
 
 
 @pytest.mark.parametrize("fault", TEXT_FAULTS, ids=lambda f: f.__name__)
 def test_faults_of_files_are_noticed(fault, tmp_path: Path) -> None:
     brep, path = voxels(np.ones((2, 1, 1), bool)), tmp_path / "a.step"
-    nesting = kernel.build_solids(brep).nesting
-    kernel.write_step(brep, nesting, path, time_stamp="")
+    nesting = build_solids(brep).nesting
+    write_step(brep, nesting, path, time_stamp="")
     text = path.read_text()
-    kernel.check_excerpt(path, brep, nesting)
+    check_excerpt(path, brep, nesting)
     for seed in range(3):
         mutant = fault(text, np.random.default_rng(seed))
         if "centre point" in _difference(text, mutant):
             continue  # the stated centroid is no part of the solid
         path.write_text(mutant)
         with pytest.raises(KernelError):
-            kernel.check_excerpt(path, brep, nesting)
+            check_excerpt(path, brep, nesting)
 
 
 def test_the_faces_with_the_most_uneven_poles_are_read_back() -> None:
     brep = voxels(np.ones((20, 20, 1), bool))
-    nesting = kernel.build_solids(brep).nesting
+    nesting = build_solids(brep).nesting
     uneven = np.random.default_rng(5).permutation(len(brep.faces))[: file_check.UNEVEN_EXCERPT_FACES]
     carriers = list(brep.carriers)
     for c in brep.faces.carrier[uneven].tolist():
@@ -123,7 +126,7 @@ def test_a_file_above_the_limit_is_read_as_a_whole_on_demand_only(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     brep, read = voxels(np.ones((2, 1, 1), bool)), []
-    nesting = kernel.build_solids(brep).nesting
+    nesting = build_solids(brep).nesting
     monkeypatch.setattr(checked_write, "make_volume_check", lambda volume, rtol: lambda path: read.append(path))
     given = {"schema": "ap242", "name": "a", "rtol": 1e-9, "labels": ["a"] * len(brep.faces)}
     checked_write.write_checked_brep(brep, nesting, tmp_path / "a.step", **given)

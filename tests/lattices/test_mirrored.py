@@ -16,7 +16,8 @@ from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mir
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
-from tpmscad.trimming import box, trim
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 NAMES = ("iwp", "neovius", "frd")
 OFFSETS = {"iwp": (-0.04, 0.03), "neovius": (-0.02, 0.03), "frd": (0.01, 0.035)}

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset.fit.joint_normals import EndShapes, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.splines.basis import bernstein_basis

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad import fields
-from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 
 LO, HI = np.array([-0.3, 0.1, 0.2]), np.array([0.9, 1.0, 1.6])
 FIELD = fields.tpms("gyroid", 1.7) + 0.3 * fields.coordinate("x") * fields.coordinate("y")

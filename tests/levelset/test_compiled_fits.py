@@ -5,8 +5,8 @@ from scipy.linalg import lstsq, null_space
 from scipy.optimize import minimize
 
 from tpmscad import fields
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
 from tpmscad.levelset.fit.foot_points import foot_point_distances
-from tpmscad.levelset.fit.hard_rows import HardRows
 from tpmscad.levelset.fit.least_squares import PROJECTION_TOL_OF_MAX_STEP, project_curves_to_level_set, unit_vectors
 from tpmscad.levelset.fit.network_curves import hold_end_poles
 from tpmscad.levelset.fit.network_fit import _normal_products, _rows_of_inner_poles
@@ -74,7 +74,7 @@ def test_minima_under_redundant_conditions_satisfy_them_and_have_no_slope_along_
     factor = rng.normal(size=(3, 12, 12))
     matrix, rhs = factor @ np.swapaxes(factor, 1, 2) + np.eye(12), rng.normal(size=(3, 12))
     target = (rows @ rng.normal(size=(3, 12, 1)))[..., 0]
-    found = HardRows.factorise(rows).minimise(matrix, rhs, target)
+    found = EqualityConstraints.factorise(rows).minimise(matrix, rhs, target)
     np.testing.assert_allclose((rows @ found[..., None])[..., 0], target, atol=1e-12)
     for i in range(3):
         free = np.eye(12) - np.linalg.pinv(rows[i]) @ rows[i]
@@ -84,7 +84,7 @@ def test_minima_under_redundant_conditions_satisfy_them_and_have_no_slope_along_
 def test_conditions_that_contain_no_unknown_leave_the_least_squares_solution() -> None:
     matrix = np.diag([1.0, 2.0, 4.0])[None]
     rhs = np.array([[1.0, 1.0, 1.0]])
-    found = HardRows.factorise(np.zeros((1, 5, 3))).minimise(matrix, rhs, np.zeros((1, 5)))
+    found = EqualityConstraints.factorise(np.zeros((1, 5, 3))).minimise(matrix, rhs, np.zeros((1, 5)))
     np.testing.assert_allclose(found, [[1.0, 0.5, 0.25]], rtol=1e-15)
 
 
@@ -123,7 +123,7 @@ def test_poles_are_the_constrained_least_squares_solution_of_their_weighted_rows
         differences, poles = rng.normal(size=(2, k * l + 3)), rng.normal(size=(3, k * l + 3, 3))
         unknown = rng.permutation(k * l + 3)[: k * l]
         system.add_energy(differences.T @ differences, unknown, poles, 0.4)
-        found = system.solve_subject_to(HardRows.factorise(hard), wanted)
+        found = system.solve_subject_to(EqualityConstraints.factorise(hard), wanted)
         for each in range(3):
             rows = [0.4 * np.kron(differences[:, unknown], np.eye(3))]
             right = [-0.4 * (differences @ poles[each]).ravel()]
@@ -161,7 +161,7 @@ def test_the_conditions_of_all_sides_of_a_patch_have_the_rank_of_their_rows():
         along[:, 1:-1, :2] += 0.1 * rng.normal(size=(4, degree - 1, 2))
         blocks.append(_rows_of_inner_poles(p, q, side, _normal_products(p, q, side, along)))
     rows = np.concatenate(blocks, axis=1)
-    conditions = HardRows.factorise(rows)
+    conditions = EqualityConstraints.factorise(rows)
     for each in range(4):
         singular = np.linalg.svd(rows[each], compute_uv=False)
         rank = np.count_nonzero(singular > 1e-8 * singular[0])

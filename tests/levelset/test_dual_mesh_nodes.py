@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset.level_set_fit import mesh_level_set
 from tpmscad.levelset.quadmesh import octree
 

@@ -13,8 +13,8 @@ from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
 from tpmscad.errors import InvalidRequest, LevelSetError
-from tpmscad.fields import volume_quadrature
-from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.fields.analysis import volume_quadrature
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
 from tpmscad.levelset.fit import fit_quality
 from tpmscad.parallel import task_runner

@@ -13,7 +13,7 @@ from tpmscad import fields
 from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.fields.linear_extension import extend_linearly
+from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.levelset import level_set_fit
 from tpmscad.levelset.field_solid import FieldSolid, fit_field_solid
 from tpmscad.levelset.fit import fit_quality, network_fit

@@ -8,8 +8,8 @@ import pytest
 from tests.shapes.ball_level_sets import ball_fit
 from tpmscad import fields
 from tpmscad.levelset.level_set_fit import LevelSetFit
+from tpmscad.levelset.periodic.periodic_layers import fit_periodic_offset
 from tpmscad.levelset.quadmesh.patch_network import FIRST_HALF, SECOND_HALF, WHOLE
-from tpmscad.levelset.torus_layers import fit_periodic_offset
 from tpmscad.splines.basis import bernstein_basis
 
 PIECE_SPAN = {WHOLE: (0.0, 1.0), FIRST_HALF: (0.0, 0.5), SECOND_HALF: (0.5, 1.0)}

@@ -11,11 +11,12 @@ from tpmscad import InvalidRequest
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.meshing import boundary_facets
+from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes, space_parameters
 from tpmscad.splines.jacobian_bounds import bound_jacobian
-from tpmscad.trimming import box, trim
-from tpmscad.workflows.hexahedral_meshing import fill_with_splines, mesh_by_splines
+from tpmscad.studies.hexahedral_meshing import fill_with_splines, mesh_by_splines
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 LAYERS = (-0.035, 0.02)  # of unequal size, so that lower and upper cannot be exchanged
 CASES = [("gyroid", (2, 1, 1)), ("diamond", (1, 1, 1)), ("schwarz_p", (1, 1, 1))]

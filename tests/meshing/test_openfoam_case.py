@@ -14,9 +14,9 @@ import pytest
 
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing import VolumeMesh, boundary_facets, sort_nodes
-from tpmscad.meshing.facet_search import interior_facets, tabulate_faces
+from tpmscad.meshing.facet_search import boundary_facets, interior_facets, tabulate_faces
 from tpmscad.meshing.poly_meshes import divide_regions, name_for_foam
+from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
 
 
 def exchanger(kind: str = "tetra10") -> VolumeMesh:

@@ -13,11 +13,12 @@ import pytest
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing import VolumeMesh, boundary_facets, owners_of_facets, sort_nodes
 from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
+from tpmscad.meshing.facet_search import boundary_facets, owners_of_facets
 from tpmscad.meshing.inp_files import format_name
 from tpmscad.meshing.tetrahedra import pair_sides
 from tpmscad.meshing.untangling import untangle
+from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
 
 meshio = pytest.importorskip("meshio")
 skfem = pytest.importorskip("skfem")

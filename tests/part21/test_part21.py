@@ -25,7 +25,9 @@ from OCP.TopoDS import TopoDS_Shape
 
 from tests.shapes.kernel_shapes import TURN, drilled_dome, hollow_box, plane_box
 from tests.shapes.round_shapes import frustum, pierced_block
-from tpmscad import kernel
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.shape_file import write_shape
+from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.step_reader import silence_occt
 from tpmscad.rigid_motion import Motion
 
@@ -40,9 +42,9 @@ SAMPLES = {
     "replicas": (drilled_dome, {"replicas": True}),
 }
 OF_THE_KERNEL = {
-    "kernel's dome": lambda: kernel.build_solids(drilled_dome()).shape,
-    "kernel's void": lambda: kernel.build_solids(hollow_box()).shape,
-    "kernel's pierced block": lambda: kernel.build_solids(pierced_block()).shape,
+    "kernel's dome": lambda: build_solids(drilled_dome()).shape,
+    "kernel's void": lambda: build_solids(hollow_box()).shape,
+    "kernel's pierced block": lambda: build_solids(pierced_block()).shape,
     "kernel's ball": lambda: BRepPrimAPI_MakeSphere(2.0).Shape(),
     "kernel's ring": lambda: BRepPrimAPI_MakeTorus(5.0, 1.5).Shape(),
 }
@@ -81,9 +83,9 @@ def lines(sample: str, schema: str) -> tuple[str, dict[int, str]]:
         if sample in SAMPLES:
             make, how = SAMPLES[sample]
             brep = make()
-            kernel.write_step(brep, kernel.build_solids(brep).nesting, path, schema=schema, **how)
+            write_step(brep, build_solids(brep).nesting, path, schema=schema, **how)
         else:
-            write = kernel.write_shape if sample in OF_SHAPES else write_by_occt
+            write = write_shape if sample in OF_SHAPES else write_by_occt
             write((OF_SHAPES | OF_THE_KERNEL)[sample](), path, schema=schema)
         head, data = re.split(r"^DATA;\n", path.read_text(), maxsplit=1, flags=re.M)
     tight = "".join(part if i % 2 else re.sub(r"\s", "", part) for i, part in enumerate(re.split("('[^']*')", data)))

@@ -9,7 +9,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import RecipeError
-from tpmscad.recipe import read_solid_recipe
+from tpmscad.recipe.solid_recipe import read_solid_recipe
 
 POINTS = np.random.default_rng(3).uniform(0, 4, (200, 3))
 VALUES = np.random.default_rng(5).normal(size=(5, 6, 7))

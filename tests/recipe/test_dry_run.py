@@ -10,7 +10,7 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import LevelSetError, RecipeError, TpmscadError
-from tpmscad.recipe import SolidRun
+from tpmscad.recipe.recipe_runs import SolidRun
 
 pytestmark = pytest.mark.kernel
 

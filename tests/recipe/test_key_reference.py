@@ -10,9 +10,10 @@ import pytest
 
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
-from tpmscad.recipe import BlendRun, SolidRun, format_reference, read_template
 from tpmscad.recipe.blend_recipe import BLEND_KEYS, WEIGHT_KINDS
 from tpmscad.recipe.field_reader import FIELD_KINDS
+from tpmscad.recipe.key_reference import format_reference, read_template
+from tpmscad.recipe.recipe_runs import BlendRun, SolidRun
 from tpmscad.recipe.solid_recipe import SOLID_KEYS
 
 WIDTH = 80

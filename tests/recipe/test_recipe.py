@@ -16,10 +16,12 @@ from hypothesis import strategies as st
 import tpmscad
 from tpmscad import fields
 from tpmscad.errors import NotMet, RecipeError
-from tpmscad.recipe import SolidRun, read_blend_recipe, read_solid_recipe, run_blend_recipe
+from tpmscad.recipe.blend_recipe import read_blend_recipe
 from tpmscad.recipe.data_fields import DATA_KINDS
 from tpmscad.recipe.field_reader import FIELD_KINDS
 from tpmscad.recipe.key_lines import find_key_lines
+from tpmscad.recipe.recipe_runs import SolidRun, run_blend_recipe
+from tpmscad.recipe.solid_recipe import read_solid_recipe
 
 POINTS = np.random.default_rng(3).uniform(-12, 12, (300, 3))
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 
 from tests.refusals.refused import Row, check_refusal
-from tpmscad import fields, surfaces, topology, workflows
+from tpmscad import fields, surfaces, topology
 from tpmscad.errors import InvalidRequest, NoFoot
-from tpmscad.fields.image_files import read_image
-from tpmscad.fields.isometries import find_isometries
-from tpmscad.fields.sample_grid import SampleGrid, sample_field
-from tpmscad.fields.volume_fraction_thresholds import volume_fractions
+from tpmscad.fields.analysis.isometries import find_isometries
+from tpmscad.fields.analysis.volume_fraction_thresholds import volume_fractions
+from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
+from tpmscad.studies._thickest_wall import thickest_wall
 from tpmscad.surfaces.plane_waves import NODAL_WAVES
 from tpmscad.surfaces.reflection_group import mirror_symmetry
 from tpmscad.topology.persistence import compute_persistence
@@ -248,7 +249,7 @@ SURFACES: dict[str, Row] = {
     "kind": (lambda: surfaces.offsets_for("gyroid", "minimal", 0.3, "foam", 1.0), "kind 'foam' is unknown; choose"),
     "no record": (lambda: surfaces.check_reference(3, "minimal"), "record 3 is no record of the catalogue"),  # type: ignore[arg-type]
     "thickest wall of a reference": (
-        lambda: workflows.thickest_wall("iwp", "exact"),
+        lambda: thickest_wall("iwp", "exact"),
         "reference 'exact' of the iwp is unknown; choose one of",
     ),
     "side": (lambda: surfaces.skeletal_offset_for("gyroid", "minimal", 0.4, "x"), "side 'x'"),

@@ -11,8 +11,9 @@ from PIL import Image
 
 from tests.refusals.refused import check_refusal
 from tpmscad.errors import InvalidRequest, RecipeError
-from tpmscad.recipe import read_blend_recipe, read_solid_recipe
+from tpmscad.recipe.blend_recipe import read_blend_recipe
 from tpmscad.recipe.key_reference import format_reference
+from tpmscad.recipe.solid_recipe import read_solid_recipe
 
 SOLID = "tol = 0.1\ndomain = [[0, 0, 0], [1, 1, 1]]\n"
 ROD = 'kind = "rod"\nsurface = "gyroid"\nperiod = 10\n'

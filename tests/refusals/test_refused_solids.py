@@ -15,16 +15,17 @@ import pytest
 import tpmscad
 from tests.meshing.test_volume_mesh import block
 from tests.refusals.refused import Row, check_refusal
-from tpmscad import fields, kernel, maps
+from tpmscad import fields, maps
 from tpmscad.build123d import Tpms, TpmsInfill
 from tpmscad.errors import InvalidRequest, MissingDomain
 from tpmscad.kernel.build.region_solids import make_region_solid
+from tpmscad.kernel.export.shape_file import write_solids
 from tpmscad.kernel.render.viewpoints import section_planes, view_frame
 from tpmscad.kernel.step.part21 import find_schema
+from tpmscad.kernel.step.step_reader import read_step
+from tpmscad.results.domain_results import FluidDomains
 from tpmscad.simulation.permeability import permeability
-from tpmscad.trimming import box
-from tpmscad.trimming.operands.polyhedra import polyhedron
-from tpmscad.workflows.domain_results import FluidDomains
+from tpmscad.trimming.operands.polyhedra import box, polyhedron
 
 pytestmark = pytest.mark.kernel
 
@@ -269,7 +270,7 @@ FILES: dict[str, Row] = {
         "holds no solid: make a solid",
     ),
     "no solids": (
-        lambda: kernel.write_solids([], "a.step", accuracy=1.0),
+        lambda: write_solids([], "a.step", accuracy=1.0),
         "no solid: STEP files are written of solids",
     ),
     "an empty part": (lambda: tpmscad.export_step(bd.Part(), "a.step"), "is no shape: give .* that is not empty"),
@@ -319,7 +320,7 @@ def test_a_domain_that_the_kernel_does_not_find_is_named(monkeypatch: pytest.Mon
     def reject(*operands: Any) -> Any:
         raise tpmscad.TrimmingError("the patches cannot be trimmed")
 
-    monkeypatch.setattr("tpmscad.workflows.fluid_volumes._trim_domains", reject)
+    monkeypatch.setattr("tpmscad.solids._fluid_domains._trim_domains", reject)
     with pytest.raises(MissingDomain, match=r"the body holds no .*: shift the lattice by `phase`"):
         tpmscad.fluid_domains(bd.Box(10.2, 3.6, 3.5), "P", cell=10, thickness=0.5, tol=0.1)
 
@@ -340,7 +341,7 @@ def test_a_mesh_that_does_not_repeat_has_no_properties(monkeypatch: pytest.Monke
 def test_a_shape_without_a_face_cannot_be_drawn(tmp_path: Path) -> None:
     edge = bd.Edge.make_line((0, 0, 0), (1, 0, 0))
     check_refusal((lambda: tpmscad.render(edge, tmp_path / "a.png"), "no face"), InvalidRequest)
-    check_refusal((lambda: kernel.read_step(_text(tmp_path)), "is not a STEP file"), InvalidRequest)
+    check_refusal((lambda: read_step(_text(tmp_path)), "is not a STEP file"), InvalidRequest)
 
 
 def _text(folder: Path) -> Path:

@@ -13,10 +13,12 @@ from tests.meshing.test_volume_mesh import block
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.lattices.sources import lattice_source
-from tpmscad.meshing import VolumeMesh, sort_nodes
 from tpmscad.meshing.hexahedra import mesh_hexahedra
-from tpmscad.simulation import HomogenizedProperties, IsotropicMaterial, multigrid, solve_cell
+from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
+from tpmscad.simulation import multigrid
 from tpmscad.simulation.multigrid import solve
+from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
+from tpmscad.simulation.properties import HomogenizedProperties
 
 pytest.importorskip("skfem")
 

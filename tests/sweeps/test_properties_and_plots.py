@@ -11,7 +11,7 @@ import pytest
 
 import tpmscad
 from tpmscad.errors import InvalidRequest
-from tpmscad.sweeps import SweepResults
+from tpmscad.sweeps._sweep import SweepResults
 from tpmscad.sweeps.design_runs import FIGURES, PROPERTIES
 
 pytestmark = pytest.mark.kernel

@@ -17,7 +17,7 @@ from tpmscad.sweeps.cell_text import format_cell, is_blank, parse_cell
 from tpmscad.sweeps.parameter_table import read_table
 from tpmscad.sweeps.results_table import open_results
 
-pytestmark = pytest.mark.kernel  # the table asks the functions of the workflows for their keywords
+pytestmark = pytest.mark.kernel  # the table asks the functions for their keywords
 
 
 ROW = {"surface": "gyroid", "cell": 10, "thickness": 1}

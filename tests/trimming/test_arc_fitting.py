@@ -10,7 +10,7 @@ from scipy.interpolate import BPoly, PPoly
 from tpmscad.brep.carriers import Plane
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.arc_fitting import CoarsePath, fit_arcs
-from tpmscad.trimming.operands.implicit_surfaces import build_implicit_surfaces
+from tpmscad.trimming.operands.quadric_table import build_implicit_surfaces
 
 KNOTS = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
 TOL = 5e-8

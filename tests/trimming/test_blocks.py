@@ -13,7 +13,8 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming import box, polyhedron, trim
+from tpmscad.trimming.operands.polyhedra import box, polyhedron
+from tpmscad.trimming.trim_pipeline import trim
 
 HEIGHT = 0.5
 SIDES = ((0, 2, 3, 1), (0, 1, 5, 4), (1, 3, 7, 5), (3, 2, 6, 7), (2, 0, 4, 6), (4, 5, 7, 6))

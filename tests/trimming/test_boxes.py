@@ -18,7 +18,8 @@ from tpmscad.brep.conics import Circle
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.splines.bspline import line_segment
-from tpmscad.trimming import box, trim
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 CELL = 10.0
 TOL = 1e-7

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmscad.brep import Brep
+from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.trimming import box, trim
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 CLEARANCE, MAX_SHIFT = 0.02, 0.05
 

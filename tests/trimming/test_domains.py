@@ -11,7 +11,9 @@ from tests.shapes import round_shapes as shapes
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.trimming import LatticeDomain, TrimmedDomains, box, trim, trim_domains
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains
+from tpmscad.trimming.trim_pipeline import trim, trim_domains
 
 BODIES = {
     "box": (lambda: box(np.array([1.3, 2.1, 1.7]), np.array([8.2, 9.1, 7.9])), 6.9 * 7.0 * 6.2),

@@ -7,10 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tpmscad import kernel
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
-from tpmscad.trimming import box, trim
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.measure.shape_report import check_shape
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 pytestmark = pytest.mark.kernel
 
@@ -25,7 +27,7 @@ def test_a_trimmed_cell_is_a_valid_solid_of_the_same_volume(
     cover: Callable[..., Brep],
 ) -> None:
     trimmed = trim(cover(name, (1, 1, 1), phase, layers), box(np.zeros(3), np.full(3, 10.0))).brep
-    found = kernel.check_shape(kernel.build_solids(trimmed).shape)
+    found = check_shape(build_solids(trimmed).shape)
     assert found.valid
     assert found.volume == pytest.approx(
         float(integral_properties.volume(integral_properties.integrate_faces(trimmed))[0]), rel=1e-7
@@ -62,7 +64,7 @@ def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: s
     lattice, shape = cover("gyroid", (2, 2, 2), (0.0, 0.0, 0.0), (-0.05, 0.05)), body(name)
     trimmed = trim(lattice, brep_from_shape(shape))
     assert trimmed.report.shifted == 0
-    found = kernel.check_shape(kernel.build_solids(trimmed.brep).shape)
+    found = check_shape(build_solids(trimmed.brep).shape)
     assert found.valid
     assert found.closed
     assert found.volume == pytest.approx(
@@ -70,6 +72,6 @@ def test_a_lattice_cut_by_a_body_is_what_the_kernels_boolean_makes_of_it(name: s
     )
     around = shape.bounding_box()
     low, high = np.array(tuple(around.min)) - 0.25, np.array(tuple(around.max)) + 0.25
-    block = kernel.build_solids(trim(lattice, box(low, high)).brep).shape
+    block = build_solids(trim(lattice, box(low, high)).brep).shape
     other = boolean_operations.intersect_solids(block, shape.wrapped)
-    assert found.volume == pytest.approx(sum(kernel.check_shape(s).volume for s in other), rel=1e-6)
+    assert found.volume == pytest.approx(sum(check_shape(s).volume for s in other), rel=1e-6)

@@ -18,7 +18,8 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.lattices import copies as lattices
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming import polyhedron, trim
+from tpmscad.trimming.operands.polyhedra import polyhedron
+from tpmscad.trimming.trim_pipeline import trim
 
 CELL = 10.0
 TOL = 1e-7

@@ -16,8 +16,9 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-from tpmscad.trimming import box, trim
 from tpmscad.trimming.operands.patch_sides import read_patch_sides
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
 
 LO, HI = np.array([0.4, 0.7, 0.9]), np.array([9.1, 8.3, 9.7])
 Use = tuple[int, int, int]

@@ -4,19 +4,6 @@ Structures, regions and blending regions are fields, f(points (..., 3)) -> (...)
 hold the points where f <= 0. Lengths are in the units of the points. The function is also available as `tpmscad.blend`.
 """
 
-from tpmscad.blending.initial_weights import LineWeightSpec, VolumeWeightSpec
-from tpmscad.blending.porous_blending import blend
-from tpmscad.blending.result import BlendResult, DefectCounts, DefectReport
-from tpmscad.blending.weights.coordinates import CylinderRadius, LinearCoordinate, SphereRadius
+from tpmscad._lazy_import import attach_stub
 
-__all__ = [
-    "BlendResult",
-    "CylinderRadius",
-    "DefectCounts",
-    "DefectReport",
-    "LineWeightSpec",
-    "LinearCoordinate",
-    "SphereRadius",
-    "VolumeWeightSpec",
-    "blend",
-]
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

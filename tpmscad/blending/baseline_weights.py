@@ -26,8 +26,8 @@ from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
 from tpmscad.blending.weights.line_weight import LineWeight
 from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.sample_grid import BoxBounds, FieldFunction, grid_points
 from tpmscad.fields.field import Field
-from tpmscad.fields.sample_grid import BoxBounds, FieldFunction, grid_points
 
 SIGMOID_END_WEIGHT = 0.01
 """Weight at the start of the layer; at its end the weight is one minus this."""

@@ -26,9 +26,9 @@ from tpmscad._typing import Array
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import NotMet
 from tpmscad.fields import Field
-from tpmscad.fields.booleans import RoundedMinMaxField
 from tpmscad.fields.field import MinMaxField
-from tpmscad.fields.tape_nodes import Node, piecewise_polynomial
+from tpmscad.fields.kinds.booleans import RoundedMinMaxField
+from tpmscad.fields.tape.tape_nodes import Node, piecewise_polynomial
 
 SECOND_DERIVATIVES = (1.0, 1.0, -0.5, 0.0)
 """Second derivative of the profile at its knots, linear in between, before it is scaled."""

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad._typing import Array, BoolArray
+from tpmscad.api.public_calls import public_constructor
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.weights.coordinates import Coordinate, CylinderRadius, LinearCoordinate, SphereRadius
@@ -21,9 +22,8 @@ from tpmscad.blending.weights.line_weight import LineWeight, make_line_weight
 from tpmscad.blending.weights.volume_weight import IntTriple, VolumeWeight
 from tpmscad.blending.weights.volume_weight_fit import MIN_SPANS_PER_AXIS, SAMPLES_PER_COEFFICIENT, fit_volume_weight
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
-from tpmscad.fields.sample_grid import FieldFunction
-from tpmscad.public_calls import public_constructor
+from tpmscad.fields.data.sample_grid import FieldFunction
+from tpmscad.fields.kinds.primitive_regions import CylinderRegion, HalfSpaceRegion, SphereRegion
 
 MIN_SPANS_ACROSS_REGION = 12
 """Knot spans across the thickest part of a blending region at least; most of them go to the fixed coefficients beside it."""

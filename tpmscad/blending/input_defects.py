@@ -20,16 +20,16 @@ from tpmscad.blending.composition.defects import PhaseComponents, count_defects
 from tpmscad.blending.optimise.blend_state import GridDefects
 from tpmscad.blending.result import BlendResult, DefectCounts
 from tpmscad.fields import Field
-from tpmscad.fields.image_regions import ImageRegion
-from tpmscad.fields.sample_grid import SampleGrid
-from tpmscad.fields.tape_nodes import Node, select
+from tpmscad.fields.data.sample_grid import SampleGrid
+from tpmscad.fields.kinds.image_regions import ImageRegion
+from tpmscad.fields.tape.tape_nodes import Node, select
 
 MAX_COVER_SAMPLES = 3
 """Distance, in samples, that a cover reaches beyond the samples of its defect."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CoveredField(Field):
+class PatchedField(Field):
     """A blended field with covers applied: pairs of a region, negative inside, and a sign.
 
     The sign is that of the defect's phase: +1 for solid that becomes void, -1 for void that becomes solid.
@@ -68,10 +68,10 @@ def make_cover(phase: PhaseComponents, labels: IntArray, grid: SampleGrid) -> Im
 
 def cover_components(
     field: BlendedField, grid: SampleGrid, components: Sequence[tuple[PhaseComponents, IntArray]]
-) -> CoveredField:
+) -> PatchedField:
     """The field without components of its phases on a grid, given as pairs of a phase and labels."""
     covers = [(make_cover(phase, labels, grid), phase.sign) for phase, labels in components]
-    return CoveredField(field, tuple((cover, sign) for cover, sign in covers if cover is not None))
+    return PatchedField(field, tuple((cover, sign) for cover, sign in covers if cover is not None))
 
 
 def remove_input_defects(

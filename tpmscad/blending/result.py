@@ -11,8 +11,8 @@ from tpmscad.blending.composition.blended_field import BlendedField, StageWeight
 from tpmscad.blending.optimise.blend_state import GridDefects, OptimisationOutcome
 from tpmscad.blending.weights.weight_protocol import WeightFunction
 from tpmscad.fields import Field
-from tpmscad.fields.saddles import Neck
-from tpmscad.fields.sample_grid import BoxBounds, SampleGrid
+from tpmscad.fields.analysis.saddles import Neck
+from tpmscad.fields.data.sample_grid import BoxBounds, SampleGrid
 
 
 @dataclass(frozen=True, slots=True)

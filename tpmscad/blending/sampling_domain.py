@@ -15,9 +15,9 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.blending.composition.defects import count_defects
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.sample_grid import BoxBounds, FieldFunction, SampleGrid, sample_field
 from tpmscad.fields.field import Field, MinMaxField
-from tpmscad.fields.primitive_regions import BoxRegion, CylinderRegion, SphereRegion
-from tpmscad.fields.sample_grid import BoxBounds, FieldFunction, SampleGrid, sample_field
+from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, SphereRegion
 
 SAMPLES_PER_PERIOD_TRIALS = (10, 14, 20, 28, 40, 56, 80)
 SAMPLES_ALONG_DOMAIN_TRIALS = (40, 60, 90, 135, 200)

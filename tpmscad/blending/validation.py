@@ -10,8 +10,8 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.defects import count_defects
 from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
 from tpmscad.fields.field import Field
-from tpmscad.fields.sample_grid import SampleGrid, sample_field
 
 OVERLAP_TOL_FRACTION = 1e-9
 """Depth of an overlap of two regions that is taken for round-off, as a fraction of the domain's longest edge."""

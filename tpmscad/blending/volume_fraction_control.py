@@ -20,7 +20,7 @@ from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.optimise.blend_state import BlendProblem, OptimisationOutcome
 from tpmscad.blending.weights.line_weight import LineWeight
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
-from tpmscad.fields.sample_grid import grid_points
+from tpmscad.fields.data.sample_grid import grid_points
 
 SHIFT_DEGREE, SHIFT_SPANS = 3, 20
 SHIFT_KNOTS = np.concatenate([np.zeros(SHIFT_DEGREE), np.linspace(0.0, 1.0, SHIFT_SPANS + 1), np.ones(SHIFT_DEGREE)])

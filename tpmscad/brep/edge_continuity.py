@@ -14,7 +14,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
-from tpmscad.brep.tight_carriers import whole_surfaces
+from tpmscad.brep.restricted_surfaces import whole_surfaces
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
 SAMPLES_PER_EDGE = 33

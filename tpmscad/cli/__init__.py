@@ -4,7 +4,7 @@ Exit status 0: made, and as requested. 1: could not be made, or misses the reque
 written (an unknown option, surface or folder; a value out of range; options that exclude each other). Every failure is one line
 on standard error.
 
-The packages `tpmscad.workflows` and `tpmscad.recipe` load their modules at their first use, so help does not wait for the kernel.
+Commands import what they call at their first use, so help does not wait for the kernel.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tpmscad import workflows
+import tpmscad
 from tpmscad.cli.lattice_options import (
     BodyPhaseOption,
     CellOption,
@@ -83,7 +83,7 @@ def infill(
     )
     make_and_write(
         f"{surface} infill",
-        lambda progress: workflows.infill(body, surface, progress=progress, **request),
+        lambda progress: tpmscad.infill(body, surface, progress=progress, **request),
         Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, verify=verify),
     )
 
@@ -124,6 +124,6 @@ def domains(
     )
     make_and_write(
         f"{surface} exchanger",
-        lambda progress: workflows.fluid_domains(body, surface, progress=progress, **request),
+        lambda progress: tpmscad.fluid_domains(body, surface, progress=progress, **request),
         Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, suffixes=DOMAIN_SUFFIXES),
     )

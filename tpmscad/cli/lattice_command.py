@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from tpmscad import workflows
+import tpmscad
 from tpmscad.cli.lattice_options import (
     BoundaryOption,
     CellOption,
@@ -111,7 +111,7 @@ def lattice(
         return
     make_and_write(
         f"{surface} lattice",
-        lambda progress: workflows.lattice(surface, progress=progress, **request),
+        lambda progress: tpmscad.lattice(surface, progress=progress, **request),
         writing,
     )
 
@@ -131,7 +131,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
         progress_bar(f"{surface} slabs", writing.quiet) as progress,
         start_processes(jobs) as executor,
     ):
-        files = workflows.export_slabs(
+        files = tpmscad.export_slabs(
             surface,
             writing.output,
             slab=slab,
@@ -148,7 +148,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
 def make_copies(surface: str, request: Mapping[str, Any], writing: Writing) -> None:
     """Write a lattice as copies of one cell, and the certificate of the cell as JSON, and print both."""
     with report_unmet_request(writing.report), progress_bar(f"{surface} cell", writing.quiet) as progress:
-        file = workflows.export_instances(
+        file = tpmscad.export_instances(
             surface, writing.output, schema=writing.schema, verify=writing.verify, progress=progress, **request
         )
     write_report(writing.report, file.to_dict())

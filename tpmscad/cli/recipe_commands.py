@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tpmscad import recipe as recipes
 from tpmscad.cli.options import (
     AllowErrorsOption,
     ArrayTolOption,
@@ -67,7 +66,9 @@ def blend(
     """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid."""
 
     def read(progress: Progress) -> RecipeRun:
-        return recipes.BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
+        from tpmscad.recipe.recipe_runs import BlendRun  # loads NumPy
+
+        return BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
     writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
     _run(f"blending {recipe.name}", read, writing, report, quiet)
@@ -92,12 +93,14 @@ def solidify(
     """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array of numbers."""
 
     def read(progress: Progress) -> RecipeRun:
+        from tpmscad.recipe.recipe_runs import SolidRun  # loads NumPy
+
         if file.suffix.lower() == ".toml":
             given = {"level": level, "spacing": spacing, "origin": origin, "tol": tol}
             extra = [f"`{name}`" for name, value in given.items() if value is not None]
             if extra:
                 raise InvalidRequest(f"{', '.join(extra)}: a recipe says these itself; the options are for arrays")
-            return recipes.SolidRun.read(file, keep_loose=keep_loose)
+            return SolidRun.read(file, keep_loose=keep_loose)
         if file.suffix.lower() in INPUTS_OF_OTHER_COMMANDS:
             raise InvalidRequest(
                 f"{file.name} is no recipe and no array: {INPUTS_OF_OTHER_COMMANDS[file.suffix.lower()]}"
@@ -106,9 +109,7 @@ def solidify(
             raise InvalidRequest(
                 f"an array needs `level`: solid is where {file.name} exceeds it, such as 0.5 of a density"
             )
-        return recipes.SolidRun.sample(
-            file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose
-        )
+        return SolidRun.sample(file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose)
 
     writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
     _run(f"making {file.name}", read, writing, report, quiet)

@@ -8,8 +8,6 @@ from typing import Annotated, Literal
 
 import typer
 
-from tpmscad import recipe as recipes
-from tpmscad import workflows
 from tpmscad.catalogue import CATALOGUE
 
 MIN_WIDTH, MAX_WIDTH = 60, 100
@@ -27,6 +25,8 @@ KindArgument = Annotated[
 
 def surfaces(as_json: JsonOption = False) -> None:
     """List the surfaces: names, references, genus, space group, and the thickest wall that a sheet may have."""
+    from tpmscad.studies._thickest_wall import thickest_wall  # loads NumPy
+
     rows = [
         {
             "name": info.name,
@@ -37,7 +37,7 @@ def surfaces(as_json: JsonOption = False) -> None:
             "genus": info.genus,
             "space_group": info.space_group,
             "formula": info.formula,
-            "thickest_wall": workflows.thickest_wall(info.name),
+            "thickest_wall": thickest_wall(info.name),
         }
         for info in CATALOGUE.values()
     ]
@@ -73,10 +73,14 @@ wall would fold. --json prints the formulas, too."""
 
 def template(recipe: TemplateArgument) -> None:
     """Print a commented recipe, or a table, that runs as it is: save it, change it, and hand it to the command of that name."""
-    print(recipes.read_template(recipe), end="")
+    from tpmscad.recipe.key_reference import read_template  # loads NumPy
+
+    print(read_template(recipe), end="")
 
 
 def recipe_keys(kind: KindArgument = None) -> None:
     """List every kind of field that a recipe may hold, with its keys: type, unit, meaning and default."""
+    from tpmscad.recipe.key_reference import format_reference  # loads NumPy
+
     width = min(max(shutil.get_terminal_size().columns, MIN_WIDTH), MAX_WIDTH)
-    print(recipes.format_reference(kind, width=width))
+    print(format_reference(kind, width=width))

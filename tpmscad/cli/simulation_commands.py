@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from tpmscad import workflows
+import tpmscad
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.lattice_options import SurfaceArgument
 from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
@@ -143,7 +143,9 @@ def mesh(
     check_report(report)
     with report_unmet_request(report):
         with progress_bar(f"meshing {file.name}", quiet):
-            found = workflows.mesh_step(file, size, order, periodic, per_turn=per_turn, progress=False)
+            from tpmscad.studies._mesh_step import mesh_step  # loads the kernel
+
+            found = mesh_step(file, size, order, periodic, per_turn=per_turn, progress=False)
             found.write(output, version=version)
         quality = found.quality
         write_report(
@@ -194,7 +196,7 @@ def homogenize(
     check_report(report)
     with report_unmet_request(report):
         with progress_bar(f"homogenising {surface}", quiet) as progress:
-            found = workflows.homogenize(
+            found = tpmscad.homogenize(
                 surface,
                 volume_fraction=fraction,
                 kind=kind,
@@ -243,7 +245,7 @@ def permeability(
     )
     with report_unmet_request(report):
         with progress_bar(f"flow through the {surface}", quiet) as progress:
-            channel = workflows.lattice(  # what the box cuts off the channel belongs to it beyond the box
+            channel = tpmscad.lattice(  # what the box cuts off the channel belongs to it beyond the box
                 surface,
                 cell=cell,
                 kind="skeletal",
@@ -253,7 +255,7 @@ def permeability(
                 progress=progress,
                 **wall,
             )
-            found = workflows.permeability(channel, size=None if size is None else size * cell, progress=progress)
+            found = tpmscad.permeability(channel, size=None if size is None else size * cell, progress=progress)
         write_report(report, found.to_dict())
     if not quiet:
         print(found)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from tpmscad import workflows
+import tpmscad
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.cli.options import (
     OUTPUT_PANEL,
@@ -170,17 +170,17 @@ def check(
         given = ", ".join(f"--{name.replace('_', '-')}" for name in limits)
         raise typer.BadParameter(f"{given} limits the check before printing: add --print")
     with progress_bar(f"reading {file.name}", quiet):
-        found = workflows.check_step(file)
+        found = tpmscad.check_step(file)
     content, text = found.to_dict(), found.summary(verbose=verbose)
     if found.ok and (metrics or within):
         with progress_bar(f"measuring {file.name}", quiet):
-            measured = workflows.measure(file, within=within)
+            measured = tpmscad.measure(file, within=within)
         content["metrics"] = measured.to_dict()
         text += f"\n{measured}"
     faults: list[str] = []
     if found.ok and printing:
         with progress_bar(f"checking {file.name} before printing", quiet):
-            judged = workflows.check_print(file, **limits)
+            judged = tpmscad.check_print(file, **limits)
         content["print"] = judged.to_dict()
         text += f"\n{judged}"
         faults = [str(fault) for fault in judged.faults]
@@ -208,7 +208,7 @@ def render(
     validate_output_path(output, (".png",))
     with report_unmet_request(report):
         with progress_bar(f"drawing {file.name}", quiet):
-            workflows.render_step(
+            tpmscad.render_step(
                 file,
                 output,
                 **given_options(view=view, section=section, size=size, color_by=color_by, hide=hide or None),
@@ -228,7 +228,9 @@ def slice_file(
     validate_output_path(output, (".svg", ".cli", ".3mf"))
     with report_unmet_request(report):
         with progress_bar(f"slicing {file.name}", quiet):
-            found = workflows.slice_step(file, height, chord_error)
+            from tpmscad.studies._slice_step import slice_step  # loads the kernel
+
+            found = slice_step(file, height, chord_error)
             found.write(output)
         write_report(
             report,

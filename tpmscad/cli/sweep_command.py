@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from tpmscad import sweeps
+import tpmscad
 from tpmscad.cli.options import OUTPUT_PANEL, JobsOption, QuietOption, ReportOption
 from tpmscad.cli.output import check_report, progress_bar, write_report
 from tpmscad.errors import NotMet
@@ -59,7 +59,7 @@ def sweep(
 
     check_report(report)
     with progress_bar(f"sweep of {table.name}", quiet) as progress, start_processes(jobs) as executor:
-        results = sweeps.sweep(table, executor, output, metrics=metrics, properties=properties, progress=progress)
+        results = tpmscad.sweep(table, executor, output, metrics=metrics, properties=properties, progress=progress)
     write_report(report, results.to_dict())
     if not quiet:
         print(results)

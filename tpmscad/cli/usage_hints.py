@@ -6,10 +6,10 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tpmscad.api.public_calls import SYNONYMS
 from tpmscad.catalogue import find_surface
 from tpmscad.cli.options import remedy_for_number
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import SYNONYMS
 
 OPTION_SYNONYMS: Mapping[str, tuple[str, ...]] = {
     **{f"--{word.replace('_', '-')}": (f"--{keyword.replace('_', '-')}",) for word, keyword in SYNONYMS.items()},

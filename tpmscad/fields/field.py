@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import call_for_array, public
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import FieldEvaluation, FieldJet, Triple, is_grid, stack_points
-from tpmscad.fields.function_calls import (
+from tpmscad.fields.tape.evaluation import FieldEvaluation, FieldJet, Triple, is_grid, stack_points
+from tpmscad.fields.tape.function_calls import (
     DIFFERENCE_STEP,
     PROBE_POINTS,
     call_for_gradient,
@@ -31,8 +32,7 @@ from tpmscad.fields.function_calls import (
     describe_function,
     detect_coordinate_arguments,
 )
-from tpmscad.fields.tape_nodes import Node, choose_extreme, power
-from tpmscad.public_calls import call_for_array, public
+from tpmscad.fields.tape.tape_nodes import Node, choose_extreme, power
 
 EVERY_TRANSLATION: Triple = (0.0, 0.0, 0.0)
 """Periods of a constant field, which every translation leaves unchanged."""

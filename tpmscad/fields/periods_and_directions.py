@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.evaluation import Triple
+from tpmscad.fields.tape.evaluation import Triple
 
 Direction = str | Sequence[float]
 """A coordinate axis "x", "-x", "y", ..., or a vector (3,) of any length."""

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from scipy.integrate import quad_vec
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import call_for_array, public, public_constructor
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.spherical_charts import chart_along_equator, chart_from_pole
-from tpmscad.public_calls import call_for_array, public, public_constructor
 
 __all__ = ["Map", "as_map", "composition", "cylinder", "grading", "sphere", "stretching"]
 

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.api.public_calls import call_for_array
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.coordinate_maps import Map
-from tpmscad.public_calls import call_for_array
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
 

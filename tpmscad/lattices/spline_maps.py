@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.coordinate_maps import Map
-from tpmscad.public_calls import public
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.jacobian_bounds import bound_jacobian
 from tpmscad.splines.knots import bezier_knots

@@ -14,10 +14,10 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.errors import LevelSetError
+from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
+from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field, MinMaxField
-from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.fields.saddles import find_narrow_points, spread_directions
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.memory_limit import require_memory

@@ -16,7 +16,7 @@ from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fields.field import Field
-from tpmscad.fields.linear_extension import LinearExtension, extend_linearly
+from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset.adaptive_search import fit_level_set_adaptively, split_hidden_crossings
 from tpmscad.levelset.boundary_level_sets import (
     NarrowPlaces,
@@ -109,7 +109,7 @@ def fit_field_solid(
 ) -> FieldSolid:
     """The solid {field < 0} in the box [lo, hi], within tol of the field's level set in both directions, with few patches.
 
-    Arguments and errors as in `fit_field`. Betti numbers and volume are compared by the caller (`tpmscad.workflows.solidify`).
+    Arguments and errors as in `fit_field`. Betti numbers and volume are compared by the caller (`tpmscad.solidify`).
     """
     return measure_field_fit(simplify_field_fit(fit_field(field, lo, hi, tol, run_tasks=run_tasks)))
 

@@ -15,6 +15,7 @@ from scipy.sparse.csgraph import connected_components
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.api.public_calls import public
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import (
@@ -23,7 +24,6 @@ from tpmscad.meshing.element_shapes import (
     jacobian_coefficients,
     scaled_jacobians,
 )
-from tpmscad.public_calls import public
 
 AXES = ("x", "y", "z")
 

@@ -37,8 +37,8 @@ from tpmscad.blending import (
     SphereRadius,
     VolumeWeightSpec,
 )
+from tpmscad.blending._blend import METHODS, blend
 from tpmscad.blending.initial_weights import WEIGHT_NAMES, WeightSpec
-from tpmscad.blending.porous_blending import METHODS, blend
 from tpmscad.errors import InvalidRequest, RecipeError
 from tpmscad.fields import Field
 from tpmscad.fields.periods_and_directions import as_unit_vector

@@ -15,7 +15,7 @@ import numpy as np
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
-from tpmscad.fields.ramps import RampField
+from tpmscad.fields.kinds.ramps import RampField
 from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
 from tpmscad.recipe.image_masks import read_numpy_array
 from tpmscad.recipe.toml_entry import Entry

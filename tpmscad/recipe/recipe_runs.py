@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-from tpmscad import fields, workflows
+from tpmscad import fields
 from tpmscad._typing import Progress
 from tpmscad.blending import BlendResult
 from tpmscad.errors import NotMet
@@ -22,7 +22,7 @@ from tpmscad.recipe.solid_recipe import SolidDomain, SolidRecipe, read_solid_rec
 from tpmscad.recipe.toml_entry import read_document
 
 if TYPE_CHECKING:
-    from tpmscad.workflows import Model
+    from tpmscad.results.model import Model
 
 DEFAULT_TOL_SPACINGS = 0.1
 """In spacings of an array: the tolerance of its solid if none is given."""
@@ -118,8 +118,10 @@ class SolidRun:
 
     def describe(self) -> tuple[str, dict[str, Any]]:
         """The domain, the tolerance and the volume fraction; an error that making the solid would end in before its fits."""
+        from tpmscad.solids._preview_solid import preview_solid  # loads the kernel
+
         with self._locate_errors():
-            found = workflows.preview_solid(self.field, self.domain, tol=self.tol)
+            found = preview_solid(self.field, self.domain, tol=self.tol)
         box = [list(corner) for corner in found.box]
         content = {"domain": box, "tol": self.tol, "volume_fraction": found.volume_fraction}
         if self.recipe is not None:
@@ -144,5 +146,7 @@ def _format_corner(corner: Sequence[float]) -> str:
 
 def _make_solid(field: Field, domain: Any, tol: float, keep_loose: bool, progress: Progress | None) -> Model:
     """The solid of a field, with or without its loose pieces."""
+    from tpmscad.solids._solidify import solidify  # loads the kernel
+
     options: dict[str, Any] = {"loose": "keep"} if keep_loose else {}
-    return workflows.solidify(field, domain, tol=tol, progress=progress, **options)
+    return solidify(field, domain, tol=tol, progress=progress, **options)

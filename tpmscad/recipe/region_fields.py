@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tpmscad import fields, workflows
+import tpmscad
+from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields import Field
 from tpmscad.recipe.field_kind import FieldKind, Key, field_kind
@@ -36,7 +37,7 @@ def make_image_region(*, file: Path, lo: Any, hi: Any, axis: str, threshold: Any
 
 def make_body_field(*, file: Path) -> Field:
     """The signed distance to the solid of a STEP file."""
-    return workflows.body_field(file)
+    return tpmscad.body_field(file)
 
 
 REGION_KINDS: dict[str, FieldKind] = {

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from tpmscad.argument_kinds import GREATEST, show_value
+from tpmscad.api.argument_kinds import GREATEST, show_value
 from tpmscad.errors import RecipeError
 from tpmscad.recipe.key_changes import replace_values
 from tpmscad.recipe.key_lines import KeyPath, find_key_lines

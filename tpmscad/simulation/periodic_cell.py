@@ -19,9 +19,9 @@ from scipy import sparse
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
-from tpmscad.meshing import VolumeMesh
 from tpmscad.meshing.element_shapes import SHAPES, ElementShape
 from tpmscad.meshing.skfem_mesh import skfem_order
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.multigrid import solve
 
 VOIGT = ((0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1))

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.atomic_file import atomic_write, validate_output_path
-from tpmscad.public_calls import public
 from tpmscad.simulation.periodic_cell import VOIGT, IsotropicMaterial
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.meshing import VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.periodic_cell import (
     VOIGT,
     CellEquations,

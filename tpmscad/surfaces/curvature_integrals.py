@@ -28,8 +28,8 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.catalogue import find_surface
-from tpmscad.public_calls import public
 from tpmscad.splines.quadrature import gauss_legendre_unit, tensor_gauss_legendre
 from tpmscad.surfaces import minimal_patch
 from tpmscad.surfaces.differential_geometry import SEARCH_POINTS, area_element, dot, maximise_on_unit_square

@@ -13,8 +13,8 @@ from functools import cache
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.catalogue import find_surface
-from tpmscad.public_calls import public
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.surface_patch import primitive_patch
 

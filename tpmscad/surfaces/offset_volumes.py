@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from scipy.optimize import brentq
 
+from tpmscad.api.public_calls import public
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
 from tpmscad.surfaces.curvature_integrals import cell_measures
 
 OFFSET_ROOT_XTOL_CELLS = 1e-17

@@ -15,9 +15,9 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.plane_waves import NODAL_WAVES, PlaneWaves
 

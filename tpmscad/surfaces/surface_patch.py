@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
 from tpmscad.catalogue import SurfaceRecord, find_surface
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
 from tpmscad.surfaces import minimal_patch, nodal_patch
 from tpmscad.surfaces.differential_geometry import SurfaceJet, min_curvature_radius
 

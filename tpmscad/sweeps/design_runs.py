@@ -15,15 +15,15 @@ from typing import Any
 import numpy as np
 
 from tpmscad.errors import NotMet
+from tpmscad.files._check_step import check_step
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
-from tpmscad.workflows.homogenization import homogenize
-from tpmscad.workflows.lattice_infill import infill
-from tpmscad.workflows.lattice_request import lattice_size
-from tpmscad.workflows.lattice_solid import lattice
-from tpmscad.workflows.metrics import measure
-from tpmscad.workflows.model import Model
-from tpmscad.workflows.step_files import check_step
+from tpmscad.requests.lattice_request import lattice_size
+from tpmscad.results.model import Model
+from tpmscad.solids._infill import infill
+from tpmscad.solids._lattice import lattice
+from tpmscad.studies._homogenize import homogenize
+from tpmscad.studies._measure import measure
 
 FIGURES: Mapping[str, type] = {
     "met": bool,

@@ -16,18 +16,18 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from tpmscad.argument_kinds import show_value
-from tpmscad.argument_table import find_kind
+from tpmscad.api.argument_kinds import show_value
+from tpmscad.api.argument_table import find_kind
+from tpmscad.api.public_calls import SYNONYMS, read_value
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import SYNONYMS, read_value
+from tpmscad.files.file_formats import SUFFIXES
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import read_recipe
+from tpmscad.solids._infill import infill
+from tpmscad.solids._lattice import lattice
 from tpmscad.sweeps.cell_text import format_cell, is_blank, parse_cell
-from tpmscad.workflows.file_formats import SUFFIXES
-from tpmscad.workflows.lattice_infill import infill
-from tpmscad.workflows.lattice_solid import lattice
 
 FILE = "file"
 NOT_IN_A_TABLE = ("map", "progress")

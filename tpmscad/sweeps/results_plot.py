@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
-from tpmscad.argument_kinds import show_value
+from tpmscad.api.argument_kinds import show_value
 from tpmscad.errors import InvalidRequest
 from tpmscad.sweeps.cell_text import format_cell
 

@@ -5,34 +5,6 @@ The solid of samples f at a level c is {f <= c}. The union-find sweeps count and
 `persistence_diagram` computes all three dimensions with gudhi, for inspection.
 """
 
-from tpmscad.topology.components import (
-    LabelledComponents,
-    count_components_and_cavities,
-    label_cavities,
-    label_components,
-)
-from tpmscad.topology.cubical_betti import Betti, betti, bound_component_counts, euler_characteristic
-from tpmscad.topology.diagrams import PersistenceDiagram, persistence_diagram
-from tpmscad.topology.persistence import PersistencePairs, compute_pairs_at_level, compute_persistence
-from tpmscad.topology.voxels import CONNECTIVITY
+from tpmscad._lazy_import import attach_stub
 
-__all__ = [
-    "CONNECTIVITY",
-    "Betti",
-    "LabelledComponents",
-    "PersistenceDiagram",
-    "PersistencePairs",
-    "betti",
-    "bound_component_counts",
-    "compute_pairs_at_level",
-    "compute_persistence",
-    "count_components_and_cavities",
-    "euler_characteristic",
-    "label_cavities",
-    "label_components",
-    "persistence_diagram",
-]
-
-
-def __dir__() -> list[str]:
-    return sorted(__all__)
+__getattr__, __dir__, __all__ = attach_stub(__name__, __file__)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.public_calls import public
+from tpmscad.api.public_calls import public
 from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array, find_root
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.public_calls import public
+from tpmscad.api.public_calls import public
 from tpmscad.topology.components import count_components_and_cavities
 from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.argument_table import VALUES
+from tpmscad.api.argument_table import VALUES
+from tpmscad.api.public_calls import call_for_array, public, read_value
 from tpmscad.errors import InvalidRequest
 from tpmscad.memory_limit import require_memory
-from tpmscad.public_calls import call_for_array, public, read_value
 from tpmscad.topology.voxels import Convention
 
 DEFAULT_SAMPLES = 64

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.api.public_calls import public
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import public
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
 from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array

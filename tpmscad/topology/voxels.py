@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.argument_table import VALUES
+from tpmscad.api.argument_table import VALUES
+from tpmscad.api.public_calls import read_value
 from tpmscad.errors import InvalidRequest
-from tpmscad.public_calls import read_value
 
 Labels = NDArray[np.int32]
 Convention = Literal["vertices", "top_cells", "strict"]

@@ -33,7 +33,7 @@ from tpmscad.trimming.intersect.patch_surface import collect_imprints, intersect
 from tpmscad.trimming.operands.face_regions import build_face_regions
 from tpmscad.trimming.operands.patch_sides import read_patch_sides, read_patches, read_spline_curves
 from tpmscad.trimming.operands.trimming_body import prepare_trimming_body
-from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains, rebuild_domains, tighten_domains
+from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains, rebuild_domains, restrict_domains
 
 DEFAULT_TOL = 1e-7
 """Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
@@ -158,7 +158,7 @@ def _trim_with_shifts(
         try:
             arrangement = compute_arrangement(shifted, clear_sides)
             result = rebuild_domains(arrangement, domains, [partial(classify, shifted, d) for d in domains])
-            result = tighten_domains(result)
+            result = restrict_domains(result)
         except (TrimmingError, LoopError) as error:
             failure = failure or str(error)
             continue

@@ -16,8 +16,8 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.constraints import WeightConstraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
-from tpmscad.fields.sample_grid import SampleGrid
-from tpmscad.fields.tape_nodes import Node
+from tpmscad.fields.data.sample_grid import SampleGrid
+from tpmscad.fields.tape.tape_nodes import Node
 
 GridWindow = tuple[slice, slice, slice]
 

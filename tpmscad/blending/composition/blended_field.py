@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_weight
 from tpmscad.fields import Field
+from tpmscad.fields.data.sample_grid import BoxBounds
 from tpmscad.fields.field import ConstantField
-from tpmscad.fields.sample_grid import BoxBounds
-from tpmscad.fields.tape_nodes import Node, clamp, select
+from tpmscad.fields.tape.tape_nodes import Node, clamp, select
 
 
 @dataclass(frozen=True, slots=True, eq=False)

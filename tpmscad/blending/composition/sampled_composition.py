@@ -15,7 +15,7 @@ from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.defects import PhaseComponents, label_solid, label_void
 from tpmscad.blending.weights.volume_weight_fit import StageMasks
 from tpmscad.blending.weights.weight_protocol import WeightFunction
-from tpmscad.fields.sample_grid import SampleGrid, sample_field
+from tpmscad.fields.data.sample_grid import SampleGrid, sample_field
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,8 @@ from tpmscad.blending.composition.defects import DefectCensus, PhaseComponents, 
 from tpmscad.blending.composition.sampled_composition import SampledComposition, sample_composition
 from tpmscad.blending.weights.volume_weight_fit import refine_weight
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
-from tpmscad.fields.saddles import Neck
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.analysis.saddles import Neck
+from tpmscad.fields.data.sample_grid import SampleGrid
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -24,7 +24,14 @@ from tpmscad.blending.optimise.blend_state import BlendProblem, BlendState, Opti
 from tpmscad.blending.optimise.constraint_rounds import ConstrainedWeights, evaluate_and_repair, start_unconstrained
 from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.blending.weights.line_weight import LineWeight
-from tpmscad.fields.saddles import RAY_DIRECTIONS, Neck, Saddles, find_saddles, measure_neck_widths, spread_directions
+from tpmscad.fields.analysis.saddles import (
+    RAY_DIRECTIONS,
+    Neck,
+    Saddles,
+    find_saddles,
+    measure_neck_widths,
+    spread_directions,
+)
 
 MAX_WIDENING_ROUNDS = 8
 

@@ -29,8 +29,8 @@ from tpmscad.blending.optimise.constraint_rounds import (
 )
 from tpmscad.blending.weights.constraints import WeightConstraints, make_sign_constraints
 from tpmscad.fields import Field
-from tpmscad.fields.saddles import spread_directions
-from tpmscad.fields.sample_grid import POINTS_PER_SLAB, SampleGrid
+from tpmscad.fields.analysis.saddles import spread_directions
+from tpmscad.fields.data.sample_grid import POINTS_PER_SLAB, SampleGrid
 
 MAX_CANDIDATE_VALUE_RMS = 0.3
 """Greatest |f| of a candidate, as a fraction of the field's rms where stages mix."""

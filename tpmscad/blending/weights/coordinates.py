@@ -11,9 +11,9 @@ from typing import Protocol
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.api.public_calls import public_constructor
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.tape_nodes import Node, norm, sum_nodes
-from tpmscad.public_calls import public_constructor
+from tpmscad.fields.tape.tape_nodes import Node, norm, sum_nodes
 
 Vector = tuple[float, float, float]
 

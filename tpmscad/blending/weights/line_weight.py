@@ -20,8 +20,8 @@ from scipy.sparse import csr_array
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.sample_grid import grid_points
-from tpmscad.fields.tape_nodes import Node, clamp, piecewise_polynomial
+from tpmscad.fields.data.sample_grid import grid_points
+from tpmscad.fields.tape.tape_nodes import Node, clamp, piecewise_polynomial
 from tpmscad.splines.basis import power_coefficients
 
 MIN_FREE_COEFFICIENTS = 8

@@ -14,7 +14,7 @@ from scipy.interpolate import BSpline, NdBSpline
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.fields.tape_nodes import Node, clamp, tensor_spline
+from tpmscad.fields.tape.tape_nodes import Node, clamp, tensor_spline
 from tpmscad.splines.tensor_product import evaluate_tensor_product
 
 IntTriple = tuple[int, int, int]

@@ -30,7 +30,7 @@ from tpmscad.blending.weights.volume_weight import (
 )
 from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.sample_grid import SampleGrid
+from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.splines.knots import insert_knot
 
 MAX_COEFFICIENTS = 4_000_000

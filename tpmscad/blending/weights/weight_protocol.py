@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_array
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.fields.evaluation import FieldJet, stack_points
-from tpmscad.fields.tape_nodes import Node
+from tpmscad.fields.tape.evaluation import FieldJet, stack_points
+from tpmscad.fields.tape.tape_nodes import Node
 
 
 class WeightFunction(Protocol):

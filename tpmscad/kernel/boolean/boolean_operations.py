@@ -21,11 +21,11 @@ from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, to_build123d
 from tpmscad.kernel.occt.exploration import count_subshape_uses, list_subshapes, solids_of
-from tpmscad.kernel.occt.shape_bundles import Dismantled, pack_results, unpack_result
+from tpmscad.kernel.occt.shape_pickling import Dismantled, pack_results, unpack_result
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class KernelSolids:
+class OcctSolids:
     """OCCT solids without a boundary representation, largest first. `shape` is the solid, or a compound of several."""
 
     solids: tuple[Any, ...]
@@ -53,8 +53,8 @@ class KernelSolids:
         return unpack_result, pack_results([self.dismantle()])
 
 
-def _assemble_kernel_solids(solids: Sequence[Any], faces: Sequence[Any]) -> KernelSolids:
-    return KernelSolids(tuple(solids))
+def _assemble_kernel_solids(solids: Sequence[Any], faces: Sequence[Any]) -> OcctSolids:
+    return OcctSolids(tuple(solids))
 
 
 @contextmanager

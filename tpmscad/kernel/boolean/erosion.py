@@ -27,10 +27,10 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane, SphericalSurface
 from tpmscad.errors import KernelError
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
+from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import modified_faces, translate_occt_errors
 from tpmscad.kernel.boolean.offset_carriers import CarrierPiece, find_sharp_edges, offset_pieces
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
-from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import sample_edge
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt import convert

@@ -17,8 +17,8 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Wire
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import LoopError, nest_loops
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.shell_assembly import assemble_solids
-from tpmscad.kernel.measure.cad_body import CadBody
 from tpmscad.kernel.measure.shape_sampling import find_creases, sample_edge, sample_faces
 from tpmscad.kernel.measure.skin_depth import SkinDepth
 from tpmscad.kernel.occt import convert

@@ -8,7 +8,7 @@ from OCP.gp import gp_Ax2, gp_Dir, gp_Pnt
 from OCP.TopoDS import TopoDS_Shape
 
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.primitive_regions import BoxRegion, CylinderRegion, SphereRegion
+from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, SphereRegion
 
 PrimitiveRegion = BoxRegion | SphereRegion | CylinderRegion
 """Regions of `tpmscad.fields` that stand for the solids they describe."""

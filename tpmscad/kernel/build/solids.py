@@ -41,12 +41,12 @@ from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid, to_build123d
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.shape_bundles import Dismantled
+from tpmscad.kernel.occt.shape_pickling import Dismantled
 from tpmscad.splines.bspline import BSplineSurface
 
 
 @dataclass(frozen=True, eq=False)
-class BuiltSolids:
+class BrepSolids:
     """OCCT solids of a boundary representation, made when they are first asked for.
 
     brep: the boundary representation. nesting: the faces of each solid. known_faces: its OCCT faces, if they were made already.
@@ -88,14 +88,14 @@ class BuiltSolids:
         return (), self.faces, partial(_assemble_solids, self.brep, self.nesting)
 
     def __reduce__(self) -> Any:
-        return BuiltSolids, (self.brep, self.nesting)  # the shapes are made anew where they are asked for
+        return BrepSolids, (self.brep, self.nesting)  # the shapes are made anew where they are asked for
 
 
-def _assemble_solids(brep: Brep, nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BuiltSolids:
-    return BuiltSolids(brep, nested, tuple(faces))
+def _assemble_solids(brep: Brep, nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BrepSolids:
+    return BrepSolids(brep, nested, tuple(faces))
 
 
-def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BuiltSolids:
+def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BrepSolids:
     """Solids bounded by a closed boundary representation, in model units, largest first.
 
     `moments` are those of its faces, if known already; the result holds them in `nesting`. Raises KernelError if an edge does not
@@ -115,7 +115,7 @@ def _nest_and_collect(
     faces: tuple[TopoDS_Face, ...] | None,
     members: Sequence[IntArray],
     moments: integral_properties.FaceMoments | None = None,
-) -> BuiltSolids:
+) -> BrepSolids:
     """The solids of faces grouped by shells; faces and shells are made when they are needed."""
     shells: dict[int, TopoDS_Shell] = {}
 
@@ -128,7 +128,7 @@ def _nest_and_collect(
         return shell_contains(shells[number], point)
 
     nested = nest_shells(brep, contains, moments)
-    return BuiltSolids(brep, nested, faces)
+    return BrepSolids(brep, nested, faces)
 
 
 def _split_by_shell(label: IntArray, count: int) -> list[IntArray]:
@@ -136,7 +136,7 @@ def _split_by_shell(label: IntArray, count: int) -> list[IntArray]:
     return np.split(np.argsort(label, kind="stable"), np.cumsum(np.bincount(label, minlength=count))[:-1])
 
 
-def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tuple[Brep, BuiltSolids]:
+def select_solids(brep: Brep, built: BrepSolids, selected: Sequence[int]) -> tuple[Brep, BrepSolids]:
     """Some of the solids of `built`, with the boundary representation of these alone; faces that are known stay the same."""
     nesting = built.nesting
     pieces = [nesting.shells_of_solid[s] for s in selected]
@@ -154,7 +154,7 @@ def select_solids(brep: Brep, built: BuiltSolids, selected: Sequence[int]) -> tu
     )
     part = drop_unused_geometry(select_faces(brep, faces))
     known = None if built.known_faces is None else tuple(built.known_faces[f] for f in faces.tolist())
-    return part, BuiltSolids(part, kept, known)
+    return part, BrepSolids(part, kept, known)
 
 
 def shell_contains(shell: TopoDS_Shell, point: Array) -> bool:
@@ -228,7 +228,7 @@ def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
     return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
 
 
-def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]) -> tuple[BuiltSolids, ...]:
+def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]) -> tuple[BrepSolids, ...]:
     """Solids of each region, largest first. `members[r]` are the faces of `brep` from which region r is made."""
     faces = build_faces(brep)
     result = []

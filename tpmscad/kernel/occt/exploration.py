@@ -15,7 +15,7 @@ from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
 
 from tpmscad._typing import Array
-from tpmscad.argument_kinds import show_value
+from tpmscad.api.argument_kinds import show_value
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt import convert
 

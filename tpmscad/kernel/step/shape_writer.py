@@ -18,7 +18,7 @@ from OCP.TopExp import TopExp_Explorer
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write, validate_output_path
-from tpmscad.brep.piece_names import name_pieces
+from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of, vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid

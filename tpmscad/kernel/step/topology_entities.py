@@ -15,7 +15,7 @@ from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.loops import signed_area
-from tpmscad.brep.piece_names import name_pieces
+from tpmscad.brep.solid_names import name_pieces
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.geometry_entities import (
     PlacedGeometry,

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.fields.linear_extension import LinearExtension
+from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.network_fit import ITEMS_PER_TASK, NetworkFit
 from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples

@@ -32,8 +32,8 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.levelset.fit.hard_rows import HardRows
+from tpmscad.fields.kinds.linear_extension import LinearExtension
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
 from tpmscad.levelset.fit.least_squares import unit_vectors
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
@@ -120,7 +120,7 @@ def fit_normals(field: Field, curves: Array, ends: EndShapes, starts: SpokeStart
     wanted = unit_vectors(field.gradient(basis @ curves))
     system = NormalEquations(degree - 1, len(curves))
     system.add_point_rows(curve_basis(basis[:, 1:-1]), wanted, wanted - basis @ normals, 1.0)
-    conditions = HardRows.factorise(rows.reshape(*rows.shape[:2], -1))
+    conditions = EqualityConstraints.factorise(rows.reshape(*rows.shape[:2], -1))
     normals[:, 1:-1] += system.solve_subject_to(conditions, target)
     return normals
 

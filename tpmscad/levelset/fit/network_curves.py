@@ -6,8 +6,8 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.fields.field import Field
-from tpmscad.fields.linear_extension import LinearExtension
-from tpmscad.levelset.fit.hard_rows import HardRows
+from tpmscad.fields.kinds.linear_extension import LinearExtension
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
 from tpmscad.levelset.fit.joint_normals import EndShapes, match_end_curvatures
 from tpmscad.levelset.fit.least_squares import (
     FAIRNESS_WEIGHT,
@@ -77,14 +77,14 @@ def fit_curves(field: Field, start: Array, end: Array, fixed: BoolArray, degree:
     return poles
 
 
-def hold_end_poles(normals: Array, count: int) -> HardRows:
+def hold_end_poles(normals: Array, count: int) -> EqualityConstraints:
     """Conditions on the components of the first and the last of `count` poles along normals (n, 2, 3).
 
     Where a normal vanishes there is no condition.
     """
     rows = np.zeros((len(normals), 2, count, 3))
     rows[:, 0, 0], rows[:, 1, -1] = normals[:, 0], normals[:, 1]
-    return HardRows.factorise(rows.reshape(len(normals), 2, -1))
+    return EqualityConstraints.factorise(rows.reshape(len(normals), 2, -1))
 
 
 def _resample_by_arc_length(points: Array, t: Array) -> Array:

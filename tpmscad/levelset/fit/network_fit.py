@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.fit.hard_rows import HardRows
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
 from tpmscad.levelset.fit.joint_normals import EndShapes, SpokeStarts, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.least_squares import (
     FAIRNESS_WEIGHT,
@@ -108,7 +108,7 @@ def fit_patches(field: Field, border: list[Array], normals: list[Array]) -> Arra
     free = np.zeros((len(poles), 3), bool)
     products = [_normal_products(p, q, side, along) for side, along in enumerate(normals)]
     rows = np.concatenate([_rows_of_inner_poles(p, q, side, each) for side, each in enumerate(products)], axis=1)
-    conditions = HardRows.factorise(rows)
+    conditions = EqualityConstraints.factorise(rows)
     for _ in range(FIT_PASSES):
         # the unknowns are corrections of the poles: small next to the coordinates, they keep all their digits
         points = evaluate_bezier_patches(bu, poles, bv)

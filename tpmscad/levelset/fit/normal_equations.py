@@ -12,7 +12,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.levelset.fit.hard_rows import HardRows, add_row_sum
+from tpmscad.levelset.fit.equality_constraints import EqualityConstraints, add_row_sum
 
 Basis = tuple[Array, Array]
 """Values of the basis functions in u, (a, k), and in v, (b, l): together k l functions at a b points, u first."""
@@ -48,7 +48,7 @@ class NormalEquations:
             self.matrix[:, axis::3, axis::3] += rows[:, unknown]
         self.rhs -= (rows @ poles).reshape(self.rhs.shape)
 
-    def solve_subject_to(self, conditions: HardRows, target: Array) -> Array:
+    def solve_subject_to(self, conditions: EqualityConstraints, target: Array) -> Array:
         """Poles (n, unknowns, 3) that minimise the sum of squares and meet conditions on the unknowns, pole by pole."""
         return conditions.minimise(self.matrix, self.rhs, target).reshape(len(self.rhs), -1, 3)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array
-from tpmscad.levelset.fit.hard_rows import add_row_sum
+from tpmscad.levelset.fit.equality_constraints import add_row_sum
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 BasisAndSlopes = tuple[Array, Array]

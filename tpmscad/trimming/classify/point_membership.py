@@ -14,8 +14,8 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.face_regions import FaceRegion
-from tpmscad.trimming.operands.implicit_surfaces import CONE, CYLINDER, MIN_DIVISOR_LENGTH, PLANE, SPHERE
 from tpmscad.trimming.operands.patch_sides import PatchSides, read_patches
+from tpmscad.trimming.operands.quadric_table import CONE, CYLINDER, MIN_DIVISOR_LENGTH, PLANE, SPHERE
 from tpmscad.trimming.operands.trimming_body import TrimmingBody
 
 UNDECIDED_FRACTION = 1e-3

@@ -19,7 +19,7 @@ from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.intersect.arrangement import FittedArc
 from tpmscad.trimming.intersect.curve_parametrisation import PatchSurfacePairs, map_foci_to_space
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
+from tpmscad.trimming.operands.quadric_table import QuadricTable
 
 CURVE_DEGREE = 7
 """Degree of fitted curves: among 5 to 13 it needs the fewest poles, together with 9."""
@@ -51,7 +51,7 @@ class CoarsePath:
 
 
 def fit_arcs(
-    patches: Sequence[BSplineSurface], implicit: ImplicitSurfaces, paths: Sequence[CoarsePath], tol: float
+    patches: Sequence[BSplineSurface], implicit: QuadricTable, paths: Sequence[CoarsePath], tol: float
 ) -> tuple[FittedArc, ...]:
     """The arcs of n patches of one spline space with n implicit surfaces along n paths, within tol.
 

@@ -23,7 +23,7 @@ from tpmscad.trimming.intersect.arrangement import (
     CurveSurfaceIntersections,
 )
 from tpmscad.trimming.intersect.curve_surface import evaluate_segments, intersect_segments, split_segments
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
+from tpmscad.trimming.operands.quadric_table import QuadricTable
 
 SAMPLES_PER_CURVE = 129
 """Samples along a curve without a closed form; the nearest one starts Newton's method."""
@@ -217,7 +217,7 @@ def _evaluate_patch_parameters(a: Arrangement, roots: CurveSurfaceIntersections,
 
 
 def _project_to_two_surfaces(
-    a: Arrangement, face: IntArray, uv: Array, own: ImplicitSurfaces, other: ImplicitSurfaces
+    a: Arrangement, face: IntArray, uv: Array, own: QuadricTable, other: QuadricTable
 ) -> Array:
     """Points (m, 3) on patches `face` and on two surfaces each, by Newton's method from (u, v) (m, 2)."""
     faces = a.operands.lattice.faces

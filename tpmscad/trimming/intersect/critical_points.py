@@ -19,7 +19,7 @@ from tpmscad.errors import TrimmingError
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.intersect.patch_borders import grid_corners
-from tpmscad.trimming.operands.implicit_surfaces import ComposedDistance, ImplicitSurfaces, evaluate_second_jet
+from tpmscad.trimming.operands.quadric_table import ComposedDistance, QuadricTable, evaluate_second_jet
 
 SADDLE_BLOCK_SPACINGS = np.array([-0.4, -0.15, 0.15, 0.4])
 """Lines about a saddle in the surface, in grid spacings: the rim of the 3 x 3 cells separates four arms at any angle."""
@@ -66,7 +66,7 @@ def find_critical_points(distance: BSplineSurface | ComposedDistance, us: Array,
 
 
 def detect_critical_points(
-    surface: BSplineSurface, implicit: ImplicitSurfaces, g: Array, gu: Array, gv: Array, us: Array, vs: Array
+    surface: BSplineSurface, implicit: QuadricTable, g: Array, gu: Array, gv: Array, us: Array, vs: Array
 ) -> BoolArray:
     """The distances with a critical point as in `find_critical_points`: (m,).
 
@@ -167,7 +167,7 @@ def _iterate_to_critical_point(
     return None
 
 
-def _evaluate_critical_values(surface: BSplineSurface, implicit: ImplicitSurfaces, start: Array, h: Array) -> Array:
+def _evaluate_critical_values(surface: BSplineSurface, implicit: QuadricTable, start: Array, h: Array) -> Array:
     """The distances at which Newton's method ends from `start` (n, 2); infinite if it leaves the patch by more than h."""
     low, high = np.array(surface.domain).T
     low, high = low - h, high + h
@@ -189,7 +189,7 @@ def _evaluate_critical_values(surface: BSplineSurface, implicit: ImplicitSurface
     return result
 
 
-def _evaluate_second_jets(surface: BSplineSurface, implicit: ImplicitSurfaces, at: Array) -> tuple[Array, Array, Array]:
+def _evaluate_second_jets(surface: BSplineSurface, implicit: QuadricTable, at: Array) -> tuple[Array, Array, Array]:
     """Values (n,), gradients (n, 2) and Hessians (n, 2, 2) by u and v of n distances, at one point each."""
     bu = np.stack(design_matrices(surface.knots_u, surface.degree_u, at[:, 0], (0, 1, 2)))
     bv = np.stack(design_matrices(surface.knots_v, surface.degree_v, at[:, 1], (0, 1, 2)))

@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.operands.implicit_surfaces import CONE, MIN_DIVISOR_LENGTH, ImplicitSurfaces
+from tpmscad.trimming.operands.quadric_table import CONE, MIN_DIVISOR_LENGTH, QuadricTable
 
 TURN_PER_LENGTH_RAD = 4.0
 """Turning angle, in radians, that has the weight of the curve's whole length."""
@@ -53,7 +53,7 @@ class PatchSurfacePairs:
 
     poles: Array
     space: tuple[Array, Array, int, int]
-    surfaces: ImplicitSurfaces
+    surfaces: QuadricTable
     foci: Array
     follows_turning: bool = True
     follows_pcurves: bool = False

@@ -27,7 +27,7 @@ from tpmscad.trimming.intersect.arrangement import (
     CurveSurfaceIntersections,
     SubSegments,
 )
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces, group_rows
+from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
 SAMPLES_PER_SEGMENT = 34
 """Samples along a segment; between two samples the distance is assumed to have at most one extremum."""
@@ -92,7 +92,7 @@ def check_tangencies(a: Arrangement) -> None:
 def intersect_segments(
     curves: Sequence[BSplineCurve],
     segments: CurveSegments,
-    surfaces: ImplicitSurfaces,
+    surfaces: QuadricTable,
     on_surface: BoolArray,
     wanted: BoolArray,
     snap: float,
@@ -152,7 +152,7 @@ def _intersect_classes(
     curves: Sequence[BSplineCurve],
     segments: CurveSegments,
     segment: IntArray,
-    surfaces: ImplicitSurfaces,
+    surfaces: QuadricTable,
     ends_on: BoolArray,
     snap: float,
     zero_tol: float,
@@ -178,7 +178,7 @@ def _intersect_classes(
 class _DistanceAlongCurves:
     """The distances from m surfaces along m curves (m, N, 3) of one spline space; the surfaces are all planes, or none is."""
 
-    def __init__(self, knots: Array, degree: int, poles: Array, surfaces: ImplicitSurfaces) -> None:
+    def __init__(self, knots: Array, degree: int, poles: Array, surfaces: QuadricTable) -> None:
         self.knots, self.degree, self.poles, self.surfaces = knots, degree, poles, surfaces
         self.coefficients = None
         if surfaces.is_plane.all():

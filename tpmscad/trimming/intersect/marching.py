@@ -24,9 +24,9 @@ from tpmscad.trimming.intersect.patch_borders import (
     place_grid_lines,
     side_fractions,
 )
-from tpmscad.trimming.operands.implicit_surfaces import (
+from tpmscad.trimming.operands.quadric_table import (
     ComposedDistance,
-    ImplicitSurfaces,
+    QuadricTable,
     compose_with_patch,
     evaluate_second_jet,
 )
@@ -76,7 +76,7 @@ EMPTY_TRACE = Trace((), 0, np.zeros((0, 2)), np.zeros(4, np.int64), np.zeros((0,
 
 def march_patch(
     surface: BSplineSurface,
-    implicit: ImplicitSurfaces,
+    implicit: QuadricTable,
     borders: tuple[BorderSide, ...],
     on_corner: BoolArray,
     zero_tol: float,

@@ -24,7 +24,7 @@ from tpmscad.trimming.intersect.marching import (
     march_patch,
 )
 from tpmscad.trimming.intersect.patch_borders import CELLS_U, CELLS_V, BorderSide, grid_corners, side_fractions
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces
+from tpmscad.trimming.operands.quadric_table import QuadricTable
 
 PATCHES_PER_BATCH = 32
 """Patches per batch: their grids fit in the processor's cache."""
@@ -32,7 +32,7 @@ PATCHES_PER_BATCH = 32
 
 def march_patches(
     patches: Sequence[BSplineSurface],
-    implicit: ImplicitSurfaces,
+    implicit: QuadricTable,
     borders: Sequence[tuple[BorderSide, ...]],
     on_corner: BoolArray,
     zero_tol: float,
@@ -59,7 +59,7 @@ def march_patches(
 
 
 def _skip_missed_patches(
-    patch: BSplineSurface, planes: ImplicitSurfaces, on_corner: BoolArray, at: IntArray, traces: list[Trace | None]
+    patch: BSplineSurface, planes: QuadricTable, on_corner: BoolArray, at: IntArray, traces: list[Trace | None]
 ) -> BoolArray:
     """The planes that miss the convex hull of the patch's poles (m,); their traces are entered in `traces` at `at`."""
     values = patch.poles.reshape(-1, 3) @ planes.axis.T + planes.parameter_a
@@ -80,7 +80,7 @@ class _MarchingGrid:
     bases: tuple[Array, Array, Array, Array]
     jet: tuple[Array, Array, Array]
 
-    def evaluate_distances(self, implicit: ImplicitSurfaces) -> tuple[Array, Array, Array]:
+    def evaluate_distances(self, implicit: QuadricTable) -> tuple[Array, Array, Array]:
         """The distances from m surfaces, all planes or none, and their derivatives by u and by v: (m, nu, nv) each."""
         shape = len(implicit), len(self.us), len(self.vs)
         if implicit.is_plane.all():
@@ -120,7 +120,7 @@ def _tabulate_borders(borders: Sequence[tuple[BorderSide, ...]]) -> _BorderTable
 
 
 def _march_simple_patches(
-    grid: _MarchingGrid, implicit: ImplicitSurfaces, borders: _BorderTable, on_corner: BoolArray
+    grid: _MarchingGrid, implicit: QuadricTable, borders: _BorderTable, on_corner: BoolArray
 ) -> list[Trace | None]:
     """The traces of the simple ones of m patches, None for the others."""
     g, gu, gv = grid.evaluate_distances(implicit)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.operands.implicit_surfaces import ComposedDistance
+from tpmscad.trimming.operands.quadric_table import ComposedDistance
 
 CELLS_U, CELLS_V = 33, 37
 """Cells of the grid, odd and coprime: no line or diagonal of symmetry passes through a grid node."""

@@ -27,7 +27,7 @@ from tpmscad.trimming.intersect.arrangement import (
 from tpmscad.trimming.intersect.marching import ArcEnd, Trace
 from tpmscad.trimming.intersect.marching_batched import march_patches
 from tpmscad.trimming.intersect.patch_borders import BorderSide
-from tpmscad.trimming.operands.implicit_surfaces import ImplicitSurfaces, group_rows
+from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +44,7 @@ class _PairClasses:
     first: IntArray
     label: IntArray
     carrier: IntArray
-    surfaces: ImplicitSurfaces
+    surfaces: QuadricTable
     on_corner: BoolArray
     borders: list[tuple[BorderSide, ...]]
 

@@ -18,11 +18,11 @@ from tpmscad.brep.carriers import Carrier, Circle, EdgeCurve, Plane, Quadric
 from tpmscad.errors import InvalidRequest, TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-from tpmscad.trimming.operands.implicit_surfaces import (
+from tpmscad.trimming.operands.quadric_table import (
     CONE,
     CYLINDER,
     PLANE,
-    ImplicitSurfaces,
+    QuadricTable,
     build_implicit_surfaces,
     group_rows,
 )
@@ -58,7 +58,7 @@ class TrimmingBody:
     """
 
     brep: Brep
-    surfaces: ImplicitSurfaces
+    surfaces: QuadricTable
     n_surfaces: int
     carriers: tuple[Plane | Quadric, ...]
     surface_of_face: IntArray
@@ -129,11 +129,11 @@ def _place_curve(curve: EdgeCurve, motion: Motion) -> EdgeCurve:
 
 
 def _choose_separating_surfaces(
-    surfaces: ImplicitSurfaces, pairs: IntArray, spans: Array, curves: tuple[EdgeCurve, ...], size: float
-) -> tuple[ImplicitSurfaces, IntArray]:
+    surfaces: QuadricTable, pairs: IntArray, spans: Array, curves: tuple[EdgeCurve, ...], size: float
+) -> tuple[QuadricTable, IntArray]:
     """The surfaces with normal surfaces appended, and the separating surfaces (M, 2) of edges between `pairs` (M, 2) of them."""
     separating = pairs[:, ::-1].copy()
-    appended: list[ImplicitSurfaces] = []
+    appended: list[QuadricTable] = []
     for e, (curve, (low, high), pair) in enumerate(zip(curves, spans, pairs, strict=True)):
         t = low + (high - low) * EDGE_SAMPLE_FRACTIONS
         points = curve(t)
@@ -157,13 +157,13 @@ def _choose_separating_surfaces(
                 "which is neither a line nor a circle"
             )
     rows = [surfaces, *appended]
-    joined = ImplicitSurfaces(
-        *(np.concatenate([getattr(r, name) for r in rows]) for name in ImplicitSurfaces.__dataclass_fields__)
+    joined = QuadricTable(
+        *(np.concatenate([getattr(r, name) for r in rows]) for name in QuadricTable.__dataclass_fields__)
     )
     return joined, separating
 
 
-def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, normals: Array) -> ImplicitSurfaces | None:
+def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, normals: Array) -> QuadricTable | None:
     """The ruled surface of the normals along a line or a circle; None along other curves."""
     if isinstance(curve, Circle):
         arm = points[0] - curve.origin
@@ -183,8 +183,8 @@ def _build_normal_surface(curve: EdgeCurve, points: Array, tangents: Array, norm
     return None
 
 
-def _build_surface_row(kind: int, point: Array, axis: Array, a: float) -> ImplicitSurfaces:
-    return ImplicitSurfaces(np.array([kind]), point[None], axis[None], np.array([a]), np.zeros(1))
+def _build_surface_row(kind: int, point: Array, axis: Array, a: float) -> QuadricTable:
+    return QuadricTable(np.array([kind]), point[None], axis[None], np.array([a]), np.zeros(1))
 
 
 def _bound_faces(brep: Brep, carriers: tuple[Plane | Quadric, ...], curves: tuple[EdgeCurve, ...]) -> Array:

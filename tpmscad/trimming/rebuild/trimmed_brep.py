@@ -15,7 +15,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity, loops
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces, select_faces
 from tpmscad.brep.carriers import EdgeCurve, Plane
-from tpmscad.brep.tight_carriers import restrict_carriers
+from tpmscad.brep.restricted_surfaces import restrict_carriers
 from tpmscad.errors import TrimmingError
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve
@@ -109,7 +109,7 @@ def rebuild_domains(
     return TrimmedDomains(breps, *_share_faces(a, domains, faces, kept, caps, tables))
 
 
-def tighten_domains(result: TrimmedDomains) -> TrimmedDomains:
+def restrict_domains(result: TrimmedDomains) -> TrimmedDomains:
     """The same domains, with the carriers of faces restricted where their poles leave the box of a domain that they bound."""
     shared = result.shared
     low, high = np.full((len(shared.faces), 3), -np.inf), np.full((len(shared.faces), 3), np.inf)

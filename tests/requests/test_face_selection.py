@@ -1,0 +1,52 @@
+"""Selectors of faces: the plane faces at one end of an axis, however many there are, and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+bd = pytest.importorskip("build123d")
+
+from tpmscad.errors import InvalidRequest  # noqa: E402
+from tpmscad.kernel.body_import.cad_body import read_body  # noqa: E402
+from tpmscad.kernel.occt.exploration import faces_of  # noqa: E402
+from tpmscad.requests.face_selection import resolve_face_selectors  # noqa: E402
+
+pytestmark = pytest.mark.kernel
+
+BOX = bd.Pos(1, 2, 3) * bd.Box(7, 5, 3)
+TWO_FEET = bd.Box(10, 4, 2) + bd.Pos(-4, 0, -2) * bd.Box(2, 4, 2) + bd.Pos(4, 0, -2) * bd.Box(2, 4, 2)
+
+
+@pytest.mark.parametrize("axis", "XYZ")
+@pytest.mark.parametrize("sign", "<>")
+def test_a_selector_finds_the_faces_that_build123d_finds(axis: str, sign: str) -> None:
+    for shape in (BOX, TWO_FEET):
+        body = read_body(shape)
+        centers = [bd.Face(face).center() for face in faces_of(body.shape)]
+        heights = [getattr(center, axis) * (1 if sign == ">" else -1) for center in centers]
+        expected = [k for k, height in enumerate(heights) if height > max(heights) - 1e-6]
+        assert list(resolve_face_selectors(body, [f"{sign}{axis}"])) == expected
+    assert len(resolve_face_selectors(read_body(TWO_FEET), ["<z"])) == 2
+
+
+def test_numbers_and_faces_pass_and_a_single_selector_needs_no_list() -> None:
+    body = read_body(BOX)
+    top = resolve_face_selectors(body, ">Z")
+    assert resolve_face_selectors(body, (4, ">Z")) == (4, *top)
+    face = object()
+    assert resolve_face_selectors(body, (face,)) == resolve_face_selectors(body, face) == (face,)
+    assert resolve_face_selectors(body, 4) == (4,)
+
+
+@pytest.mark.parametrize(
+    ("shape", "selector", "words"),
+    [
+        (bd.Sphere(3), ">Z", "no plane face bounds"),
+        (bd.Cylinder(3, 4), "<X", "no plane face bounds"),
+        (BOX, "Z", "is no selector"),
+        (BOX, ">W", "is no selector"),
+    ],
+)
+def test_an_end_without_a_plane_face_is_refused(shape: object, selector: str, words: str) -> None:
+    with pytest.raises(InvalidRequest, match=words):
+        resolve_face_selectors(read_body(shape), [selector])

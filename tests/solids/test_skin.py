@@ -1,0 +1,199 @@
+"""Skins: the part of a body deeper than the skin against closed forms, the thickness measured, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+
+import tpmscad
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces
+from tpmscad.kernel.boolean.inward_offset import offset_by_occt
+from tpmscad.kernel.measure.skin_depth import SkinThickness, measure_skin_thickness, sample_depths
+from tpmscad.solids.skin import (
+    DEEP_RATIO,
+    DEPTH_SAMPLES,
+    INSET_SAMPLES,
+    ErodedBody,
+    check_eroded,
+    check_skin_thickness,
+    describe_closed_voids,
+    erode_body,
+)
+
+pytestmark = [pytest.mark.kernel, pytest.mark.slow]
+
+PI = np.pi
+
+
+def eroded(body: Any, skin: float = 1.0, open_faces: Any = ()) -> ErodedBody:
+    return erode_body(read_body(body), skin, tuple(face.wrapped for face in open_faces))
+
+
+def volume(found: ErodedBody) -> float:
+    return sum(part.volume for part in found.parts)
+
+
+def thickness(found: ErodedBody, open_faces: Any = ()) -> SkinThickness:
+    shapes = [part.shape for part in found.parts]
+    return measure_skin_thickness(find_skin_faces(shapes, found.parts, [f.wrapped for f in open_faces]), found.depth)
+
+
+def bracket() -> bd.Part:
+    return bd.Box(40, 24, 6) + bd.Pos(-17, 0, 12) * bd.Box(6, 24, 20)
+
+
+def grown_box(x: float, y: float, z: float, by: float) -> float:
+    """Volume of the points within a distance of a box."""
+    return x * y * z + 2 * by * (x * y + y * z + z * x) + PI * by**2 * (x + y + z) + 4 / 3 * PI * by**3
+
+
+CLOSED_FORMS = {
+    "a bracket with a sharp concave edge": (bracket, 1.0, 22 * (38 * 4 + 4 * 19 + (1 - PI / 4))),
+    "a box with a cavity": (
+        lambda: bd.Box(30, 26, 22) - bd.Box(14, 10, 8),
+        1.0,
+        28 * 24 * 20 - grown_box(14, 10, 8, 1.0),
+    ),
+    "fillets smaller than the skin": (lambda: bd.fillet(bd.Box(20, 18, 16).edges(), 0.5), 1.0, 18 * 16 * 14),
+    "fillets larger than the skin": (
+        lambda: bd.fillet(bd.Box(20, 18, 16).edges(), 3.0),
+        1.0,
+        grown_box(14, 12, 10, 2.0),
+    ),
+    "a torus": (lambda: bd.Torus(20, 7), 1.0, 2 * PI**2 * 20 * 6**2),
+    "a bore": (lambda: bd.Box(20, 18, 16) - bd.Cylinder(3, 20), 1.0, (18 * 16 - PI * 16) * 14),
+    "two blocks with a bridge thinner than two skins": (
+        lambda: bd.Box(30, 10, 10) - bd.Pos(0, 0, 3.5) * bd.Box(10, 10, 14),
+        1.0,
+        2 * 8 * (8 * 8 + 0.5 - 0.5 * (0.5 * np.sqrt(0.75) + PI / 6)),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CLOSED_FORMS)
+def test_what_is_deeper_than_the_skin_has_its_closed_form_volume(name: str) -> None:
+    make, skin, expected = CLOSED_FORMS[name]
+    found = eroded(make(), skin)
+    assert found.method == "exact erosion"
+    assert volume(found) == pytest.approx(expected, rel=1e-7)
+    measured = thickness(found)
+    assert measured.least == pytest.approx(skin, rel=1e-6)
+    assert measured.greatest == pytest.approx(skin, rel=1e-6)
+
+
+def test_a_cone_keeps_its_apex() -> None:
+    radius, height, skin = 14.0, 30.0, 1.0
+    slant = np.hypot(radius, height)
+    left = height - skin - skin * slant / radius  # the apex sinks by skin / sin(half-angle)
+    found = eroded(bd.Cone(radius, 0, height), skin)
+    assert volume(found) == pytest.approx(PI / 3 * (radius / height) ** 2 * left**3, rel=1e-7)
+
+
+def test_a_mitre_stays_within_the_limits_and_is_told() -> None:
+    body = bd.Cylinder(9, 30) + bd.Rot(0, 90, 0) * bd.Pos(0, 0, 9) * bd.Cylinder(6, 18)
+    measured = thickness(eroded(body))
+    assert measured.least == pytest.approx(1.0, rel=1e-6)
+    assert 1.3 < measured.greatest < 1.45
+    assert (measured.thickness < 1.001).mean() > 0.5
+
+
+def dumbbell() -> bd.Part:
+    """A block and a plate of which a sheet of 0.3 is deeper than 1, joined by a rod that is nowhere deeper."""
+    block, rod, plate = bd.Box(12, 10, 10), bd.Rot(0, 90, 0) * bd.Cylinder(0.9, 8), bd.Box(2.3, 10, 10)
+    return block + bd.Pos(8, 0, 0) * rod + bd.Pos(12, 0, 0) * plate
+
+
+@pytest.mark.parametrize("lost", [0, 1])
+def test_an_offset_that_lacks_a_part_is_refused(lost: int) -> None:
+    found = eroded(dumbbell())
+    assert len(found.parts) == 2
+    points, depths = sample_depths(found.depth, 1.0, DEPTH_SAMPLES, INSET_SAMPLES)
+    deep = points[depths > DEEP_RATIO]
+    check_eroded(found.parts, (), 1.0, found.depth, deep)
+    with pytest.raises(tpmscad.KernelError, match="misses a part of the body near"):
+        check_eroded((found.parts[1 - lost],), (), 1.0, found.depth, deep)
+
+
+def test_a_sheet_barely_deeper_than_the_skin_is_found() -> None:
+    assert volume(eroded(bd.Box(40, 30, 2.05))) == pytest.approx(38 * 28 * 0.05, rel=1e-6)
+
+
+def test_open_faces_get_no_skin() -> None:
+    body = bracket()
+    top = body.faces().sort_by(bd.Axis.Z)[-1:]
+    found = eroded(body, 1.0, top)
+    assert volume(found) == pytest.approx(22 * (38 * 4 + 4 * 20 + (1 - PI / 4)), rel=1e-7)
+    assert thickness(found, top).greatest == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_kernel_offsets_each_shell_in_a_process_of_its_own() -> None:
+    body = read_body(bd.Box(30, 26, 22) - bd.Box(14, 10, 8)).shape
+    (inner,) = offset_by_occt(body, 1.0, (), "mitre")
+    assert read_body(inner).volume == pytest.approx(28 * 24 * 20 - 16 * 12 * 10, rel=1e-9)
+
+
+def test_a_kernel_that_does_not_answer_is_ended() -> None:
+    with pytest.raises(tpmscad.KernelError, match="no answer from the kernel within"):
+        offset_by_occt(read_body(bd.Box(3, 3, 3)).shape, 1.0, (), "arc", seconds=0.01)
+
+
+@pytest.mark.parametrize(("thickest", "words"), [(0.97, "only 0.97 thick near"), (1.46, "1.46 thick near")])
+def test_a_skin_outside_the_limits_fails_its_check(thickest: float, words: str) -> None:
+    measured = SkinThickness(np.eye(3), np.array([1.0, 1.0, thickest]))
+    failed = [check for check in check_skin_thickness(measured, 1.0) if not check.passed]
+    assert len(failed) == 1
+    assert words in failed[0].shortfall
+
+
+def test_the_certificate_says_how_thick_the_skin_is() -> None:
+    body = bd.Box(20, 12, 8) + bd.Pos(-6, 0, 8) * bd.Box(8, 12, 8)
+    found = tpmscad.infill(body, "P", cell=8, thickness=0.8, tol=0.1, skin=1).certificate
+    assert found.met
+    assert found.betti[0] == 1
+    assert found.volume < body.volume
+    assert any(note.startswith("skin of 1 by exact erosion: 1 to 1 thick") for note in found.notes)
+
+
+def test_skin_faces_of_a_free_form_body_are_told_from_the_splines_that_cross_it() -> None:
+    inner = bd.loft([bd.Ellipse(9, 7).face(), bd.Pos(2, 0, 20) * bd.Ellipse(7, 8).face()]).solid()
+    wave = bd.Spline((-12, -3), (-4, 1), (4, -1), (12, 2))
+    outline = [wave, *bd.Polyline(wave @ 1, (12, 12), (-12, 12), wave @ 0).edges()]
+    tool = bd.extrude(bd.make_face(outline), 30).moved(bd.Pos(0, 0, -5))
+    void = (inner - tool).solid()
+    found = sum(bd.Face(face).area for face in find_skin_faces([void.wrapped], [read_body(inner)], ()))
+    assert found == pytest.approx(sum((face - tool).area for face in inner.faces()), rel=1e-6)
+    assert found < void.area - 100
+
+
+@pytest.mark.parametrize(
+    ("counts", "words"),
+    [
+        ((0, 0, True), []),
+        (
+            (1, 0, False),
+            ["closes off a channel: it is bounded by a shell of its own inside the solid; name open_faces"],
+        ),
+        ((1, 0, True), ["closes off a channel that no open face reaches: it is bounded"]),
+        (
+            (3, 1, True),
+            ["closes off 2 channels that do not meet and that no open face", "the body's own cavity stays closed"],
+        ),
+        ((1, 1, True), ["the body's own cavity stays closed: bore into it"]),
+    ],
+)
+def test_closed_voids_are_told_by_their_cause(counts: tuple[int, int, bool], words: list[str]) -> None:
+    notes = describe_closed_voids(*counts)
+    assert len(notes) == len(words)
+    assert all(part in note for part, note in zip(words, notes, strict=True))
+
+
+def test_cavities_of_the_body_are_counted_unless_they_are_open() -> None:
+    body = bd.Box(30, 26, 22) - bd.Pos(6, 0, 0) * bd.Box(8, 10, 8) - bd.Pos(-6, 0, 0) * bd.Cylinder(3, 8)
+    inside = min(body.faces(), key=lambda f: abs(f.center().X - 2)).wrapped
+    shape = read_body(body)
+    assert count_closed_cavities(shape, ()) == 2
+    assert count_closed_cavities(shape, (inside,)) == 1

@@ -1,0 +1,194 @@
+"""Metrics of solids with known answers; a gyroid's wall and pore beside its thickness and a voxel distance transform."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import build123d as bd
+import numpy as np
+import pytest
+from scipy.ndimage import distance_transform_edt, label
+
+import tpmscad
+from tpmscad import cli
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.measure import shape_sampling
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.studies._measure import Metrics, measure
+
+pytestmark = pytest.mark.kernel
+
+WIDTH = 0.005
+"""Relative: what the default spacing leaves."""
+
+
+def tube(radius: float, bore: float, length: float) -> bd.Part:
+    return bd.Cylinder(radius, length) - bd.Cylinder(bore, length)
+
+
+def width_of(found: object) -> float | None:
+    return None if found is None else found.width  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("shape", "wall", "pore"),
+    [
+        (bd.Box(10, 20, 2), 2.0, None),
+        (bd.Rot(20, 30, 40) * bd.Box(7, 9, 1.5), 1.5, None),
+        (bd.Sphere(5), 10.0, None),
+        (tube(10, 8, 30), 2.0, 16.0),
+        (bd.Box(20, 20, 20) - bd.Cylinder(3, 20), 7.0, 6.0),
+        (bd.Box(10, 10, 10) - bd.Pos(0, 0, 5) * bd.Box(3, 10, 10), 3.5, 3.0),
+        (bd.fillet(bd.Box(10, 20, 2).edges(), 0.9), 2.0, None),
+    ],
+    ids=["plate", "tilted plate", "ball", "tube", "bore", "slot", "rounded plate"],
+)
+def test_walls_and_pores_of_simple_solids(shape: bd.Shape, wall: float, pore: float | None) -> None:
+    found = measure(shape)
+    assert found.smallest_wall is not None
+    assert found.smallest_wall.width == pytest.approx(wall, rel=WIDTH)
+    assert width_of(found.smallest_pore) == (pore if pore is None else pytest.approx(pore, rel=WIDTH))
+
+
+def test_a_wedge_has_no_least_wall_but_a_blunt_one_has() -> None:
+    sharp = bd.extrude(bd.Polygon((0, 0), (30, 0), (30, 3), align=None), 10)
+    blunt = bd.extrude(bd.Polygon((0, 0), (30, 0), (30, 1.5), (0, 0.5), align=None), 10)
+    assert measure(sharp).smallest_wall is None
+    assert width_of(measure(blunt).smallest_wall) == pytest.approx(0.5, rel=0.05)
+
+
+def test_hydraulic_diameter_of_a_bore_is_its_diameter() -> None:
+    found = measure(bd.Box(20, 20, 20) - bd.Cylinder(3, 20))
+    assert found.hydraulic_diameter == pytest.approx(6.0, rel=1e-9)
+    assert found.wetted_area == pytest.approx(2 * np.pi * 3 * 20, rel=1e-9)
+    assert found.volume_fraction == pytest.approx(1 - np.pi * 9 / 400, rel=1e-9)
+    assert found.surface_per_volume == pytest.approx(found.wetted_area / 8000, rel=1e-12)
+
+
+def test_a_channel_is_measured_as_the_fluid_itself() -> None:
+    """A round channel between two faces of a box: its own diameter, which the void around it does not have."""
+    channel = bd.Cylinder(3, 20)
+    found = measure(channel, within=((-10, -10, -10), (10, 10, 10)), is_fluid=True)
+    assert found.hydraulic_diameter == pytest.approx(6.0, rel=1e-9)
+    assert found.smallest_wall is None
+    assert width_of(found.smallest_pore) == pytest.approx(6.0, rel=WIDTH)
+    other = measure(channel, within=((-10, -10, -10), (10, 10, 10)))
+    assert other.hydraulic_diameter == pytest.approx(4 * (8000 - np.pi * 180) / (2 * np.pi * 60), rel=1e-9)
+
+
+def test_the_text_gives_units_and_says_smallest() -> None:
+    found = measure(bd.Box(20, 20, 20) - bd.Cylinder(3, 20))
+    text = repr(found)
+    assert text == str(found)
+    for words in ("mm3", "mm2", "hydraulic diameter  6 mm", "smallest wall  ", "smallest pore  "):
+        assert words in text
+
+
+def test_within_a_body_only_what_is_inside_it_is_void_and_wetted() -> None:
+    found = measure(tube(10, 8, 30), within=bd.Cylinder(10, 30))
+    assert found.volume_fraction == pytest.approx(0.36, rel=1e-9)
+    assert found.hydraulic_diameter == pytest.approx(16.0, rel=1e-9)
+
+
+def test_within_a_larger_box_every_face_is_wetted() -> None:
+    found = measure(bd.Box(2, 2, 2), within=((-2, -2, -2), (2, 2, 2)))
+    assert (found.envelope_volume, found.wetted_area) == pytest.approx((64.0, 24.0), rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def gyroid(tmp_path_factory: pytest.TempPathFactory) -> tuple[tpmscad.Model, Path]:
+    model = tpmscad.lattice("gyroid", cell=10, thickness=1, tol=0.02)
+    path = tmp_path_factory.mktemp("metrics") / "gyroid.step"
+    model.export_step(path)
+    return model, path
+
+
+@pytest.fixture(scope="module")
+def measured(gyroid: tuple[tpmscad.Model, Path]) -> Metrics:
+    return measure(gyroid[0])
+
+
+def test_the_wall_of_a_sheet_is_its_thickness(gyroid: tuple[tpmscad.Model, Path], measured: Metrics) -> None:
+    model, path = gyroid
+    found = measure(path)
+    assert width_of(found.smallest_wall) == pytest.approx(1.0, rel=WIDTH)
+    assert found.pieces == len(model.certificate.pieces)
+    assert found.volume_fraction == pytest.approx(model.certificate.volume / 1000, rel=1e-6)
+    assert measured.wetted_area == pytest.approx(found.wetted_area, rel=1e-9)
+    assert width_of(measured.smallest_pore) == pytest.approx(width_of(found.smallest_pore), rel=1e-6)
+
+
+def test_the_pore_of_a_gyroid_lies_between_flat_points(measured: Metrics) -> None:
+    """Its channels are narrowest at their nodes (1/8, 1/8, 1/8): from flat point to flat point along 111, a quarter diagonal."""
+    assert width_of(measured.smallest_pore) == pytest.approx(10.0 * 3**0.5 / 4 - 1.0, rel=WIDTH)
+
+
+@pytest.mark.slow
+def test_the_pore_of_a_gyroid_is_the_ball_that_gets_through(measured: Metrics) -> None:
+    """By voxels: the largest distance from the wall that joins one side of the cell to the other, in the channel that repeats."""
+    count, phi = 96, tpmscad.fields.tpms("gyroid", period=10.0)
+    grid = 10.0 * (np.indices((count,) * 3).reshape(3, -1).T + 0.5) / count
+    value, slope = phi.value_and_gradient(grid)
+    void = (value / np.linalg.norm(slope, axis=1) > 0.0).reshape((count,) * 3)
+    voxel = 10.0 / count
+    away = voxel * distance_transform_edt(np.pad(void, count // 2, mode="wrap"))
+    away = away[(slice(count // 2, -count // 2),) * 3]  # from the mid surface, half a wall short of it
+
+    def passes(radius: float) -> bool:
+        pieces, _ = label(np.tile(away > radius, (3, 3, 3)))
+        return bool(np.intersect1d(pieces[0], pieces[-1]).max() > 0)
+
+    low, high = 0.5, 4.0
+    while high - low > 0.01:
+        middle = (low + high) / 2
+        low, high = (middle, high) if passes(middle) else (low, middle)
+    assert width_of(measured.smallest_pore) == pytest.approx(2.0 * low - 1.0, abs=2.0 * voxel)
+
+
+def test_the_command_line_prints_and_reports_them(
+    gyroid: tuple[tpmscad.Model, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        cli.main(["check", str(gyroid[1]), "--metrics", "--report", str(tmp_path / "out.json")])
+    assert not stop.value.code
+    written = json.loads((tmp_path / "out.json").read_text())["metrics"]
+    assert set(written) == set(Metrics.__dataclass_fields__)
+    assert written["smallest_wall"]["width"] == pytest.approx(1.0, rel=WIDTH)
+    assert "hydraulic" in capsys.readouterr().out
+
+
+def test_what_can_not_be_measured_is_refused() -> None:
+    with pytest.raises(InvalidRequest, match="valid closed solids"):
+        measure(bd.Rectangle(2, 2).face())
+    with pytest.raises(InvalidRequest, match="contain the solid"):
+        measure(bd.Box(2, 2, 2), within=((0, 0, 0), (1, 1, 1)))
+    with pytest.raises(InvalidRequest, match="touch"):
+        measure(bd.Compound([bd.Box(2, 2, 2).solid(), (bd.Pos(2, 0, 0) * bd.Box(2, 2, 2)).solid()]))
+    with pytest.raises(InvalidRequest, match="corners"):
+        measure(bd.Box(2, 2, 2), within=((1, 1, 1), (1, 2, 2)))
+
+
+def test_samples_lie_on_trimmed_faces_and_nowhere_else() -> None:
+    plate = bd.Box(10, 10, 2) - bd.Cylinder(3, 2)
+    found = shape_sampling.sample_faces(faces_of(plate), 0.1)
+    x, y, z = found.points.T
+    top = np.isclose(z, 1.0) & np.isclose(found.normals[:, 2], 1.0)
+    assert np.hypot(x[top], y[top]).min() >= 3.0 - 0.01
+    assert top.sum() * 0.01 == pytest.approx(100 - 9 * np.pi, rel=0.01)
+    bore = np.isclose(np.hypot(x, y), 3.0)
+    assert (np.einsum("ij,ij->i", found.points[bore], found.normals[bore]) < 0).all()
+
+
+def test_a_face_too_narrow_for_any_sample_counts_as_wetted(monkeypatch: pytest.MonkeyPatch) -> None:
+    box, sample_faces = bd.Box(3, 4, 5), shape_sampling.sample_faces
+
+    def leave_one_out(faces: list[Any], spacing: float) -> shape_sampling.FaceSamples:
+        found = sample_faces(faces, spacing)
+        kept = found.face != 2
+        return shape_sampling.FaceSamples(found.points[kept], found.normals[kept], found.face[kept])
+
+    assert measure(box).wetted_area == 0.0
+    monkeypatch.setattr(tpmscad.kernel, "sample_faces", leave_one_out)
+    assert measure(box).wetted_area == pytest.approx(bd.Face(faces_of(box)[2]).area, rel=1e-9)

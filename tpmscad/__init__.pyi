@@ -1,0 +1,36 @@
+from tpmscad import fields as fields
+from tpmscad import maps as maps
+from tpmscad import surfaces as surfaces
+from tpmscad import topology as topology
+from tpmscad.blending._blend import blend as blend
+from tpmscad.errors import InvalidRequest as InvalidRequest
+from tpmscad.errors import KernelError as KernelError
+from tpmscad.errors import LevelSetError as LevelSetError
+from tpmscad.errors import NotMet as NotMet
+from tpmscad.errors import RecipeError as RecipeError
+from tpmscad.errors import TpmscadError as TpmscadError
+from tpmscad.errors import TrimmingError as TrimmingError
+from tpmscad.files._check_step import check_step as check_step
+from tpmscad.files._export_instances import export_instances as export_instances
+from tpmscad.files._export_slabs import export_slabs as export_slabs
+from tpmscad.files._export_step import export_step as export_step
+from tpmscad.kernel.body_import._body_field import body_field as body_field
+from tpmscad.results.certificate import Certificate as Certificate
+from tpmscad.results.model import Model as Model
+from tpmscad.solids._fluid_domains import fluid_domains as fluid_domains
+from tpmscad.solids._infill import infill as infill
+from tpmscad.solids._lattice import lattice as lattice
+from tpmscad.solids._solidify import solidify as solidify
+from tpmscad.studies._check_print import PrintReport as PrintReport
+from tpmscad.studies._check_print import check_print as check_print
+from tpmscad.studies._design_derivatives import design_derivatives as design_derivatives
+from tpmscad.studies._estimate_flow import estimate_flow as estimate_flow
+from tpmscad.studies._homogenize import homogenize as homogenize
+from tpmscad.studies._measure import Metrics as Metrics
+from tpmscad.studies._measure import measure as measure
+from tpmscad.studies._permeability import permeability as permeability
+from tpmscad.studies._render import render as render
+from tpmscad.studies._render_step import render_step as render_step
+from tpmscad.sweeps._sweep import sweep as sweep
+
+__version__: str

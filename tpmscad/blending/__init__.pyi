@@ -1,0 +1,9 @@
+from tpmscad.blending._blend import blend as blend
+from tpmscad.blending.initial_weights import LineWeightSpec as LineWeightSpec
+from tpmscad.blending.initial_weights import VolumeWeightSpec as VolumeWeightSpec
+from tpmscad.blending.result import BlendResult as BlendResult
+from tpmscad.blending.result import DefectCounts as DefectCounts
+from tpmscad.blending.result import DefectReport as DefectReport
+from tpmscad.blending.weights.coordinates import CylinderRadius as CylinderRadius
+from tpmscad.blending.weights.coordinates import LinearCoordinate as LinearCoordinate
+from tpmscad.blending.weights.coordinates import SphereRadius as SphereRadius

@@ -1,0 +1,1 @@
+"""Analysis of fields: Betti numbers, saddles, volumes, thresholds, foot points, isometries."""

@@ -1,0 +1,1 @@
+"""Data of fields: sampled grids, images and tables of points."""

@@ -1,0 +1,261 @@
+"""Unions, intersections and differences of solids, sharp and smooth.
+
+The solid of max(f, g) is the intersection of the solids of f and g, that of min(f, g) their union, and that of -f the complement.
+Porous blending, eq. 25, intersects a porous structure with a free-form model in this way. The results are no signed distances,
+even if f and g are.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.fields.tape.tape_nodes import Node, choose_extreme, clamp
+
+
+@dataclass(frozen=True, slots=True)
+class RoundedMinMaxField(BinaryField):
+    """Maximum (sign +1) or minimum (sign -1) of two fields, rounded where they differ by less than `width`.
+
+    Elsewhere the values have the same bits as the maximum or minimum.
+    """
+
+    sign: int
+    width: float
+
+    def profile(self, separation: Node) -> Node:
+        """Height added where the fields differ by `separation` widths, in widths; zero from 1 on."""
+        raise NotImplementedError
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        f, g = self.first.trace(x, y, z), self.second.trace(x, y, z)
+        difference = self.sign * (f - g)
+        # |f - g| with a slope on the crease, too, which then has the mean of both gradients
+        separation = choose_extreme(+1, difference, -difference) / self.width
+        return choose_extreme(self.sign, f, g) + (self.sign * self.width) * self.profile(separation)
+
+
+@dataclass(frozen=True, slots=True)
+class CubicMinMaxField(RoundedMinMaxField):
+    """Rounded by sign * width / 6 * (1 - |f - g| / width)^3: twice continuously differentiable across the crease."""
+
+    def profile(self, separation: Node) -> Node:
+        """Cubic height."""
+        overlap = clamp(1.0 - separation, 0.0, math.inf)
+        return overlap * overlap * overlap / 6.0
+
+
+@public()
+def union(*fields: FieldLike) -> Field:
+    """Return the union of solids, the minimum of their fields.
+
+    Parameters
+    ----------
+    *fields : Field, float or callable
+        At least one field.
+
+    Returns
+    -------
+    Field
+        The minimum.
+
+    Raises
+    ------
+    InvalidRequest
+        If no field is given.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pair = fields.union(fields.sphere((0, 0, 0), 1.0), fields.sphere((4, 0, 0), 2.0))
+    >>> float(pair((4.0, 0.0, 0.0)))
+    -2.0
+    """
+    return _fold_min_max(fields, -1)
+
+
+@public()
+def intersection(*fields: FieldLike) -> Field:
+    """Return the intersection of solids, the maximum of their fields.
+
+    Parameters
+    ----------
+    *fields : Field, float or callable
+        At least one field.
+
+    Returns
+    -------
+    Field
+        The maximum. `intersection(phi, model)` is a free-form porous model (porous blending, eq. 25).
+
+    Raises
+    ------
+    InvalidRequest
+        If no field is given.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> slab = fields.intersection(fields.halfspace((0, 0, 1), "z"), fields.halfspace((0, 0, -1), "-z"))
+    >>> float(slab((0.0, 0.0, 0.25)))
+    -0.75
+    """
+    return _fold_min_max(fields, +1)
+
+
+@public()
+def difference(field: FieldLike, *taken: FieldLike) -> Field:
+    """Return a solid without other solids.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The solid to cut.
+    *taken : Field, float or callable
+        The solids that are removed.
+
+    Returns
+    -------
+    Field
+        The maximum of `field` and the negatives of the others.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> shell = fields.difference(fields.sphere((0, 0, 0), 3.0), fields.sphere((0, 0, 0), 2.0))
+    >>> float(shell((1.0, 0.0, 0.0))), float(shell((2.5, 0.0, 0.0)))
+    (1.0, -0.5)
+    """
+    return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
+
+
+@public()
+def complement(field: FieldLike) -> Field:
+    """Return the field with solid and void exchanged.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+
+    Returns
+    -------
+    Field
+        -field.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.complement(fields.sphere((0, 0, 0), 2.0))((0.0, 0.0, 0.0)))
+    2.0
+    """
+    return -as_field(field)
+
+
+@public()
+def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
+    """Return the union of two solids with a filled crease.
+
+    Parameters
+    ----------
+    first, second : Field, float or callable
+        The solids.
+    width : float
+        Difference of the two field values below which the crease is filled; for signed distances a length in model units.
+
+    Returns
+    -------
+    Field
+        The minimum minus ``width / 6 * (1 - abs(f - g) / width) ** 3`` in the crease; elsewhere exactly the minimum.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pair = fields.smooth_union(fields.sphere((-1, 0, 0), 1.0), fields.sphere((1, 0, 0), 1.0), 0.6)
+    >>> round(float(pair((0.0, 0.0, 0.0))), 6)
+    -0.1
+    """
+    return CubicMinMaxField(as_field(first), as_field(second), -1, width)
+
+
+@public()
+def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Field:
+    """Return the intersection of two solids with a rounded edge.
+
+    Parameters
+    ----------
+    first, second : Field, float or callable
+        The solids.
+    width : float
+        Difference of the two field values below which the edge is rounded; for signed distances a length in model units.
+
+    Returns
+    -------
+    Field
+        The maximum plus ``width / 6 * (1 - abs(f - g) / width) ** 3`` at the edge; elsewhere exactly the maximum.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> wedge = fields.smooth_intersection(fields.halfspace((0, 0, 0), "x"), fields.halfspace((0, 0, 0), "y"), 0.6)
+    >>> round(float(wedge((0.0, 0.0, 0.0))), 6)
+    0.1
+    """
+    return CubicMinMaxField(as_field(first), as_field(second), +1, width)
+
+
+@public()
+def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field:
+    """Return a solid without another one, with a rounded edge.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The solid to cut.
+    taken : Field, float or callable
+        The solid that is removed.
+    width : float
+        Difference between `field` and -`taken` below which the edge is rounded.
+
+    Returns
+    -------
+    Field
+        `smooth_intersection(field, -taken, width)`.
+
+    Raises
+    ------
+    InvalidRequest
+        If the width is not positive.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> bowl = fields.smooth_difference(fields.halfspace((0, 0, 0), "z"), fields.sphere((0, 0, 0), 1.0), 0.6)
+    >>> round(float(bowl((1.0, 0.0, 0.0))), 6)
+    0.1
+    """
+    return smooth_intersection(field, -as_field(taken), width)
+
+
+def _fold_min_max(fields: tuple[FieldLike, ...], sign: int) -> Field:
+    if not fields:
+        raise InvalidRequest("a union or intersection needs at least one field")
+    parts = [as_field(field) for field in fields]
+    while len(parts) > 1:  # neighbours in pairs: the depth is the logarithm of the number, not the number
+        pairs = [MinMaxField(f, g, sign) for f, g in zip(parts[::2], parts[1::2], strict=False)]
+        parts = [*pairs, *parts[len(parts) - len(parts) % 2 :]]
+    return parts[0]

@@ -1,0 +1,244 @@
+"""Fields in transformed coordinates: translated, rotated, scaled, or deformed by a map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import call_for_array, public
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.fields.tape.evaluation import FieldJet, Triple, stack_points
+from tpmscad.fields.tape.function_calls import DIFFERENCE_STEP, central_differences
+from tpmscad.fields.tape.tape_nodes import Node, sum_nodes
+
+IDENTITY: tuple[Triple, Triple, Triple] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class AffineTransformedField(Field):
+    """factor * f(matrix p + shift)."""
+
+    field: Field
+    matrix: tuple[Triple, Triple, Triple]
+    shift: Triple
+    factor: float
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        coordinates = [
+            sum_nodes([factor * t for factor, t in zip(row, (x, y, z), strict=True) if factor != 0]) + shift
+            for row, shift in zip(self.matrix, self.shift, strict=True)
+        ]
+        return self.factor * self.field.trace(*coordinates)
+
+    def periods(self) -> Triple | None:
+        """Periods along the axes, or None."""
+        return self.field.periods() if self.matrix == IDENTITY else None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedField(Field):
+    """f(mapping(p)), with the gradient J^T grad f by the chain rule."""
+
+    field: Field
+    mapping: Callable[[Array], Any]
+    jacobian: Callable[[Array], Any] | None
+    step: float
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        return self.field.at(*self._image(points)).reshape(shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        points, shape = stack_points(x, y, z)
+        f, fx, fy, fz = self.field.jet(*self._image(points))
+        if self.jacobian is None:
+            jacobian = central_differences(lambda p: np.stack(self._image(p), axis=-1), points, self.step)
+        else:
+            jacobian = call_for_array("the Jacobian", self.jacobian, points)
+            if jacobian.shape != (len(points), 3, 3):
+                raise InvalidRequest(
+                    f"the Jacobian gave shape {jacobian.shape} for {len(points)} points: it must return (n, 3, 3), "
+                    "derivatives of coordinate i by x, y, z in row i"
+                )
+        gx, gy, gz = (
+            (jacobian[:, 0, axis] * fx + jacobian[:, 1, axis] * fy + jacobian[:, 2, axis] * fz).reshape(shape)
+            for axis in range(3)
+        )
+        return np.broadcast_to(f, len(points)).reshape(shape), gx, gy, gz
+
+    def _image(self, points: Array) -> tuple[Array, Array, Array]:
+        image = call_for_array("the map", self.mapping, points)
+        if image.shape != points.shape:
+            raise InvalidRequest(
+                f"the map gave shape {image.shape} for points of shape {points.shape}: it must keep the shape"
+            )
+        if not np.isfinite(image).all():
+            first = points[np.flatnonzero(~np.isfinite(image).all(axis=-1))[0]]
+            raise InvalidRequest(f"the map is not finite at ({', '.join(f'{c:g}' for c in first)}): define it there")
+        return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
+
+
+@public()
+def warp(
+    field: FieldLike,
+    map: Callable[[Array], Any],
+    jacobian: Callable[[Array], Any] | None = None,
+    *,
+    step: float = DIFFERENCE_STEP,
+) -> MappedField:
+    """Return the field p -> f(map(p)).
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field f in its own, straight coordinates.
+    map : callable
+        map(points (n, 3)) -> (n, 3), from points of the model (the deformed part) to the coordinates of the field.
+    jacobian : callable, optional
+        jacobian(points (n, 3)) -> (n, 3, 3), row i the derivatives of coordinate i; by default central differences.
+    step : float
+        Step of the central differences of fourth order, in model units.
+
+    Returns
+    -------
+    MappedField
+        The field. It is not periodic.
+
+    Raises
+    ------
+    InvalidRequest
+        On evaluation, if the map or the Jacobian returns another shape or values that are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import fields
+    >>> def unroll(p):
+    ...     return np.stack([np.hypot(p[:, 0], p[:, 1]), 10 * np.arctan2(p[:, 1], p[:, 0]), p[:, 2]], axis=-1)
+    >>> ring = fields.warp(fields.tpms("gyroid", 2 * np.pi), unroll)
+    """
+    return MappedField(as_field(field), map, jacobian, step)
+
+
+@public()
+def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
+    """Return the field translated by a vector.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    vector : (x, y, z)
+        Translation, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The translated field; periods stay.
+
+    Raises
+    ------
+    InvalidRequest
+        If the vector is not three finite numbers.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> ball = fields.translate(fields.sphere((0, 0, 0), 1.0), (5, 0, 0))
+    >>> float(ball((5.0, 0.0, 0.0)))
+    -1.0
+    """
+    x, y, z = vector
+    return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
+
+
+@public()
+def rotate(
+    field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)
+) -> AffineTransformedField:
+    """Return the field rotated about an axis.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    axis : str or (x, y, z)
+        "x", "y", "z", "-x", ... or a vector of any length.
+    angle : float
+        Angle in degrees, counter-clockwise seen from the tip of the axis.
+    center : (x, y, z)
+        Point on the axis, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The rotated field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the axis has no direction or the center is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> bar = fields.rotate(fields.box((-3, -1, -1), (3, 1, 1)), "z", 90)
+    >>> round(float(bar((0.0, 2.5, 0.0))), 6)
+    -0.5
+    """
+    n, c = np.array(as_unit_vector(axis)), np.array(center)
+    turn = np.deg2rad(angle)
+    cross = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
+    back = np.eye(3) - np.sin(turn) * cross + (1 - np.cos(turn)) * (cross @ cross)
+    return AffineTransformedField(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
+
+
+@public()
+def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
+    """Return the field scaled about a center.
+
+    Parameters
+    ----------
+    field : Field, float or callable
+        The field.
+    factor : float
+        Scale factor, positive. The values are scaled too, so that a signed distance remains one.
+    center : (x, y, z)
+        Fixed point, in model units.
+
+    Returns
+    -------
+    AffineTransformedField
+        The scaled field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the factor is not positive or the center is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> ball = fields.scale(fields.sphere((0, 0, 0), 1.0), 4.0)
+    >>> float(ball((1.0, 0.0, 0.0)))
+    -3.0
+    """
+    c = np.array(center)
+    return AffineTransformedField(as_field(field), _as_rows(np.eye(3) / factor), _as_vector(c - c / factor), factor)
+
+
+def _as_rows(matrix: Array) -> tuple[Triple, Triple, Triple]:
+    return _as_vector(matrix[0]), _as_vector(matrix[1]), _as_vector(matrix[2])
+
+
+def _as_vector(array: Array) -> Triple:
+    return float(array[0]), float(array[1]), float(array[2])

@@ -1,0 +1,147 @@
+"""Fields for grading: coordinates, affine functions, and ramps between two values, for thresholds that vary in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field, FieldLike, as_field
+from tpmscad.fields.kinds.primitive_regions import HalfSpaceRegion
+from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
+from tpmscad.fields.tape.evaluation import Triple
+from tpmscad.fields.tape.tape_nodes import Node, clamp, sum_nodes
+
+
+@dataclass(frozen=True, slots=True)
+class AffineFunction(Field):
+    """offset + slope . p."""
+
+    slope: Triple
+    offset: float
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        terms = [factor * t for factor, t in zip(self.slope, (x, y, z), strict=True) if factor != 0]
+        return sum_nodes([x.recorder.constant(self.offset), *terms])
+
+
+@dataclass(frozen=True, slots=True)
+class RampField(Field):
+    """`low` where parameter <= start, `high` where parameter >= end, and a transition in t between them.
+
+    The transition is t itself, or 10 t^3 - 15 t^4 + 6 t^5 if `smooth`.
+    """
+
+    parameter: Field
+    start: float
+    end: float
+    low: float
+    high: float
+    smooth: bool
+
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        t = clamp((self.parameter.trace(x, y, z) - self.start) / (self.end - self.start), 0.0, 1.0)
+        s = t * t * t * (10.0 + t * (6.0 * t - 15.0)) if self.smooth else t
+        return (1.0 - s) * self.low + s * self.high
+
+
+@public()
+def linear(slope: Triple, offset: float = 0.0) -> AffineFunction:
+    """Return the affine function offset + slope . p.
+
+    Parameters
+    ----------
+    slope : (sx, sy, sz)
+        Gradient, per model unit.
+    offset : float
+        Value at the origin.
+
+    Returns
+    -------
+    AffineFunction
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If a number is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.linear((1, 0, 2), offset=-1.0)((3.0, 0.0, 1.0)))
+    4.0
+    """
+    return AffineFunction(slope, offset)
+
+
+@public()
+def coordinate(axis: Direction, origin: Triple = (0.0, 0.0, 0.0)) -> HalfSpaceRegion:
+    """Return the signed distance from an origin along an axis.
+
+    Parameters
+    ----------
+    axis : str or (x, y, z)
+        "x", "y", "z", "-x", "-y", "-z" or a vector of any length.
+    origin : (x, y, z)
+        Point of distance zero, in model units.
+
+    Returns
+    -------
+    HalfSpaceRegion
+        The field, also the half-space behind the origin.
+
+    Raises
+    ------
+    InvalidRequest
+        If the axis has no direction.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> float(fields.coordinate("z", origin=(0, 0, 5))((1.0, 2.0, 7.0)))
+    2.0
+    """
+    return HalfSpaceRegion(origin, as_unit_vector(axis))
+
+
+@public()
+def ramp(by: FieldLike | str, span: Sequence[float], values: Sequence[float], *, smooth: bool = True) -> RampField:
+    """Return a field that changes from one value to another while a parameter crosses an interval.
+
+    Parameters
+    ----------
+    by : Field, callable or {"x", "y", "z"}
+        The parameter: a coordinate, a distance or any other field.
+    span : (start, end)
+        Values of the parameter at which the ramp starts and ends; start may exceed end.
+    values : (first, last)
+        Values of the ramp at the start and the end; constant beyond them.
+    smooth : bool
+        True for a quintic transition with two continuous derivatives, False for a linear one.
+
+    Returns
+    -------
+    RampField
+        The field.
+
+    Raises
+    ------
+    InvalidRequest
+        If the span is empty or a number is not finite.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> threshold = fields.ramp("x", (0, 40), (-0.6, 0.2))
+    >>> round(float(threshold((20.0, 0.0, 0.0))), 6)
+    -0.2
+    """
+    field = coordinate(by) if isinstance(by, str) else as_field(by)
+    (start, end), (low, high) = span, values
+    if start == end:
+        raise InvalidRequest(f"the span of a ramp is empty: it starts and ends at {start:g}")
+    return RampField(field, start, end, low, high, smooth)

@@ -1,0 +1,185 @@
+"""Fields of sampled data: a 3-D array on a uniform grid (CT, topology optimisation, simulation) as a smooth function.
+
+The samples are interpolated by the cubic tensor-product spline with not-a-knot ends, which reproduces cubic polynomials. Beyond
+the outermost samples the end polynomial is continued along a coordinate that saturates smoothly half a spacing further out, so
+that the field stays bounded and twice continuously differentiable everywhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.sparse import csc_array
+from scipy.sparse.linalg import splu
+
+from tpmscad._typing import Array, BoxCorners
+from tpmscad.api.argument_table import VALUES
+from tpmscad.api.public_calls import public, read_value
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.data import stencil
+from tpmscad.fields.data.image_files import read_image
+from tpmscad.fields.field import Field
+from tpmscad.fields.periods_and_directions import as_periods
+from tpmscad.fields.tape.evaluation import FieldJet, Triple
+
+MIN_SAMPLES = 4
+"""Samples along an axis: a cubic spline with not-a-knot ends needs four."""
+
+SATURATION_SPACINGS = 0.5
+"""Spacings beyond the outermost samples at which the continued coordinate saturates."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SampledField(Field):
+    """Cubic spline through samples on a uniform grid.
+
+    `coefficients` (nx + 2, ny + 2, nz + 2) belong to the centred cardinal B-splines of the samples and of one more on each side.
+    """
+
+    coefficients: Array
+    spacing: Triple
+    origin: Triple
+
+    @property
+    def domain(self) -> BoxCorners:
+        """The box of the samples ((x0, y0, z0), (x1, y1, z1)), model units: the domain for `tpmscad.solidify`."""
+        last = [o + s * (n - 3) for o, s, n in zip(self.origin, self.spacing, self.coefficients.shape, strict=True)]
+        return self.origin, (last[0], last[1], last[2])
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Values at coordinates that broadcast."""
+        return stencil.contract_table(self.coefficients, self._stencils(x, y, z), (x, y, z))
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Value and partial derivatives at coordinates that broadcast."""
+        return stencil.contract_table_jet(self.coefficients, self._stencils(x, y, z), (x, y, z))
+
+    def __repr__(self) -> str:
+        shape = "x".join(str(n - 2) for n in self.coefficients.shape)
+        digest = hashlib.sha256(self.coefficients.tobytes()).hexdigest()[:8]
+        return f"SampledField({shape} samples {digest}, spacing={self.spacing}, origin={self.origin})"
+
+    def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
+        return [
+            _clamped_cubic_stencil(t, count - 2, first, spacing)
+            for t, count, first, spacing in zip(
+                coordinates, self.coefficients.shape, self.origin, self.spacing, strict=True
+            )
+        ]
+
+
+@public()
+def sampled(
+    values: ArrayLike | str | os.PathLike[str],
+    spacing: float | Sequence[float] | None = None,
+    origin: Triple | None = None,
+    *,
+    level: float | None = None,
+) -> SampledField:
+    """Return the smooth field through samples on a uniform grid.
+
+    Parameters
+    ----------
+    values : array_like, shape (nx, ny, nz), or path
+        Sample (i, j, k) lies at origin + spacing * (i, j, k). At least four samples along each axis. Or the path of an image:
+        ``.npy``, ``.vti``, ``.vtk``, ``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra ``tpmscad[images]``.
+    spacing : float or (dx, dy, dz), optional
+        Distance of neighbouring samples, model units. By default that of the file, or 1.
+    origin : (3,) floats, optional
+        Position of the first sample, model units. By default that of the file, or the origin.
+    level : float, optional
+        If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual for densities.
+        Otherwise the field is the data, and negative data are solid.
+
+    Returns
+    -------
+    SampledField
+        The field, twice continuously differentiable, with exact gradient; its `domain` is the box of the samples.
+
+    Raises
+    ------
+    InvalidRequest
+        If the array does not have three dimensions of at least four samples each, a value is not finite, a spacing is not
+        positive, or the file cannot be read.
+
+    Notes
+    -----
+    A cubic spline follows the samples exactly, noise included. Smooth measured data first, for example with
+    ``scipy.ndimage.gaussian_filter(values, 1)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tpmscad import fields
+    >>> x, y, z = np.mgrid[0:9, 0:9, 0:9] * 0.5
+    >>> field = fields.sampled(x**2 + y - z, spacing=0.5)
+    >>> bool(np.isclose(field((1.3, 2.1, 0.7)), 1.3**2 + 2.1 - 0.7))
+    True
+    """
+    if isinstance(values, str | os.PathLike):
+        image = read_image(values)
+        values = read_value("values", VALUES, image.values)
+        spacing = image.spacing if spacing is None else spacing
+        origin = image.origin if origin is None else origin
+    array = np.array(values, dtype=float)
+    if min(array.shape) < MIN_SAMPLES:
+        raise InvalidRequest(
+            f"values of shape {array.shape}: give an array of three dimensions with at least {MIN_SAMPLES} samples along each"
+        )
+    if level is not None:
+        least, most = array.min(), array.max()
+        if not least < level < most:
+            raise InvalidRequest(
+                f"level {level:g} lies outside the data, which reach from {least:g} to {most:g}: give a level between these"
+            )
+        array = level - array
+    steps = as_periods(1.0 if spacing is None else spacing)
+    for axis in range(3):
+        array = _spline_coefficients(array, axis)
+    array = np.ascontiguousarray(array)
+    array.setflags(write=False)
+    return SampledField(array, steps, (0.0, 0.0, 0.0) if origin is None else origin)
+
+
+def _spline_coefficients(samples: Array, axis: int) -> Array:
+    """Coefficients, two more than samples along the axis, of the interpolating cubic spline with not-a-knot ends.
+
+    Sample i is (c[i] + 4 c[i+1] + c[i+2]) / 6, with c[0] the coefficient before the first sample. The third derivative does not
+    jump at the second sample and at the last but one: the fourth differences of the first and of the last five c vanish.
+    """
+    n = samples.shape[axis]
+    rows = np.arange(n)
+    interior = (
+        np.repeat(rows + 1, 3),
+        np.concatenate([rows[:, None], rows[:, None] + 1, rows[:, None] + 2], axis=1).ravel(),
+        np.tile([1.0, 4.0, 1.0], n) / 6,
+    )
+    ends = np.arange(5)
+    fourth = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+    i = np.concatenate([np.zeros(5, int), interior[0], np.full(5, n + 1)])
+    j = np.concatenate([ends, interior[1], n - 3 + ends])
+    entries = np.concatenate([fourth, interior[2], fourth])
+    solver = splu(csc_array((entries, (i, j)), shape=(n + 2, n + 2)))
+    moved = np.moveaxis(samples, axis, 0)
+    right = np.zeros((n + 2, moved[0].size))
+    right[1:-1] = moved.reshape(n, -1)
+    return np.moveaxis(solver.solve(right).reshape(n + 2, *moved.shape[1:]), 0, axis)
+
+
+def _clamped_cubic_stencil(t: Array, count: int, first: float, spacing: float) -> stencil.Stencil:
+    """Cubic cardinal B-splines of `count` samples, on a coordinate that saturates beyond the outermost ones."""
+    u = (t - first) / spacing
+    inside = np.minimum(np.maximum(u, 0.0), count - 1.0)
+    beyond = (u - inside) / SATURATION_SPACINGS
+    root = np.sqrt(1.0 + beyond * beyond)
+    rate = 1.0 / (spacing * (root * root * root))
+    u = inside + SATURATION_SPACINGS * (beyond / root)
+    base = np.minimum(np.floor(inside), count - 2.0)
+    weights, derivatives = stencil.cubic_weights(u - base, rate)
+    entry = base.astype(np.int64)
+    return stencil.Stencil([entry + step for step in range(4)], weights, derivatives)

@@ -1,0 +1,135 @@
+"""Porous structures of a field by thresholds: rod, pore and sheet types (porous blending, section 2.2).
+
+A threshold is a number or a field, the threshold distribution field of the paper. The structure is the difference of the field
+and its threshold, so its gradient is exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, as_field
+from tpmscad.fields.kinds.nodal_field import NodalField
+
+
+@public()
+def rod(phi: FieldLike, c: FieldLike) -> Field:
+    """Return the rod structure {phi <= c} as the field phi - c.
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field, for example `fields.tpms("gyroid")`.
+    c : Field, float or callable
+        The threshold.
+
+    Returns
+    -------
+    Field
+        phi - c.
+
+    Raises
+    ------
+    InvalidRequest
+        If a constant threshold makes nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> rods = fields.rod(fields.tpms("schwarz_p", 10.0), -0.8)
+    """
+    phi, c = as_field(phi), as_field(c)
+    _check_range(phi, -np.inf, _constant_value(c), f"rod threshold {_constant_value(c):g}")
+    return phi - c
+
+
+@public()
+def pore(phi: FieldLike, c: FieldLike) -> Field:
+    """Return the pore structure {phi >= c} as the field c - phi.
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field.
+    c : Field, float or callable
+        The threshold.
+
+    Returns
+    -------
+    Field
+        c - phi.
+
+    Raises
+    ------
+    InvalidRequest
+        If a constant threshold makes nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> pores = fields.pore(fields.tpms("gyroid", 10.0), 0.3)
+    >>> float(pores((0.0, 0.0, 0.0)))
+    0.3
+    """
+    phi, c = as_field(phi), as_field(c)
+    _check_range(phi, _constant_value(c), np.inf, f"pore threshold {_constant_value(c):g}")
+    return c - phi
+
+
+@public()
+def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
+    """Return the sheet structure {lo <= phi <= hi} as the field max(lo - phi, phi - hi).
+
+    Parameters
+    ----------
+    phi : Field, float or callable
+        The field. For a signed distance the sheet is the layer between two offset surfaces.
+    lo, hi : Field, float or callable
+        The thresholds, lo < hi.
+
+    Returns
+    -------
+    Field
+        max(lo - phi, phi - hi).
+
+    Raises
+    ------
+    InvalidRequest
+        If the sheet is empty, or constant thresholds make nothing or everything of a catalogued surface solid.
+
+    Examples
+    --------
+    >>> from tpmscad import fields
+    >>> wall = fields.sheet(fields.tpms("gyroid", 10.0), -0.4, 0.4)
+    >>> float(wall((0.0, 0.0, 0.0)))
+    -0.4
+    """
+    phi, lo, hi = as_field(phi), as_field(lo), as_field(hi)
+    low, high = _constant_value(lo), _constant_value(hi)
+    if low >= high:
+        raise InvalidRequest(
+            f"sheet from {low:g} to {high:g} is empty: the lower threshold must be below the upper one"
+        )
+    _check_range(phi, low, high, f"sheet from {low:g} to {high:g}")
+    return MinMaxField(lo - phi, phi - hi, +1)
+
+
+def _constant_value(threshold: Field) -> float:
+    """Value of a constant threshold; nan for a field, with which every comparison is false."""
+    return threshold.value if isinstance(threshold, ConstantField) else np.nan
+
+
+def _check_range(phi: Field, low: float, high: float, what: str) -> None:
+    """Raise InvalidRequest if nothing or everything of a catalogued surface lies between two thresholds."""
+    if not isinstance(phi, NodalField):
+        return
+    minimum, maximum = phi.info.value_range
+    if low >= maximum or high <= minimum:
+        state = "leaves nothing solid"
+    elif low <= minimum and high >= maximum:
+        state = "makes everything solid"
+    else:
+        return
+    raise InvalidRequest(f"{what} {state}: {phi.name} takes values from {minimum:g} to {maximum:g}")

@@ -1,0 +1,282 @@
+"""A lattice of any size, written in slabs: each a valid closed solid in a STEP file of its own, in bounded memory.
+
+The lattice repeats after every cell, so that slabs of as many cells are translates of each other. One slab is made, checked
+and written; the others are copies of its file, moved exactly and compared with it, line by line. Adjacent slabs share their cut
+faces to the last digit: a CAD system that unites them finds no gap.
+
+Beside the files lies a manifest, which holds the request and the hash of every file. A run that was interrupted goes on where it
+stopped: a file that the manifest knows and whose hash is right is not written again.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from tpmscad.api.public_calls import public
+from tpmscad.atomic_file import validate_output_path
+from tpmscad.errors import InvalidRequest, NotMet
+from tpmscad.files.slab_files import Cells, SlabOriginal, describe_request, make_originals, write_slab
+from tpmscad.files.slab_manifest import SlabFile, open_manifest
+from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
+from tpmscad.kernel.step.translated_copies import GREATEST_UNITS, decimal_of
+from tpmscad.parallel import run_as_completed
+from tpmscad.requests.keyword_checks import check_cell_counts
+from tpmscad.requests.lattice_request import LatticeOptions, resolve_lattice_request, with_keywords_of
+from tpmscad.results.loose_pieces import KEEP
+from tpmscad.solids._lattice import lattice
+from tpmscad.stage_timer import StageTimer
+
+
+@dataclass(frozen=True, slots=True)
+class SlabFiles:
+    """The files of a lattice in slabs.
+
+    Attributes
+    ----------
+    folder : Path
+        The folder of the files.
+    slabs : tuple of SlabFile
+        One row for each slab, in the order of the numbers in the names: x fastest, z slowest.
+    certificates : tuple of dict
+        One for each size of slabs, as `Certificate.to_dict` gives it; slabs of equal size are congruent and share theirs.
+    manifest : Path
+        The JSON file of the request and the rows.
+    reused : tuple of str
+        Names of the files that an earlier run had written.
+    """
+
+    folder: Path
+    slabs: tuple[SlabFile, ...]
+    certificates: tuple[dict[str, Any], ...]
+    manifest: Path
+    reused: tuple[str, ...]
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """The files, in order."""
+        return tuple(self.folder / slab.file for slab in self.slabs)
+
+    @property
+    def volume(self) -> float:
+        """Volume of all slabs together, mm3."""
+        return float(sum(slab.volume for slab in self.slabs))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as in a report."""
+        return {
+            "volume": self.volume,
+            "slabs": [asdict(slab) for slab in self.slabs],
+            "reused": list(self.reused),
+            "certificates": list(self.certificates),
+        }
+
+    def __str__(self) -> str:
+        head = f"{'file':<24} {'z mm':>9} {'cells':>10} {'faces':>7} {'volume mm3':>14} {'MB':>7} {'s':>6}"
+        rows = [
+            f"{s.file:<24} {s.origin[2]:>9.3f} {'x'.join(map(str, s.cells)):>10} {s.faces:>7} {s.volume:>14.6f} "
+            f"{s.size / 1e6:>7.1f} {s.seconds:>6.1f}"
+            for s in self.slabs
+        ]
+        kept = f", {len(self.reused)} of them from an earlier run" if self.reused else ""
+        return "\n".join([head, *rows, f"{len(rows)} slabs{kept}, volume {self.volume:.9g} mm3"])
+
+
+@dataclass(frozen=True, slots=True)
+class Slab:
+    """A slab that is asked for: the slabs before it along each axis, and its cells."""
+
+    steps: Cells
+    cells: Cells
+
+
+@public('export_slabs("gyroid", "gyroid_{:03d}.step", cell=10, cells=(20, 20, 20), thickness=1, slab=1)')
+@with_keywords_of(lattice)
+def export_slabs(
+    surface: str,
+    path: str | Path,
+    *,
+    slab: int | Sequence[int] = 1,
+    executor: Executor | None = None,
+    schema: str = "ap242",
+    time_stamp: str | None = None,
+    **options: Unpack[LatticeOptions],
+) -> SlabFiles:
+    """Write a lattice of any size in slabs, each a valid closed solid in a STEP file of its own.
+
+    Memory holds one slab at a time in each process. Adjacent slabs share their cut faces to the last digit. A file is complete
+    and verified, or absent; after an interruption the same call goes on where it stopped, as the manifest ``*.slabs.json`` beside
+    the files tells.
+
+    Parameters
+    ----------
+    surface : str
+        Name of a surface of the catalogue; see ``tpmscad surfaces``.
+    path : str or Path
+        Name of the files: ``"lattice_{:03d}.step"``; without a field in braces the number is appended, from 1.
+    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side, reference, phase, tol, progress
+        As in `lattice`.
+    boundary, loose, map
+        As in `lattice`, but a box without a map: all pieces of a slab are kept, as they may be a part of the next one.
+    slab : int or (3,) ints, optional
+        Cells of a slab along z, with all those along x and y; or along each axis. The last slab of an axis may have fewer.
+    executor : concurrent.futures.Executor, optional
+        Makes and writes the slabs: a process pool, or on a cluster with a common file system Dask's ``Client.get_executor()``.
+        By default this process, one after the other. The files are the same to the last byte.
+    schema : {"ap242", "ap214"}, optional
+        STEP application protocol.
+    time_stamp : str, optional
+        Time in the header of the files, ISO 8601; the present by default.
+
+    Returns
+    -------
+    SlabFiles
+        A table of the files: volume, area, faces, seconds, hash, and the certificate of the slabs.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out, or has a map, a natural boundary, or drops loose pieces.
+    NotMet
+        If a slab misses the request; nothing is written.
+    TrimmingError, KernelError
+        If a slab cannot be made, or a file does not hold it.
+
+    Examples
+    --------
+    >>> files = tpmscad.export_slabs(  # doctest: +SKIP
+    ...     "gyroid", "gyroid_{:03d}.step", cell=10, cells=(20, 20, 20), thickness=1, tol=0.01, slab=1
+    ... )
+    >>> print(files)  # doctest: +SKIP
+    """
+    progress = options.pop("progress", None)
+    _refuse_what_does_not_repeat(options)
+    request = resolve_lattice_request(surface, **options)
+    slabs = divide(request.cells, slab)
+    find_schema(schema)
+    template = Path(path)
+    names = name_files(template, len(slabs))
+    folder = template.parent
+    manifest = open_manifest(
+        folder / f"{strip_field(template.stem)}.slabs.json",
+        describe_request(request, slab=slabs[0].cells, schema=schema),
+    )
+    kept = tuple(name for name in names if name in manifest.rows)
+    if len(kept) < len(names):
+        stages = StageTimer(progress)
+        with tempfile.TemporaryDirectory(prefix=".slabs-", dir=folder) as aside:
+            with stages("original"):
+                sizes = tuple(dict.fromkeys(each.cells for each in slabs))
+                task = (request, sizes, Path(aside).resolve(), schema)
+                originals = next(made for _, made in run_as_completed(executor, make_originals, [task]))
+            _require_met(originals, names)
+            manifest.begin(originals)
+            kept = tuple(name for name in kept if name in manifest.rows)
+            missing = [(name, each) for name, each in zip(names, slabs, strict=True) if name not in manifest.rows]
+            stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+            with stages("slabs") as report:
+                for row in _write_copies(originals, missing, folder.resolve(), stamp, executor):
+                    manifest.add(row)
+                    report(len(manifest.rows) / len(names))
+    rows = tuple(manifest.rows[name] for name in names)
+    return SlabFiles(folder, rows, tuple(manifest.certificates), manifest.path, kept)
+
+
+def _write_copies(
+    originals: Sequence[SlabOriginal],
+    slabs: Sequence[tuple[str, Slab]],
+    folder: Path,
+    time_stamp: str,
+    executor: Executor | None,
+) -> Iterator[SlabFile]:
+    """Write each named slab as a copy of the original of its size; the rows of the table, as they are finished."""
+    of_cells = {original.cells: original for original in originals}
+    tasks = []
+    for name, slab in slabs:
+        x, y, z = (n * edge for n, edge in zip(slab.steps, originals[0].size, strict=True))
+        original = of_cells[slab.cells]
+        if max(x, y, z) + max(original.size) >= GREATEST_UNITS:
+            raise InvalidRequest(
+                f"coordinates of {float(decimal_of(max(x, y, z), original.decimals)):g} mm do not fit the {original.decimals} "
+                "decimals of a slab of this size: take larger slabs"
+            )
+        tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", time_stamp))
+    for number, written in run_as_completed(executor, write_slab, tasks):
+        original, path, shift, *_ = tasks[number]
+        x, y, z = (float(decimal_of(units, original.decimals)) for units in shift)
+        certificate = original.certificate
+        yield SlabFile(
+            path.name,
+            (x, y, z),
+            original.cells,
+            certificate.volume,
+            certificate.area,
+            certificate.n_faces,
+            original.solids,
+            written.size,
+            written.sha256,
+            written.seconds,
+        )
+
+
+def divide(cells: Cells, slab: int | Sequence[int]) -> list[Slab]:
+    """The slabs of a lattice of `cells`, x fastest; one number is the cells of a slab along z."""
+    x, y, z = check_cell_counts(slab if np.ndim(slab) else (*cells[:2], slab))
+    parts = [
+        [(step, min(size, count - step * size)) for step in range(-(-count // size))]
+        for count, size in zip(cells, (x, y, z), strict=True)
+    ]
+    return [Slab((i, j, k), (a, b, c)) for k, c in parts[2] for j, b in parts[1] for i, a in parts[0]]
+
+
+FIELD = re.compile(r"\{[^{}]*\}")
+
+
+def name_files(template: Path, count: int) -> list[str]:
+    """The names of so many files, numbered from 1; InvalidRequest if they cannot be told apart or written."""
+    validate_output_path(template, STEP_SUFFIXES)
+    pattern = template.name
+    if FIELD.search(pattern) is None:
+        pattern = f"{template.stem}_{{:0{len(str(count))}d}}{template.suffix}"
+    try:
+        names = [pattern.format(number) for number in range(1, count + 1)]
+    except (ValueError, IndexError, KeyError):
+        names = []
+    if len(set(names)) < count:
+        raise InvalidRequest(
+            f"the name {template.name!r} does not number {count} files: write it with one field, such as lattice_{{:03d}}.step"
+        )
+    return names
+
+
+def strip_field(stem: str) -> str:
+    """The name without the field of the number and what joins it on."""
+    return FIELD.sub("", stem).strip("_-. ") or "lattice"
+
+
+def _refuse_what_does_not_repeat(options: LatticeOptions) -> None:
+    """InvalidRequest for a lattice whose slabs are not translates of each other."""
+    if options.get("map") is not None:
+        raise InvalidRequest("under a map no slab is a copy of another: leave map out, or write the whole with lattice")
+    if options.get("boundary", "box") != "box":
+        raise InvalidRequest("slabs are cut in planes: use boundary='box', or write the whole with lattice")
+    if options.get("loose", KEEP) != KEEP:
+        raise InvalidRequest("a piece that is loose in a slab may be a part of the next one: leave loose out")
+
+
+def _require_met(originals: Sequence[SlabOriginal], names: Sequence[str]) -> None:
+    """NotMet if a slab misses the request."""
+    for original in originals:
+        if not original.certificate.met:
+            missed = "; ".join(original.certificate.shortfalls)
+            raise NotMet(
+                f"{names[0]} and the others not written, a slab misses the request: {missed}", original.certificate
+            )

@@ -1,0 +1,151 @@
+"""STEP files that are read back and compared with what was written, before they appear under their name.
+
+A file is written under a temporary name and renamed only if it holds what was meant; a failure leaves no file behind. The text
+of a boundary representation is read by a parser of its own and compared number for number. Then the kernel reads the file
+without healing and finds valid closed solids of the expected volume; of a large file it reads an excerpt, unless more is asked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.export.file_check import check_excerpt
+from tpmscad.kernel.export.shape_file import write_solids
+from tpmscad.kernel.measure.edge_gaps import measure_accuracy
+from tpmscad.kernel.measure.shape_report import ShapeReport, check_step
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.step.brep_writer import write_step
+from tpmscad.kernel.step.cell_assembly import arrange_cells
+from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour, label_faces
+from tpmscad.kernel.step.text_check import check_text
+from tpmscad.rigid_motion import Motion
+
+KERNEL_READ_LIMIT = 8_000_000
+"""Bytes of a file that the kernel always reads as a whole, which takes it three seconds; of larger ones it reads an excerpt."""
+
+REREAD_VOLUME_RTOL = 1e-9
+"""Relative difference allowed between the volume written and the volume read back, for faces that are all B-spline patches."""
+
+REREAD_VOLUME_RTOL_OF_BODIES = 1e-7
+"""The same for solids that contain faces of a CAD body."""
+
+
+ADVICE = "nothing was written; give a smaller `tol`, bring the part nearer to the origin, or make it in units of 1 to 1000 mm"
+
+
+def describe_fault(report: ShapeReport) -> str:
+    """What is wrong with the solids of a report, in words."""
+    faults = ("invalid", not report.valid), ("open", not report.closed), ("inside out", not report.outward)
+    return " and ".join(word for word, is_so in faults if is_so) or "missing"
+
+
+def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Callable[[Path], None]:
+    """Function that raises KernelError unless a file holds valid closed solids of total `volume`, to within `rtol`.
+
+    healed: the file is read with the kernel's healing, as CAD programs read it.
+    """
+
+    def verify(path: Path) -> None:
+        try:
+            report = check_step(path, healed=healed)
+        except InvalidRequest as error:
+            raise KernelError("export_step", str(error)) from error
+        if not report.ok:
+            raise KernelError(
+                "export_step", f"the kernel finds its solids {describe_fault(report.shape)} in the file; {ADVICE}"
+            )
+        difference = abs(report.shape.volume - volume)
+        if difference > rtol * volume:
+            raise KernelError(
+                "export_step",
+                f"the file's volume is {report.shape.volume:.12g}, that of the solid {volume:.12g}: they differ by "
+                f"{difference / volume:.2g} of it, the limit is {rtol:g}; {ADVICE}",
+            )
+
+    return verify
+
+
+def write_checked_brep(
+    brep: Brep,
+    nesting: Any,
+    path: str | Path,
+    *,
+    schema: str,
+    name: str,
+    rtol: float,
+    labels: Sequence[str],
+    instances: Sequence[Motion] = (),
+    verify: str | None = None,
+) -> None:
+    """Write a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
+
+    `nesting` says which shells bound which solid (`BrepSolids.nesting`), `labels` name the faces, `instances` are the levels of
+    the assembly as for `write_step`. If `verify` is "kernel", the kernel reads the whole file, however large. KernelError
+    if the file does not hold what was written.
+    """
+    volume = math.prod(map(len, instances)) * float(integral_properties.volume(nesting.moments)[0])
+
+    def check(written: Path) -> None:
+        if verify == "kernel" or written.stat().st_size <= KERNEL_READ_LIMIT:
+            check_text(written, brep, nesting, instances)
+            make_volume_check(volume, rtol)(written)
+        else:
+            check_excerpt(written, brep, nesting, instances)
+
+    write_step(
+        brep,
+        nesting,
+        path,
+        schema=schema,
+        name=name,
+        instances=instances,
+        labels=labels,
+        colours={label: find_label_colour(label) for label in set(labels)},
+        verify=check,
+    )
+
+
+def write_copies_of_cell(
+    cell: Brep,
+    path: str | Path,
+    *,
+    name: str,
+    edges: Sequence[float],
+    counts: tuple[int, int, int],
+    outer_faces: str,
+    schema: str,
+    verify: str | None,
+) -> None:
+    """Write a cell with the given edges (mm) once, with `counts` copies of it along the axes, and check what the file holds."""
+    write_checked_brep(
+        cell,
+        build_solids(cell).nesting,
+        path,
+        schema=schema,
+        name=name,
+        rtol=REREAD_VOLUME_RTOL,
+        labels=label_faces(cell, outer_faces),
+        instances=arrange_cells(edges, counts),
+        verify=verify,
+    )
+
+
+def write_checked_solids(
+    solids: Sequence[NamedSolid], path: str | Path, *, schema: str, name: str, volume: float, assembly: bool = False
+) -> None:
+    """Write kernel solids as STEP, read the file back and compare the volume; if `assembly`, each is a product of its own.
+
+    A CAD body may bring edges that lie off its faces by more than the kernel's confusion. STEP states no tolerance of an edge, so
+    such a file is valid only as CAD programs read it, with healing.
+    """
+    accuracy = measure_accuracy(of.solid for of in solids)
+    healed = accuracy > CONFUSION_TOLERANCE
+    verify = make_volume_check(volume, REREAD_VOLUME_RTOL_OF_BODIES, healed=healed)
+    write_solids(solids, path, schema=schema, name=name, assembly=assembly, accuracy=accuracy, verify=verify)

@@ -1,0 +1,124 @@
+"""Files of solids by suffix: STEP and BREP hold the exact solids, STL, 3MF and glTF closed triangle meshes.
+
+Every file is written under a temporary name, read back and compared with the solids, and only then gets its own name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from tpmscad._typing import BoxCorners
+from tpmscad.atomic_file import validate_output_path
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.export.brep_file import write_brep_file
+from tpmscad.kernel.export.gltf_file import write_glb
+from tpmscad.kernel.export.mesh_parts import group_faces
+from tpmscad.kernel.export.solid_mesh import mesh_solids
+from tpmscad.kernel.export.stl_file import write_stl
+from tpmscad.kernel.export.threemf_file import write_3mf
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.results.certificate import Certificate
+from tpmscad.results.result_summary import measure_diagonal
+
+STEP_SUFFIXES = (".step", ".stp")
+MESH_SUFFIXES = (".stl", ".3mf", ".glb")
+BREP_SUFFIX = ".brep"
+SUFFIXES = (*STEP_SUFFIXES, *MESH_SUFFIXES, BREP_SUFFIX)
+
+DEVIATION_FRACTION = 2e-4
+"""Default deviation of a mesh, in diagonals of the solid: far below what a printer resolves on a part of its size."""
+
+DEFAULT_ANGLE_DEG = 20.0
+"""Default turn of the normal between neighbouring facets."""
+
+
+def find_suffix(path: str | Path, only: Sequence[str] = SUFFIXES) -> str:
+    """The suffix of a path in lower case; InvalidRequest if it is not one of those known."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in only:
+        raise InvalidRequest(f"{Path(path).name} ends in {suffix!r}: give it a name ending in {', '.join(only)}")
+    return suffix
+
+
+def check_options(
+    suffix: str,
+    *,
+    deviation: float | None,
+    angle: float | None,
+    schema: str = "ap242",
+    instanced: bool = False,
+    verify: str | None = None,
+) -> None:
+    """InvalidRequest for options that a format does not have, and for deviations and angles that are not positive."""
+    if suffix not in MESH_SUFFIXES and (deviation is not None or angle is not None):
+        raise InvalidRequest(
+            f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
+        )
+    if suffix not in STEP_SUFFIXES and (instanced or schema != "ap242" or verify is not None):
+        raise InvalidRequest(f"schema, instanced and verify are for STEP files: leave them out of a {suffix} file")
+    for name, value, most in (("deviation", deviation, np.inf), ("angle", angle, 90.0)):
+        if value is not None and not 0.0 < value < most:
+            limit = "" if most == np.inf else f" and less than {most:g} degrees"
+            raise InvalidRequest(f"{name} = {value!r} must be greater than 0{limit}")
+
+
+class SolidResult(Protocol):
+    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
+
+    @property
+    def name(self) -> str:
+        """Name of the whole."""
+
+    @property
+    def volume(self) -> float:
+        """Volume of all solids."""
+
+    @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate, whose tolerance meshes keep to by default."""
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape of all solids."""
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces."""
+
+
+def write_mesh_or_brep_file(
+    result: SolidResult, path: str | Path, *, deviation: float | None, angle: float | None
+) -> None:
+    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path.
+
+    `deviation` is the greatest distance between mesh and solid, by default the greater of the certificate's tolerance and
+    DEVIATION_FRACTION of the diagonal; `angle` the turn between facets in degrees.
+    """
+    suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
+    if suffix == BREP_SUFFIX:
+        write_brep_file(result.wrapped, validate_output_path(path, (BREP_SUFFIX,)), result.volume)
+        return
+    target = validate_output_path(path, MESH_SUFFIXES)
+    if deviation is None:
+        deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
+    angle = DEFAULT_ANGLE_DEG if angle is None else angle
+    solids, volume = result.named_solids(), result.volume
+    meshes = mesh_solids(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)))
+    parts = [group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, meshes, strict=True)]
+    area = sum(part.mesh.area for part in parts)
+    found = sum(part.mesh.volume for part in parts)
+    if abs(found - volume) > deviation * area:
+        raise KernelError(
+            "triangulate",
+            f"the mesh has volume {found:.9g}, the solid {volume:.9g}: more than a deviation of {deviation:g} over its "
+            f"area {area:.6g} explains",
+        )
+    {".stl": write_stl, ".3mf": write_3mf, ".glb": write_glb}[suffix](parts, target, result.name)

@@ -1,0 +1,148 @@
+"""Signed distance to a CAD body as an implicit field.
+
+OCCT finds the foot points one at a time; each takes about a quarter of a millisecond.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
+from OCP.BRepClass3d import BRepClass3d_SolidClassifier
+from OCP.BRepExtrema import BRepExtrema_DistShapeShape
+from OCP.gp import gp_Pnt
+from OCP.TopAbs import TopAbs_IN
+from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
+
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fields.field import Field
+from tpmscad.fields.kinds.sampled_data import SampledField, sampled
+from tpmscad.fields.tape.evaluation import FieldJet, stack_points
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
+from tpmscad.kernel.occt.exploration import faces_of
+
+TABLE_MARGIN_SPACINGS = 2.0
+"""Spacings by which a table of distances reaches beyond the body's box, so that the body's surface is interpolated well."""
+
+MAX_TABLE_SAMPLES = 1_000_000
+"""Samples of a table of distances: four minutes of foot points."""
+
+DIFFERENCE_STEP = 1e-4
+"""Model units. Closer to the surface than this, the gradient is a central difference with this step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyDistance(Field):
+    """Signed distance to some or all faces of a solid, negative inside the solid.
+
+    Points outside the box from `low` to `high` count as outside without classification.
+    """
+
+    solid: TopoDS_Solid
+    low: Array
+    high: Array
+    faces: tuple[TopoDS_Face, ...]
+
+    def at(self, x: Array, y: Array, z: Array) -> Array:
+        """Distance at the points (x, y, z), in model units."""
+        points, shape = stack_points(x, y, z)
+        return self._distances(points)[0].reshape(shape)
+
+    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
+        """Distance and its gradient at the points (x, y, z)."""
+        points, shape = stack_points(x, y, z)
+        value, feet = self._distances(points)
+        near = np.abs(value) < DIFFERENCE_STEP
+        slopes = np.empty_like(points)
+        slopes[~near] = (points - feet)[~near] / value[~near, None]
+        if near.any():
+            for axis in range(3):
+                step = DIFFERENCE_STEP * np.eye(3)[axis]
+                ahead, behind = (self._distances(points[near] + sign * step)[0] for sign in (1, -1))
+                slopes[near, axis] = (ahead - behind) / (2 * DIFFERENCE_STEP)
+        gx, gy, gz = (slopes[:, axis].reshape(shape) for axis in range(3))
+        return value.reshape(shape), gx, gy, gz
+
+    def _distances(self, points: Array) -> tuple[Array, Array]:
+        """Signed distances (n,) and foot points (n, 3) of points (n, 3)."""
+        measure = BRepExtrema_DistShapeShape()
+        measure.LoadS2(make_compound(self.faces))
+        classify = BRepClass3d_SolidClassifier(self.solid)
+        within = np.all((points > self.low) & (points < self.high), axis=1).tolist()
+        value, feet = np.empty(len(points)), np.empty((len(points), 3))
+        for i, (x, y, z) in enumerate(points.tolist()):
+            at = gp_Pnt(x, y, z)
+            measure.LoadS1(BRepBuilderAPI_MakeVertex(at).Vertex())
+            if not measure.Perform():
+                raise KernelError("distance to the body", f"no foot point for ({x:g}, {y:g}, {z:g})", self.solid)
+            value[i], feet[i] = measure.Value(), measure.PointOnShape2(1).Coord()
+            if within[i]:
+                classify.Perform(at, CONFUSION_TOLERANCE)
+                if classify.State() == TopAbs_IN:
+                    value[i] = -value[i]
+        return value, feet
+
+
+@public()
+def body_field(shape: Any, *, spacing: float | None = None) -> Field:
+    """Signed distance to a CAD body as a field, negative inside.
+
+    Parameters
+    ----------
+    shape : build123d, CadQuery or TopoDS shape, or path of a STEP file
+        One valid, closed solid, in model units.
+    spacing : float, optional
+        If given, the distance is computed once on a grid of about this spacing, model units, over the body's box and two
+        spacings around it, and interpolated by a cubic spline: cheap to evaluate, and smooth. By default every evaluation finds
+        the exact distance.
+
+    Returns
+    -------
+    Field
+        Distance in model units; exact, at about 0.25 ms per point, or a `SampledField`.
+
+    Raises
+    ------
+    InvalidRequest
+        If `shape` does not hold exactly one solid, or the solid is open, invalid or inside out; or if the table would need more
+        than a million samples.
+
+    Notes
+    -----
+    The interpolated distance is exact at the samples. It rounds edges of the body and the ridges of the distance inside it over
+    about one spacing, and is within a fraction of spacing^2 times the curvature elsewhere: good for grading, coarse for cutting.
+
+    Examples
+    --------
+    >>> import build123d as bd
+    >>> import tpmscad
+    >>> field = tpmscad.body_field(bd.Box(2, 2, 2))
+    >>> float(field([[0.0, 0.0, 0.0]])[0])
+    -1.0
+    """
+    body = read_body(shape)
+    exact = BodyDistance(body.shape, *enclosing_box(body.shape), tuple(faces_of(body.shape)))
+    return exact if spacing is None else _tabulate(exact, spacing)
+
+
+def _tabulate(exact: BodyDistance, spacing: float) -> SampledField:
+    """The distance interpolated on a grid that reaches TABLE_MARGIN_SPACINGS beyond the body's box."""
+    low = exact.low - TABLE_MARGIN_SPACINGS * spacing
+    extent = exact.high + TABLE_MARGIN_SPACINGS * spacing - low
+    counts = np.ceil(extent / spacing) + 1
+    if counts.prod() > MAX_TABLE_SAMPLES:
+        remedy = float(np.cbrt(extent.prod() / MAX_TABLE_SAMPLES))
+        raise InvalidRequest(
+            f"a spacing of {spacing:g} needs {counts.prod():.3g} samples, more than {MAX_TABLE_SAMPLES}, at 0.25 ms each: "
+            f"give at least {remedy:.3g}"
+        )
+    steps = extent / (counts - 1)
+    axes = [a + s * np.arange(int(n)) for a, s, n in zip(low, steps, counts, strict=True)]
+    return sampled(exact.on_grid(*axes), steps.tolist(), low.tolist())

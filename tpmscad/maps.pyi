@@ -1,0 +1,10 @@
+from tpmscad.lattices.coordinate_maps import Map as Map
+from tpmscad.lattices.coordinate_maps import as_map as as_map
+from tpmscad.lattices.coordinate_maps import composition as composition
+from tpmscad.lattices.coordinate_maps import cylinder as cylinder
+from tpmscad.lattices.coordinate_maps import grading as grading
+from tpmscad.lattices.coordinate_maps import sphere as sphere
+from tpmscad.lattices.coordinate_maps import stretching as stretching
+from tpmscad.lattices.spline_maps import SplineMap as SplineMap
+from tpmscad.lattices.spline_maps import trivariate as trivariate
+from tpmscad.solids._between import between as between

@@ -1,0 +1,127 @@
+"""The wall of a lattice from what a designer knows: thickness, offsets, volume fraction, porosity or pore size.
+
+Whatever is given ends as a `Wall`: a pair of normal offsets from the mid surface. Volume fractions follow from Steiner's formula,
+which is exact. Some surfaces of the catalogue bend so sharply that no symmetric wall of constant thickness has a wanted volume
+fraction; their walls are then placed off the middle, and if that does not suffice either, between two levels of the nodal
+function, |f| <= c, as such sheets are usually defined. The thickness of a wall between levels varies. `Wall.notes` say which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from tpmscad import fields, surfaces
+from tpmscad._typing import Array
+from tpmscad.errors import InvalidRequest
+from tpmscad.requests.keyword_checks import check_positive
+
+WALL_KEYWORDS = ("thickness", "offset", "volume_fraction", "porosity")
+"""Keywords of which exactly one defines a wall."""
+
+USABLE_OFFSET_FRACTION = 0.8
+"""Fraction of the offset limits up to which walls off the middle are placed: nearer to it their surfaces are nearly sharp."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """Normal offsets of the lower and the upper surface in model units (equal for a skeletal solid).
+
+    `levels`: nodal values of the two surfaces, if the wall lies between levels instead; the offsets are then 0. `thickness`: that
+    of a graded wall, a function of points of the model; the offsets are then multiples of it. `notes` for the certificate.
+    """
+
+    offset: tuple[float, float]
+    levels: tuple[float, float] | None = None
+    notes: tuple[str, ...] = ()
+    thickness: Callable[[Array], Array] | None = None
+
+
+def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: bool) -> Wall:
+    """The wall that the one of thickness, offset, volume_fraction and porosity in `given` asks for, at a cell edge."""
+    kind = given["kind"]
+    named = [keyword for keyword in WALL_KEYWORDS if given[keyword] is not None]
+    if kind == "skeletal":
+        if "thickness" in named:
+            raise InvalidRequest(
+                "a skeletal solid has no thickness; give offset= (one distance), volume_fraction= or porosity="
+            )
+        if not named:
+            return Wall((0.0, 0.0))
+    if len(named) != 1:
+        choices = ", ".join(f"`{keyword}`" for keyword in WALL_KEYWORDS)
+        listed = " and ".join(f"`{keyword}`" for keyword in named) if named else "none of them"
+        raise InvalidRequest(f"give exactly one of {choices}; here: {listed}")
+    if "volume_fraction" in named or "porosity" in named:
+        fraction = _check_fraction(named[0], given[named[0]])
+        if has_mapping:
+            raise InvalidRequest(
+                f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
+            )
+        return _solve_for_fraction(name, given["reference"], fraction, kind, cell, given["side"])
+    if callable(given["thickness"]):
+        if given["map"] is None:
+            raise InvalidRequest(
+                "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give `map`, "
+                "stretching by 1 along each axis for instance, or a number"
+            )
+        return Wall((-0.5, 0.5), thickness=given["thickness"])
+    if "thickness" in named:
+        half = check_positive("thickness", given["thickness"]) / 2
+        return Wall((-half, half))
+    return Wall(_check_offsets(given["offset"], kind))
+
+
+def _check_offsets(offset: Any, kind: str) -> tuple[float, float]:
+    """The lower and the upper offset; the one of a skeletal solid twice."""
+    values = np.atleast_1d(np.asarray(offset, float))
+    if kind == "skeletal":
+        if values.size != 1:
+            raise InvalidRequest(f"a skeletal solid has one offset, not {values.size}")
+        return float(values[0]), float(values[0])
+    if values.size != 2 or values[0] >= values[1]:
+        raise InvalidRequest(f"offset {values.tolist()} of a sheet must be two distances, the lower first")
+    return float(values[0]), float(values[1])
+
+
+def _check_fraction(keyword: str, value: Any) -> float:
+    """The volume fraction that a volume fraction or a porosity between 0 and 1 stands for."""
+    fraction = check_positive(keyword, value)
+    if fraction >= 1:
+        raise InvalidRequest(f"{keyword} {fraction:g} must lie below 1")
+    return 1 - fraction if keyword == "porosity" else fraction
+
+
+def _solve_for_fraction(name: str, reference: str, fraction: float, kind: str, cell: float, side: str) -> Wall:
+    """The wall of a volume fraction: symmetric if possible, else off the middle, else between levels."""
+    try:
+        return Wall(surfaces.offsets_for(name, reference, fraction, kind, cell, side))
+    except InvalidRequest:
+        if kind != "sheet" or surfaces.find_surface(name).primitives != "level set":
+            raise
+    measures = surfaces.cell_measures(name, reference)
+    low, high = USABLE_OFFSET_FRACTION * measures.min_offset, USABLE_OFFSET_FRACTION * measures.max_offset
+    title = surfaces.find_surface(name).title
+    if measures.swept_volume(high) - measures.swept_volume(low) >= fraction:
+        # the side with the smaller radius goes to its limit, the other one as far as needed
+        if -low < high:
+            below = measures.swept_volume(low)
+            high = float(brentq(lambda d: measures.swept_volume(d) - below - fraction, 0.0, high))
+        else:
+            above = measures.swept_volume(high)
+            low = float(brentq(lambda d: above - measures.swept_volume(d) - fraction, low, 0.0))
+        note = (
+            f"the wall reaches from {low * cell:.4g} to {high * cell:.4g} of the {title}'s surface, as its radius of curvature "
+            f"allows no symmetric wall of volume fraction {fraction:g}"
+        )
+        return Wall((low * cell, high * cell), None, (note,))
+    level = fields.threshold_for(fields.tpms(name, 1.0), fraction, "sheet")[1]  # type: ignore[index]
+    note = (
+        f"the wall lies between the nodal levels {-level:.4g} and {level:.4g}, so its thickness varies: the radii of curvature "
+        f"of the {title} allow no wall of constant thickness with volume fraction {fraction:g}"
+    )
+    return Wall((0.0, 0.0), (-level, level), (note,))

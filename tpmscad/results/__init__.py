@@ -1,0 +1,1 @@
+"""Results: the model, the fluid domains and their certificates."""

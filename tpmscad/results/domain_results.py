@@ -1,0 +1,341 @@
+"""The result of `fluid_domains`: three models that share their faces, and what touches each face of the body."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.api.public_calls import public
+from tpmscad.brep.solid_names import name_pieces
+from tpmscad.errors import InvalidRequest
+from tpmscad.files.checked_write import write_checked_solids
+from tpmscad.files.file_formats import (
+    STEP_SUFFIXES,
+    check_options,
+    find_suffix,
+    write_mesh_or_brep_file,
+)
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.occt.exploration import vertices_of
+from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.kernel.step.product_entities import Colour
+from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.results.certificate import Certificate
+from tpmscad.results.model import Model
+from tpmscad.results.result_summary import count_pieces, format_html, format_size
+from tpmscad.studies._render import render
+from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+
+WALL, PLUS, MINUS = "wall", "channel +", "channel -"
+"""Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
+
+DOMAIN_COLOURS: Mapping[str, Colour] = {WALL: (0.72, 0.74, 0.76), PLUS: (0.36, 0.56, 0.74), MINUS: (0.87, 0.60, 0.32)}
+"""Colours of the domains in files, as red, green and blue from 0 to 1."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceContact:
+    """One face of the body, by its number in the body's order, and the area of each domain on it, model units squared."""
+
+    face: int
+    areas: Mapping[str, float]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FluidDomains:
+    """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
+
+    Attributes
+    ----------
+    name : str
+        Name of the whole, used in files.
+    wall, plus, minus : Model
+        The wall, and the channels in which the nodal value of the surface is positive and negative.
+    touches : tuple of FaceContact
+        For every face of the body, the domains that reach it and their areas on it.
+    volume : float
+        Volume of the three domains together, which is the body's, model units cubed.
+    surface : str
+        Name of the surface in the catalogue.
+    cell : (float, float, float)
+        Edge lengths of its cell, model units.
+    """
+
+    name: str
+    wall: Model
+    plus: Model
+    minus: Model
+    touches: tuple[FaceContact, ...]
+    volume: float
+    surface: str
+    cell: tuple[float, float, float]
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate of the wall, with the checks and notes of the channels."""
+        return self.wall.certificate
+
+    @property
+    def domains(self) -> dict[str, Model]:
+        """The three models by their names "wall", "channel +" and "channel -"."""
+        return {WALL: self.wall, PLUS: self.plus, MINUS: self.minus}
+
+    @property
+    def wrapped(self) -> Any:
+        """All solids as one TopoDS compound with shared faces, in the order wall, channel +, channel -."""
+        return make_compound(solid for model in self.domains.values() for solid in model.built.solids)
+
+    @cached_property
+    def bounding_box(self) -> BoxCorners:
+        """Opposite corners of the box around the domains: ((x0, y0, z0), (x1, y1, z1)), model units."""
+        corners = np.array([model.bounding_box for model in self.domains.values()])
+        (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
+        return (x0, y0, z0), (x1, y1, z1)
+
+    @public()
+    def export(
+        self,
+        path: str | Path,
+        *,
+        deviation: float | None = None,
+        angle: float | None = None,
+        schema: str = "ap242",
+    ) -> None:
+        """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or ``.glb``.
+        deviation : float, optional
+            Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or 1/5000 of the
+            diagonal if that is more.
+        angle : float, optional
+            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
+        schema : {"ap242", "ap214"}, optional
+            STEP application protocol.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is not known, or an option does not apply to the format.
+        KernelError
+            If a mesh cannot be closed, or the file does not read back as it was written.
+
+        Notes
+        -----
+        A BREP file keeps the faces that domains share, in gmsh, FreeCAD and build123d. STEP has no faces with a solid on either
+        side that readers take as solids: the file stores shared vertices, edges and surfaces once, but each solid reads back with
+        faces of its own, in the same place; ``fragment`` of gmsh restores the shared ones. STEP is an assembly of named and
+        coloured products. 3MF and GLB hold a mesh for each solid, with the same triangles where solids touch.
+
+        Examples
+        --------
+        >>> parts.export("exchanger.brep")
+        """
+        suffix = find_suffix(path)
+        check_options(suffix, deviation=deviation, angle=angle, schema=schema)
+        if suffix in STEP_SUFFIXES:
+            self.export_step(path, schema=schema)
+        elif suffix == ".stl":
+            raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
+        else:
+            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+
+    @public()
+    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
+        """Write the named solids to a STEP file, which is read back and checked.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write. It is left unchanged if the check fails.
+        schema : {"ap242", "ap214"}, optional
+            Application protocol of the file.
+
+        Raises
+        ------
+        KernelError
+            If the file does not read back as it was written.
+        """
+        solids = self.named_solids()
+        write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
+
+    @public()
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: str | Sequence[float] = "iso",
+        section: Any = None,
+        size: tuple[int, int] = (1200, 900),
+        color_by: str | None = None,
+        hide: str | Sequence[str] = (),
+    ) -> None:
+        """Draw the domains, each in its colour, as a PNG picture, without a display.
+
+        Parameters
+        ----------
+        path : str or Path
+            The PNG file to write.
+        view, section, size, color_by, hide
+            As in `tpmscad.render`.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
+        """
+        render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
+
+    @public()
+    def mesh(
+        self, size: float, order: int = 2, *, per_turn: int | None = None, progress: ProgressOption = None
+    ) -> VolumeMesh:
+        """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
+
+        Parameters
+        ----------
+        size, order, per_turn, progress
+            As in `Model.mesh`.
+
+        Returns
+        -------
+        VolumeMesh
+            The elements are the groups "wall", "channel +" and "channel -"; facets between two of them "wall | channel +" and
+            "wall | channel -", those on the body's faces "channel +: opening X-", "wall: body X-" and the like.
+
+        Raises
+        ------
+        InvalidRequest
+            If gmsh is not installed, the order is neither 1 nor 2, or there would be too many elements.
+        KernelError
+            If gmsh fails, or elements stay inverted.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.mesh(0.8).write("exchanger.msh")  # doctest: +SKIP
+        """
+        regions = [name for name, model in self.domains.items() for _ in model.built.solids]
+        return mesh_named_solids(
+            self.named_solids(),
+            regions,
+            self.bounding_box,
+            read_request(size, order, False, per_turn),
+            name=self.name,
+            progress=progress,
+        )
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names, colours and the labels of their faces, as files store them.
+
+        Returns
+        -------
+        tuple of NamedSolid
+            In the order wall, channel +, channel -; of each the largest first, which alone has the plain name: another piece of
+            the wall, in the corner of the greatest x and the least y and z, is "wall (X+ Y- Z-)".
+        """
+        result = []
+        for domain, model in self.domains.items():
+            solids = model.named_solids()
+            names = name_pieces(domain, [vertices_of(of.solid) for of in solids])
+            result += [
+                NamedSolid(name, of.solid, of.labels, DOMAIN_COLOURS[domain])
+                for name, of in zip(names, solids, strict=True)
+            ]
+        return tuple(result)
+
+    @property
+    def hydraulic_diameters(self) -> dict[str, float]:
+        """4 x volume / wetted area of each channel by its name, model units; the area on the body's faces is not wetted."""
+        on_body = {name: sum(contact.areas.get(name, 0.0) for contact in self.touches) for name in (PLUS, MINUS)}
+        return {name: 4.0 * self.domains[name].volume / (self.domains[name].area - on_body[name]) for name in on_body}
+
+    def to_dict(self) -> dict[str, Any]:
+        """The certificate and the figures of every domain as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The entries of the certificate, and under "domains" by name: pieces, volume, area, hydraulic diameter (of channels),
+            and the areas on the body's faces by their numbers.
+        """
+        diameters = self.hydraulic_diameters
+        domains = {
+            name: {
+                "pieces": model.built.n_solids,
+                "volume": model.volume,
+                "area": model.area,
+                "hydraulic_diameter": diameters.get(name),
+                "faces": {str(contact.face): contact.areas[name] for contact in self.touches if name in contact.areas},
+            }
+            for name, model in self.domains.items()
+        }
+        return self.certificate.to_dict() | {"domains": domains}
+
+    def summary(self) -> str:
+        """The domains as a table: pieces, volume, hydraulic diameter, and the faces of the body that each reaches.
+
+        Returns
+        -------
+        str
+            A line for each domain, with units.
+        """
+        lines = []
+        for name, found in self.to_dict()["domains"].items():
+            line = f"{name:10}  {count_pieces(found['pieces'])}, volume {found['volume']:.7g} mm3"
+            if found["hydraulic_diameter"] is not None:
+                line += f", hydraulic diameter {found['hydraulic_diameter']:.4g} mm"
+            faces = ", ".join(f"{face} ({area:.4g} mm2)" for face, area in found["faces"].items())
+            lines += [line, f"{'':10}  reaches face {faces}" if faces else f"{'':10}  reaches no face of the body"]
+        return "\n".join(lines)
+
+    def __reduce__(self) -> Any:
+        models = (self.wall, self.plus, self.minus)
+        content, parts = pack_results([model.built.dismantle() for model in models])
+        states = [{**model.__getstate__(), "built": None} for model in models]
+        figures = self.touches, self.volume, self.surface, self.cell
+        return _restore_domains, (self.name, content, parts, states, figures)
+
+    def __repr__(self) -> str:
+        lines = [f"{self.name}: {format_size(self.bounding_box)} mm, volume {self.volume:.7g}"]
+        for name, model in self.domains.items():
+            pieces = count_pieces(model.built.n_solids)
+            lines.append(f"  {name:10}{pieces}, volume {model.volume:.7g}, area {model.area:.7g}")
+        shortfalls = self.certificate.shortfalls
+        lines.append(
+            "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")
+        )
+        return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
+
+
+def _restore_domains(
+    name: str, content: bytes, parts: Any, states: Sequence[dict[str, Any]], figures: tuple[Any, ...]
+) -> FluidDomains:
+    """The domains of a pickle, whose solids share their faces as before."""
+    models = []
+    for state, built in zip(states, unpack_results(content, parts), strict=True):
+        model = Model.__new__(Model)
+        model.__dict__.update(state, built=built)
+        models.append(model)
+    wall, plus, minus = models
+    return FluidDomains(name, wall, plus, minus, *figures)

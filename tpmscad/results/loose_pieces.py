@@ -1,0 +1,67 @@
+"""Loose pieces of a result: the chips that the faces of a box or a body cut off a lattice.
+
+A piece is loose if its volume is below 1 % of the largest one's. Loose pieces are left out unless they are asked for, and the
+certificate says how many there were. Where the solid has a boundary representation, it loses their faces too, so that arrays,
+kernel and files agree.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.kernel.boolean.boolean_operations import estimate_volume
+from tpmscad.kernel.build.solids import BrepSolids, select_solids
+from tpmscad.results.certificate import CHIP_VOLUME_FRACTION
+
+DROP, KEEP = "drop", "keep"
+
+
+@dataclass(frozen=True, slots=True)
+class DroppedPieces:
+    """The volumes of the pieces that were left out, model units cubed, largest first."""
+
+    volumes: tuple[float, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the certificate says about them: nothing if there are none."""
+        if not self.volumes:
+            return ()
+        count, limit = len(self.volumes), f"{100 * CHIP_VOLUME_FRACTION:g} % of the largest piece"
+        if count == 1:
+            return (f'left out: 1 loose piece of {self.volumes[0]:.4g} mm3, below {limit}; loose="{KEEP}" keeps it',)
+        return (
+            f"left out: {count} loose pieces, {sum(self.volumes):.4g} mm3 together, the largest {self.volumes[0]:.4g} mm3, "
+            f'each below {limit}; loose="{KEEP}" keeps them',
+        )
+
+
+NOTHING_DROPPED = DroppedPieces()
+
+
+def drop_loose_pieces(brep: Brep, built: BrepSolids, loose: str) -> tuple[Brep, BrepSolids, DroppedPieces]:
+    """A boundary representation and its solids without the loose pieces, and what was left out."""
+    nesting = built.nesting
+    kept, dropped = _select_pieces([float(nesting.volume[list(of)].sum()) for of in nesting.shells_of_solid], loose)
+    if not dropped.volumes:
+        return brep, built, dropped
+    return *select_solids(brep, built, kept), dropped
+
+
+def drop_loose_solids(solids: Sequence[Any], loose: str) -> tuple[tuple[Any, ...], DroppedPieces]:
+    """The kernel's solids without the loose ones, and what was left out."""
+    if len(solids) < 2 or loose == KEEP:
+        return tuple(solids), NOTHING_DROPPED
+    kept, dropped = _select_pieces([estimate_volume(solid) for solid in solids], loose)
+    return tuple(solids[i] for i in kept), dropped
+
+
+def _select_pieces(volumes: Sequence[float], loose: str) -> tuple[list[int], DroppedPieces]:
+    """Indices of the pieces to keep, and the volumes of the others."""
+    least = CHIP_VOLUME_FRACTION * max(volumes, default=0.0)
+    kept = [i for i, volume in enumerate(volumes) if loose == KEEP or volume >= least]
+    left = sorted((volume for volume in volumes if loose != KEEP and volume < least), reverse=True)
+    return kept, DroppedPieces(tuple(left))

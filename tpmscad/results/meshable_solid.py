@@ -1,0 +1,150 @@
+"""What a model offers for simulation: tetrahedra by gmsh, and hexahedra and trivariate splines straight from its patches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.api.public_calls import public
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.lattices.spline_volumes import SplineVolumes
+from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.studies.hexahedral_meshing import mesh_by_splines, write_splines
+from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+
+BODY_REGION = "body"
+"""Group of a mesh's elements."""
+
+
+class MeshedResult(Protocol):
+    """What meshes are made of."""
+
+    @property
+    def name(self) -> str:
+        """Name of the product."""
+
+    @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
+    def make_spline_volumes(self) -> Callable[[], SplineVolumes | None] | None:
+        """Makes the trivariate splines that fill the solid; it, or what it makes, is None if there are no whole walls."""
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with the labels of their faces."""
+
+
+class MeshableSolid:
+    """The methods of a model that make meshes and splines for simulation."""
+
+    @public()
+    def hexahedra(
+        self: MeshedResult, order: int = 2, refine: int | tuple[int, int] = 0, *, serendipity: bool = False
+    ) -> VolumeMesh:
+        """Hexahedra of a lattice's wall straight from its patches, without a mesher.
+
+        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall:
+        one element, or cut into several. Nodes lie on the exact faces.
+
+        Parameters
+        ----------
+        order : {2, 1}, optional
+            2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.
+        refine : int or (int, int), optional
+            Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 elements.
+        serendipity : bool, optional
+            Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes, elements, facets in the groups "surface +", "surface -" and "gap" or "cap X+", and periodic pairs of nodes.
+
+        Raises
+        ------
+        InvalidRequest
+            If the solid is not made of whole walls, a wall folds, or elements are too large for its curvature.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
+        >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
+        >>> mesh.write("gyroid.msh")  # doctest: +SKIP
+        """
+        along, through = refine if isinstance(refine, tuple) else (refine, refine)
+        return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
+
+    @public()
+    def export_splines(self: MeshedResult, path: str | Path) -> None:
+        """Write the lattice's wall as trivariate splines for isogeometric analysis, with their interfaces.
+
+        Parameters
+        ----------
+        path : str or Path
+            An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, with exact poles,
+            the interfaces of the bodies, and their outer sides in the groups "surface +", "surface -" and "gap" or "cap".
+
+        Raises
+        ------
+        InvalidRequest
+            If the solid is not made of whole walls, a wall folds, or the suffix is another one.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
+        >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
+        """
+        write_splines(self.make_spline_volumes, self.name, path)
+
+    @public()
+    def mesh(
+        self: MeshedResult,
+        size: float,
+        order: int = 2,
+        periodic: bool = False,
+        *,
+        per_turn: int | None = None,
+        progress: ProgressOption = None,
+    ) -> VolumeMesh:
+        """Tetrahedra in the solid, with corners and middles of edges on its exact faces; by gmsh (pip install "tpmscad[mesh]").
+
+        Parameters
+        ----------
+        size : float
+            Mean length of the elements' edges in mm: the same everywhere, but shorter where faces or edges are shorter, and where
+            `per_turn` asks for it.
+        order : {2, 1}, optional
+            2: elements of 10 nodes with curved edges; 1: of 4 nodes with straight ones.
+        periodic : bool, optional
+            Whether opposite sides of the model's box have the same nodes, to the last bit. The box has to cut the same faces on
+            both sides, as around whole cells of a lattice.
+        per_turn : int, optional
+            Elements along a full turn of curvature at least: elements are smaller than `size` where the surface curves more.
+        progress : callable or bool, optional
+            Who shows the progress; see `tpmscad.lattice`.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes, elements, facets, and groups: the elements are the group "body", the facets have the names of faces in STEP
+            files, such as "surface +", "surface -", "cap X+" or "gap"; `write` stores it as .msh, .inp or .vtu.
+
+        Raises
+        ------
+        InvalidRequest
+            If gmsh is not installed, the order is another one, there would be too many elements, or opposite sides differ.
+        KernelError
+            If gmsh fails, or elements stay inverted.
+
+        Examples
+        --------
+        >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8, periodic=True)  # doctest: +SKIP
+        >>> mesh.write("gyroid.inp")  # doctest: +SKIP
+        """
+        solids = self.named_solids()
+        request = read_request(size, order, periodic, per_turn)
+        regions = [BODY_REGION] * len(solids)
+        return mesh_named_solids(solids, regions, self.bounding_box, request, name=self.name, progress=progress)

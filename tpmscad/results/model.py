@@ -1,0 +1,400 @@
+"""The result of `lattice`, `solidify`, `infill` and of each domain: a solid, the patches it is made of, and its certificate."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from tpmscad._typing import Array, BoxCorners
+from tpmscad.api.public_calls import public
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.extents import true_bounds
+from tpmscad.brep.solid_names import name_pieces
+from tpmscad.errors import InvalidRequest
+from tpmscad.files.checked_write import (
+    REREAD_VOLUME_RTOL,
+    REREAD_VOLUME_RTOL_OF_BODIES,
+    write_checked_brep,
+    write_checked_solids,
+    write_copies_of_cell,
+)
+from tpmscad.files.file_formats import (
+    STEP_SUFFIXES,
+    check_options,
+    find_suffix,
+    write_mesh_or_brep_file,
+)
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.measure.shape_extents import shape_bounds
+from tpmscad.kernel.occt.construction import copy_placement
+from tpmscad.kernel.occt.exploration import vertices_of
+from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
+from tpmscad.lattices.spline_volumes import SplineVolumes
+from tpmscad.results.certificate import Certificate
+from tpmscad.results.meshable_solid import MeshableSolid
+from tpmscad.results.result_summary import format_html, format_summary
+from tpmscad.studies._check_print import PrintReport, check_print
+from tpmscad.studies._render import render
+from tpmscad.studies.layer_slices import Slices, slice_shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnitCell:
+    """The cell that a lattice repeats, made on demand, the edges of its box (model units), and its copies along each axis."""
+
+    make: Callable[[], Brep]
+    edges: tuple[float, float, float]
+    counts: tuple[int, int, int]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Model(MeshableSolid):
+    """A solid with its certificate, whatever made it.
+
+    Attributes
+    ----------
+    name : str
+        Name of the product in files.
+    patches : Brep
+        The boundary representation in arrays, in model units. If the kernel made the solid (`trimmed_by` is "kernel", or there
+        is a skin), these are the patches of the whole lattice before it was trimmed.
+    certificate : Certificate
+        What was measured on the solid, and whether it meets the request.
+    built : BrepSolids or OcctSolids
+        The kernel's solids.
+    unit_cell : UnitCell or None
+        The cell that the solid repeats; None if it repeats none.
+    trimmed_by : {"patches", "kernel"} or None
+        How a body trimmed the lattice: on the parameter domains of the patches, or by a Boolean operation of the kernel, as for
+        bodies with faces that are neither planes nor quadrics. None if no body did.
+    outer_faces : str
+        Name in files of the faces that bound the lattice from outside: "cap", "body" or "opening".
+    distance_to_reference : callable or None
+        Distance (n,) of points (n, 3) from the reference surface, model units, for pictures of the deviation.
+    is_fluid : bool
+        Whether the solid is a channel full of fluid, which `measure` then takes it for.
+    make_spline_volumes : callable or None
+        Makes the trivariate splines that fill the solid; it is None, or makes None, if the solid is not made of whole walls.
+
+    Notes
+    -----
+    A model can be pickled: its shapes travel in OCCT's binary format, to the last bit. A pickle leaves `unit_cell`,
+    `distance_to_reference` and `make_spline_volumes` out if they hold functions that Python cannot pickle, such as a lambda in
+    a map.
+    """
+
+    name: str
+    patches: Brep
+    certificate: Certificate
+    built: BrepSolids | OcctSolids
+    unit_cell: UnitCell | None = None
+    trimmed_by: str | None = None
+    outer_faces: str = "cap"
+    distance_to_reference: Callable[[Array], Array] | None = None
+    is_fluid: bool = False
+    make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
+
+    @property
+    def solid(self) -> Any:
+        """The build123d Solid, or a Compound if there are several solids; moving it leaves the model in place."""
+        return self.built.solid
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape, under the name that build123d, CadQuery and viewers use; moving it leaves the model in place."""
+        return copy_placement(self.built.shape)
+
+    @property
+    def volume(self) -> float:
+        """Volume of the solid, model units cubed."""
+        return self.certificate.volume
+
+    @property
+    def area(self) -> float:
+        """Surface area of the solid, model units squared."""
+        return self.certificate.area
+
+    @cached_property
+    def bounding_box(self) -> BoxCorners:
+        """Opposite corners of the box around the solid: ((x0, y0, z0), (x1, y1, z1)), model units."""
+        exact = isinstance(self.built, BrepSolids)
+        corners = true_bounds(self.patches) if exact else shape_bounds(self.built.shape)
+        (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
+        return (x0, y0, z0), (x1, y1, z1)
+
+    @public()
+    def export(
+        self,
+        path: str | Path,
+        *,
+        deviation: float | None = None,
+        angle: float | None = None,
+        schema: str = "ap242",
+        instanced: bool = False,
+        verify: str | None = None,
+    ) -> None:
+        """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, units and
+            validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed triangle mesh for each
+            solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF demands; the others are in mm.
+        deviation : float, optional
+            Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or 1/5000 of the
+            diagonal if that is more.
+        angle : float, optional
+            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
+        schema : {"ap242", "ap214"}, optional
+            STEP application protocol.
+        instanced : bool, optional
+            Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
+        verify : {"kernel"}, optional
+            Of STEP: as in `export_step`.
+
+        Raises
+        ------
+        InvalidRequest
+            If the suffix is not known, or an option does not apply to the format or to this model.
+        KernelError
+            If the mesh cannot be closed, or the file does not read back as the solid that was written.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
+        >>> model.export("gyroid.3mf", deviation=0.02)
+        """
+        suffix = find_suffix(path)
+        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced, verify=verify)
+        if suffix in STEP_SUFFIXES:
+            self.export_step(path, instanced=instanced, schema=schema, verify=verify)
+        else:
+            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+
+    @public()
+    def export_step(
+        self, path: str | Path, *, instanced: bool = False, schema: str = "ap242", verify: str | None = None
+    ) -> None:
+        """Write the model as a STEP file, read it back and compare it with the solid.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write. It is complete and verified, or absent.
+        instanced : bool, optional
+            Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more than 64 come in
+            rows, layers and a block. `tpmscad.export_instances` writes such a file without making the whole lattice.
+        schema : {"ap242", "ap214"}, optional
+            STEP application protocol.
+        verify : {"kernel"}, optional
+            Let the kernel read the whole file and check every face of it, however large; without it, a large file's text is
+            compared number for number with the solid, and the kernel reads a face of each class of congruent faces.
+
+        Raises
+        ------
+        InvalidRequest
+            If `instanced` is True and the solid repeats no cell.
+        KernelError
+            If the file does not read back as the valid solid that was written.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
+        >>> model.export_step("gyroid.step", instanced=True)
+        """
+        if instanced:
+            self._export_instances(path, schema, verify)
+        elif isinstance(self.built, BrepSolids):
+            rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
+            labels = label_faces(self.patches, self.outer_faces)
+            write_checked_brep(
+                self.patches,
+                self.built.nesting,
+                path,
+                schema=schema,
+                name=self.name,
+                rtol=rtol,
+                labels=labels,
+                verify=verify,
+            )
+        else:
+            write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
+
+    def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
+        """Write the unit cell once and place it as often as the solid repeats it."""
+        if self.unit_cell is None:
+            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
+        write_copies_of_cell(
+            self.unit_cell.make(),
+            path,
+            name=self.name,
+            edges=self.unit_cell.edges,
+            counts=self.unit_cell.counts,
+            outer_faces=self.outer_faces,
+            schema=schema,
+            verify=verify,
+        )
+
+    @public()
+    def render(
+        self,
+        path: str | Path,
+        *,
+        view: str | Sequence[float] = "iso",
+        section: Any = None,
+        size: tuple[int, int] = (1200, 900),
+        color_by: str | None = None,
+    ) -> None:
+        """Draw the model as a PNG picture, without a display.
+
+        Parameters
+        ----------
+        path : str or Path
+            The PNG file to write.
+        view, section, size, color_by
+            As in `tpmscad.render`.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
+        >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
+        """
+        render(self, path, view=view, section=section, size=size, color_by=color_by)
+
+    @public()
+    def slices(self, height: float, chord_error: float | None = None, executor: Executor | None = None) -> Slices:
+        """Contours of every layer for layered manufacturing, straight from the exact faces.
+
+        Parameters
+        ----------
+        height : float
+            Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.
+        chord_error : float, optional
+            Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.
+        executor : concurrent.futures.Executor, optional
+            Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the same.
+
+        Returns
+        -------
+        Slices
+            The layers, each with its closed contours, area, perimeter and volume; `write` stores them as SVG, CLI or 3MF.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not positive, or there would be more than 100,000 layers.
+        KernelError
+            If the kernel cannot triangulate the model.
+
+        Examples
+        --------
+        >>> slices = tpmscad.lattice("gyroid", cell=10, thickness=1).slices(0.05)  # doctest: +SKIP
+        >>> slices.write("gyroid.cli")  # doctest: +SKIP
+        """
+        return slice_shape(self.wrapped, self.name, height, chord_error, [z for *_, z in self.bounding_box], executor)
+
+    @public()
+    def check_print(
+        self,
+        *,
+        min_wall: float | None = None,
+        min_gap: float | None = None,
+        max_overhang: float | None = None,
+        build_direction: str | Sequence[float] = "z",
+    ) -> PrintReport:
+        """Check the model before printing: smallest wall, smallest gap, overhang and closed cavities.
+
+        Parameters
+        ----------
+        min_wall, min_gap : float, optional
+            Least wall and least gap in mm. Without a limit, a figure is measured but not judged.
+        max_overhang : float, optional
+            Greatest overhang in degrees from the build direction.
+        build_direction : str or (3,) floats, optional
+            As in `tpmscad.check_print`.
+
+        Returns
+        -------
+        PrintReport
+            Four findings, each with value, limit and place; `met` is True if all limits are kept and there is no closed cavity.
+
+        Raises
+        ------
+        InvalidRequest
+            If an argument is not understood, or solids of the model touch each other.
+
+        Examples
+        --------
+        >>> tpmscad.lattice("gyroid", cell=10, thickness=1).check_print(min_wall=0.3).met  # doctest: +SKIP
+        """
+        return check_print(
+            self.built.shape,
+            min_wall=min_wall,
+            min_gap=min_gap,
+            max_overhang=max_overhang,
+            build_direction=build_direction,
+        )
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces, as files store them.
+
+        Returns
+        -------
+        tuple of NamedSolid
+            Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
+            another says where it lies: "gyroid (X+ Y- Z-)".
+        """
+        if isinstance(self.built, BrepSolids):
+            found = label_faces(self.patches, self.outer_faces)
+            labels = [order_labels(solid, self.built.faces, found) for solid in self.built.solids]
+        else:
+            labels = [label_shape_faces(s, self.patches, self.outer_faces) for s in self.built.solids]
+        names = name_pieces(self.name, [vertices_of(solid) for solid in self.built.solids])
+        return tuple(map(NamedSolid, names, self.built.solids, labels))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            **self.__dict__,
+            **{
+                key: _portable(self.__dict__[key])
+                for key in ("unit_cell", "distance_to_reference", "make_spline_volumes")
+            },
+        }
+
+    def _refuse_operator(self, other: Any) -> Any:
+        raise InvalidRequest(
+            "a model cannot be cut or joined itself, as its certificate holds for this solid only: take its shape, as in "
+            "model.solid - Box(10, 10, 10)"
+        )
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __and__ = __rand__ = __or__ = __ror__ = _refuse_operator
+
+    def __repr__(self) -> str:
+        return format_summary(self.name, self.bounding_box, self.certificate)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
+
+
+def _portable(value: Any) -> Any:
+    """The value, or None if it holds a function that cannot be pickled."""
+    try:
+        pickle.dumps(value)
+    except (pickle.PicklingError, AttributeError, TypeError):
+        return None
+    return value

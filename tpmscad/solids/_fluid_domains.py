@@ -1,0 +1,296 @@
+"""The three domains of a heat exchanger: the wall of a sheet lattice in a body, and the two channels that it separates.
+
+If the body consists of planes and quadrics, lattice and body are intersected once on the patches' parameter domains, and the
+three domains are rebuilt from that arrangement; common faces, edges and vertices are the same by construction. Otherwise the
+kernel splits the body by the lattice's surfaces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import ProgressOption
+from tpmscad.api.public_calls import public
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError, MissingDomain, TrimmingError
+from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids
+from tpmscad.kernel.build.solids import BrepSolids, build_regions
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.requests.lattice_request import resolve_lattice_request, rotation_matrix
+from tpmscad.results.certificate import Certificate, Check, describe_piece, require
+from tpmscad.results.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
+from tpmscad.results.model import Model
+from tpmscad.solids.boolean_strategies import (
+    KERNEL_BOOLEAN,
+    TRIMMED_PATCHES,
+    certify_cut_solids,
+    corner_clearance,
+)
+from tpmscad.solids.fallbacks import Fallback, first_success
+from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
+from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain
+from tpmscad.trimming.trim_pipeline import trim_domains
+
+TOTAL_VOLUME_RTOL = 1e-6
+"""Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
+
+
+@public('fluid_domains(body, "gyroid", cell=10, thickness=1)')
+def fluid_domains(
+    body: Any,
+    surface: str,
+    *,
+    cell: float | Sequence[float] | None = None,
+    thickness: float | None = None,
+    offset: Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    porosity: float | None = None,
+    pore_size: float | None = None,
+    reference: str | None = None,
+    phase: Sequence[float] | None = None,
+    rotation: Sequence[float] = (0.0, 0.0, 0.0),
+    tol: float | None = None,
+    progress: ProgressOption = None,
+) -> FluidDomains:
+    """Divide a body into the wall of a sheet lattice and the two channels beside it, as solids that share their faces.
+
+    Parameters
+    ----------
+    body : shape, str or Path
+        One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` or
+        ``fields.cylinder`` with a height.
+    surface : str
+        Name of a surface (see ``tpmscad surfaces``).
+    cell : float or (3,) floats, optional
+        Edge length of the cell, or one for each axis, model units. Required unless `pore_size` is given.
+    thickness : float, optional
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
+        `volume_fraction` and `porosity`.
+    offset : (float, float), optional
+        Signed normal distances of the two sides of the wall, the lower first, model units.
+    volume_fraction : float, optional
+        Fraction of the whole cell that is wall, between 0 and 1.
+    porosity : float, optional
+        Void fraction of the whole cell, 1 - volume fraction.
+    pore_size : float, optional
+        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
+        Of a sheet the larger of the two channels counts; a note of the certificate states both.
+    reference : {"minimal", "nodal"}, optional
+        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
+    phase : (3,) floats, optional
+        Shift of the lattice, in cells; none by default.
+    rotation : (3,) floats, optional
+        Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
+    tol : float, optional
+        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the cell.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
+
+    Returns
+    -------
+    FluidDomains
+        The three domains. The notes of its certificate list disconnected pieces and the domains on each face of the body.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    MissingDomain
+        If the body holds no part of one of the domains (an InvalidRequest).
+    KernelError
+        If trimming and splitting fail.
+
+    Examples
+    --------
+    >>> import build123d as bd, tpmscad
+    >>> parts = tpmscad.fluid_domains(bd.Box(20, 10, 10), "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+    >>> parts.export_step("exchanger.step")  # doctest: +SKIP
+    """
+    stages = StageTimer(progress)
+    with stages("read"):
+        read = read_body(body)
+    request = resolve_lattice_request(
+        surface,
+        cell=cell,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        porosity=porosity,
+        pore_size=pore_size,
+        reference=reference,
+        phase=(0.0, 0.0, 0.0) if phase is None else phase,
+        tol=tol,
+    )
+    block = build_lattice_block(request, rotation_matrix(rotation), read, stages)
+    with stages("trim"):
+        found = _compute_domains(block, read)
+    touches = tuple(
+        FaceContact(
+            face, {name: domain.areas[face] for name, domain in found.items() if domain.areas.get(face, 0.0) > 0}
+        )
+        for face in range(len(faces_of(read.shape)))
+    )
+    with stages("check"):
+        certificates, volume = _certify_domains(found, touches, block, read)
+    models = {
+        name: Model(
+            name,
+            block.patches if domain.brep is None else domain.brep,
+            certificates[name].with_seconds(stages.seconds),
+            domain.built,
+            trimmed_by=KERNEL_BOOLEAN if domain.brep is None else TRIMMED_PATCHES,
+            outer_faces="body" if name == WALL else "opening",
+            is_fluid=name != WALL,
+        )
+        for name, domain in found.items()
+    }
+    name = f"{request.surface} exchanger"
+    wall, plus, minus = (models[domain] for domain in (WALL, PLUS, MINUS))
+    return FluidDomains(name, wall, plus, minus, touches, volume, request.surface, request.cell)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DomainSolids:
+    """The solids of a domain, largest first, its areas by face of the body, and notes on the method.
+
+    `brep` bounds the solids if the patches were trimmed.
+    """
+
+    built: BrepSolids | OcctSolids
+    brep: Brep | None
+    areas: Mapping[int, float]
+    notes: tuple[str, ...]
+
+
+def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
+    outcome = first_success(
+        [
+            Fallback("trimming on the patches' parameters", lambda: _trim_domains(block, body)),
+            Fallback("splitting by the kernel", lambda: _split_domains(block, body)),
+        ]
+    )
+    if not outcome.failures:
+        return outcome.value
+    note = f"split by the kernel: {outcome.reasons}"
+    return {name: replace(domain, notes=(note,)) for name, domain in outcome.value.items()}
+
+
+def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """The three domains rebuilt from one arrangement of the patches and the body."""
+    brep, source_face = brep_and_source_faces(body.shape)
+    patches = block.patches
+    bounds = {
+        WALL: LatticeDomain(np.arange(len(patches.faces)), 1),
+        PLUS: LatticeDomain(patches.faces_with_tag("offset+"), -1),
+        MINUS: LatticeDomain(patches.faces_with_tag("offset-"), -1),
+    }
+    trimmed, report = trim_domains(
+        patches,
+        brep,
+        list(bounds.values()),
+        clearance=corner_clearance(patches),
+        max_shift=block.measures.tol,
+    )
+    for name, domain in zip(bounds, trimmed.breps, strict=True):
+        if not len(domain.faces):
+            raise _missing_domain(body, name)
+    built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
+    if not all(is_brep_valid(domain, of.faces) for domain, of in zip(trimmed.breps, built, strict=True)):
+        raise TrimmingError("the kernel's check rejects a domain")
+    notes: tuple[str, ...] = ("trimmed on the patches' parameter domains",)
+    if report.shifted:
+        notes = (*notes, f"the lattice was moved by {report.shifted:.2g}: {report.reason}")
+    result = {}
+    for name, domain, of in zip(bounds, trimmed.breps, built, strict=True):
+        caps = domain.faces_with_tag("cap")
+        face = source_face[domain.faces.carrier[caps] - len(patches.carriers)]
+        areas = np.bincount(face, integral_properties.integrate_faces(domain).area[caps])
+        result[name] = DomainSolids(of, domain, dict(enumerate(areas.tolist())), notes)
+    return result
+
+
+def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
+    """The three domains from the cells into which the kernel splits the body."""
+    cells = split_body(body.shape, block.shape, _tags_of_kernel_faces(block))
+    result = {}
+    for name in (WALL, PLUS, MINUS):
+        own = [c for c in cells if classify_cell(c) == name]
+        if not own:
+            raise _missing_domain(body, name)
+        areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
+        result[name] = DomainSolids(OcctSolids(tuple(c.solid for c in own)), None, areas, ())
+    return result
+
+
+def classify_cell(cell: SplitSolid) -> str:
+    """The domain of a cell of the split body, by the sides of the lattice's surfaces that bound it."""
+    if cell.sides and all(side < 0 for _, side in cell.sides):
+        return WALL
+    if cell.sides == {("offset+", 1)}:
+        return PLUS
+    if cell.sides == {("offset-", 1)}:
+        return MINUS
+    raise KernelError(
+        "fluid domains", f"a cell of the body is bounded by {sorted(cell.sides)}, which is neither wall nor channel"
+    )
+
+
+def _tags_of_kernel_faces(block: LatticeBlock) -> list[str]:
+    """The tag of every face of the kernel's solid of the block, in the kernel's order."""
+    tags = [block.closed.tags[t] for t in block.closed.faces.tag.tolist()]
+    by_face = {hash(face): tag for face, tag in zip(block.built.faces, tags, strict=True)}
+    return [by_face[hash(face)] for face in faces_of(block.shape)]
+
+
+def _certify_domains(
+    domains: Mapping[str, DomainSolids], contacts: tuple[FaceContact, ...], block: LatticeBlock, body: CadBody
+) -> tuple[dict[str, Certificate], float]:
+    """The certificate of each domain, and the volume of all three.
+
+    That of the wall has the checks and notes of the channels too.
+    """
+    found: dict[str, Certificate] = {}
+    checks: list[Check] = []
+    lines = [*body.notes, *domains[WALL].notes]
+    for name in (PLUS, MINUS):
+        domain = domains[name]
+        found[name] = own = certify_cut_solids(block, domain.built, notes=domain.notes)
+        checks += [require(False, f"{name}: {shortfall}") for shortfall in own.shortfalls]
+        lines.append(
+            f"{name}: volume {own.volume:.9g} mm3, {len(own.pieces)} piece{'s' if len(own.pieces) > 1 else ''}"
+        )
+        lines += [f"{name}: {describe_piece(volume, own.pieces[0])} apart" for volume in own.pieces[1:]]
+    for contact in contacts:
+        areas = ", ".join(f"{name} {area:.4g} mm2" for name, area in contact.areas.items())
+        lines.append(f"face {contact.face}: {areas}")
+    wall = certify_cut_solids(block, domains[WALL].built, notes=tuple(lines))
+    total = wall.volume + found[PLUS].volume + found[MINUS].volume
+    checks.append(
+        Check(
+            "total volume",
+            abs(total - body.volume),
+            TOTAL_VOLUME_RTOL * body.volume,
+            f"the domains' volumes add up to {total:.9g}, the body's is {body.volume:.9g}",
+        )
+    )
+    missed = tuple(check.shortfall for check in checks if not check.passed)
+    shortfalls = (*wall.shortfalls, *(text for text in missed if text not in wall.shortfalls))
+    found[WALL] = replace(wall, met=not shortfalls, shortfalls=shortfalls)
+    return found, total
+
+
+def _missing_domain(body: CadBody, name: str) -> MissingDomain:
+    """The error for a body that contains no part of the domain `name`."""
+    return MissingDomain(f"{body.name} holds no {name}: shift the lattice by `phase`, or use a smaller `cell`")

@@ -1,0 +1,360 @@
+"""A lattice of a minimal surface in a box, as a certified solid.
+
+Cubic cells without a map: the offset surfaces of one primitive patch are fitted and copied by the symmetry operations of the
+surface (or reflected, for surfaces between mirror planes), so that all joints are smooth to round-off. Unequal cell edges or
+a map: every patch is fitted to its own image. A lattice of natural boundary ends in whole patches, bridged by gap faces; one
+in a box is trimmed by the planes of the box and closed by caps.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tpmscad import surfaces
+from tpmscad._typing import Array, ProgressOption
+from tpmscad.api.public_calls import public
+from tpmscad.brep.boundary_representation import Brep, scale_brep
+from tpmscad.brep.deviation import Deviation
+from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.lattices import mapped_lattice, mapped_surface
+from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
+from tpmscad.lattices.self_contact import require_no_self_contact
+from tpmscad.lattices.sources import lattice_source
+from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
+from tpmscad.memory_limit import require_memory
+from tpmscad.requests.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
+from tpmscad.results.certificate import certify_built_solids
+from tpmscad.results.loose_pieces import drop_loose_pieces
+from tpmscad.results.model import Model, UnitCell
+from tpmscad.solids.fallbacks import Fallback, first_success
+from tpmscad.solids.lattice_block import find_trim_tolerance
+from tpmscad.solids.level_set_source import is_level_set_surface, resolve_source
+from tpmscad.solids.mapped_block import cover_mapped_lattice
+from tpmscad.solids.patch_measures import measure_lattice_patches
+from tpmscad.solids.reference_distance import lattice_distance
+from tpmscad.splines.cpia import NetConvergence
+from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
+
+FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
+"""Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
+
+BYTES_PER_CELL = 3.5e6
+"""Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
+
+
+@public('lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+def lattice(
+    surface: str,
+    *,
+    cell: float | Sequence[float] | None = None,
+    cells: int | Sequence[int] = (1, 1, 1),
+    thickness: float | Callable[[Array], Array] | None = None,
+    offset: float | Sequence[float] | None = None,
+    volume_fraction: float | None = None,
+    porosity: float | None = None,
+    pore_size: float | None = None,
+    kind: str = "sheet",
+    side: str = "-",
+    reference: str | None = None,
+    boundary: str = "box",
+    phase: Sequence[float] | None = None,
+    loose: str = "drop",
+    map: Map | Callable[[Array], Array] | None = None,
+    tol: float | None = None,
+    progress: ProgressOption = None,
+) -> Model:
+    """Make a lattice of a minimal surface that fills the box from the origin to `cells` x `cell`.
+
+    Parameters
+    ----------
+    surface : str
+        Name of a surface of the catalogue; see ``tpmscad surfaces``.
+    cell : float or (3,) floats, optional
+        Edge length of the cell, or one for each axis, model units (mm). Required unless `pore_size` is given.
+    cells : int or (3,) ints, optional
+        Number of cells along every axis, or along each.
+    thickness : float or callable, optional
+        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`;
+        a skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3) of
+        the model: half of its value at each point of the mid surface lies on either side. It should be smooth, like the map.
+    offset : float or (float, float), optional
+        Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
+    volume_fraction : float, optional
+        Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
+    porosity : float, optional
+        Void fraction of the whole cell, 1 - volume fraction.
+    pore_size : float, optional
+        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
+        Of a sheet the larger of the two channels counts; a note of the certificate states both.
+    kind : {"sheet", "skeletal"}, optional
+        Between two offset surfaces, or on one side of one.
+    side : {"-", "+"}, optional
+        Solid side of a skeletal lattice: "-" is where the nodal value is negative.
+    reference : {"minimal", "nodal"}, optional
+        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
+    boundary : {"box", "natural"}, optional
+        Caps in the faces of the box, or whole patches bridged by gap faces. Under a wrap the box is a tube, a sector of one, a
+        band or a dome with a round rim, as large as the map makes it.
+    phase : (3,) floats, optional
+        Shift of the lattice, in cells; (0, 0, 0) is the nodal formula's own place. By default the shift that makes one piece in
+        a box (see ``tpmscad surfaces``), and none for a natural boundary or a map.
+    loose : {"drop", "keep"}, optional
+        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
+    map : callable, optional
+        Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their
+        thickness. A map that repeats after the length of the lattice closes it to a ring; one that lays walls on each other is
+        refused.
+    tol : float, optional
+        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the smallest cell edge.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
+
+    Returns
+    -------
+    Model
+        The solid and its certificate; `certificate.met` is False if the result misses the request.
+
+    Raises
+    ------
+    InvalidRequest
+        If the request cannot be carried out; the message names the value, the limit and the remedy.
+    TrimmingError
+        If the cuts with the faces of the box cannot be traced.
+    KernelError
+        If the kernel cannot build the solid.
+
+    Examples
+    --------
+    >>> model = tpmscad.lattice("gyroid", cell=10.0, cells=(2, 2, 2), thickness=1.0, tol=0.01)  # doctest: +SKIP
+    >>> model.certificate.met  # doctest: +SKIP
+    True
+    >>> model.export_step("gyroid.step")  # doctest: +SKIP
+    """
+    request = resolve_lattice_request(
+        surface,
+        cell=cell,
+        cells=cells,
+        thickness=thickness,
+        offset=offset,
+        volume_fraction=volume_fraction,
+        porosity=porosity,
+        pore_size=pore_size,
+        kind=kind,
+        side=side,
+        reference=reference,
+        boundary=boundary,
+        phase=phase,
+        map=map,
+        tol=tol,
+    )
+    require_memory(
+        math.prod(request.cells),
+        BYTES_PER_CELL,
+        f"a solid of {' x '.join(f'{n}' for n in request.cells)} cells",
+        "use fewer cells, or write it in slabs (tpmscad.export_slabs) or as copies of one cell (tpmscad.export_instances)",
+    )
+    return make_lattice(request, loose, StageTimer(progress), map)
+
+
+def make_lattice(
+    request: LatticeRequest,
+    loose: str,
+    stages: StageTimer,
+    map: Map | Callable[[Array], Array] | None = None,
+) -> Model:
+    """The lattice of a valid request, with or without its loose pieces; errors as for `lattice`."""
+    mapping = _compose_map(request, map)
+    made = _fit_and_copy(request, stages) if mapping is None else _fit_mapped_patches(request, mapping, stages)
+    with stages("build"):
+        brep, built, dropped = drop_loose_pieces(made.brep, build_solids(made.brep), loose)
+    with stages("check"):
+        notes = (
+            *made.notes,
+            *dropped.notes,
+            *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
+        )
+        measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
+        certificate = certify_built_solids(built, measures, dropped=dropped.volumes)
+    name = f"{request.surface} {request.kind}"
+    unit_cell = made.unit_cell
+    if unit_cell is not None and dropped.volumes:
+        unit_cell = replace(unit_cell, make=partial(_refuse_unit_cell, name, len(dropped.volumes)))
+    return Model(
+        name,
+        brep,
+        certificate.with_seconds(stages.seconds),
+        built,
+        unit_cell,
+        distance_to_reference=lattice_distance(request, mapping),
+        make_spline_volumes=None if dropped.volumes else made.make_spline_volumes,
+    )
+
+
+def _note_phase(request: LatticeRequest, n_pieces: int) -> tuple[str, ...]:
+    """What the phase has to do with a lattice in a box that is cut into several pieces."""
+    if n_pieces < 2 or request.boundary != "box":
+        return ()
+    known = surfaces.find_surface(request.surface).one_piece
+    best = known.phase_of(request.kind, request.side)
+    if request.phase != best:
+        return (f"phase {_format_phase(best)} gives fewer pieces: it is the default in a box",)
+    if request.kind == "skeletal" and known.skeletal_chips:
+        return (f"no phase makes one piece of every skeletal {request.surface}: this one leaves chips only",)
+    return ("the endless solid itself is in several pieces, or these offsets are beyond those that one phase joins",)
+
+
+def _format_phase(phase: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{x:.6g}" for x in phase) + ")"
+
+
+def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:
+    """InvalidRequest: the copies of one cell would bring the loose pieces back that the solid was made without."""
+    raise InvalidRequest(
+        f"{n_dropped} loose piece{'s were' if n_dropped > 1 else ' was'} left out of the {name}, which copies of one cell would "
+        'contain: make it with loose="keep" (--keep-loose), or leave instanced (--instanced) out'
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticePatches:
+    """The closed boundary representation of a lattice in model units, its deviation from the surface, and notes on its making."""
+
+    brep: Brep
+    deviation: Deviation
+    bounds: Mapping[str, float]
+    convergence: NetConvergence
+    notes: tuple[str, ...]
+    unit_cell: UnitCell | None = None
+    make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
+
+
+def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
+    """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
+    stretch = None
+    if len(set(request.cell)) > 1 and not is_level_set_surface(request.surface):
+        stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
+    if map is None:
+        return stretch
+    wrap = as_map(map).over_block(np.array(request.cell) * request.cells)
+    return wrap if stretch is None else composition(wrap, stretch, request.cell[0])
+
+
+def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
+    """The patches of `fit_and_trim(tol)`, fitted more closely than requested while their cuts cannot be traced."""
+    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * request.cell[0])
+
+    def run(tol: float) -> LatticePatches:
+        found = fit_and_trim(tol)
+        if tol == request.tol:
+            return found
+        return replace(
+            found, notes=(*found.notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
+        )
+
+    tolerances = dict.fromkeys(max(request.tol * fraction, finest) for fraction in FIT_TOL_FRACTIONS)
+    attempts = [Fallback(f"fitted to {tol:.3g}", partial(run, tol)) for tol in tolerances]
+    return first_success(attempts, retry_on=(TrimmingError,)).value
+
+
+def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
+    """The copies of fitted primitives."""
+    cell = request.cell[0]
+
+    def fit_and_copy(tol: float) -> LatticePatches:
+        with stages("fit"):
+            source = resolve_source(request)
+            fit = source.fit(request.layer_offsets, cell, tol)
+        brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
+        unit_cell = UnitCell(partial(_copy_one_cell, request, fit.sheet), request.cell, request.cells)
+        fill = partial(_fill_cells, request, fit.sheet) if _has_patches_on_both_sides(request) and not notes else None
+        return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
+
+    return _fit_until_traced(request, fit_and_copy)
+
+
+def _has_patches_on_both_sides(request: LatticeRequest) -> bool:
+    """Whether the solid lies between copies of two patches, so that trivariate splines may fill it."""
+    return request.kind == "sheet" and not is_level_set_surface(request.surface)
+
+
+def _fill_cells(request: LatticeRequest, sheet: Any) -> SplineVolumes | None:
+    """The trivariate splines of a lattice, in model units; None if its boundary cuts walls."""
+    source = lattice_source(request.surface, request.reference)
+    natural = request.boundary == "natural"
+    volumes = source.fill(sheet, request.cells, np.array(request.phase), natural=natural)
+    return None if volumes is None else volumes.scaled(request.cell[0])
+
+
+def _copy_one_cell(request: LatticeRequest, sheet: Any) -> Brep:
+    """The boundary representation of one cell."""
+    return _copy_primitives(request, sheet, (1, 1, 1), StageTimer(None))[0]
+
+
+def _copy_primitives(
+    request: LatticeRequest, sheet: Any, cells: tuple[int, int, int], stages: StageTimer
+) -> tuple[Brep, tuple[str, ...]]:
+    """The boundary representation of the copies of the fitted primitives, in model units, and notes on it."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    source = resolve_source(request)
+    with stages("assemble"):
+        assemble = source.natural if request.boundary == "natural" else source.cover
+        assembly = assemble(sheet, cells, phase)
+        brep = scale_brep(assembly.brep, cell)
+    if assembly.trim_corner is None:
+        return brep, ()
+    low = cell * assembly.trim_corner
+    with stages("trim"):
+        return _trim_by_body(brep, box(low, low + np.array(request.cell) * np.array(cells, float)), cell)
+
+
+def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
+    """Patches fitted one by one to the mapped surface."""
+    cell, name = request.cell[0], request.surface
+    patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
+    with stages("fit"):
+        cover = cover_mapped_lattice(request, mapping)
+        surface = mapped_surface.MappedSurface(
+            patch, symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
+        )
+        surface.orientation()
+        mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")
+        if request.kind == "sheet":
+            require_no_self_contact(surface, request.offset, cover.limits)
+
+    def fit_and_trim(tol: float) -> LatticePatches:
+        with stages("fit") as done:
+            fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, tol, done)
+        with stages("assemble"):
+            brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=cover.body is None)
+        notes: tuple[str, ...] = ()
+        if cover.body is not None:
+            with stages("trim"):
+                brep, notes = _trim_by_body(brep, cover.body, cell)
+        fill = None
+        if cover.body is None and fit.lower is not None and fit.upper is not None:
+            repeats = request.thickness is None
+            periods = (
+                mapped_surface.find_translation_periods(mapping, request.cells, cell) if repeats else (0.0, 0.0, 0.0)
+            )
+            fill = partial(mapped_walls, fit.lower, fit.upper, periods)
+        return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes, make_spline_volumes=fill)
+
+    return _fit_until_traced(request, fit_and_trim)
+
+
+def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:
+    """The part inside a body, closed by caps, and a note if the lattice had to be moved off a face that it touches."""
+    cut = trim(brep, body, tol=find_trim_tolerance(cell))
+    if cut.report.shifted == 0.0:
+        return cut.brep, ()
+    return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)

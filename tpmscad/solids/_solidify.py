@@ -1,0 +1,144 @@
+"""Any implicit field as a certified NURBS solid.
+
+The level set {field = 0} is fitted by B-spline patches in the box (`field_patches`), closed by planar caps, built into kernel
+solids and measured: deviation in both directions, continuity, validity, Betti numbers, and the volume by two independent
+quadratures (of the patches, and of the field along grid lines).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.api.argument_kinds import show_value
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field, as_field
+from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.lattices.spline_maps import SplineMap
+from tpmscad.results.certificate import certify_built_solids
+from tpmscad.results.loose_pieces import drop_loose_pieces
+from tpmscad.results.model import Model
+from tpmscad.solids._infill import infill
+from tpmscad.solids.field_mapping import solidify_mapped
+from tpmscad.solids.field_patches import fit_field_patches
+from tpmscad.solids.patch_measures import measure_field_patches
+from tpmscad.solids.reference_distance import field_distance
+from tpmscad.stage_timer import StageTimer
+
+
+@public("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
+def solidify(
+    field: Field | Callable[..., Any],
+    domain: BoxCorners | Any,
+    *,
+    tol: float,
+    loose: str = "drop",
+    executor: Executor | None = None,
+    progress: ProgressOption = None,
+) -> Model:
+    """Make the solid {field < 0} inside a domain, its surface within `tol` of the level set.
+
+    Parameters
+    ----------
+    field : Field or callable
+        A field of `tpmscad.fields`, or a function of points (..., 3) -> (...); negative is solid.
+    domain : ((x0, y0, z0), (x1, y1, z1)), body or SplineMap
+        A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the path of a
+        STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay exact, and the field
+        beyond the body's bounding box does not matter. Or a map of `maps.trivariate` or `maps.between`: the field is then one
+        of the coordinates of its domain, and the solid fills the image of the domain.
+    tol : float
+        Greatest orthogonal deviation between the surface and the level set, model units.
+    loose : {"drop", "keep"}, optional
+        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
+    executor : concurrent.futures.Executor, optional
+        Runs the fits of a box; its workers must be able to import this package. It pays where the field is a slow function of
+        Python. By default this process fits. The result is the same, bit for bit. Not for bodies.
+    progress : callable or bool, optional
+        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
+        in a terminal or a notebook; False shows nothing.
+
+    Returns
+    -------
+    Model
+        The solid and its certificate; `certificate.met` is False if the result misses the request.
+
+    Raises
+    ------
+    InvalidRequest
+        If the domain, the tolerance or the combination of arguments is invalid.
+    LevelSetError
+        If the field cannot be made a solid; the message names the place and the reason.
+    KernelError
+        If the kernel cannot build or trim the solid.
+
+    Notes
+    -----
+    ``solidify(field, body)`` equals ``infill(body, field)`` with `field` extended linearly outside the body's bounding box.
+
+    Examples
+    --------
+    >>> rod = fields.rod(fields.tpms("gyroid", 10.0), -0.3)
+    >>> model = tpmscad.solidify(rod, ((0, 0, 0), (10, 10, 10)), tol=0.01)  # doctest: +SKIP
+    >>> model.certificate.met  # doctest: +SKIP
+    True
+    """
+    if isinstance(domain, SplineMap):
+        return solidify_mapped(field, domain, tol, loose, executor, StageTimer(progress))
+    if not is_numeric_box(domain):
+        if executor is not None:
+            raise InvalidRequest("an executor is for boxes; a body is filled by one process: leave executor out")
+        bounds = enclosing_box(read_body(domain).shape)
+        return infill(
+            domain, extend_level_sets_linearly(as_field(field), *bounds), tol=tol, loose=loose, progress=progress
+        )
+    stages = StageTimer(progress)
+    found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
+    with stages("build"):
+        brep, built, dropped = drop_loose_pieces(found.brep, build_solids(found.brep, found.moments), loose)
+    with stages("check"):
+        whole = " with the pieces left out" if dropped.volumes else ""
+        volumes = {
+            f"volume of the field{whole}": found.field_volume,
+            "uncertainty of that volume": found.field_volume_error,
+        }
+        measures = measure_field_patches(found)
+        measures = replace(measures, figures={**measures.figures, **volumes})
+        certificate = certify_built_solids(built, measures, notes=dropped.notes, dropped=dropped.volumes)
+    return Model(
+        "field solid",
+        brep,
+        certificate.with_seconds(stages.seconds),
+        built,
+        distance_to_reference=field_distance(field),
+    )
+
+
+def is_numeric_box(domain: Any) -> bool:
+    """Whether the domain consists of numbers, as a box does."""
+    if isinstance(domain, str | os.PathLike):
+        return False
+    try:
+        np.asarray(domain, float)
+    except Exception:  # conversions of foreign classes raise what they like
+        return isinstance(domain, Sequence)
+    return True
+
+
+def parse_corners(domain: BoxCorners) -> tuple[np.ndarray, np.ndarray]:
+    """The two corners (3,), (3,) of a box."""
+    try:
+        lo, hi = (np.asarray(point, float) for point in domain)
+    except Exception as error:  # as above
+        raise InvalidRequest(f"domain {show_value(domain)} must be two points ((x0, y0, z0), (x1, y1, z1))") from error
+    return lo, hi

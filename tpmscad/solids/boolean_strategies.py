@@ -1,0 +1,241 @@
+"""Booleans of a lattice and a CAD body, by the most exact method that succeeds.
+
+The first method trims the patches on their own parameter domains (`tpmscad.trimming`): it is exact and takes bodies whose
+faces are planes and quadrics. The second cuts only the patches near the body's faces with the kernel's boolean and keeps the
+others whole. The last is the kernel's boolean of the two solids. Whatever the method, the volume of the result is compared
+with the fraction of an even sample of points in the body that lie in the lattice, which no boolean takes part in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
+from tpmscad.brep.moments import integral_properties
+from tpmscad.errors import KernelError, TrimmingError
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
+from tpmscad.kernel.boolean.local_intersection import intersect_locally
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.measure.shape_report import is_valid
+from tpmscad.kernel.measure.shape_sampling import sample_solid
+from tpmscad.kernel.measure.validity import is_brep_valid
+from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.results.certificate import Certificate, Check, certify_built_solids, certify_kernel_solids
+from tpmscad.solids.fallbacks import Fallback, first_success
+from tpmscad.solids.lattice_block import LatticeBlock
+from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.trimming.trim_pipeline import trim
+
+TRIMMED_PATCHES = "patches"
+KERNEL_BOOLEAN = "kernel"
+
+N_SAMPLE_LINES = 512
+POINTS_PER_LINE = 4
+"""Size of the sample: a missing piece of a tenth of the volume shows."""
+
+MAX_STANDARD_ERRORS = 5.0
+"""Standard errors of an independent random sample by which the volume may differ from the sample's."""
+
+NODES_PER_DIRECTION = 5
+"""Nodes of every patch along u and v for the classification of points."""
+
+SEARCH_RADIUS_PATCHES = 2.0
+"""In sizes of the largest patch: the distance around the points within which nodes are searched first."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BooleanResult:
+    """The solids that are left, largest first; `brep` bounds them if the patches were trimmed.
+
+    `method` is TRIMMED_PATCHES or KERNEL_BOOLEAN. `checks` of the certificate are those that the boolean itself gives rise to.
+    """
+
+    built: Any
+    brep: Brep | None
+    method: str
+    notes: tuple[str, ...]
+    checks: tuple[Check, ...] = ()
+
+    @property
+    def solids(self) -> tuple[Any, ...]:
+        """The kernel's solids, largest first."""
+        return self.built.solids
+
+
+CLEARANCE_SIDES = 0.004
+"""Sides of a patch: a corner of a patch that lies nearer to a face of the body leaves a sliver there. A patch is two to four
+walls wide, so that this is about a hundredth of the wall."""
+
+
+class _RejectedTrim(TrimmingError):
+    """The kernel's check rejects the trimmed lattice."""
+
+
+def certify_cut_solids(
+    block: LatticeBlock,
+    built: BrepSolids | OcctSolids,
+    *,
+    checks: tuple[Check, ...] = (),
+    notes: tuple[str, ...] = (),
+    dropped: tuple[float, ...] = (),
+) -> Certificate:
+    """The certificate of what a boolean left of the lattice `block`: of trimmed patches, or of solids that the kernel cut.
+
+    Trimmed patches that the kernel's check rejects end in an error, so that those which get here are valid.
+    """
+    if isinstance(built, OcctSolids):
+        return certify_kernel_solids(
+            built.solids, block.patches, block.measures, checks=checks, notes=notes, dropped=dropped
+        )
+    return certify_built_solids(built, block.measures, valid=True, checks=checks, notes=notes, dropped=dropped)
+
+
+def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
+    """The solids that lattice and body have in common; none if they do not meet."""
+
+    def intersect_in_kernel() -> tuple[Any, ...]:
+        return intersect_solids(block.shape, body.shape)
+
+    return _intersect_with_fallbacks(block.patches, body, block.measures.tol, intersect_in_kernel)
+
+
+def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
+    """The solids of the body without the lattice."""
+
+    def subtract_solids() -> tuple[Any, ...]:
+        return subtract_solid(body.shape, block.shape)
+
+    return _intersect_with_fallbacks(reverse_faces(block.patches), body, block.measures.tol, subtract_solids)
+
+
+def _intersect_with_fallbacks(
+    patches: Brep, body: CadBody, tol: float, kernel_boolean: Callable[[], tuple[Any, ...]]
+) -> BooleanResult:
+    """The solids that the patches bound inside the body, by the first method that succeeds."""
+
+    def intersect_in_kernel() -> BooleanResult:
+        built = OcctSolids(kernel_boolean())
+        _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), patches, body)
+        return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
+
+    outcome = first_success(
+        [
+            Fallback("trimming on the patches' parameters", lambda: trim_on_parameters(patches, body, tol)),
+            Fallback("splitting near the body's faces", lambda: split_near_body_faces(patches, body)),
+            Fallback("the kernel's boolean", intersect_in_kernel),
+        ]
+    )
+    result = outcome.value
+    if not outcome.failures:
+        return result
+    first, *others = result.notes
+    return replace(result, notes=(f"{first}: {outcome.reasons}", *others))
+
+
+def corner_clearance(patches: Brep) -> float:
+    """The distance that corners of patches should keep from the faces of a body, in model units."""
+    edges = patches.edges
+    return CLEARANCE_SIDES * float(
+        np.linalg.norm(patches.vertices[edges.end] - patches.vertices[edges.start], axis=1).min()
+    )
+
+
+def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResult:
+    """The patches trimmed by the body on their parameter domains, moved by at most `tol` so that no sliver arises.
+
+    InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
+    """
+    operand = brep_from_shape(body.shape)
+
+    def trim_and_build(apart: bool) -> BooleanResult:
+        cut = trim(patches, operand, clear_sides=apart, clearance=corner_clearance(patches), max_shift=tol)
+        if not len(cut.brep.faces):
+            _check_volume_by_sampling(0.0, patches, body)
+            return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
+        built = build_solids(cut.brep)
+        if not is_brep_valid(cut.brep, built.known_faces):
+            raise _RejectedTrim("the kernel's check rejects the trimmed lattice")
+        notes = ["trimmed on the patches' parameters"]
+        if cut.report.shifted:
+            notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
+        return BooleanResult(built, cut.brep, TRIMMED_PATCHES, tuple(notes))
+
+    result = first_success(
+        [
+            Fallback("the lattice in its place", lambda: trim_and_build(apart=False)),
+            Fallback("the lattice moved off the body's faces", lambda: trim_and_build(apart=True)),
+        ],
+        retry_on=(_RejectedTrim,),
+    ).value
+    if result.brep is not None:
+        _check_volume_by_sampling(float(integral_properties.volume(result.built.nesting.moments)[0]), patches, body)
+    return result
+
+
+def split_near_body_faces(patches: Brep, body: CadBody) -> BooleanResult:
+    """The patches near the body's faces cut by the kernel, with all others whole; KernelError if that fails."""
+    found = intersect_locally(patches, body.shape, lambda points: signed_distances_to_nodes(patches, points))
+    if not is_valid(make_compound(found.solids)):
+        raise KernelError("trim", "the kernel's check rejects what it split itself")
+    _check_volume_by_sampling(found.volume, patches, body)
+    note = f"the {found.candidate_count} patches near the body's faces were split by the kernel"
+    return BooleanResult(OcctSolids(found.solids), None, KERNEL_BOOLEAN, (note,))
+
+
+def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> None:
+    """KernelError if a volume contradicts an even sample of points in the body."""
+    fraction, error = sample_lattice_fraction(patches, body)
+    if abs(volume / body.volume - fraction) > error:
+        raise KernelError(
+            "trim",
+            f"the trimmed solid fills {volume / body.volume:.3g} of {body.name}, "
+            f"but {fraction:.3g} +- {error:.2g} of a sample",
+        )
+
+
+def sample_lattice_fraction(patches: Brep, body: CadBody) -> tuple[float, float]:
+    """Fraction of an even sample of points in the body that lies in the lattice, and the error allowed for it."""
+    points = sample_solid(body.shape, N_SAMPLE_LINES, POINTS_PER_LINE)
+    fraction = float((signed_distances_to_nodes(patches, points) < 0).mean())
+    variance = max(fraction * (1 - fraction), 1 / len(points)) / len(points)
+    return fraction, MAX_STANDARD_ERRORS * np.sqrt(variance)
+
+
+def signed_distances_to_nodes(patches: Brep, points: Array) -> Array:
+    """Distances (n,) of points (n, 3) from the nearest node of the patches along its outward normal; negative in the lattice."""
+    size = max(np.ptp(c.poles, axis=(0, 1)).max() for c in patches.carriers if isinstance(c, BSplineSurface))
+    for radius in (SEARCH_RADIUS_PATCHES * size, np.inf):
+        nodes, normals = _oriented_nodes(patches, points.min(axis=0) - radius, points.max(axis=0) + radius)
+        if len(nodes):
+            distance, nearest = cKDTree(nodes).query(points)
+            if distance.max() <= radius - size:  # no patch outside the searched box is nearer
+                break
+    return np.einsum("ni,ni->n", points - nodes[nearest], normals[nearest])
+
+
+def _oriented_nodes(patches: Brep, low: Array, high: Array) -> tuple[Array, Array]:
+    """Nodes and outward normals (n, 3), (n, 3) of the patches whose centers lie in the box [low, high]."""
+    faces = patches.faces
+    nodes, normals = [np.zeros((0, 3))], [np.zeros((0, 3))]
+    for own, carrier in spline_faces(patches):
+        u, v = (
+            g.ravel()
+            for g in np.meshgrid(*(np.linspace(*d, NODES_PER_DIRECTION) for d in carrier.domain), indexing="ij")
+        )
+        points = carrier(u, v)
+        center = faces.motion[own].apply(points.mean(axis=0))
+        own = own[((center >= low) & (center <= high)).all(axis=1)]
+        motion = faces.motion[own]
+        orientation = faces.sense[own] * motion.handedness
+        nodes.append(motion[:, None].apply(points).reshape(-1, 3))
+        normal = motion[:, None].apply_to_vectors(carrier.normal(u, v)) * orientation[:, None, None]
+        normals.append(normal.reshape(-1, 3))
+    return np.concatenate(nodes), np.concatenate(normals)

@@ -1,0 +1,206 @@
+"""A lattice around a CAD body: the patches that cover its bounding box, in the coordinates of the body.
+
+Lattice coordinates x are those of `tpmscad.lattice`. The body's coordinates are R x, with R the rotation: the lattice is
+anchored at the origin of the body's coordinates and turned about it. The patches are open and ragged outside the box;
+trimming by the body needs nothing else. The kernel's boolean needs a solid, which is the lattice cut by a box a little larger
+than the body's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, floor
+from typing import Any
+
+import numpy as np
+
+from tpmscad import surfaces
+from tpmscad._typing import Array, FractionProgress
+from tpmscad.brep.boundary_representation import (
+    Brep,
+    drop_unused_geometry,
+    move_brep,
+    scale_brep,
+    select_faces,
+    spline_faces,
+    translate_brep,
+)
+from tpmscad.brep.deviation import Deviation
+from tpmscad.errors import InvalidRequest
+from tpmscad.fields.field import Field
+from tpmscad.kernel.body_import.cad_body import CadBody
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
+from tpmscad.kernel.occt.bounding_boxes import enclosing_box
+from tpmscad.kernel.occt.convert import transform_shape
+from tpmscad.lattices import mapped_lattice
+from tpmscad.lattices.coordinate_maps import Map, stretching
+from tpmscad.lattices.mapped_lattice import MappedFit
+from tpmscad.lattices.mapped_surface import MappedSurface
+from tpmscad.requests.lattice_request import LatticeRequest
+from tpmscad.results.certificate import PatchMeasures, require
+from tpmscad.rigid_motion import Motion
+from tpmscad.solids.field_patches import fit_field_patches
+from tpmscad.solids.level_set_source import is_level_set_surface, resolve_source
+from tpmscad.solids.patch_measures import measure_field_patches, measure_lattice_patches
+from tpmscad.splines.cpia import NetConvergence
+from tpmscad.stage_timer import StageTimer
+from tpmscad.trimming.operands.polyhedra import box
+from tpmscad.trimming.trim_pipeline import trim
+
+BLOCK_MARGIN_CELLS = 0.1237
+"""In cells: how far a block reaches beyond the body's box. The odd value keeps its faces out of symmetry planes."""
+
+FIELD_BLOCK_MARGIN_FRACTION = 0.0137
+"""Fraction of the body's extent by which a field's block reaches beyond the body's box."""
+
+MAX_CELLS_IN_BOX = 100_000
+"""Cells that the box of a body may span; each needs about a hundred patches in memory."""
+
+BOX_TRIM_TOL_CELLS = 5e-10
+"""In cells: distance of a cut's curve from its patch, so that the gaps at caps stay below 1e-9 of the cell."""
+
+MAX_BOX_TRIM_TOL = 2.5e-8
+"""In model units: the same for cells above 50, where gaps would exceed the kernel's confusion, 1e-7 whatever the part's size."""
+
+BOX_TRIM_ROUND_OFF_CELLS = 5e-13
+"""In cells: what double precision leaves of a cut's curve, some thousand units in the last place of the cell's coordinates."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LatticeCover:
+    """Whole patches that cover the box [low, high], in lattice coordinates: open, ragged outside the box.
+
+    `mapping` is the map that they were fitted under, None for copies of primitives.
+    """
+
+    patches: Brep
+    low: Array
+    high: Array
+    deviation: Deviation
+    bounds: Mapping[str, float]
+    convergence: NetConvergence
+    mapping: Map | None
+
+
+def find_trim_tolerance(cell: float) -> float:
+    """Distance allowed between a cut's curve and its patch, in model units."""
+    return max(min(BOX_TRIM_TOL_CELLS * cell, MAX_BOX_TRIM_TOL), BOX_TRIM_ROUND_OFF_CELLS * cell)
+
+
+def cover_box(request: LatticeRequest, low: Array, high: Array, progress: FractionProgress) -> LatticeCover:
+    """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it."""
+    edges = np.array(request.cell)
+    low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
+    first, last = np.array([floor(v) for v in low / edges]), np.array([ceil(v) for v in high / edges])
+    counts = last - first
+    if np.prod(counts.astype(float)) > MAX_CELLS_IN_BOX:
+        raise InvalidRequest(
+            f"the body's box spans {' x '.join(map(str, counts))} cells of {edges.tolist()}, more than {MAX_CELLS_IN_BOX}: "
+            "enlarge the cell, or cut the body"
+        )
+    cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
+    mapping = None
+    if len(set(request.cell)) == 1 or is_level_set_surface(request.surface):
+        cell = request.cell[0]
+        source = resolve_source(request)
+        fit = source.fit(request.layer_offsets, cell, request.tol)
+        patches = scale_brep(source.cover(fit.sheet, cells, phase).brep, cell)
+        deviation, bounds, convergence = fit.deviation, fit.bounds, fit.convergence
+    else:
+        mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
+        patches, stretched = _fit_stretched_patches(request, mapping, cells, phase, progress)
+        deviation, bounds, convergence = stretched.deviation, {}, stretched.convergence
+    return LatticeCover(translate_brep(patches, first * edges), low, high, deviation, bounds, convergence, mapping)
+
+
+def _fit_stretched_patches(
+    request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
+) -> tuple[Brep, MappedFit]:
+    """Patches of a lattice whose cell has unequal edges, fitted class by class, and their fit."""
+    cell, name = request.cell[0], request.surface
+    patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
+    bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
+    max_offset = float(np.abs(request.offset).max())
+    placements = mapped_lattice.select_placements_near_box(
+        patch, symmetry, mapping, bounds, cells, phase, cell, max_offset
+    )
+    surface = MappedSurface(patch, symmetry, placements, mapping, cell)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
+    fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
+    return mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=False), fit
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeBlock:
+    """The open patches that cover a body, in its coordinates, and what was measured on them.
+
+    `trim_to_box` makes the closed boundary representation of the same lattice cut flat outside the body. `closed` and `built`,
+    the kernel's solid of it, are made on first use.
+    """
+
+    patches: Brep
+    measures: PatchMeasures
+    trim_to_box: Callable[[], Brep]
+
+    @cached_property
+    def closed(self) -> Brep:
+        """The lattice cut by a box around the body and closed by caps."""
+        return self.trim_to_box()
+
+    @cached_property
+    def built(self) -> BrepSolids:
+        """The kernel's solids of `closed`."""
+        return build_solids(self.closed)
+
+    @property
+    def shape(self) -> Any:
+        """The TopoDS shape of `built`."""
+        return self.built.shape
+
+
+def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody, stages: StageTimer) -> LatticeBlock:
+    """The lattice of a minimal surface around a body; `rotation` (3, 3) takes lattice coordinates to the body's."""
+    motion = Motion(rotation, np.zeros(3))
+    low, high = enclosing_box(transform_shape(body.shape, Motion(rotation.T, np.zeros(3))))
+    if (high - low < np.array(request.cell)).all():
+        raise InvalidRequest(
+            f"{body.name} spans {' x '.join(f'{v:.4g}' for v in high - low)}, less than a cell of "
+            f"{' x '.join(f'{v:.4g}' for v in request.cell)}: make the cell smaller"
+        )
+    with stages("fit") as done:
+        cover = cover_box(request, low, high, done)
+    with stages("assemble"):
+        patches = move_brep(cover.patches, motion)
+        measures = measure_lattice_patches(
+            request, cover.mapping, patches, cover.deviation, cover.bounds, cover.convergence
+        )
+
+    def trim_to_box() -> Brep:
+        closed = trim(cover.patches, box(cover.low, cover.high), find_trim_tolerance(max(request.cell))).brep
+        return move_brep(closed, motion)
+
+    return LatticeBlock(patches, measures, trim_to_box)
+
+
+def build_field_block(
+    field: Field | Callable[..., Any], body: CadBody, tol: float | None, stages: StageTimer
+) -> LatticeBlock:
+    """The solid of a field in the body's bounding box and a margin around it."""
+    if tol is None:
+        raise InvalidRequest("the solid of a field needs tol=, its greatest deviation from the field")
+    low, high = expand_body_box(*enclosing_box(body.shape))
+    found = fit_field_patches(field, low, high, tol, stages)
+    measures = measure_field_patches(found)
+    closed = require(found.properties.closed, "the field's patches do not close in the body's box")
+    measures = replace(measures, checks=(*measures.checks, closed))
+    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.brep)]))
+    patches = drop_unused_geometry(select_faces(found.brep, on_splines))  # the caps lie outside the body
+    return LatticeBlock(patches, measures, lambda: found.brep)
+
+
+def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:
+    """The box in which a field is fitted for a body: the body's own box and a margin around it."""
+    margin = FIELD_BLOCK_MARGIN_FRACTION * float((high - low).max())
+    return low - margin, high + margin

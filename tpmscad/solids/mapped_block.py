@@ -1,0 +1,106 @@
+"""Which patches a mapped lattice needs, and what trims them: whole cells, a box that the map keeps, or a body of revolution.
+
+A lattice of natural boundary is a block of whole cells; along an axis after whose length the map repeats it has no end. With
+boundary "box" the image of the box of the lattice trims it. It can do so if the map leaves its sides flat and square to the axes,
+as a stretch or a grading does, or makes a body of revolution of it, as wraps around a cylinder and along the equator of a sphere
+do: a tube, or a sector of one. On a dome the image of the cylinder inscribed in the box trims the lattice, to a round rim. Each
+of these images bounds the lattice without overlap.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tpmscad import surfaces
+from tpmscad._typing import Array
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.body_brep import brep_from_shape
+from tpmscad.kernel.build.revolved_body import revolve_profile
+from tpmscad.lattices import copies, mapped_lattice, mapped_surface
+from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
+from tpmscad.requests.lattice_request import LatticeRequest
+from tpmscad.rigid_motion import Motion
+from tpmscad.trimming.operands.polyhedra import box
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedCover:
+    """The placements of the patches, the periods of a closed lattice in cells, and the body that trims them, if any.
+
+    `limits` are the corners of the box in lattice coordinates, infinite along closed axes; None for a natural boundary.
+    """
+
+    placements: Motion
+    periods: tuple[float, float, float]
+    body: Brep | None
+    limits: tuple[Array, Array] | None
+
+
+def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
+    """The cover of a lattice under a map from cubic lattice coordinates; InvalidRequest if its box has no image to trim by."""
+    cell, phase = request.cell[0], np.array(request.phase)
+    size = cell * np.array(request.cells, float)
+    if request.boundary == "natural":
+        mapped_surface.require_regular(map, mapped_surface.box_points(request.cells, cell), cell)
+        closed = mapped_surface.find_closed_axes(map, request.cells, cell)
+        placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
+        return MappedCover(placements, _periods(request, closed), None, None)
+    patch = surfaces.primitive_patch(request.surface, request.reference)
+    symmetry, reach = surfaces.patch_symmetry(request.surface), _greatest_offset(request, map)
+    try:
+        bounds = mapped_lattice.map_box(map, size)
+    except InvalidRequest:
+        revolved = find_revolved_box(map, size) or find_revolved_cylinder(map, size)
+        if revolved is None:
+            raise
+    else:
+        mapped_surface.require_regular(map, mapped_surface.box_points(request.cells, cell), cell)
+        placements = mapped_lattice.select_placements_near_box(
+            patch, symmetry, map, bounds, request.cells, phase, cell, reach
+        )
+        return MappedCover(placements, (0.0, 0.0, 0.0), box(*bounds), (np.zeros(3), size))
+    x, y, z = (revolved.closed and axis == revolved.lattice_axis for axis in range(3))
+    closed = x, y, z
+    points = _points_inside(revolved, request)
+    mapped_surface.require_regular(map, points, cell)
+    least_stretch = float(np.linalg.svd(map.jacobian(points, cell), compute_uv=False).min())
+    placements = mapped_lattice.select_placements_in_lattice(
+        patch, symmetry, request.cells, phase, reach / (cell * least_stretch), closed, revolved.inscribed / cell
+    )
+    open_ended = np.where(closed, np.inf, 0.0)
+    return MappedCover(placements, _periods(request, closed), _sweep(revolved), (-open_ended, size + open_ended))
+
+
+def _greatest_offset(request: LatticeRequest, map: Map) -> float:
+    """The greatest distance of the walls from the mid surface, in model units; of graded walls, sampled in the box."""
+    greatest = float(np.abs(request.offset).max())
+    if request.thickness is None:
+        return greatest
+    points = map(mapped_surface.box_points(request.cells, request.cell[0]))
+    return greatest * float(mapped_surface.evaluate_thickness(request.thickness, points).max())
+
+
+def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:
+    """Lattice points of the box, or of the cylinder that is inscribed in it."""
+    cell = request.cell[0]
+    points = mapped_surface.box_points(request.cells, cell)
+    if revolved.lattice_axis is not None:
+        return points
+    x, y = cell * request.cells[0] / 2, cell * request.cells[1] / 2
+    return points[np.hypot(points[:, 0] - x, points[:, 1] - y) <= revolved.inscribed]
+
+
+def _periods(request: LatticeRequest, closed: tuple[bool, bool, bool]) -> tuple[float, float, float]:
+    x, y, z = (float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
+    return x, y, z
+
+
+def _sweep(revolved: RevolvedBox) -> Brep:
+    """The body of revolution as a boundary representation of planes and quadrics."""
+    return brep_from_shape(
+        revolve_profile(revolved.sides, revolved.straight, revolved.origin, revolved.axis, revolved.angle)
+    )

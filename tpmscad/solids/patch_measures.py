@@ -1,0 +1,143 @@
+"""The figures of a result's B-spline patches, and the limits they are checked against.
+
+The patches of a minimal surface are copies of a few primitives, smooth to round-off, or are fitted one by one under a map.
+Those of a field are fitted to its level set. Each kind has its own limits for the continuity across edges; a field's patches
+are also checked against the Betti numbers and the volume of the field itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from tpmscad import surfaces
+from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.deviation import Deviation
+from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
+from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.requests.lattice_request import LatticeRequest
+from tpmscad.results.certificate import Check, PatchMeasures, require
+from tpmscad.solids.field_patches import FieldPatches
+from tpmscad.splines.cpia import NetConvergence
+
+OFFSET_TAGS = ("offset+", "offset-")
+"""Tags of the faces that are offset surfaces of the reference."""
+
+MAX_GAP_CELLS = 1e-9
+MAX_TANGENT_JUMP_DEG = 1e-6
+MAX_RELATIVE_CURVATURE_JUMP = 1e-6
+"""Continuity of copied patches, which are smooth to round-off; the curvature jump is relative to the greatest curvature."""
+
+KERNEL_POINT_TOL = 1e-7
+"""Model units: the distance below which the kernel merges points; it limits the gaps of mapped patches."""
+
+MAX_MAPPED_TANGENT_JUMP_DEG = 1e-4
+MAX_MAPPED_RELATIVE_CURVATURE_JUMP = 1e-4
+"""Continuity of patches under a map, whose derivatives are differences of the user's function."""
+
+MAX_FIELD_TANGENT_JUMP_DEG = 0.01
+"""Greatest tangent jump of patches that are fitted to a field, whose joints are tangent by construction."""
+
+FIELD_VOLUME_RTOL = 1e-3
+"""Relative difference allowed between the volume that the patches bound and the quadrature of the field."""
+
+
+def measure_lattice_patches(
+    request: LatticeRequest,
+    mapping: Map | None,
+    brep: Brep,
+    deviation: Deviation,
+    bounds: Mapping[str, float],
+    convergence: NetConvergence,
+    notes: tuple[str, ...] = (),
+) -> PatchMeasures:
+    """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
+    continuity = measure_edge_continuity(brep, OFFSET_TAGS)
+    if surfaces.find_surface(request.surface).primitives == "level set":
+        return _measure_level_set_patches(request, continuity, deviation, notes)
+    limits = (
+        (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
+        if mapping is None
+        else (KERNEL_POINT_TOL, MAX_MAPPED_TANGENT_JUMP_DEG, MAX_MAPPED_RELATIVE_CURVATURE_JUMP)
+    )
+    names = ("gap", "tangent jump in degrees", "relative curvature jump")
+    values = (continuity.gap, continuity.tangent_jump_deg, continuity.curvature_jump)
+    reference = f"{request.reference} {request.surface} surface"
+    return PatchMeasures(
+        request.tol,
+        deviation,
+        reference if mapping is None else f"{reference} under {mapping.name}",
+        continuity,
+        bounds=bounds,
+        figures={"CPIA iterations": convergence.iterations, "CPIA bound": convergence.bound},
+        checks=tuple(map(Check, names, values, limits)),
+        notes=(*notes, *request.notes),
+    )
+
+
+def _measure_level_set_patches(
+    request: LatticeRequest, continuity: EdgeContinuity, deviation: Deviation, notes: tuple[str, ...]
+) -> PatchMeasures:
+    """The measures of patches fitted to a nodal level set, whose joints are tangent within the limit of fields."""
+    surface = f"nodal {request.surface} surface" if request.levels is None else f"nodal {request.surface} level sets"
+    return PatchMeasures(
+        request.tol,
+        deviation,
+        surface,
+        continuity,
+        checks=(
+            Check("gap", continuity.gap, MAX_GAP_CELLS * max(request.cell)),
+            Check("tangent jump in degrees", continuity.tangent_jump_deg, MAX_FIELD_TANGENT_JUMP_DEG),
+        ),
+        notes=(*notes, *request.notes),
+    )
+
+
+def check_field_tangent_jump(jump_deg: float) -> Check:
+    """The check of the greatest tangent jump of patches that are fitted to a field."""
+    return Check(
+        "tangent jump",
+        jump_deg,
+        MAX_FIELD_TANGENT_JUMP_DEG,
+        f"tangent jump {jump_deg:.3g} degrees exceeds {MAX_FIELD_TANGENT_JUMP_DEG:g}",
+    )
+
+
+def measure_field_patches(found: FieldPatches) -> PatchMeasures:
+    """The measures of the patches of a field's solid in a box, checked against its Betti numbers and its volume too."""
+    fitted, properties = found.fitted, found.properties
+    volume, volume_error = found.field_volume, found.field_volume_error
+    checks = [
+        check_field_tangent_jump(fitted.jump_deg),
+        require(
+            found.field_betti in (None, properties.betti),
+            f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
+            "of a blend, specks=True removes isolated parts that lie between its samples",
+        ),
+        Check(
+            "volume",
+            abs(volume - properties.volume),
+            FIELD_VOLUME_RTOL * volume + volume_error,
+            f"volume {properties.volume:.6g} differs from the field's, {volume:.6g} within {volume_error:.2g}",
+        ),
+    ]
+    notes = fitted.notes
+    if found.field_betti is None:
+        notes = (*notes, "the field's Betti numbers did not settle on any grid tried: the solid's are its own")
+    figures = {
+        "tangent jump in degrees at the 95th percentile": fitted.jump_p95_deg,
+        "deviation of the solid from the field": fitted.patches_to_field,
+        "deviation of the field from the solid": fitted.field_to_patches,
+    }
+    if np.isfinite(fitted.min_wall):
+        figures["thinnest wall"] = fitted.min_wall
+    return PatchMeasures(
+        fitted.tol,
+        found.deviation,
+        "field",
+        found.continuity,
+        figures=figures,
+        checks=tuple(checks),
+        notes=notes,
+    )

@@ -1,0 +1,201 @@
+"""A body filled with a lattice behind a solid skin.
+
+The body is eroded by the skin, the lattice is subtracted from what is left, and the voids that remain are subtracted from the
+body. A body of planes and quadrics is eroded exactly by an arrangement of its offset surfaces; the skin then has the thickness
+asked for everywhere, round concave edges too, save where two faces meet along a concave edge that is neither straight nor
+circular: there the offset faces meet in a mitre. Free-form bodies, and what the arrangement refuses, are offset by the kernel in
+a process of its own with a time limit. Whatever the method, the thickness is measured on the offset body, and on the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.kernel.body_import.cad_body import CadBody, read_body
+from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
+from tpmscad.kernel.boolean.erosion import erode
+from tpmscad.kernel.boolean.hollow_body import count_closed_cavities, find_skin_faces, subtract_voids
+from tpmscad.kernel.boolean.inward_offset import offset_by_occt
+from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_skin_thickness, sample_depths
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.results.certificate import Check
+from tpmscad.solids.boolean_strategies import BooleanResult, subtract_lattice_from_body
+from tpmscad.solids.fallbacks import Fallback, first_success
+from tpmscad.solids.lattice_block import LatticeBlock
+
+MIN_THICKNESS_RATIO = 0.98
+MAX_THICKNESS_RATIO = 1.45
+"""In skins: limits of the thickness; the mitre at a concave right angle is 1.42 skins thick."""
+
+EXACT_RATIO = 1.001
+"""In skins: thickness up to which a point counts as exact in the note."""
+
+EROSION_MARGIN = 0.6
+"""In skins: by how much the offset surfaces exceed their faces in the second attempt to intersect them."""
+
+DEPTH_SAMPLES = 256
+INSET_SAMPLES = 256
+"""Points in the body's box, and just deeper than the skin below its faces, that tell whether an offset misses a part. Each takes
+0.3 to 1 ms, or 5 ms where faces meet in splines."""
+
+DEEP_RATIO = 1.01
+"""In skins: depth from which a point must lie in the offset body."""
+
+MITRE_GAP = 1 - 1 / MAX_THICKNESS_RATIO
+"""In skins: distance from the offset body up to which a point may be missed in a mitre; the tube that the mitre replaces is
+nowhere farther from it."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErodedBody:
+    """The parts of a body deeper than the skin, largest first, the depth they were measured by, and the method."""
+
+    parts: tuple[CadBody, ...]
+    depth: SkinDepth
+    method: str
+
+
+def fill_within_skin(block: LatticeBlock, body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> BooleanResult:
+    """The body without the voids that the lattice leaves in it deeper than the skin.
+
+    The voids become shells inside one solid, or reach the outside through the open faces. The checks of the result hold the
+    measured thickness of the skin.
+    """
+    eroded = erode_body(body, skin, open_faces)
+    results = [subtract_lattice_from_body(block, part) for part in eroded.parts]
+    voids = [void for result in results for void in result.solids]
+    if not voids:
+        raise InvalidRequest(f"the lattice leaves no void within a skin of {skin:g}: the body would stay as it is")
+    solids = subtract_voids(body, voids, open_faces)
+    skin_faces = find_skin_faces(voids, eroded.parts, open_faces)
+    measured = measure_skin_thickness(skin_faces, eroded.depth)
+    own = count_closed_cavities(body, open_faces)
+    closed = describe_closed_voids(betti_numbers(solids)[2], own, bool(open_faces))
+    notes = dict.fromkeys(note for result in results for note in result.notes)
+    return BooleanResult(
+        OcctSolids(solids),
+        None,
+        results[0].method,
+        (*notes, _describe_thickness(measured, skin, eroded.method), *closed),
+        check_skin_thickness(measured, skin),
+    )
+
+
+def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> ErodedBody:
+    """The parts of the body deeper than `skin` (model units) below its faces; open faces get no skin.
+
+    Raises InvalidRequest if nothing is that deep, and KernelError if every method fails or misses the thickness.
+    """
+    closed = [face for face in faces_of(body.shape) if not any(face.IsSame(o) for o in open_faces)]
+    depth = SkinDepth(body.shape, closed)
+    points, depths = sample_depths(depth, skin, DEPTH_SAMPLES, INSET_SAMPLES)
+    if not (depths > skin).any():
+        raise InvalidRequest(
+            f"a skin of {skin:g} is thicker than {body.name}, which is nowhere deeper than {depths.max(initial=0.0):.4g}: "
+            "make it thinner, or leave the body solid"
+        )
+
+    def attempt(name: str, make: Callable[[], Sequence[Any]]) -> Fallback[tuple[CadBody, ...]]:
+        def run() -> tuple[CadBody, ...]:
+            parts = tuple(map(read_body, make()))
+            check_eroded(parts, open_faces, skin, depth, points[depths > DEEP_RATIO * skin])
+            return parts
+
+        return Fallback(name, run)
+
+    found = first_success(
+        [
+            attempt("exact erosion", lambda: erode(body, skin, open_faces, depth)),
+            attempt("exact erosion", lambda: erode(body, skin, open_faces, depth, EROSION_MARGIN)),
+            attempt("the kernel's offset with arcs", lambda: offset_by_occt(body.shape, skin, open_faces, "arc")),
+            attempt("the kernel's offset with mitres", lambda: offset_by_occt(body.shape, skin, open_faces, "mitre")),
+        ]
+    )
+    return ErodedBody(found.value, depth, found.name)
+
+
+def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: float, depth: SkinDepth, deep: Any) -> None:
+    """KernelError if the boundary of the parts is too shallow or too deep, or if they miss points `deep` (n, 3) in the body.
+
+    Points in mitres, which lie near the parts, are let off.
+    """
+    if not parts:
+        raise KernelError("offset by the skin", "the offset is empty")
+    inner = find_skin_faces([part.shape for part in parts], parts, open_faces)
+    for check in check_skin_thickness(measure_skin_thickness(inner, depth), skin):
+        if not check.passed:
+            raise KernelError("offset by the skin", check.shortfall)
+    bounds = [SkinDepth(part.shape, faces_of(part.shape)) for part in parts]
+    missed = deep
+    for bound in bounds:
+        missed = missed[~bound.contains(missed)]
+    gaps = np.min([bound.distances(missed) for bound in bounds], axis=0)
+    missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
+    if len(missed):
+        where = ", ".join(f"{c:.4g}" for c in missed[0])
+        raise KernelError("offset by the skin", f"the offset misses a part of the body near ({where})")
+
+
+def check_skin_thickness(measured: SkinThickness, skin: float) -> tuple[Check, ...]:
+    """The checks that a skin is nowhere thinner and nowhere thicker than the limits."""
+    least, greatest = measured.least, measured.greatest
+    if not len(measured.thickness):
+        return ()
+    return (
+        Check(
+            "skin thinner than requested by",
+            skin - least,
+            (1 - MIN_THICKNESS_RATIO) * skin,
+            f"the skin is only {least:.4g} thick near ({measured.locate(least)}), less than {MIN_THICKNESS_RATIO:g} x {skin:g}",
+        ),
+        Check(
+            "skin thickness",
+            greatest,
+            MAX_THICKNESS_RATIO * skin,
+            f"the skin is {greatest:.4g} thick near ({measured.locate(greatest)}), more than {MAX_THICKNESS_RATIO:g} x {skin:g}",
+        ),
+    )
+
+
+def _describe_thickness(measured: SkinThickness, skin: float, method: str) -> str:
+    """The note on the measured thickness of the skin."""
+    n = len(measured.thickness)
+    if not n:
+        return f"skin of {skin:g} by {method}"
+    exact = float((measured.thickness <= EXACT_RATIO * skin).mean())
+    mitres = (
+        ""
+        if exact == 1
+        else f", {1 - exact:.1%} of the points thicker than asked, in mitres along concave edges and open faces"
+    )
+    return (
+        f"skin of {skin:g} by {method}: {measured.least:.4g} to {measured.greatest:.4g} thick, "
+        f"measured at {n} points of its inner faces{mitres}"
+    )
+
+
+def describe_closed_voids(voids: int, own: int, opened: bool) -> tuple[str, ...]:
+    """Notes on closed voids of the result: `own` of them are cavities of the body itself, the others channels.
+
+    opened: whether the skin has open faces, which the channels then do not reach.
+    """
+    notes = []
+    if voids > own:
+        one = voids == own + 1
+        count = "a channel" if one else f"{voids - own} channels that do not meet"
+        cut_off = (" that no open face reaches" if one else " and that no open face reaches") if opened else ""
+        bounded = "it is bounded by a shell" if one else "each is bounded by a shell"
+        name = "open another face" if opened else "name open_faces"
+        notes.append(
+            f"the skin closes off {count}{cut_off}: {bounded} of its own inside the solid; "
+            f"{name}, or bore through the skin, to let powder or fluid out"
+        )
+    if own:
+        count = "the body's own cavity stays" if own == 1 else f"the body's own {own} cavities stay"
+        notes.append(f"{count} closed: bore into {'it' if own == 1 else 'them'} to let powder or fluid out")
+    return tuple(notes)

@@ -1,0 +1,271 @@
+"""`estimate_flow`: pressure drop and heat transfer in a channel, estimated by published correlations."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tpmscad import surfaces
+from tpmscad.api.public_calls import public
+from tpmscad.errors import InvalidRequest
+from tpmscad.results.domain_results import MINUS, PLUS, FluidDomains
+from tpmscad.simulation.flow_correlations import (
+    HEAT_TRANSFER,
+    PRESSURE_DROP,
+    ChannelFlow,
+    FlowCorrelation,
+    darcy_law,
+)
+from tpmscad.studies.flow_results import FlowEstimate, FlowEstimateRow
+
+METRES = 1e-3
+"""Metres in a model unit, mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelGeometry:
+    """A channel, lengths in mm; `cross_section` is that of wall and both channels, None if it is not known."""
+
+    surface: str
+    side: str
+    cell: float
+    porosity: float
+    hydraulic_diameter: float
+    cross_section: float | None
+
+
+@public(
+    'estimate_flow("gyroid", cell=8, thickness=0.8, length=48, velocity=0.02, density=998, viscosity=1e-3, '
+    "conductivity=0.6, specific_heat=4180)"
+)
+def estimate_flow(
+    channel: str | FluidDomains,
+    *,
+    length: float,
+    density: float,
+    viscosity: float,
+    cell: float | None = None,
+    thickness: float | None = None,
+    side: str = "-",
+    velocity: float | None = None,
+    volume_flow: float | None = None,
+    cross_section: float | None = None,
+    conductivity: float | None = None,
+    specific_heat: float | None = None,
+    permeability: float | None = None,
+) -> FlowEstimate:
+    """Estimate pressure drop and heat transfer of the flow through one channel of a sheet, by published correlations.
+
+    Geometry is in mm; the fluid, the flow and the results are in SI units.
+
+    Parameters
+    ----------
+    channel : str or FluidDomains
+        The name of a surface, of which `cell` and `thickness` say the sheet; or the result of `tpmscad.fluid_domains`, whose
+        channel is measured.
+    length : float
+        Flow length, mm.
+    density : float
+        Density of the fluid, kg/m3.
+    viscosity : float
+        Dynamic viscosity of the fluid, Pa s.
+    cell : float, optional
+        Edge length of the cubic cell, mm; with a name.
+    thickness : float, optional
+        Thickness of the wall, mm; with a name.
+    side : {"-", "+"}, optional
+        Which of the two channels, by the sign of the surface's nodal value in it.
+    velocity : float, optional
+        Mean velocity in the channel, m/s: volume flow over porosity times cross-section. Give it or `volume_flow`.
+    volume_flow : float, optional
+        Volume flow through the channel, m3/s.
+    cross_section : float, optional
+        Cross-section of wall and both channels, mm2; with a name, where `volume_flow` needs it and pumping power follows from it.
+        That of fluid domains is their volume over `length`.
+    conductivity : float, optional
+        Thermal conductivity of the fluid, W/(m K); without it, heat transfer is not estimated.
+    specific_heat : float, optional
+        Specific heat of the fluid, J/(kg K); together with `conductivity`.
+    permeability : float, optional
+        Permeability of the channel along the flow, mm2, of `tpmscad.permeability`: adds Darcy's law, which holds for
+        Reynolds numbers up to 1.
+
+    Returns
+    -------
+    FlowEstimate
+        A row for each correlation of the surface, with its source, its scatter, and whether the flow is within its range; outside
+        its range there is no value.
+
+    Raises
+    ------
+    InvalidRequest
+        If no correlation covers the surface or the flow, or if arguments are missing or exclude each other.
+
+    Notes
+    -----
+    Estimates for the middle of an exchanger of smooth walls, not results: inlets, manifolds and the walls of the body are not in
+    them, nor is the roughness of printed walls unless a correlation says so, which raises the pressure drop. Sources: Gajetti et
+    al. (2025) for the pressure drop in gyroid and Diamond, Savoldi et al. (2026) for both in the gyroid, Yan et al. (2023, 2024)
+    for heat transfer; the rows name them in full. Reynolds numbers are those of the hydraulic diameter and of `velocity`.
+
+    Examples
+    --------
+    >>> water = {"density": 998, "viscosity": 1e-3, "conductivity": 0.6, "specific_heat": 4180}
+    >>> found = tpmscad.estimate_flow("gyroid", cell=8, thickness=0.8, length=48, velocity=0.02, **water)
+    >>> round(found.reynolds)
+    75
+    >>> [row.correlation.name for row in found.pressure_drops if row.within_range]
+    ['Gajetti et al. 2025', 'Savoldi et al. 2026']
+    """
+    if (conductivity is None) != (specific_heat is None):
+        raise InvalidRequest(
+            "the Prandtl number needs `conductivity` and `specific_heat`: give both, or leave both out"
+        )
+    if isinstance(channel, FluidDomains):
+        given = {"cell": cell, "thickness": thickness, "cross_section": cross_section}
+        excess = [f"`{name}`" for name, value in given.items() if value is not None]
+        if excess:
+            raise InvalidRequest(f"fluid domains have their own {', '.join(excess)}: leave out what is given twice")
+        geometry = _measure_channel(channel, side, length)
+    elif isinstance(channel, str):
+        if cell is None or thickness is None:
+            raise InvalidRequest(f'estimate_flow("{channel}") needs cell= and thickness=, as in cell=8, thickness=0.8')
+        geometry = _describe_channel(channel, cell, thickness, side, cross_section)
+    else:
+        raise InvalidRequest(
+            f"channel: a {type(channel).__name__} is neither the name of a surface nor a result of tpmscad.fluid_domains"
+        )
+    velocity, volume_flow = _resolve_velocity(velocity, volume_flow, geometry)
+    prandtl = None
+    if conductivity is not None and specific_heat is not None:
+        prandtl = viscosity * specific_heat / conductivity
+    flow = ChannelFlow(
+        geometry.cell * METRES,
+        geometry.hydraulic_diameter * METRES,
+        geometry.porosity,
+        velocity,
+        density,
+        viscosity,
+        prandtl,
+    )
+    laws = [of for of in PRESSURE_DROP if geometry.surface in of.surfaces]
+    if permeability is not None:
+        laws.append(darcy_law(permeability * METRES**2))
+    drops = tuple(_estimate_pressure_drop(of, flow, length * METRES, volume_flow) for of in laws)
+    heats: tuple[FlowEstimateRow, ...] = ()
+    if conductivity is not None:
+        heats = tuple(
+            _estimate_heat_transfer(of, flow, conductivity) for of in HEAT_TRANSFER if geometry.surface in of.surfaces
+        )
+    _require_a_value(geometry.surface, drops, heats, flow)
+    return FlowEstimate(
+        f"{geometry.surface} channel {geometry.side}",
+        geometry.hydraulic_diameter,
+        length,
+        geometry.porosity,
+        velocity,
+        volume_flow,
+        flow.reynolds,
+        prandtl,
+        drops,
+        heats,
+    )
+
+
+def _describe_channel(
+    surface: str, cell: float, thickness: float, side: str, cross_section: float | None
+) -> ChannelGeometry:
+    """The channel on one side of the symmetric wall of an endless sheet, exactly, by Steiner's formula."""
+    info = surfaces.find_surface(surface)
+    reference, sign = info.references[0], 1.0 if side == "+" else -1.0
+    offset = 0.5 * sign * thickness / cell
+    surfaces.check_offset(info.name, reference, offset * cell, cell)
+    porosity = surfaces.skeletal_volume_fraction(info.name, reference, offset, side)
+    if porosity <= 0.0:
+        raise InvalidRequest(f"thickness {thickness:g} leaves no channel in a cell of {cell:g}: thin the wall")
+    area = surfaces.cell_measures(info.name, reference).swept_area(offset)
+    return ChannelGeometry(info.name, side, cell, porosity, 4.0 * porosity / area * cell, cross_section)
+
+
+def _measure_channel(domains: FluidDomains, side: str, length: float) -> ChannelGeometry:
+    """The channel of fluid domains, measured; its mean cross-section is the volume over the flow length."""
+    edges = set(domains.cell)
+    if len(edges) > 1:
+        raise InvalidRequest(f"the correlations are of cubic cells, the cell of these domains is {list(domains.cell)}")
+    name = PLUS if side == "+" else MINUS
+    return ChannelGeometry(
+        domains.surface,
+        side,
+        edges.pop(),
+        domains.domains[name].volume / domains.volume,
+        domains.hydraulic_diameters[name],
+        domains.volume / length,
+    )
+
+
+def _resolve_velocity(
+    velocity: float | None, volume_flow: float | None, geometry: ChannelGeometry
+) -> tuple[float, float | None]:
+    """Mean velocity in the channel, m/s, and its volume flow, m3/s, from the one that is given."""
+    section = geometry.cross_section
+    area = None if section is None else geometry.porosity * section * METRES**2
+    if velocity is not None and volume_flow is None:
+        return velocity, None if area is None else velocity * area
+    if volume_flow is not None and velocity is None:
+        if area is None:
+            raise InvalidRequest(
+                "`volume_flow` needs `cross_section`, that of wall and both channels in mm2; or give `velocity`"
+            )
+        return volume_flow / area, volume_flow
+    here = "none of them" if velocity is None else "both"
+    raise InvalidRequest(f"give exactly one of `velocity`, `volume_flow`; here: {here}")
+
+
+def _estimate_pressure_drop(
+    of: FlowCorrelation, flow: ChannelFlow, length: float, volume_flow: float | None
+) -> FlowEstimateRow:
+    """The row of a correlation of the pressure gradient; `length` in m."""
+    if outside := of.find_excess(flow):
+        return FlowEstimateRow(of, outside)
+    gradient = of.evaluate(flow)
+    drop = gradient * length
+    return FlowEstimateRow(
+        of,
+        pressure_drop=drop,
+        friction_factor=flow.friction_factor(gradient),
+        pumping_power=None if volume_flow is None else drop * volume_flow,
+    )
+
+
+def _estimate_heat_transfer(of: FlowCorrelation, flow: ChannelFlow, conductivity: float) -> FlowEstimateRow:
+    """The row of a correlation of the Nusselt number."""
+    if outside := of.find_excess(flow):
+        return FlowEstimateRow(of, outside)
+    nusselt = of.evaluate(flow)
+    return FlowEstimateRow(
+        of, nusselt=nusselt, heat_transfer_coefficient=nusselt * conductivity / flow.hydraulic_diameter
+    )
+
+
+def _require_a_value(
+    surface: str, drops: Sequence[FlowEstimateRow], heats: Sequence[FlowEstimateRow], flow: ChannelFlow
+) -> None:
+    """InvalidRequest if no correlation applies; the message names each with its limit."""
+    if any(row.within_range for row in (*drops, *heats)):
+        return
+    remedy = "solve the flow (`FluidDomains.mesh` and `write_openfoam`)"
+    if not drops and not heats:
+        known = " and ".join(sorted({name for of in PRESSURE_DROP for name in of.surfaces}))
+        raise InvalidRequest(
+            f"there is no correlation of the {surface}, only of {known}: give `permeability`, of tpmscad.permeability, for "
+            f"Darcy's law at Reynolds numbers up to 1, or {remedy}"
+        )
+    reasons = "; ".join(
+        f"{quantity}, {row.correlation.name}: {' and '.join(row.outside)}"
+        for quantity, rows in (("pressure drop", drops), ("heat transfer", heats))
+        for row in rows
+    )
+    raise InvalidRequest(
+        f"no correlation of the {surface} covers this flow ({reasons}). Here Reynolds number 1 is a velocity of "
+        f"{flow.velocity / flow.reynolds:.4g} m/s: change `velocity`, `cell` or `thickness`, or {remedy}"
+    )

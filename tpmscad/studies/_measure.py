@@ -1,0 +1,253 @@
+"""The figures that parts and channels are designed by, measured on the finished solid.
+
+Volume fraction, wetted surface and hydraulic diameter follow from the exact volumes and areas of the kernel's solids and from the
+envelope, the box or body in which void counts. The smallest wall and the smallest pore are found on samples of the surface: the
+smallest ball in the solid (in the void) that touches two opposite sides. A shape is taken as material with void around it, or as
+the fluid itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from tpmscad._typing import BoolArray
+from tpmscad.api.public_calls import public
+from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.cad_body import read_body
+from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.shape_report import ShapeReport
+from tpmscad.kernel.measure.shape_sampling import (
+    Creases,
+    FaceSamples,
+    find_creases,
+    have_touching_solids,
+    lie_on_surface,
+    sample_faces,
+)
+from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.results.model import Model
+from tpmscad.studies._check_print import read_closed_solids
+
+SAMPLE_SPACING_FRACTION = 0.4
+"""Greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
+
+MAX_SAMPLES = 2_000_000
+"""Greatest number of samples, about half a gigabyte with their search tree; `Metrics.spacing` reports a larger spacing."""
+
+N_ENVELOPE_SAMPLES = 20_000
+"""Samples by which faces on the envelope are found."""
+
+ENVELOPE_TOL_DIAGONALS = 1e-6
+"""In diagonals of the shape: distance below which a sample lies on the envelope."""
+
+
+@dataclass(frozen=True, slots=True)
+class LocatedWidth:
+    """The diameter of a ball, and its center."""
+
+    width: float
+    at: tuple[float, float, float]
+
+    def __str__(self) -> str:
+        return f"{self.width:.4g} mm at (" + ", ".join(f"{round(x, 9) + 0.0:.4g}" for x in self.at) + ")"
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Metrics:
+    """The figures of a solid or of a fluid, in the unit of the shape (mm for files).
+
+    Attributes
+    ----------
+    volume, area : float
+        Of the shape.
+    envelope_volume : float
+        Volume of the envelope, the box or body in which void counts.
+    volume_fraction : float
+        `volume` / `envelope_volume`.
+    wetted_area : float
+        Area of the faces that do not lie on the envelope.
+    surface_per_volume : float
+        `wetted_area` / `envelope_volume`.
+    hydraulic_diameter : float or None
+        4 x fluid volume / `wetted_area`; None if no face is wetted. The fluid is the shape itself if `is_fluid`, otherwise the
+        void that the shape leaves in the envelope.
+    smallest_wall, smallest_pore : LocatedWidth or None
+        Diameter and center of the smallest ball in the material, or in the fluid, that touches two opposite sides (which may
+        taper by 5 degrees); None if no sides are opposite. Sides that meet in a sharp edge nearby are left out, because their
+        distance goes to zero at every cut.
+    pieces : int
+        Number of solids.
+    spacing : float
+        Greatest distance of neighbouring samples. Widths are accurate to about spacing^2 / (8 x radius of curvature).
+    is_fluid : bool
+        Whether the shape was measured as fluid with walls around it.
+    """
+
+    volume: float
+    area: float
+    envelope_volume: float
+    volume_fraction: float
+    wetted_area: float
+    surface_per_volume: float
+    hydraulic_diameter: float | None
+    smallest_wall: LocatedWidth | None
+    smallest_pore: LocatedWidth | None
+    pieces: int
+    spacing: float
+    is_fluid: bool = False
+
+    def to_dict(self) -> dict[str, Any]:
+        """The metrics as plain values, ready for JSON.
+
+        Returns
+        -------
+        dict
+            The attributes by name.
+        """
+        return asdict(self)
+
+    def __str__(self) -> str:
+        diameter = "none: no wetted surface" if self.hydraulic_diameter is None else f"{self.hydraulic_diameter:.6g} mm"
+        fluid = "channel" if self.is_fluid else "void"
+        return "\n".join(
+            [
+                f"volume              {self.volume:.6g} mm3, a fraction of {self.volume_fraction:.6g} of the envelope's "
+                f"{self.envelope_volume:.6g} mm3",
+                f"wetted surface      {self.wetted_area:.6g} mm2, {self.surface_per_volume:.6g} mm2 per mm3 of the envelope",
+                f"hydraulic diameter  {diameter}, 4 x volume of the {fluid} / wetted surface",
+                f"smallest wall       {self.smallest_wall or 'none: no two sides are opposite'}",
+                f"smallest {'passage' if self.is_fluid else 'pore   '}    "
+                f"{self.smallest_pore or 'none: no two sides are opposite'}",
+                f"pieces              {self.pieces}",
+            ]
+        )
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+@public()
+def measure(source: Any, *, within: Any = None, spacing: float | None = None, is_fluid: bool | None = None) -> Metrics:
+    """Measure the figures that parts are designed by: volume fraction, wetted surface, hydraulic diameter, walls and pores.
+
+    Parameters
+    ----------
+    source : Model, shape, str or Path
+        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid closed solids.
+    within : ((x0, y0, z0), (x1, y1, z1)), shape, str or Path, optional
+        The envelope in which void counts: a box or a body. By default the bounding box of the shape.
+    spacing : float, optional
+        Greatest distance of the samples on the surface; by default 0.4 x volume / area.
+    is_fluid : bool, optional
+        Whether the shape is a channel full of fluid instead of material. By default the channels of `fluid_domains` are fluid and
+        all other shapes are material.
+
+    Returns
+    -------
+    Metrics
+        The figures, in the unit of the shape (mm for files).
+
+    Raises
+    ------
+    InvalidRequest
+        If the shape has no valid closed solids, if solids touch each other, or if the envelope is smaller than the solid.
+
+    Examples
+    --------
+    >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
+    >>> metrics = tpmscad.measure(model, within=((0, 0, 0), (20, 20, 20)))  # doctest: +SKIP
+    >>> print(metrics.smallest_wall)  # doctest: +SKIP
+    0.9969 mm at ...
+    >>> channel = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1).plus  # doctest: +SKIP
+    >>> tpmscad.measure(channel, within=body).hydraulic_diameter  # doctest: +SKIP
+    4.6...
+    """
+    if is_fluid is None:
+        is_fluid = isinstance(source, Model) and source.is_fluid
+    if isinstance(source, Model):
+        source = source.built.shape
+    shape, report = read_closed_solids(source, "measured")
+    faces = faces_of(shape)
+    size = float(np.linalg.norm(np.subtract(*report.bounds)))
+    envelope_volume, wetted = _measure_envelope(
+        report, faces, report.bounds if within is None else within, size, spacing
+    )
+    spacing = spacing or max(SAMPLE_SPACING_FRACTION * report.volume / report.area, (report.area / MAX_SAMPLES) ** 0.5)
+    samples, creases = sample_faces(faces, spacing), find_creases(faces, spacing)
+    if have_touching_solids(shape, samples, ENVELOPE_TOL_DIAGONALS * size, spacing):
+        raise InvalidRequest(
+            "solids that touch have no surface of their own there: measure one of them, or unite them first"
+        )
+    fluid_volume = report.volume if is_fluid else max(0.0, envelope_volume - report.volume)
+    reach = 2.0 * report.volume / report.area
+    inner, outer = (_measure_smallest_width(samples, creases, sign, reach, size, spacing) for sign in (1.0, -1.0))
+    return Metrics(
+        volume=report.volume,
+        area=report.area,
+        envelope_volume=envelope_volume,
+        volume_fraction=report.volume / envelope_volume,
+        wetted_area=wetted,
+        surface_per_volume=wetted / envelope_volume,
+        hydraulic_diameter=4.0 * fluid_volume / wetted if wetted else None,
+        smallest_wall=outer if is_fluid else inner,
+        smallest_pore=inner if is_fluid else outer,
+        pieces=report.solids,
+        spacing=spacing,
+        is_fluid=is_fluid,
+    )
+
+
+def _measure_envelope(
+    report: ShapeReport, faces: Any, within: Any, size: float, spacing: float | None
+) -> tuple[float, float]:
+    """The volume of the envelope, and the area of the faces that do not lie on it."""
+    samples = sample_faces(faces, spacing or (report.area / N_ENVELOPE_SAMPLES) ** 0.5)
+    volume, on_envelope = _locate_envelope(within, samples, ENVELOPE_TOL_DIAGONALS * size)
+    if volume < report.volume * (1.0 - ENVELOPE_TOL_DIAGONALS):
+        raise InvalidRequest(
+            f"the envelope's volume {volume:.6g} is less than the solid's, {report.volume:.6g}: it has to contain the solid"
+        )
+    n_off = np.bincount(samples.face[~on_envelope], minlength=len(faces))
+    dry = (n_off == 0) & (np.bincount(samples.face, minlength=len(faces)) > 0)
+    dry_faces = [face for face, is_dry in zip(faces, dry, strict=True) if is_dry]
+    wetted = report.area - float(face_moments(dry_faces)[:, 0].sum())
+    return volume, wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
+
+
+def _locate_envelope(within: Any, samples: FaceSamples, tol: float) -> tuple[float, BoolArray]:
+    """The volume of the envelope, and which samples lie on its surface: (n,)."""
+    try:
+        low, high = np.asarray(within, float)
+    except (TypeError, ValueError):
+        body = read_body(within)
+        return body.volume, lie_on_surface(body.shape, samples, tol)
+    if low.shape != (3,) or not (high > low).all():
+        raise InvalidRequest(
+            f"the envelope {within!r} must be a body or two opposite corners, ((x0, y0, z0), (x1, y1, z1))"
+        )
+    on_planes = (np.abs(samples.points - low) < tol) & (samples.normals < -0.5)
+    on_planes |= (np.abs(samples.points - high) < tol) & (samples.normals > 0.5)
+    return float((high - low).prod()), on_planes.any(axis=1)
+
+
+def _measure_smallest_width(
+    samples: FaceSamples, creases: Creases, sign: float, reach: float, size: float, spacing: float
+) -> LocatedWidth | None:
+    """The least width between opposite sides, in the solid (sign = 1) or in the void (-1)."""
+    found = find_smallest_width(
+        np.concatenate([samples.points, creases.points, creases.points]),
+        sign * np.concatenate([samples.normals, creases.normals[:, 0], creases.normals[:, 1]]),
+        creases.smooth_group[np.concatenate([samples.face, creases.faces[:, 0], creases.faces[:, 1]])],
+        SharpEdgePoints(creases.points, np.sort(creases.smooth_group[creases.faces], axis=1)),
+        reach,
+        size,
+        spacing,
+    )
+    if found is None:
+        return None
+    x, y, z = found[1].tolist()
+    return LocatedWidth(found[0], (x, y, z))

@@ -1,0 +1,77 @@
+"""Volume meshes of models, of fluid domains and of STEP files: gmsh's tetrahedra on the exact faces, with named groups."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from tpmscad._lazy_import import import_extra
+from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.export.shared_faces import number_distinct_faces, write_plain_brep
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.meshing.tetrahedra import MeshRequest, SolidFaces, mesh_tetrahedra
+from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.stage_timer import StageTimer
+
+MAX_ELEMENTS = 50_000_000
+"""Elements that a box of the solid's volume has at the size wanted; more are taken for a mistake of units."""
+
+EDGES_CUBED_OF_A_TETRAHEDRON = 8.5
+"""Cube of a regular tetrahedron's edge over its volume, 6 sqrt(2)."""
+
+
+def mesh_named_solids(
+    solids: Sequence[NamedSolid],
+    regions: Sequence[str],
+    bounds: BoxCorners,
+    request: MeshRequest,
+    *,
+    name: str,
+    progress: ProgressOption = None,
+) -> VolumeMesh:
+    """Mesh solids; those that share faces share the nodes there.
+
+    `regions` names the group of each solid's elements. The groups of its facets are the labels of its faces, and of several
+    regions "REGION: LABEL"; facets between two regions are the group "REGION | REGION", the first named first. Raises as
+    `Model.mesh`.
+    """
+    import_extra("gmsh", "meshes of tetrahedra", "mesh")  # before the work
+    low, high = np.asarray(bounds, float)
+    volume = float(np.prod(high - low))
+    count = EDGES_CUBED_OF_A_TETRAHEDRON * volume / request.size**3
+    if count > MAX_ELEMENTS:
+        raise InvalidRequest(
+            f"size = {request.size:g} makes about {count:.2g} elements in a box of {volume:.3g} mm3; {MAX_ELEMENTS:.0e} is the "
+            "limit: the size is the length of an edge in mm"
+        )
+    stages = StageTimer(progress)
+    numbers, places = number_distinct_faces([of.solid for of in solids])
+    labels: list[list[tuple[str, str]]] = [[] for _ in places]
+    for own, of, region in zip(numbers, solids, regions, strict=True):
+        for face, label in zip(own.tolist(), of.labels, strict=True):
+            labels[face].append((region, label))
+    several = len(set(regions)) > 1
+    faces = SolidFaces(tuple(regions), tuple(_face_groups(found, several) for found in labels), places, low, high)
+    with TemporaryDirectory() as folder, stages("mesh"):
+        file = Path(folder) / "solids.brep"
+        write_plain_brep([of.solid for of in solids], file)
+        return mesh_tetrahedra(file, faces, request, name)
+
+
+def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, ...]:
+    """Groups of a face, given the region and label of each solid that it bounds."""
+    regions = list(dict.fromkeys(region for region, _ in uses))
+    if len(regions) > 1:
+        return (" | ".join(regions),)
+    return tuple(dict.fromkeys(f"{region}: {label}" if several else label for region, label in uses))
+
+
+def read_request(size: float, order: int, periodic: bool, per_turn: int | None) -> MeshRequest:
+    """The request of a call; InvalidRequest for an order that is neither 1 nor 2."""
+    if order not in (1, 2):
+        raise InvalidRequest(f"order = {order} is neither 1 nor 2, the orders of tetrahedra that gmsh curves reliably")
+    return MeshRequest(size, order, periodic, per_turn)

@@ -1,0 +1,34 @@
+"""The symmetry group that generates a surface of the catalogue from its primitive."""
+
+from tpmscad.api.public_calls import public
+from tpmscad.surfaces.motion_group import PatchSymmetry, patch_symmetry
+from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirror_symmetry
+
+
+@public()
+def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
+    """Return the symmetry group that generates the whole surface from its primitive.
+
+    Parameters
+    ----------
+    name : str
+        Name or alias of a surface of the catalogue.
+
+    Returns
+    -------
+    PatchSymmetry or MirrorSymmetry
+        The proper motions of an exact patch, or the reflections of a mirrored piece.
+
+    Raises
+    ------
+    InvalidRequest
+        If the surface is unknown or has neither an exact patch nor a mirrored piece.
+
+    Examples
+    --------
+    >>> from tpmscad import surfaces
+    >>> symmetry = surfaces.surface_symmetry("gyroid")
+    >>> len(symmetry.edge_motions)
+    4
+    """
+    return mirror_symmetry(name) if has_mirrors(name) else patch_symmetry(name)

@@ -1,0 +1,270 @@
+"""A parameter study: every design of a table made, measured and written, by any executor, and resumed after an interruption."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from tpmscad._lazy_import import import_extra
+from tpmscad._typing import ProgressOption
+from tpmscad.api.public_calls import public
+from tpmscad.atomic_file import validate_output_path
+from tpmscad.errors import InvalidRequest
+from tpmscad.parallel import run_as_completed
+from tpmscad.stage_timer import StageTimer
+from tpmscad.sweeps.cell_text import parse_cell
+from tpmscad.sweeps.design_runs import FIGURES, METRICS, PROPERTIES, describe_failure, run_design
+from tpmscad.sweeps.parameter_table import Design, read_table
+from tpmscad.sweeps.results_plot import plot_columns
+from tpmscad.sweeps.results_table import ResultsTable, open_results, read_figure
+
+MAX_FAILURES_SHOWN = 10
+"""Failures that the summary of a sweep lists."""
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResults:
+    """The results of a sweep, in the order of its table.
+
+    Attributes
+    ----------
+    path : Path
+        The CSV file of the results.
+    rows : tuple of dict
+        One for each design: its parameters and its figures by the names of the columns; None where nothing was measured.
+    reused : int
+        Number of rows that an earlier run had made.
+    """
+
+    path: Path
+    rows: tuple[Mapping[str, Any], ...]
+    reused: int
+
+    @property
+    def met(self) -> bool:
+        """Whether every design was made as requested."""
+        return all(row["met"] for row in self.rows)
+
+    @property
+    def failures(self) -> tuple[Mapping[str, Any], ...]:
+        """The rows of the designs that could not be made or miss the request."""
+        return tuple(row for row in self.rows if not row["met"])
+
+    def column(self, name: str) -> list[Any]:
+        """The values of a column, one for each design.
+
+        Parameters
+        ----------
+        name : str
+            A parameter or a figure, such as "porosity".
+
+        Returns
+        -------
+        list
+            Numbers, text, tuples of numbers, or None where the cell is empty.
+
+        Raises
+        ------
+        InvalidRequest
+            If there is no such column.
+        """
+        columns = list(self.rows[0])
+        if name not in columns:
+            near = get_close_matches(str(name), columns, n=1)
+            hint = f"did you mean {near[0]!r}?" if near else f"the columns are {', '.join(columns)}"
+            raise InvalidRequest(f"there is no column {name!r}; {hint}")
+        return [row[name] for row in self.rows]
+
+    @public('results.plot("porosity", "E1", by="surface")')
+    def plot(self, x: str, y: str, *, by: str | None = None, ax: Any = None) -> Any:
+        """Draw one column over another, as a line with a marker for each design that is met.
+
+        Parameters
+        ----------
+        x, y : str
+            Columns of numbers: parameters or figures, such as "porosity" and "E1".
+        by : str, optional
+            A column whose values part the designs, such as "surface": each has a line, a colour and an entry of the legend.
+        ax : matplotlib.axes.Axes, optional
+            Axes to draw into; by default those of a new figure.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            The axes, labelled with quantities and units.
+
+        Raises
+        ------
+        InvalidRequest
+            If there is no such column, if it holds something else than numbers, if no design that is met has both numbers, or if
+            matplotlib is not installed (pip install "tpmscad[plot]").
+
+        Notes
+        -----
+        Points are joined in the order of x. Designs that are not met, and those without one of the numbers, are left out.
+
+        Examples
+        --------
+        >>> results = tpmscad.sweep("designs.csv", properties=True)  # doctest: +SKIP
+        >>> results.plot("porosity", "E1", by="surface").figure.savefig("stiffness.png")  # doctest: +SKIP
+        """
+        columns = [self.column(name) for name in (x, y, by or x)]
+        met = [cells for row, *cells in zip(self.rows, *columns, strict=True) if row["met"]]
+        return plot_columns((x, y, by), met, ax)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, as in a report.
+
+        Returns
+        -------
+        dict
+            The path, the number of reused rows, and the rows.
+        """
+        return {
+            "path": str(self.path),
+            "reused": self.reused,
+            "met": self.met,
+            "rows": [dict(row) for row in self.rows],
+        }
+
+    def __str__(self) -> str:
+        failures = self.failures
+        kept = f", {self.reused} of them from an earlier run" if self.reused else ""
+        lines = [f"{len(self.rows)} designs{kept}: {len(self.rows) - len(failures)} met; results in {self.path}"]
+        lines += [
+            f"row {number}  {row['error']}: {row['message']}"
+            for number, row in enumerate(self.rows, 1)
+            if not row["met"]
+        ][:MAX_FAILURES_SHOWN]
+        if len(failures) > MAX_FAILURES_SHOWN:
+            lines.append(f"and {len(failures) - MAX_FAILURES_SHOWN} more")
+        return "\n".join(lines)
+
+
+@public('sweep("designs.csv", output="results.csv")')
+def sweep(
+    table: Any,
+    executor: Executor | None = None,
+    output: str | Path = "results.csv",
+    *,
+    metrics: bool = False,
+    properties: bool = False,
+    progress: ProgressOption = None,
+) -> SweepResults:
+    """Make and measure every design of a table, and write a table of results.
+
+    The results are the same, in the order of the table, whoever makes them. After an interruption the same call goes on: designs
+    whose parameters are in the results already, and whose files are there, are not made again. A design that cannot be made is a
+    row with its error, too, and the others go on.
+
+    Parameters
+    ----------
+    table : str, Path, sequence of mappings, or DataFrame
+        One design a row: a CSV file, a Parquet file (``pip install 'tpmscad[tables]'``), dictionaries, or a data frame of pandas.
+        The columns are keywords of `lattice`; in rows with a `body`, the path of a STEP file, those of `infill`. In rows with a
+        `recipe`, a TOML file for ``tpmscad blend`` or ``tpmscad solidify``, the columns are keys of that recipe, such as ``tol``
+        or ``structures[0].level``. An empty cell is the default. The column `file` names the file of the solid (.step, .stl,
+        .3mf, ...), with other columns and the number of the row in braces: ``{surface}_{thickness}_{row:03d}.step``.
+    executor : concurrent.futures.Executor, optional
+        Makes the designs: a process pool, or on a cluster with a common file system Dask's ``Client.get_executor()``. By default
+        this process, one after the other.
+    output : str or Path, optional
+        The CSV file of the results.
+    metrics : bool, optional
+        Measure the smallest wall, the smallest pore and the hydraulic diameter, too; it takes longer than most lattices.
+    properties : bool, optional
+        Compute the homogenised stiffness and conductivity of every design with `homogenize`, too: seconds a design where the
+        walls are hexahedra (``boundary="natural"``), up to minutes with tetrahedra. The designs must repeat, as lattices of whole
+        cells do; the solid's Poisson ratio is 0.3. Needs ``pip install 'tpmscad[simulation]'``.
+    progress : callable or bool, optional
+        Called with "designs" and the fraction that is done. By default work of more than two seconds shows a bar in a terminal or
+        a notebook; False shows nothing.
+
+    Returns
+    -------
+    SweepResults
+        The rows: parameters, met, volume, area, porosity, faces, max_deviation, rms_deviation, Betti numbers (pieces, tunnels,
+        cavities), metrics, properties, file, error, message, seconds. Lengths are in mm. Properties are E1 to E3, nu12 to nu23,
+        G12 to G23, bulk_modulus, conductivity, and property_error, the relative change by the last refinement of the mesh. Moduli
+        are relative to Young's modulus of the solid, and the conductivity, the mean over the axes, to that of the solid.
+
+    Raises
+    ------
+    InvalidRequest
+        If the table cannot be read: the message names row and column; or if properties are asked for of a
+        filled body, or without scikit-fem. Nothing has been made then.
+    TpmscadError
+        If a process of the executor dies; the rows that are finished have been written.
+
+    Examples
+    --------
+    >>> designs = [{"surface": "gyroid", "cell": 10, "thickness": t} for t in (0.5, 1.0, 1.5)]
+    >>> results = tpmscad.sweep(designs, output="results.csv")  # doctest: +SKIP
+    >>> results.column("porosity")  # doctest: +SKIP
+    [0.84..., 0.69..., 0.54...]
+    """
+    path = validate_output_path(output, (".csv",))
+    designs = read_table(table)
+    if properties:
+        _require_lattices(designs.designs)
+    results = open_results(path, designs.columns)
+    wanted = (METRICS,) * metrics + (PROPERTIES,) * properties
+    missing = [design for design in designs.designs if not _is_done(design, results, wanted)]
+    order = [design.key for design in designs.designs]
+    tasks = []
+    for design in missing:
+        row = results.rows.pop(design.key, {})
+        measured = (metrics or _has_any(row, METRICS), properties or _has_any(row, PROPERTIES))  # none is lost
+        tasks.append((design.function, dict(design.parameters), design.file and design.file.resolve(), *measured))
+    results.write(order)
+    n_done = len(order) - len(missing)
+    with StageTimer(progress)("designs") as report:
+        for number, figures in run_as_completed(executor, run_design, tasks, describe_failure):
+            design = missing[number]
+            if figures.get("file"):
+                figures["file"] = str(design.file)
+            results.append(design.parameters, figures)
+            n_done += 1
+            report(n_done / len(order))
+    results.write(order)
+    rows = tuple(_read_row(results, design) for design in designs.designs)
+    return SweepResults(path, rows, len(order) - len(missing))
+
+
+def _require_lattices(designs: Sequence[Design]) -> None:
+    """InvalidRequest, before any work, if homogenised properties of the designs cannot be computed here."""
+    import_extra("skfem", "homogenised properties", "simulation")
+    for design in designs:
+        if design.function == "infill":
+            raise InvalidRequest(
+                f"row {design.number}, column body: homogenised properties are those of a lattice that repeats, not of a filled "
+                "body; leave out properties, or make a table of the lattices"
+            )
+
+
+def _is_done(design: Design, results: ResultsTable, wanted: Sequence[Sequence[str]]) -> bool:
+    """Whether the results hold a design as it is asked for now: with its file and the groups of figures that are wanted."""
+    row = results.rows.get(design.key)
+    if row is None:
+        return False
+    if row.get("error"):
+        return True
+    if not all(_has_any(row, group) for group in wanted):
+        return False
+    return design.file is None or (row.get("file") == str(design.file) and design.file.is_file())
+
+
+def _has_any(row: Mapping[str, str], group: Sequence[str]) -> bool:
+    """Whether one figure of a group, at least, was measured."""
+    return any(row.get(name) for name in group)
+
+
+def _read_row(results: ResultsTable, design: Design) -> Mapping[str, Any]:
+    """The row of a design as values."""
+    row = results.rows[design.key]
+    parameters = {name: parse_cell(name, row[name]) if name in row else None for name in results.parameters}
+    return parameters | {name: read_figure(name, row.get(name, "")) for name in FIGURES}

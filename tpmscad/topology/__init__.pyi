@@ -1,0 +1,14 @@
+from tpmscad.topology.components import LabelledComponents as LabelledComponents
+from tpmscad.topology.components import count_components_and_cavities as count_components_and_cavities
+from tpmscad.topology.components import label_cavities as label_cavities
+from tpmscad.topology.components import label_components as label_components
+from tpmscad.topology.cubical_betti import Betti as Betti
+from tpmscad.topology.cubical_betti import betti as betti
+from tpmscad.topology.cubical_betti import bound_component_counts as bound_component_counts
+from tpmscad.topology.cubical_betti import euler_characteristic as euler_characteristic
+from tpmscad.topology.diagrams import PersistenceDiagram as PersistenceDiagram
+from tpmscad.topology.diagrams import persistence_diagram as persistence_diagram
+from tpmscad.topology.persistence import PersistencePairs as PersistencePairs
+from tpmscad.topology.persistence import compute_pairs_at_level as compute_pairs_at_level
+from tpmscad.topology.persistence import compute_persistence as compute_persistence
+from tpmscad.topology.voxels import CONNECTIVITY as CONNECTIVITY
