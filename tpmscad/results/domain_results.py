@@ -183,11 +183,6 @@ class FluidDomains:
     ) -> None:
         """Draw the domains, each in its colour, as a PNG picture, without a display.
 
-        Raises
-        ------
-        InvalidRequest
-            If an argument is not understood.
-
         Examples
         --------
         >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP

@@ -272,11 +272,6 @@ class Model(MeshableSolid):
     ) -> None:
         """Draw the model as a PNG picture, without a display.
 
-        Raises
-        ------
-        InvalidRequest
-            If an argument is not understood.
-
         Examples
         --------
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
