@@ -237,24 +237,6 @@ def test_a_colour_out_of_range_is_refused(tmp_path: Path) -> None:
         written(drilled_dome(), tmp_path / "part.step", colours={"side": (255.0, 0.0, 0.0)})
 
 
-@pytest.mark.parametrize("case", CASES)
-def test_replicas_read_back_as_the_same_solid(case: str, tmp_path: Path) -> None:
-    brep = CASES[case]()
-    text = written(brep, tmp_path / "part.step", replicas=True)
-    broken = [f.split(":")[0] for f in check.faults(parser.parse(text)[1], "ap242")]
-    assert broken == (["advanced_face.WR1"] if "=SURFACE_REPLICA" in text else [])
-    found = check_step(tmp_path / "part.step")
-    assert found.ok
-    assert found.shape.volume == pytest.approx(
-        integral_properties.volume(integral_properties.integrate_faces(brep))[0], rel=1e-9
-    )
-
-
-def test_replicas_hold_a_primitive_once_for_either_handedness(tmp_path: Path) -> None:
-    text = written(CASES["cube and mirror image"](), tmp_path / "part.step", replicas=True)
-    assert (text.count("=B_SPLINE_SURFACE_WITH_KNOTS"), text.count("=SURFACE_REPLICA")) == (12, 12)
-
-
 class TestInstances:
     def test_512_copies_of_one_cell_take_little_room(self, tmp_path: Path) -> None:
         cell, path = CASES["bent frame"](), tmp_path / "lattice.step"
