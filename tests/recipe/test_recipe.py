@@ -17,8 +17,7 @@ import tpmscad
 from tpmscad import fields
 from tpmscad.errors import NotMet, RecipeError
 from tpmscad.recipe.blend_recipe import read_blend_recipe
-from tpmscad.recipe.data_fields import DATA_KINDS
-from tpmscad.recipe.field_reader import FIELD_KINDS
+from tpmscad.recipe.field_kinds import field_kinds
 from tpmscad.recipe.key_lines import find_key_lines
 from tpmscad.recipe.recipe_runs import SolidRun, run_blend_recipe
 from tpmscad.recipe.solid_recipe import read_solid_recipe
@@ -173,7 +172,22 @@ SAME = {
         ("of = 'ball'\nminus = ['slab', 'gyroid']", fields.difference(BALL, SLAB, GYROID)),
         ("of = 'ball'\nminus = ['slab']\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2)),
     ],
-    "complement": [("of = 'ball'", ~BALL)],
+    "smooth_union": [("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_union(BALL, SLAB, 2))],
+    "smooth_intersection": [
+        ("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_intersection(BALL, SLAB, 2))
+    ],
+    "smooth_difference": [("of = 'ball'\nminus = 'slab'\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2))],
+    "complement": [("of = 'ball'", ~BALL), ("field = 'ball'", ~BALL)],
+    "constant": [("value = 2.5", fields.constant(2.5))],
+    "coordinate": [("axis = '-y'\norigin = [1, 2, 3]", fields.coordinate("-y", (1, 2, 3)))],
+    "normal_distance": [("of = 'gyroid'", fields.normal_distance(GYROID))],
+    "bspline_unit": [("coefficients = [[[1, 2], [3, 4]]]\nperiod = 3", fields.bspline_unit([[[1, 2], [3, 4]]], 3.0))],
+    "image_region": [
+        (
+            "mask = [[true, false], [false, true]]\nlo = [0, 0]\nhi = [5, 6]",
+            fields.image_region(np.eye(2) > 0, (0, 0), (5, 6)),
+        )
+    ],
     "mix": [
         (
             "of = ['gyroid', 'ball']\nweight = { kind = 'ramp', by = 'x', span = [0, 9], values = [0, 1] }",
@@ -187,6 +201,9 @@ SAME = {
         ("by = 'ball'\nspan = [-3, 3]\nvalues = [0, 1]", fields.ramp(BALL, (-3, 3), (0, 1))),
         ("by = 'y'\nspan = [-3, 3]\nvalues = [0, 1]\nsmooth = false", fields.ramp("y", (-3, 3), (0, 1), smooth=False)),
     ],
+    "translate": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
+    "rotate": [("field = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
+    "scale": [("of = 'gyroid'\nfactor = 2", fields.scale(GYROID, 2))],
     "translated": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
     "rotated": [("of = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
     "scaled": [("of = 'gyroid'\nfactor = 2\ncenter = [1, 0, 0]", fields.scale(GYROID, 2, (1, 0, 0)))],
@@ -201,7 +218,7 @@ def part(folder: Path, field: str) -> fields.Field:
 
 
 def test_every_kind_is_tried() -> None:
-    assert FIELD_KINDS.keys() - SAME.keys() == {"image", "body", *DATA_KINDS}
+    assert field_kinds().keys() - SAME.keys() == {"image", "body", "sampled", "scattered", "expression"}
 
 
 @pytest.mark.parametrize(
@@ -295,12 +312,12 @@ WRONG = {
         "line 11, structures[1].surface: unknown surface 'ipw': did",
     ),
     "hi = [6, 9, 9]": ("high = [6, 9, 9]", "line 17, regions[0].high: unknown key; did you mean 'hi'?"),
-    "lo = [6, 0, 0]": ("lo = [6, 0]", "line 20, regions[1].lo: must be 3 numbers, not 2"),
-    "hi = [10, 9, 9]": ("hi = [10, 9, '9']", "line 21, regions[1].hi[2]: must be a number, not '9'"),
+    "lo = [6, 0, 0]": ("lo = [6, 0]", "line 20, regions[1].lo: [6, 0] must be three numbers, which may be infinite, not 2"),
+    "hi = [10, 9, 9]": ("hi = [10, 9, '9']", "line 21, regions[1].hi[2]: '9' is not a number"),
     "lo = [4, 0, 0]": ("", "line 22, blending_regions[0]: the key 'lo' is missing"),
     "tol = 0.05": ("", "scaffold.toml: the key 'tol' is missing"),
     "tol = ": ("tolerance = ", "line 1, tolerance: unknown key; did you mean 'tol'?"),
-    "[26, 24, 24]": ("[26, 24.5, 24]", "line 2, resolution[1]: must be a whole number, not 24.5"),
+    "[26, 24, 24]": ("[26, 24.5, 24]", "line 2, resolution[1]: 24.5 must be a whole number"),
     'weight = "auto"': ("weight = true", "line 3, weight: must be a table, not true"),
     '"auto"': ('"atuo"', "line 3, weight: 'atuo' is unknown; did you mean 'auto'?"),
     "level = -0.3": (
