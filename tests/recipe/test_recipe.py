@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -15,10 +16,15 @@ from hypothesis import strategies as st
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.arguments import arguments_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, POSITIVE
 from tpmscad.errors import NotMet, RecipeError
 from tpmscad.recipe.blend_recipe import read_blend_recipe
-from tpmscad.recipe.field_kinds import field_kinds
+from tpmscad.recipe.field_kinds import CONVENIENCES, field_kinds
 from tpmscad.recipe.key_lines import find_key_lines
+from tpmscad.recipe.recipe_keys import keys_of
 from tpmscad.recipe.recipe_runs import SolidRun, run_blend_recipe
 from tpmscad.recipe.solid_recipe import read_solid_recipe
 
@@ -173,9 +179,7 @@ SAME = {
         ("of = 'ball'\nminus = ['slab']\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2)),
     ],
     "smooth_union": [("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_union(BALL, SLAB, 2))],
-    "smooth_intersection": [
-        ("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_intersection(BALL, SLAB, 2))
-    ],
+    "smooth_intersection": [("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_intersection(BALL, SLAB, 2))],
     "smooth_difference": [("of = 'ball'\nminus = 'slab'\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2))],
     "complement": [("of = 'ball'", ~BALL), ("field = 'ball'", ~BALL)],
     "constant": [("value = 2.5", fields.constant(2.5))],
@@ -219,6 +223,49 @@ def part(folder: Path, field: str) -> fields.Field:
 
 def test_every_kind_is_tried() -> None:
     assert field_kinds().keys() - SAME.keys() == {"image", "body", "sampled", "scattered", "expression"}
+
+
+def names_of_fields(kind: type = fields.Field) -> set[str]:
+    return {kind.__name__}.union(*(names_of_fields(inner) for inner in kind.__subclasses__()))
+
+
+def test_every_field_function_whose_arguments_can_be_written_is_a_kind() -> None:
+    functions = [getattr(fields, name) for name in fields.__all__ if callable(getattr(fields, name))]
+    makers = {f for f in functions if inspect.signature(f).return_annotation in names_of_fields()}
+    kinds = {*field_kinds().values(), *(getattr(fields, name) for name in CONVENIENCES.keys() & set(fields.__all__))}
+    assert makers - kinds == {fields.as_field, fields.from_function, fields.warp}
+
+
+def test_a_new_field_function_is_a_kind_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @validate_call()
+    def thicken(
+        phi: Annotated[fields.Field, FIELD, "The field."],
+        width: Annotated[float, POSITIVE, "Width, model units."],
+        center: Annotated[tuple[float, float, float], POINT, "Centre, model units."] = (0.0, 0.0, 0.0),
+    ) -> fields.Field:
+        """Return a field for a test."""
+        return fields.as_field(phi) - width * fields.sphere(center, 1)
+
+    monkeypatch.setattr(fields, "thicken", thicken, raising=False)
+    monkeypatch.setattr(fields, "__all__", [*fields.__all__, "thicken"])
+    field_kinds.cache_clear()
+    try:
+        found = part(tmp_path, "kind = 'thicken'\nof = 'ball'\nwidth = 2")
+        np.testing.assert_array_equal(found(POINTS), thicken(BALL, 2)(POINTS))
+        with pytest.raises(RecipeError, match=r"line 6, field\.width: -2 must be positive"):
+            part(tmp_path, "kind = 'thicken'\nof = 'ball'\nwidth = -2")
+    finally:
+        monkeypatch.undo()
+        field_kinds.cache_clear()
+
+
+@pytest.mark.parametrize("kind", field_kinds())
+def test_the_keys_of_a_kind_are_the_arguments_of_its_function(kind: str) -> None:
+    arguments, keys = arguments_of(field_kinds()[kind]), keys_of(field_kinds()[kind])
+    words = [word for key in keys.values() for word in key.words]
+    assert len(words) == len(set(words))
+    assert keys.keys() <= arguments.keys() <= set(words)
+    assert all(keys[name].argument is arguments[name] for name in keys) or kind in CONVENIENCES
 
 
 @pytest.mark.parametrize(
@@ -312,7 +359,10 @@ WRONG = {
         "line 11, structures[1].surface: unknown surface 'ipw': did",
     ),
     "hi = [6, 9, 9]": ("high = [6, 9, 9]", "line 17, regions[0].high: unknown key; did you mean 'hi'?"),
-    "lo = [6, 0, 0]": ("lo = [6, 0]", "line 20, regions[1].lo: [6, 0] must be three numbers, which may be infinite, not 2"),
+    "lo = [6, 0, 0]": (
+        "lo = [6, 0]",
+        "line 20, regions[1].lo: [6, 0] must be three numbers, which may be infinite, not 2",
+    ),
     "hi = [10, 9, 9]": ("hi = [10, 9, '9']", "line 21, regions[1].hi[2]: '9' is not a number"),
     "lo = [4, 0, 0]": ("", "line 22, blending_regions[0]: the key 'lo' is missing"),
     "tol = 0.05": ("", "scaffold.toml: the key 'tol' is missing"),

@@ -62,13 +62,16 @@ FIELDS: dict[str, tuple[str, str]] = {
     "negative radius": ('kind = "sphere"\ncenter = [0, 0, 0]\nradius = -1', "-1 must be positive"),
     "two coordinates": ('kind = "sphere"\ncenter = [0, 0]\nradius = 1', r"\[0, 0\] must be three numbers .*, not 2"),
     "no array": ('kind = "sphere"\ncenter = 3\nradius = 1', r"3 must be three numbers \[x, y, z\]"),
-    "no table": ('kind = "cell_sizes"\nsurface = "gyroid"\nperiod = 1\nx = 3', "3 must be a table"),
+    "no table": ('kind = "cell_sizes"\nsurface = "gyroid"\nperiod = 1\nx = 3', "3 is no table; it takes a table { at"),
     "no truth": ('kind = "ramp"\nby = "x"\nspan = [0, 1]\nvalues = [0, 1]\nsmooth = 1', "1 must be true or false"),
     "no string": ('kind = "image"\nfile = 3\nlo = [0, 0]\nhi = [1, 1]', "3 is no path of a file"),
     "no file": ('kind = "image"\nfile = "no.png"\nlo = [0, 0]\nhi = [1, 1]', "there is no file"),
     "no whole number": ('kind = "bspline"\nseed = 1.5\ncount = [3, 3, 3]\nperiod = 1', "1.5 must be a whole number"),
     "count of zero": ('kind = "bspline"\nseed = 1\ncount = [3, 0, 3]\nperiod = 1', "0 must be positive: at least 1"),
-    "ragged coefficients": ('kind = "bspline"\ncoefficients = [[[1, 2], [3]]]\nperiod = 1', "no array of numbers of one shape"),
+    "ragged coefficients": (
+        'kind = "bspline"\ncoefficients = [[[1, 2], [3]]]\nperiod = 1',
+        "no array of numbers of one shape",
+    ),
     "vector of length zero": ('kind = "halfspace"\npoint = [0, 0, 0]\nnormal = [0, 0, 0]', "its length is zero"),
     "empty box": (
         'kind = "scattered"\nfile = "rows.csv"\ndomain = [[1, 1, 1], [0, 0, 0]]',

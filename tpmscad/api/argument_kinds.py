@@ -171,7 +171,7 @@ def one_or_three(reader: Callable[[Any], Any], one: str, example: str) -> Argume
 
 def read_corners(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two corners of a box, each coordinate of the first below that of the second."""
-    low, high = tuple_of(POINT.read, 2, "two corners, ((x0, y0, z0), (x1, y1, z1))", "").read(value)
+    low, high = tuple_of(POINT.read, 2, "two corners ((x0, y0, z0), (x1, y1, z1))", "").read(value)
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise InvalidValue("is empty: each coordinate of the first corner must be below the second's")
     return low, high

@@ -92,7 +92,9 @@ Degree = Annotated[int, COUNT, "Degree of the spline."]
 
 
 def make_linear_weight(
-    direction: Annotated[Direction, DIRECTION, "From one structure to the other."], count: Count = None, degree: Degree = 3
+    direction: Annotated[Direction, DIRECTION, "From one structure to the other."],
+    count: Count = None,
+    degree: Degree = 3,
 ) -> LineWeightSpec:
     """A spline of the coordinate along a direction."""
     return LineWeightSpec(LinearCoordinate(as_unit_vector(direction)), count, degree)
@@ -125,13 +127,14 @@ WEIGHT_KINDS: dict[str, Callable[..., WeightSpec]] = {
 
 
 def read_weights(entry: Entry) -> WeightSpec | list[WeightSpec]:
-    """One weight for all blending regions, or an array with one for each: the name of a weight, or a table of a kind of weight."""
+    """One weight for all blending regions, or an array with one for each."""
     if isinstance(entry.value, list):
         return [_read_weight(item) for item in entry.items()]
     return _read_weight(entry)
 
 
 def _read_weight(entry: Entry) -> WeightSpec:
+    """The name of a weight, or a table of a kind of weight."""
     if isinstance(entry.value, str):
         return entry.word(WEIGHT_NAMES)
     return read_call(WEIGHT_KINDS[entry.table()["kind"].word(tuple(WEIGHT_KINDS))], entry)

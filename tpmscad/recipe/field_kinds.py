@@ -24,8 +24,11 @@ from tpmscad.api.argument_kinds import (
     choice_of,
     read_callable,
     read_field,
+    read_number,
     read_part,
+    read_positive,
     read_whole,
+    sequence_of,
     tuple_of,
 )
 from tpmscad.api.shared_kinds import (
@@ -38,7 +41,6 @@ from tpmscad.api.shared_kinds import (
     PAIR_OR_TRIPLE,
     PATH,
     POSITIVE,
-    SIZES,
     TEXT,
     VALUES,
     WALL_THICKNESS,
@@ -70,17 +72,19 @@ def _read_seed(value: Any) -> int:
 def _read_axis_sizes(value: Any) -> Any:
     """The positions and the cell sizes of a table with the keys `at` and `sizes`."""
     if not isinstance(value, dict):
-        raise WrongType("must be a table, not a value")
-    if unknown := [key for key in value if key not in ("at", "sizes")]:
-        raise InvalidValue(f"has the unknown key {unknown[0]!r}; its keys are 'at' and 'sizes'")
-    for key in ("at", "sizes"):
-        if key not in value:
-            raise InvalidValue(f"is without the key {key!r}")
-    return SIZES.read((value["at"], value["sizes"]))
+        raise WrongType("is no table")
+    if value.keys() != AXIS_SIZES_KEYS.keys():
+        raise InvalidValue(f"with the keys {', '.join(map(repr, value)) or 'none'} must have the keys 'at' and 'sizes'")
+    return tuple(read_part(kind.read, value[key], key) for key, kind in AXIS_SIZES_KEYS.items())
 
 
+AXIS_SIZES_KEYS = {
+    "at": sequence_of(read_number, "numbers", "[0, 40]"),
+    "sizes": sequence_of(read_positive, "positive numbers", "[4, 8]"),
+}
 SOME_FIELDS = ArgumentKind("an array of fields", "", _read_some_fields)
 TWO_FIELDS = tuple_of(read_field, 2, "two fields", "")
+TWO_LEVELS = tuple_of(read_field, 2, "two levels, the lower one first", "")
 SEED = ArgumentKind("a whole number of at least 0", "0", _read_seed)
 AXIS_SIZES = ArgumentKind("a table { at = [...], sizes = [...] }", "", _read_axis_sizes)
 FRACTION_OR_FIELD = FRACTION.or_else(ArgumentKind("a field", "", read_callable))
@@ -92,7 +96,9 @@ Surface = Annotated[
     "A surface of the catalogue, see `tpmscad surfaces`, instead of `of`.",
 ]
 Period = Annotated[
-    float | Triple | None, LENGTHS, "Edge of the cell, mm, one for all axes or one for each, with `surface`; 10 by default."
+    float | Triple | None,
+    LENGTHS,
+    "Edge of the cell, mm, one for all axes or one for each, with `surface`; 10 by default.",
 ]
 Phase = Annotated[Triple | None, POINT, "Shift of the surface, in cells, with `surface`; none by default."]
 Level = Annotated[Field | None, FIELD, "The level, or else give volume_fraction; a ramp grades it."]
@@ -175,7 +181,7 @@ def make_sheet(
     surface: Surface = None,
     period: Period = None,
     phase: Phase = None,
-    levels: Annotated[Any, TWO_FIELDS, "The levels, the lower one first, or else give volume_fraction."] = None,
+    levels: Annotated[Any, TWO_LEVELS, "The levels, numbers or fields, or else give volume_fraction."] = None,
     volume_fraction: Fraction = None,
 ) -> Field:
     """Solid where a field lies between two levels."""
@@ -207,11 +213,16 @@ def make_cell_sizes(
     z: AxisSizes = None,
 ) -> Field:
     """A periodic field whose cell size changes along one or more axes."""
-    return fields.cell_sizes(_make_base(of, surface, period, phase), x=x, y=y, z=z)
+    sizes: dict[str, Any] = {axis: given for axis, given in (("x", x), ("y", y), ("z", z)) if given is not None}
+    if not sizes:
+        raise InvalidRequest("give cell sizes along at least one of the axes x, y, z")
+    return fields.cell_sizes(_make_base(of, surface, period, phase), **sizes)
 
 
 def make_bspline(
-    coefficients: Annotated[Any, VALUES, "Coefficients (nx, ny, nz) as nested arrays, or else give file or seed."] = None,
+    coefficients: Annotated[
+        Any, VALUES, "Coefficients (nx, ny, nz) as nested arrays, or else give file or seed."
+    ] = None,
     file: Annotated[Path | None, PATH, "Coefficients (nx, ny, nz) in a .npy file."] = None,
     seed: Annotated[int | None, SEED, "Seed of random coefficients."] = None,
     count: Annotated[Any, COUNTS, "Numbers of random coefficients along x, y and z, with `seed`."] = None,
@@ -328,7 +339,6 @@ NO_KINDS = {"as_field"}
 @cache
 def field_kinds() -> Mapping[str, Callable[..., Field]]:
     """Every kind of field that a recipe may name, and the function that makes it, in the order of the printed reference."""
-    functions = {name: getattr(fields, name) for name in fields.__all__ if name not in NO_KINDS}
-    kinds = {name: function for name, function in functions.items() if makes_field(function)} | CONVENIENCES
-    others = {name: kinds[own] for name, own in OTHER_NAMES.items()}
-    return {**CONVENIENCES, **kinds, **others}
+    public = (name for name in fields.__all__ if name not in NO_KINDS)  # type: ignore[attr-defined]  # set by `attach_stub`
+    kinds = CONVENIENCES | {name: function for name in public if makes_field(function := getattr(fields, name))}
+    return kinds | CONVENIENCES | {name: kinds[own] for name, own in OTHER_NAMES.items()}

@@ -24,7 +24,11 @@ from tpmscad.recipe.toml_entry import Entry
 R = TypeVar("R")
 
 FIELDS_ARGUMENT = Argument(
-    "fields", dict, instance_of("tables", "", dict), "Fields that are used by name: [fields.NAME].", default=None
+    "fields",
+    dict,
+    instance_of("a table of fields", "", dict),
+    "Fields that are used by name: [fields.NAME].",
+    default=None,
 )
 """The argument of a whole recipe that holds the fields it defines."""
 
@@ -52,14 +56,14 @@ def read_call(function: Callable[..., R], table: Entry) -> R:
     keys = keys_of(function)
     entries = find_entries(table, keys, "kind")
     values = {name: read_argument(keys[name].argument, entry) for name, entry in entries.items()}
-    bound = BoundArguments(signature(function), values)  # type: ignore[arg-type]
+    bound = BoundArguments(signature(function), values)
     try:
         return function(*bound.args, **bound.kwargs)
     except RecipeError:
         raise
     except InvalidRequest as error:
-        words = {word: entry for name, entry in entries.items() for word in keys[name].words}
-        raise table.locate(str(error), words) from error
+        files = {word: entry for name, entry in entries.items() for word in keys[name].others if word == "file"}
+        raise table.locate(str(error), entries | files) from error
 
 
 def read_table(
