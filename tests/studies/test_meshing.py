@@ -20,7 +20,8 @@ from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.meshing.facet_search import interior_facets
 from tpmscad.meshing.tetrahedra import MeshRequest
 from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.studies.volume_meshing import mesh_named_solids, mesh_step
+from tpmscad.studies._mesh_step import mesh_step
+from tpmscad.studies.volume_meshing import mesh_named_solids
 
 pytest.importorskip("gmsh")
 skfem = pytest.importorskip("skfem")
