@@ -23,6 +23,8 @@ from tpmscad.recipe.toml_entry import Entry
 
 R = TypeVar("R")
 
+FIELD_OF_RECIPE = ArgumentKind("a table with a kind, the name of a field, or a number", "", read_field)
+
 FIELDS_ARGUMENT = Argument(
     "fields",
     dict,
@@ -135,9 +137,6 @@ def read_field_entry(entry: Entry) -> Field:
             "this field is nested more deeply in others than Python can follow: join many fields in one list, "
             "as in of = ['a', 'b', 'c']"
         ) from None
-
-
-FIELD_OF_RECIPE = ArgumentKind("a table with a kind, the name of a field, or a number", "", read_field)
 
 
 def _find_definition(entry: Entry) -> Entry:

@@ -26,7 +26,8 @@ RECIPES: dict[str, tuple[str, KeyTable]] = {
 
 INTRODUCTION = (
     "A field is a table with a `kind`, a number, or the name of a field defined as [fields.NAME]; it is solid where it is "
-    "negative. Lengths are in mm, angles in degrees. Files are named relative to the folder of the recipe."
+    "negative. Its kind is a function of `tpmscad.fields`, or one of recipes alone; its keys are the arguments. Lengths are in "
+    "mm, angles in degrees. Files are named relative to the folder of the recipe."
 )
 
 

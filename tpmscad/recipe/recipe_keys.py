@@ -44,6 +44,7 @@ TOML_WORDS = {
 """Words of Python in the texts of arguments, and what they are in a recipe."""
 
 SOME_FIELD = ConstantField(0.0)
+"""A field to try whether a kind of argument takes one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +98,7 @@ def takes(kind: ArgumentKind, value: Any) -> bool:
 
 
 def makes_field(function: Any) -> bool:
-    """Whether a public function returns a field, and all its arguments can be written in a recipe: none is a function."""
+    """Whether a public function returns a field, and none of its arguments is a function, which no recipe can write."""
     if isinstance(function, type) or not hasattr(function, "__arguments__"):
         return False
     plain = unwrap(function)
