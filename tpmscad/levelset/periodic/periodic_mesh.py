@@ -11,11 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.welding import cluster_points
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
@@ -179,9 +178,7 @@ def _select_strips(mesh: TorusMesh, field: Field) -> BoolArray:
             np.column_stack([opposite[:, :2].ravel(), opposite[:, 2:].ravel()]),
         ]
     )
-    size = n_nodes + int(side.max()) + 1
-    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(size, size))
-    strip = connected_components(graph, directed=False)[1][node].reshape(-1, 4)
+    strip = label_linked(n_nodes + int(side.max()) + 1, links)[node].reshape(-1, 4)
     bad = np.unique(strip[cosine < MIN_SIDE_COSINE])
     return min((strip == number for number in bad), key=np.count_nonzero, default=np.zeros(strip.shape, bool))
 
