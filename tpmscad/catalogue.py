@@ -1,8 +1,9 @@
 """The catalogue of triply periodic surfaces: names, formulas, symmetry, genus and sources, each stated once.
 
 A surface has one nodal formula, a trigonometric polynomial in x = 2 pi X / period, y = 2 pi Y / period and z = 2 pi Z / period
-whose zero set approximates the minimal surface of the same name; negative values are solid. It is written as `fields.expression` reads it. The rooms `fields` and `surfaces`
-take the data they need from here: the fields evaluate the formula, and the surfaces construct primitive patches.
+whose zero set approximates the minimal surface of the same name; negative values are solid. It is written in the language of
+`fields.expression`. The rooms `fields` and `surfaces` take the data they need from here: the fields evaluate the formula, and the
+surfaces construct primitive patches.
 """
 
 from __future__ import annotations
