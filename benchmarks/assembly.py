@@ -23,7 +23,7 @@ from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import copies
 from tpmscad.lattices.primitive import fit_offset_surfaces
-from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import read_lattice_request
 
 CELL, THICKNESS, TOL = 10.0, 1.0, 1e-2
 SEWING_TOLERANCE = 1e-4
@@ -31,7 +31,7 @@ SEWING_TOLERANCE = 1e-4
 
 def natural_lattice(surface: str, cells: int) -> Brep:
     """A closed sheet of whole cells with its gaps bridged, mm."""
-    request = resolve_lattice_request(
+    request = read_lattice_request(
         surface, cell=CELL, cells=cells, thickness=THICKNESS, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference="minimal", boundary="natural", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip

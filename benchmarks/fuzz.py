@@ -2,7 +2,7 @@
 
     python -m benchmarks.fuzz --seed 1 --count 100000
 
-The functions are found by introspection of the public modules. The arguments are the examples of `tpmscad.api.argument_table`,
+The functions are found by introspection of the public modules. The arguments are the examples of their declarations,
 of which one or two are replaced by hostile values; those that would take long are made cheap by arguments that are refused late
 (`CHEAP`). A field that comes back is evaluated, too. A CPU limit holds for each call. Every kind of failure is printed once,
 with a line that reproduces it; the exit status is 1 if there is one.
@@ -24,7 +24,7 @@ from dataclasses import dataclass, field
 from decimal import Decimal
 from fractions import Fraction
 from importlib import import_module
-from inspect import Parameter, signature
+from inspect import Parameter
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ import numpy as np
 
 from tpmscad import fields, maps
 from tpmscad.api.argument_kinds import show_value
-from tpmscad.api.argument_table import find_kind
+from tpmscad.api.arguments import Argument, arguments_of
 from tpmscad.errors import TpmscadError, UnexpectedError
 
 CPU_LIMIT = 3.0
@@ -236,10 +236,9 @@ class Tally:
     counts: Counter[str] = field(default_factory=Counter)
 
 
-def example_of(function: str, argument: str) -> Any:
-    """The example of the table as a value."""
-    text = find_kind(function, argument).example
-    return eval(text, NAMESPACE) if text else None
+def evaluate_example(argument: Argument) -> Any:
+    """The example of an argument as a value."""
+    return eval(argument.kind.example, NAMESPACE) if argument.kind.example else None
 
 
 def find_targets() -> Iterator[Target]:
@@ -253,11 +252,10 @@ def find_targets() -> Iterator[Target]:
             if not hasattr(call, "__wrapped__") or isinstance(value, types.ModuleType) or id(value) in seen:
                 continue
             seen.add(id(value))
-            parameters = [p for p in signature(value).parameters.values() if p.name != "self"]
-            named = [p.name for p in parameters if p.kind in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)]
-            required = [p.name for p in parameters if p.name in named and p.default is Parameter.empty]
-            base = {key: example_of(name, key) for key in required} | dict(CHEAP.get(name, {}))
-            spread = tuple(p.name for p in parameters if p.kind is Parameter.VAR_POSITIONAL)
+            declared = arguments_of(value).values()
+            named = [a.name for a in declared if a.passed in (Parameter.POSITIONAL_OR_KEYWORD, Parameter.KEYWORD_ONLY)]
+            base = {a.name: evaluate_example(a) for a in declared if a.is_required} | dict(CHEAP.get(name, {}))
+            spread = tuple(a.name for a in declared if a.passed is Parameter.VAR_POSITIONAL)
             yield Target(f"{home.__name__}.{name}", value, base, (*named, *spread))
 
 

@@ -35,7 +35,7 @@ from tpmscad import surfaces
 from tpmscad.kernel.body_import.cad_body import read_body
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
-from tpmscad.requests.lattice_request import LatticeRequest, resolve_lattice_request
+from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.solids.boolean_strategies import intersect_body_with_lattice
 from tpmscad.solids.lattice_block import build_lattice_block
 from tpmscad.stage_timer import StageTimer
@@ -89,7 +89,7 @@ BODIES: dict[str, Callable[[], bd.Shape]] = {
 def wanted(surface: str, cell: float) -> LatticeRequest:
     """A sheet of a tenth of the cell."""
     reference = "minimal" if "minimal" in surfaces.find_surface(surface).references else "nodal"
-    request = resolve_lattice_request(
+    request = read_lattice_request(
         surface,
         cell=cell,
         cells=1,

@@ -18,7 +18,7 @@ import tpmscad
 from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import spline_faces
-from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import read_lattice_request
 
 SURFACES = ("gyroid", "diamond", "schwarz_p", "lidinoid", "fischer_koch_s", "split_p", "octo")
 POROSITY, PORE_SIZE = 0.7, 0.6
@@ -56,7 +56,7 @@ def main(names: list[str]) -> None:
         model = tpmscad.lattice(
             name, porosity=POROSITY, pore_size=PORE_SIZE, cells=2, phase=(0.0, 0.0, 0.0), loose="keep"
         )
-        request = resolve_lattice_request(name, porosity=POROSITY, pore_size=PORE_SIZE)
+        request = read_lattice_request(name, porosity=POROSITY, pore_size=PORE_SIZE)
         cell = request.cell[0]
         seconds = time.perf_counter() - start
         tree = cKDTree(sample_boundary(model))

@@ -26,7 +26,7 @@ from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
-from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.solids.lattice_block import LatticeCover, cover_box
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
@@ -65,7 +65,7 @@ def turned(lattice: Brep) -> Brep:
 
 def covering(surface: str, low: np.ndarray, high: np.ndarray) -> LatticeCover:
     """Whole patches around a box."""
-    request = resolve_lattice_request(
+    request = read_lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
@@ -110,7 +110,7 @@ def large(n: int) -> None:
     half = n * CELL / 2
     wall, cpu = time.perf_counter(), time.process_time()
     shape = bd.Pos(half, half, half) * bd.Cylinder(half, 2 * half)
-    request = resolve_lattice_request(
+    request = read_lattice_request(
         "gyroid", cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip

@@ -10,19 +10,16 @@ filled.faces(">Z").workplane().hole(4).tpmsModels()[-1].certificate
 
 from __future__ import annotations
 
-from typing import Any, Literal, Unpack
+from dataclasses import KW_ONLY, dataclass, field
+from typing import Annotated, Any, Literal
 
 import cadquery as cq
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_method_options
+from tpmscad.api.shared_kinds import ANYTHING, FACES, FLAG
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.requests.lattice_request import (
-    LATTICE_DEFAULTS,
-    InfillOptions,
-    LatticeOptions,
-    lattice_size,
-    with_keywords_of,
-)
+from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
@@ -34,36 +31,34 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
-@public('tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
-@with_keywords_of(lattice)
-def tpms(
-    self: cq.Workplane,
-    surface: str,
-    *,
-    centered: bool | tuple[bool, bool, bool] = False,
-    combine: bool | Literal["cut", "a", "s"] = True,
-    clean: bool = False,
-    **options: Unpack[LatticeOptions],
-) -> cq.Workplane:
+@dataclass(frozen=True)
+class WorkplaneLatticeOptions(LatticeOptions):
+    """The arguments of `tpms`."""
+
+    _: KW_ONLY
+    centered: Annotated[
+        bool | tuple[bool, bool, bool],
+        ANYTHING,
+        "Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.",
+    ] = False
+    combine: Annotated[
+        bool | Literal["cut", "a", "s"],
+        ANYTHING,
+        "As in ``Workplane.box``: lattices are joined to the solid in the chain, if there is one. False leaves them on the stack "
+        "by themselves, as they were made.",
+    ] = True
+    clean: Annotated[
+        bool,
+        FLAG,
+        "As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.",
+    ] = False
+
+
+@validate_method_options(WorkplaneLatticeOptions, 'tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+def tpms(self: cq.Workplane, options: WorkplaneLatticeOptions) -> cq.Workplane:
     """Put a lattice of a minimal surface at each point on the stack, or at the origin of the workplane if there is none.
 
     The lattice is made once and placed in workplane coordinates.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side
-        The size of the lattice and what is solid in it, as in `tpmscad.lattice`.
-    reference, boundary, phase, loose, map, tol, progress
-        The other keywords of `tpmscad.lattice`.
-    centered : bool or (3,) bools, optional
-        Whether the center of the box of `cells` x `cell` lies on the point, or its lowest corner; per axis.
-    combine : bool or {"cut", "a", "s"}, optional
-        As in ``Workplane.box``: lattices are joined to the solid in the chain, if there is one. False leaves them on the stack
-        by themselves, as they were made.
-    clean : bool, optional
-        As in ``Workplane.box``, but False by default: of thousands of patches no two can be merged, and to try takes minutes.
 
     Returns
     -------
@@ -86,37 +81,37 @@ def tpms(
     >>> import cadquery as cq
     >>> lattices = cq.Workplane().rarray(30, 30, 2, 2).tpms("gyroid", cell=10, thickness=1, centered=True)
     """
-    given: dict[str, Any] = {**LATTICE_DEFAULTS, **options}
+    combine, centered = options.combine, options.centered
     if combine not in (True, False, "cut", "a", "s"):
         raise InvalidRequest(f'combine {combine!r} is none of True, False, "cut", "a" and "s"')
     middle = (centered,) * 3 if isinstance(centered, bool) else centered
-    if given["map"] is not None and any(middle):
+    if options.map is not None and any(middle):
         raise InvalidRequest("a mapped lattice lies where the map puts it: leave centered out")
-    model = lattice(surface, **options)
-    size = lattice_size(surface, given)
-    shift = (-length / 2 if half else 0.0 for length, half in zip(size, middle, strict=True))
+    model = lattice(**select_options(options, LatticeOptions))
+    shift = (-length / 2 if half else 0.0 for length, half in zip(lattice_size(options), middle, strict=True))
     shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
-    return _with_models(self.eachpoint(shape, True, combine, clean), [model])
+    return _with_models(self.eachpoint(shape, True, combine, options.clean), [model])
 
 
-@public('tpmsInfill("gyroid", cell=8, thickness=0.8)')
-@with_keywords_of(infill)
-def tpmsInfill(
-    self: cq.Workplane, surface: Any, *, combine: bool = True, **options: Unpack[InfillOptions]
-) -> cq.Workplane:
+@dataclass(frozen=True)
+class WorkplaneInfillOptions(InfillOptions):
+    """The arguments of `tpmsInfill`: those of `infill` in global coordinates, for the solids on the stack."""
+
+    body: Any = field(init=False, default=None)
+    _: KW_ONLY
+    open_faces: Annotated[
+        Any, FACES, "As in `tpmscad.infill`; also a selector of each solid's faces, such as ``'>Z'``."
+    ] = ()
+    combine: Annotated[
+        bool,
+        ANYTHING,
+        "Whether the filled solids become one object on the stack, as after ``Workplane.fillet``. False leaves each by itself.",
+    ] = True
+
+
+@validate_method_options(WorkplaneInfillOptions, 'tpmsInfill("gyroid", cell=8, thickness=0.8)')
+def tpmsInfill(self: cq.Workplane, options: WorkplaneInfillOptions) -> cq.Workplane:
     """Fill every solid on the stack, or the nearest up the chain, with a lattice.
-
-    Parameters
-    ----------
-    surface : str, Field or callable
-        Name of a surface, or a field; see `tpmscad.infill`.
-    cell, thickness, offset, volume_fraction, porosity, pore_size, kind, side
-        The size of the lattice and what is solid in it, as in `tpmscad.infill`.
-    reference, phase, rotation, skin, open_faces, loose, tol, progress
-        The other keywords of `tpmscad.infill`, in global coordinates. `open_faces` may also be a selector of each solid's
-        faces, such as ``">Z"``.
-    combine : bool, optional
-        Whether the filled solids become one object on the stack, as after ``Workplane.fillet``. False leaves each by itself.
 
     Returns
     -------
@@ -139,16 +134,17 @@ def tpmsInfill(
     >>> import cadquery as cq
     >>> filled = cq.Workplane().box(30, 20, 20).tpmsInfill("gyroid", cell=8, thickness=0.8, skin=1.5, open_faces=">Z")
     """
+    combine = options.combine
     if not isinstance(combine, bool):
         raise InvalidRequest(
             f"combine {combine!r} is neither True nor False; to cut or join, go on with .cut() or .union()"
         )
     solids = _find_solids(self)
-    given = options.get("open_faces", ())
+    keywords = select_options(options, InfillOptions)
     models = []
     for solid in solids:
-        options["open_faces"] = _faces_of_solid(self, solid, given, only=len(solids) == 1)
-        models.append(_require_met(infill(solid, surface, **options)))
+        openings = _faces_of_solid(self, solid, options.open_faces, only=len(solids) == 1)
+        models.append(_require_met(infill(**keywords | {"body": solid, "open_faces": openings})))
     filled = [cq.Shape.cast(model.wrapped) for model in models]
     stack = [cq.Compound.makeCompound(filled)] if combine and len(filled) > 1 else filled
     return _with_models(self.newObject(stack), models)

@@ -1,9 +1,9 @@
-"""The door of the package: one table declares every argument, what does not fit is refused, and only our errors leave."""
+"""The door of the package: arguments are declared by annotations, what does not fit is refused, and only our errors leave."""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -11,8 +11,9 @@ import pytest
 import tpmscad
 from benchmarks import fuzz
 from tpmscad import fields
-from tpmscad.api.argument_table import ARGUMENTS
-from tpmscad.api.public_calls import public
+from tpmscad.api.arguments import arguments_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import (
     InvalidRequest,
     MisusedCall,
@@ -38,10 +39,11 @@ def test_every_public_function_passes_the_door() -> None:
                 )
 
 
-def test_every_example_of_the_table_is_what_the_argument_takes() -> None:
-    for kind in ARGUMENTS.values():
-        if kind.example:
-            kind.read(eval(kind.example, fuzz.NAMESPACE))
+def test_the_example_of_every_argument_is_what_it_takes() -> None:
+    for target in fuzz.find_targets():
+        for argument in arguments_of(target.function).values():
+            if argument.kind.example:
+                argument.kind.read(fuzz.evaluate_example(argument))
 
 
 @pytest.mark.parametrize(
@@ -94,8 +96,8 @@ def test_the_exception_of_a_given_function_is_the_cause_on_the_trial_and_later()
 
 
 def test_a_given_function_in_which_a_function_of_the_package_fails_is_named() -> None:
-    @public("half(3)")
-    def half(source: Any) -> Any:
+    @validate_call("half(3)")
+    def half(source: Annotated[Any, ANYTHING, "A number."]) -> Any:
         return source / 2
 
     def outline(points: np.ndarray) -> Any:

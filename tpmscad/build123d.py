@@ -8,26 +8,22 @@ filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from inspect import signature
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Any, Self, Unpack
+from typing import Annotated, Any, Self
 
 from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
 from build123d.build_common import Builder
 from build123d.geometry import to_align_offset
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import show_constructor, validate_call, validate_method_options
+from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Section, View
+from tpmscad.api.shared_kinds import ANYTHING, NUMBER, PATH, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.face_selection import list_given_faces
-from tpmscad.requests.lattice_request import (
-    INFILL_DEFAULTS,
-    LATTICE_DEFAULTS,
-    InfillOptions,
-    LatticeOptions,
-    lattice_size,
-    with_keywords_of,
-)
+from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.placed_model import place_model
@@ -54,24 +50,19 @@ class ModelPart:
         """The model where the part is: aligned, rotated and moved."""
         return place_model(self.model, self.wrapped)
 
-    @public()
+    @validate_call()
     def export(
         self,
-        path: str | Path,
+        path: Annotated[
+            str | Path, PATH, "The file to write: ``.step``, ``.stp``, ``.brep``, ``.stl``, ``.3mf`` or ``.glb``."
+        ],
         *,
-        deviation: float | None = None,
-        angle: float | None = None,
-        schema: str = "ap242",
-        verify: str | None = None,
+        deviation: Annotated[float | None, NUMBER.described_as(example="0.02"), "As in `Model.export`."] = None,
+        angle: Annotated[float | None, NUMBER.described_as(example="20"), "As in `Model.export`."] = None,
+        schema: Annotated[str, TEXT.described_as(example='"ap242"'), "As in `Model.export`."] = "ap242",
+        verify: Annotated[str | None, choice_of("kernel"), "As in `Model.export`."] = None,
     ) -> None:
         """Write the part, where it is, to a file whose suffix says the format; the file is read back and compared.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write: ``.step``, ``.stp``, ``.brep``, ``.stl``, ``.3mf`` or ``.glb``.
-        deviation, angle, schema, verify
-            As in `Model.export`.
 
         Raises
         ------
@@ -86,24 +77,17 @@ class ModelPart:
         """
         self.placed_model.export(path, deviation=deviation, angle=angle, schema=schema, verify=verify)
 
-    @public()
+    @validate_call()
     def render(
         self,
-        path: str | Path,
+        path: PicturePath,
         *,
-        view: str | Sequence[float] = "iso",
-        section: Any = None,
-        size: tuple[int, int] = (1200, 900),
-        color_by: str | None = None,
+        view: View = "iso",
+        section: Section = None,
+        size: PictureSize = (1200, 900),
+        color_by: ColorBy = None,
     ) -> None:
         """Draw the part, where it is, as a PNG picture.
-
-        Parameters
-        ----------
-        path : str or Path
-            The PNG file to write.
-        view, section, size, color_by
-            As in `tpmscad.render`.
 
         Raises
         ------
@@ -124,24 +108,24 @@ class ModelPart:
         )
 
 
+@dataclass(frozen=True)
+class TpmsOptions(LatticeOptions):
+    """The arguments of `Tpms`."""
+
+    _: KW_ONLY
+    rotation: Annotated[RotationLike, ANYTHING, "Rotation of the aligned lattice, degrees."] = (0, 0, 0)
+    align: Annotated[
+        Align | tuple[Align, Align, Align] | None,
+        ANYTHING,
+        "Alignment of the box of `cells` x `cell` that the lattice fills, or of its image under `map`; the kernel's bounding box "
+        "of B-splines would be too large. None leaves the lattice where `tpmscad.lattice` puts it.",
+    ] = Align.CENTER
+    mode: Annotated[Mode, ANYTHING, "Combination mode in a builder."] = Mode.ADD
+
+
+@show_constructor
 class Tpms(ModelPart, BasePartObject):
     """A lattice of a minimal surface as a build123d part.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side
-        The size of the lattice and what is solid in it, as in `tpmscad.lattice`.
-    reference, boundary, phase, loose, map, tol, progress
-        The other keywords of `tpmscad.lattice`.
-    rotation : RotationLike, optional
-        Rotation of the aligned lattice, degrees.
-    align : Align or tuple of Align or None, optional
-        Alignment of the box of `cells` x `cell` that the lattice fills, or of its image under `map`; the kernel's bounding box of
-        B-splines would be too large. None leaves the lattice where `tpmscad.lattice` puts it.
-    mode : Mode, optional
-        Combination mode in a builder.
 
     Attributes
     ----------
@@ -165,33 +149,24 @@ class Tpms(ModelPart, BasePartObject):
     ...     Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
     """
 
-    @public('Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
-    @with_keywords_of(lattice)
-    def __init__(
-        self,
-        surface: str,
-        *,
-        rotation: RotationLike = (0, 0, 0),
-        align: Align | tuple[Align, Align, Align] | None = Align.CENTER,
-        mode: Mode = Mode.ADD,
-        **options: Unpack[LatticeOptions],
-    ) -> None:
-        given = {**LATTICE_DEFAULTS, **options}
-        if given["map"] is not None and given["boundary"] == "natural" and align is not None:
+    @validate_method_options(TpmsOptions, 'Tpms("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+    def __init__(self, options: TpmsOptions) -> None:
+        align = options.align
+        if options.map is not None and options.boundary == "natural" and align is not None:
             raise InvalidRequest("a mapped lattice of natural boundary fills no box to align: give align=None")
-        self.surface = surface
-        self.__dict__.update({name: value for name, value in given.items() if name != "progress"})
+        keywords = select_options(options, LatticeOptions)
+        self.__dict__.update({name: value for name, value in keywords.items() if name != "progress"})
         self.align = align
-        self.model = lattice(surface, **options)
+        self.model = lattice(**keywords)
         self.certificate = self.model.certificate
-        if given["map"] is None:
-            low, high = (0.0, 0.0, 0.0), lattice_size(surface, given)
+        if options.map is None:
+            low, high = (0.0, 0.0, 0.0), lattice_size(options)
         else:  # the extreme vertices lie in the caps, hence in the planes of the box
             low, high = (tuple(f(self.model.patches.vertices[:, k]) for k in range(3)) for f in (min, max))
         part = self.model.solid
         part.label = self.model.name
         part.move(Location(to_align_offset(Vector(low), Vector(high), align)))
-        super().__init__(part, rotation=rotation, align=None, mode=mode)
+        super().__init__(part, rotation=options.rotation, align=None, mode=options.mode)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""
@@ -200,31 +175,26 @@ class Tpms(ModelPart, BasePartObject):
         return super().__deepcopy__(memo)
 
 
-Tpms.__signature__ = signature(
-    Tpms.__init__
-).replace(  # the metaclass hides that of __init__
-    parameters=list(signature(Tpms.__init__).parameters.values())[1:], return_annotation=Tpms
-)
+@dataclass(frozen=True)
+class TpmsInfillOptions(InfillOptions):
+    """The arguments of `TpmsInfill`."""
+
+    body: Annotated[
+        Any, ANYTHING, "One closed solid, or the path of its STEP file; by default the part being built."
+    ] = None
+    surface: Annotated[Any, ANYTHING, "Name of a surface of the catalogue, or a field; alone it may stand first."] = (
+        None
+    )
+    _: KW_ONLY
+    mode: Annotated[Mode, ANYTHING, "Combination mode in a builder."] = Mode.REPLACE
 
 
+@show_constructor
 class TpmsInfill(ModelPart, Part):
     """A body filled with a lattice, as a build123d part.
 
     ``TpmsInfill(surface, ...)`` fills the part being built and replaces it, unless `mode` says otherwise;
     ``TpmsInfill(body, surface, ...)`` fills a shape.
-
-    Parameters
-    ----------
-    body : shape, str or Path, optional
-        One closed solid, or the path of its STEP file; by default the part being built.
-    surface : str, Field or callable
-        Name of a surface of the catalogue, or a field; alone it may stand first.
-    cell, thickness, offset, volume_fraction, porosity, pore_size, kind, side
-        The size of the lattice and what is solid in it, as in `tpmscad.infill`.
-    reference, phase, rotation, skin, open_faces, loose, tol, progress
-        The other keywords of `tpmscad.infill`; `rotation` turns the lattice, not the body.
-    mode : Mode, optional
-        Combination mode in a builder.
 
     Attributes
     ----------
@@ -249,16 +219,9 @@ class TpmsInfill(ModelPart, Part):
     >>> filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
     """
 
-    @public('TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
-    @with_keywords_of(infill)
-    def __init__(
-        self,
-        body: Any = None,
-        surface: Any = None,
-        *,
-        mode: Mode = Mode.REPLACE,
-        **options: Unpack[InfillOptions],
-    ) -> None:
+    @validate_method_options(TpmsInfillOptions, 'TpmsInfill(body, "gyroid", cell=8, thickness=0.8)')
+    def __init__(self, options: TpmsInfillOptions) -> None:
+        body, surface = options.body, options.surface
         context: Builder | None = Builder._get_context("TpmsInfill")
         if context is not None and not isinstance(context, BuildPart):
             raise RuntimeError(f"{type(context).__name__} has no solids to fill: TpmsInfill applies to BuildPart")
@@ -274,18 +237,17 @@ class TpmsInfill(ModelPart, Part):
             body = context and context._obj
         if body is None:
             raise InvalidRequest("there is no part to fill: build one first, or give the shape before the surface")
-        options["open_faces"] = list_given_faces(options.get("open_faces", ()))
-        self.surface = surface
-        given = {**INFILL_DEFAULTS, **options}
-        self.__dict__.update({name: value for name, value in given.items() if name != "progress"})
-        self.mode = mode
-        self.model = infill(body, surface, **options)
+        keywords = select_options(options, InfillOptions)
+        keywords |= {"surface": surface, "body": body, "open_faces": list_given_faces(options.open_faces)}
+        self.__dict__.update({name: value for name, value in keywords.items() if name not in ("body", "progress")})
+        self.mode = options.mode
+        self.model = infill(**keywords)
         self.certificate = self.model.certificate
         solids = self.model.solid.solids()
         super().__init__(obj=Compound(solids).wrapped, label=self.model.name)
         if context is not None:
             # clean=False: merging coplanar faces would compare every pair of thousands, and find none to merge
-            context._add_to_context(*solids, mode=mode, clean=False)
+            context._add_to_context(*solids, mode=options.mode, clean=False)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         """A copy of the part, as build123d makes it for every placement; model and certificate are shared."""

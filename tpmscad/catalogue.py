@@ -14,7 +14,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from types import MappingProxyType
+from typing import Annotated
 
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import TEXT
 from tpmscad.errors import InvalidRequest
 
 MAX_SUGGESTIONS = 3
@@ -275,13 +278,11 @@ _RECORD_OF_SPELLING: Mapping[str, SurfaceRecord] = MappingProxyType(
 )
 
 
-def find_surface(name: str) -> SurfaceRecord:
+@validate_call()
+def find_surface(
+    name: Annotated[str, TEXT, "Name, title or alias; case, spaces and punctuation are ignored."],
+) -> SurfaceRecord:
     """Return the record of the surface with a name, title or alias.
-
-    Parameters
-    ----------
-    name : str
-        Name, title or alias; case, spaces and punctuation are ignored.
 
     Returns
     -------

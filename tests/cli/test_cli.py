@@ -158,8 +158,6 @@ def test_instanced_asks_for_copies_of_one_cell(recorder: Recorder, capsys: pytes
         "cell": 10.0,
         "cells": 20,
         "thickness": 1.0,
-        "kind": "sheet",
-        "side": "-",
         "schema": "ap242",
         "verify": "kernel",
     }

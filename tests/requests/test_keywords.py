@@ -1,21 +1,17 @@
-"""The keywords of a lattice are the same in every function, front end and command that takes them."""
+"""An argument that is declared once is found wherever it is taken: in the signature, the door, the help and the front ends."""
 
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from collections.abc import Callable
+from typing import Annotated, Any
 
 import pytest
 
-from tpmscad.cli.infill_command import infill as infill_command
-from tpmscad.cli.lattice_command import lattice as lattice_command
-from tpmscad.requests.lattice_request import (
-    INFILL_DEFAULTS,
-    LATTICE_DEFAULTS,
-    InfillOptions,
-    LatticeOptions,
-    with_keywords_of,
-)
+from tpmscad.api.arguments import arguments_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import POSITIVE
+from tpmscad.errors import InvalidRequest
 from tpmscad.solids._fluid_domains import fluid_domains
 from tpmscad.solids._infill import infill
 from tpmscad.solids._lattice import lattice
@@ -23,36 +19,40 @@ from tpmscad.solids._lattice import lattice
 pytestmark = pytest.mark.kernel
 
 
-def keywords(function: Any) -> dict[str, inspect.Parameter]:
+def keywords(function: Callable[..., Any]) -> set[str]:
     parameters = inspect.signature(function).parameters
-    return {name: p for name, p in parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY}
+    return {name for name, p in parameters.items() if p.kind is inspect.Parameter.KEYWORD_ONLY}
 
 
-def test_the_typed_dictionaries_hold_the_keywords_of_lattice_and_infill() -> None:
-    assert set(keywords(lattice)) == set(LatticeOptions.__annotations__)
-    assert set(keywords(infill)) == set(InfillOptions.__annotations__)
-
-
-@pytest.mark.parametrize(("function", "defaults"), [(lattice, LATTICE_DEFAULTS), (infill, INFILL_DEFAULTS)])
-def test_the_tables_hold_the_defaults_of_lattice_and_infill(function: Any, defaults: Any) -> None:
-    assert {name: p.default for name, p in keywords(function).items() if p.default is not p.empty} == defaults
+@pytest.mark.parametrize("function", [lattice, infill, fluid_domains])
+def test_signature_door_and_help_hold_the_same_arguments(function: Callable[..., Any]) -> None:
+    declared = arguments_of(function)
+    assert list(declared) == list(inspect.signature(function).parameters)
+    for argument in declared.values():
+        assert f"\n{argument.heading}\n" in str(function.__doc__)
+        assert argument.meaning.endswith(".")
 
 
 def test_fluid_domains_takes_the_keywords_of_infill_that_apply_to_a_sheet() -> None:
-    assert keywords(fluid_domains).keys() == keywords(infill).keys() - {"kind", "side", "skin", "open_faces", "loose"}
+    assert keywords(fluid_domains) == keywords(infill) - {"kind", "side", "skin", "open_faces", "loose"}
 
 
-@pytest.mark.parametrize(("command", "function"), [(lattice_command, lattice), (infill_command, infill)])
-def test_a_command_takes_the_keywords_of_its_function(command: Any, function: Any) -> None:
-    missing = keywords(function).keys() - inspect.signature(command).parameters.keys()
-    assert missing <= {"map", "progress", "open_faces", "loose"}
+def test_an_argument_without_a_declaration_is_noticed() -> None:
+    def half(size: float) -> float:
+        """Half of a size."""
+        return size / 2
+
+    with pytest.raises(LookupError, match=r"declare what size of .*half takes"):
+        validate_call()(half)
 
 
-def test_a_front_end_shows_every_keyword_before_its_own() -> None:
-    @with_keywords_of(lattice)
-    def part(surface: str, *, mode: str = "add", **options: Any) -> None:
-        """A part."""
+def test_an_argument_is_declared_by_its_annotation_alone() -> None:
+    @validate_call()
+    def half(size: Annotated[float, POSITIVE, "Length of the whole, mm."]) -> float:
+        """Half of a size."""
+        return size / 2
 
-    shown = inspect.signature(part).parameters
-    assert list(shown) == ["surface", *keywords(lattice), "mode"]
-    assert all(shown[name] == p for name, p in keywords(lattice).items())
+    assert half(3) == 1.5
+    assert "size : a positive number\n    Length of the whole, mm." in str(half.__doc__)
+    with pytest.raises(InvalidRequest, match=r"size -1 must be positive; it takes a positive number, as in size=1\.0"):
+        half(size=-1)

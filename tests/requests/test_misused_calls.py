@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from typing import Annotated, Any
 
 import pytest
 
 import tpmscad
 from tpmscad import fields
-from tpmscad.api.public_calls import SYNONYMS, public
+from tpmscad.api.public_calls import SYNONYMS, validate_call
+from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import InvalidRequest, MisusedCall, UnexpectedError
 
 pytestmark = pytest.mark.kernel
@@ -34,8 +35,8 @@ def test_the_answer_names_the_keyword_and_shows_the_call(call: Any, words: list[
 
 
 def test_an_error_inside_the_function_is_its_own() -> None:
-    @public("half(3)")
-    def half(source: Any) -> Any:
+    @validate_call("half(3)")
+    def half(source: Annotated[Any, ANYTHING, "A number."]) -> Any:
         return source / 2
 
     assert half(3) == 1.5

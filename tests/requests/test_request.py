@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tpmscad import maps, surfaces
 from tpmscad.errors import InvalidRequest
-from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import read_lattice_request
 
 IDENTITY = maps.as_map(lambda points: points)
 
@@ -32,7 +32,7 @@ PLAIN: dict[str, Any] = {
 
 
 def request(surface: str = "gyroid", **changes: Any) -> Any:
-    return resolve_lattice_request(surface, **(PLAIN | changes))
+    return read_lattice_request(surface, **(PLAIN | changes))
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def request(surface: str = "gyroid", **changes: Any) -> Any:
         ({"cell": (10, 10), "thickness": 1}, ("cell", "three")),
         ({"cell": math.inf, "thickness": 1}, ("cell inf", "finite")),
         ({"cell": "ten", "thickness": 1}, ("cell 'ten'", "not a number")),
-        ({"cells": (2, 0, 1), "thickness": 1}, ("cells 0", "positive")),
+        ({"cells": (2, 0, 1), "thickness": 1}, ("cells (2, 0, 1)", "positive")),
         ({"cells": 1.5, "thickness": 1}, ("cells 1.5", "whole")),
         ({"thickness": -1}, ("thickness -1", "positive")),
         ({"thickness": 4}, ("offset", "3.76", "thin")),

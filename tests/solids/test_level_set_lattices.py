@@ -17,7 +17,7 @@ from tpmscad.levelset.periodic import periodic_layers as torus_layers
 from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_torus
 from tpmscad.levelset.periodic.periodic_layers import fit_periodic_offset, make_periodic_layout
 from tpmscad.levelset.periodic.periodic_mesh import TorusMesh
-from tpmscad.requests.lattice_request import resolve_lattice_request
+from tpmscad.requests.lattice_request import read_lattice_request
 from tpmscad.solids.level_set_source import COARSEST_GRIDS, LevelSetSource
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
@@ -27,7 +27,7 @@ LEVEL_SET_SURFACES = tuple(COARSEST_GRIDS)
 
 def made(name: str, **options: Any) -> Any:
     """The closed boundary representation of a lattice, without the kernel."""
-    request = resolve_lattice_request(name, cell=1.0, tol=1e-3, **options)
+    request = read_lattice_request(name, cell=1.0, tol=1e-3, **options)
     source = LevelSetSource(request.surface, (1.0, 1.0, 1.0), request.levels)
     fit = source.fit(request.layer_offsets, 1.0, request.tol)
     assembly = source.cover(fit.sheet, request.cells, np.array(request.phase))
@@ -93,7 +93,7 @@ def test_the_patches_lie_at_the_offset_by_an_independent_measure() -> None:
 @pytest.mark.parametrize(("name", "reference"), [("gyroid", "minimal"), ("diamond", "nodal"), ("split_p", "nodal")])
 def test_the_cell_of_a_pore_size_leaves_a_void_of_that_size(name: str, reference: str) -> None:
     """The distance transform of the wall on a grid, as an independent measure of the largest sphere."""
-    request = resolve_lattice_request(name, reference=reference, porosity=0.7, pore_size=0.6)
+    request = read_lattice_request(name, reference=reference, porosity=0.7, pore_size=0.6)
     cell, n = request.cell[0], 60
     t = (np.arange(n) + 0.5) / n * cell
     low, high = request.offset
@@ -108,7 +108,7 @@ def test_the_cell_of_a_pore_size_leaves_a_void_of_that_size(name: str, reference
 
 @pytest.mark.slow
 def test_a_pore_size_with_a_thickness_leaves_the_thickness_as_it_is() -> None:
-    request = resolve_lattice_request("diamond", thickness=0.2, pore_size=0.6)
+    request = read_lattice_request("diamond", thickness=0.2, pore_size=0.6)
     assert request.offset == (-0.1, 0.1)
     # the deepest points of the minimal diamond lie sqrt(3) / 8 of the cell from it
     assert request.cell[0] == pytest.approx(0.4 / (np.sqrt(3) / 8), rel=1e-3)
@@ -117,19 +117,19 @@ def test_a_pore_size_with_a_thickness_leaves_the_thickness_as_it_is() -> None:
 
 def test_a_cell_contradicts_a_pore_size() -> None:
     with pytest.raises(InvalidRequest, match="or pore_size, not both"):
-        resolve_lattice_request("gyroid", cell=2.0, porosity=0.7, pore_size=0.6)
+        read_lattice_request("gyroid", cell=2.0, porosity=0.7, pore_size=0.6)
     with pytest.raises(InvalidRequest, match="needs cell="):
-        resolve_lattice_request("gyroid", porosity=0.7)
+        read_lattice_request("gyroid", porosity=0.7)
 
 
 @pytest.mark.slow
 def test_a_fraction_beyond_symmetric_walls_is_met_off_the_middle_or_between_levels() -> None:
     """O,C-TO bends too sharply on one side for a symmetric wall of a fifth, and on both for one of three tenths."""
-    fifth = resolve_lattice_request("octo", cell=1.0, volume_fraction=0.2)
+    fifth = read_lattice_request("octo", cell=1.0, volume_fraction=0.2)
     assert fifth.levels is None
     assert -fifth.offset[0] < fifth.offset[1]
     assert "allows no symmetric wall" in fifth.notes[0]
-    tenths = resolve_lattice_request("octo", cell=1.0, volume_fraction=0.3)
+    tenths = read_lattice_request("octo", cell=1.0, volume_fraction=0.3)
     assert tenths.levels is not None
     phi = fields.tpms("octo", 1.0)
     assert fields.volume_fraction(fields.sheet(phi, *tenths.levels)) == pytest.approx(0.3, abs=1e-4)

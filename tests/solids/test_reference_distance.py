@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields, maps, surfaces
-from tpmscad.requests.lattice_request import LatticeRequest, resolve_lattice_request
+from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.solids.reference_distance import (
     PatchedReference,
     _mid_surface,
@@ -20,7 +20,7 @@ TURN = np.array([[0.0, -1.0, 0.0], [0.8, 0.0, -0.6], [0.6, 0.0, 0.8]])
 
 def request(surface: str, reference: str = "minimal", **options: object) -> LatticeRequest:
     options = {"cell": 10.0, "thickness": 1.0, "phase": (0.2, 0.1, 0.0), "tol": 0.01, **options}
-    return resolve_lattice_request(surface, reference=reference, **options)  # type: ignore[arg-type]
+    return read_lattice_request(surface, reference=reference, **options)  # type: ignore[arg-type]
 
 
 def points_off(surface: str, reference: str, phase: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:

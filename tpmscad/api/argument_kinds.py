@@ -1,6 +1,6 @@
 """Kinds of arguments: what a public function takes in words, an example of it, and the function that reads it.
 
-A reader returns the value in its final form (a float, a tuple, an array) or raises `Refusal` with the reason. Nothing is
+A reader returns the value in its final form (a float, a tuple, an array) or raises `InvalidValue` with the reason. Nothing is
 converted that a person would not call by the same name: a bool is no number, nor are bytes, text and arrays of one number.
 """
 
@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from numbers import Integral, Real
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import numpy as np
-
-from tpmscad._typing import Array
+if TYPE_CHECKING:
+    from tpmscad._typing import Array
 
 GREATEST, LEAST = 1e100, 1e-100
 """Magnitudes of numbers, and of positive numbers: the cubes of others leave the range of float64."""
@@ -25,25 +24,26 @@ MAX_SHOWN = 60
 """Characters of a value in a message."""
 
 
-class Refusal(Exception):
+class InvalidValue(Exception):
     """Why a value is not of a kind; the door adds the argument and the value."""
 
 
-class WrongType(Refusal):
+class WrongType(InvalidValue):
     """The value is not even of the type: another kind may take it."""
 
 
 @dataclass(frozen=True, slots=True)
 class ArgumentKind:
-    """What an argument takes, in words; an example as it is written; and its reader, which raises Refusal."""
+    """What an argument takes, in words; an example as it is written; its reader, which raises InvalidValue; its choices."""
 
     text: str
     example: str
     read: Callable[[Any], Any]
+    choices: tuple[str, ...] = ()
 
-    def but(self, text: str = "", example: str = "") -> Self:
+    def described_as(self, text: str = "", example: str = "") -> Self:
         """The same kind described by other words, or by another example."""
-        return type(self)(text or self.text, example or self.example, self.read)
+        return replace(self, text=text or self.text, example=example or self.example)
 
     def or_else(self, other: ArgumentKind) -> ArgumentKind:
         """A kind that takes what either takes."""
@@ -53,11 +53,11 @@ class ArgumentKind:
                 return self.read(value)
             except WrongType:
                 return other.read(value)
-            except Refusal as refusal:
+            except InvalidValue as reason:
                 try:
                     return other.read(value)
-                except Refusal:
-                    raise refusal from None
+                except InvalidValue:
+                    raise reason from None
 
         return ArgumentKind(f"{self.text}, or {other.text}", self.example, read)
 
@@ -73,18 +73,18 @@ def show_value(value: Any) -> str:
 
 def read_number(value: Any) -> float:
     """A finite number."""
-    if isinstance(value, np.ndarray) and value.ndim == 0:
-        value = value[()]
-    if isinstance(value, bool | np.bool_) or not isinstance(value, Real | Decimal):
+    if getattr(value, "shape", None) == ():  # of NumPy: an array of one number, or a scalar
+        value = value.item()
+    if isinstance(value, bool) or not isinstance(value, Real | Decimal):
         raise WrongType("is not a number")
     try:
         number = float(value)
     except (OverflowError, ValueError):
-        raise Refusal(f"is beyond {GREATEST:g}, the greatest number taken") from None
+        raise InvalidValue(f"is beyond {GREATEST:g}, the greatest number taken") from None
     if not math.isfinite(number):
-        raise Refusal("must be finite")
+        raise InvalidValue("must be finite")
     if abs(number) > GREATEST:
-        raise Refusal(f"is beyond {GREATEST:g}, the greatest number taken")
+        raise InvalidValue(f"is beyond {GREATEST:g}, the greatest number taken")
     return number
 
 
@@ -92,9 +92,9 @@ def read_positive(value: Any) -> float:
     """A number above zero."""
     number = read_number(value)
     if number <= 0:
-        raise Refusal("must be positive")
+        raise InvalidValue("must be positive")
     if number < LEAST:
-        raise Refusal(f"is below {LEAST:g}, the least positive number taken")
+        raise InvalidValue(f"is below {LEAST:g}, the least positive number taken")
     return number
 
 
@@ -102,7 +102,7 @@ def read_not_negative(value: Any) -> float:
     """A number of at least zero."""
     number = read_number(value)
     if number < 0:
-        raise Refusal("must not be negative")
+        raise InvalidValue("must not be negative")
     return number
 
 
@@ -110,7 +110,7 @@ def read_whole(value: Any) -> int:
     """A whole number; a float without fraction stands for one."""
     number = read_number(value)
     if number != int(number):
-        raise Refusal("must be a whole number")
+        raise InvalidValue("must be a whole number")
     return int(value) if isinstance(value, Integral) else int(number)
 
 
@@ -118,7 +118,7 @@ def read_count(value: Any) -> int:
     """A whole number of at least 1."""
     number = read_whole(value)
     if number < 1:
-        raise Refusal("must be positive: at least 1")
+        raise InvalidValue("must be positive: at least 1")
     return number
 
 
@@ -126,10 +126,7 @@ def read_items(value: Any) -> list[Any]:
     """The entries of a sequence or of an array."""
     if isinstance(value, str | bytes | bytearray | dict | set | frozenset):
         raise WrongType("is no sequence of values")
-    if isinstance(value, np.ndarray):
-        if value.ndim == 0:
-            raise WrongType("is no sequence of values")
-    elif not isinstance(value, Sequence) and not (hasattr(value, "__len__") and hasattr(value, "__iter__")):
+    if getattr(value, "shape", None) == () or not (hasattr(value, "__len__") and hasattr(value, "__iter__")):
         raise WrongType("is no sequence of values")
     return list(value)
 
@@ -142,7 +139,7 @@ def tuple_of(reader: Callable[[Any], Any], count: int, words: str, example: str)
             raise WrongType(f"must be {words}")
         items = read_items(value)
         if len(items) != count:
-            raise Refusal(f"must be {words}, not {len(items)}")
+            raise InvalidValue(f"must be {words}, not {len(items)}")
         return tuple(map(reader, items))
 
     return ArgumentKind(words, example, read)
@@ -162,7 +159,7 @@ def read_corners(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two corners of a box, each coordinate of the first below that of the second."""
     low, high = tuple_of(POINT.read, 2, "two corners, ((x0, y0, z0), (x1, y1, z1))", "").read(value)
     if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise Refusal("is empty: each coordinate of the first corner must be below the second's")
+        raise InvalidValue("is empty: each coordinate of the first corner must be below the second's")
     return low, high
 
 
@@ -180,22 +177,24 @@ def read_direction(value: Any) -> str | tuple[float, float, float]:
     """A signed axis, or a vector that is not zero."""
     if isinstance(value, str):
         if value not in AXES:
-            raise Refusal("names no axis: give x, y, z, -x, -y, -z or a vector")
+            raise InvalidValue("names no axis: give x, y, z, -x, -y, -z or a vector")
         return value
     vector: tuple[float, float, float] = POINT.read(value)
     if not math.hypot(*vector) > LEAST:
-        raise Refusal("has no direction: its length is zero")
+        raise InvalidValue("has no direction: its length is zero")
     return vector
 
 
 def read_array(value: Any) -> Array:
     """Numbers in an array of float64; text, bools and ragged lists are refused, infinities and nan are not."""
+    import numpy as np  # the command line's help goes without it
+
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
-        raise Refusal("is no array of numbers of one shape") from None
+        raise InvalidValue("is no array of numbers of one shape") from None
     if array.dtype.kind not in "iuf" and array.size:
-        raise Refusal(f"is no array of numbers, but of {array.dtype}")
+        raise InvalidValue(f"is no array of numbers, but of {array.dtype}")
     return np.asarray(array, float)
 
 
@@ -203,13 +202,15 @@ def array_kind(words: str, example: str, *ndim: int) -> ArgumentKind:
     """Finite numbers in an array with one of these numbers of dimensions, not empty."""
 
     def read(value: Any) -> Array:
+        import numpy as np
+
         array = read_array(value)
         if array.ndim not in ndim or array.size == 0:
-            raise Refusal(f"of shape {array.shape} must be {words}")
+            raise InvalidValue(f"of shape {array.shape} must be {words}")
         if not np.isfinite(array).all():
             wrong = np.argwhere(~np.isfinite(array))
             first = tuple(map(int, wrong[0]))
-            raise Refusal(f"is not finite at {len(wrong)} of {array.size} entries, the first at index {first}")
+            raise InvalidValue(f"is not finite at {len(wrong)} of {array.size} entries, the first at index {first}")
         return array
 
     return ArgumentKind(words, example, read)
@@ -221,10 +222,10 @@ def choice_of(*words: str) -> ArgumentKind:
 
     def read(value: Any) -> str:
         if not isinstance(value, str) or value not in words:
-            raise Refusal(f"is unknown; choose one of {listed}")
+            raise InvalidValue(f"is unknown; choose one of {listed}")
         return value
 
-    return ArgumentKind(f"one of {listed}", repr(words[0]), read)
+    return ArgumentKind(f"one of {listed}", repr(words[0]), read, words)
 
 
 def instance_of(words: str, example: str, *types: type) -> ArgumentKind:
@@ -260,21 +261,21 @@ def read_path(value: Any) -> str | os.PathLike[str]:
     if not isinstance(value, str | os.PathLike) or not isinstance(os.fspath(value), str):
         raise WrongType("is no path of a file")
     if not os.fspath(value) or "\0" in os.fspath(value):
-        raise Refusal("is no path of a file: it is empty or holds a null character")
+        raise InvalidValue("is no path of a file: it is empty or holds a null character")
     return value
 
 
 def read_shape(value: Any) -> Any:
     """A body, a path, or anything that the room that takes it recognises; numbers, bytes and containers are none."""
     if value is None or isinstance(value, Real | bytes | bytearray | dict | set | type):
-        raise Refusal("is no body")
+        raise InvalidValue("is no body")
     return value if not isinstance(value, str) else read_path(value)
 
 
 def read_iterable(value: Any) -> Any:
     """What can be gone through, or a single thing."""
-    if value is None or isinstance(value, bool | float | bytes) or (isinstance(value, np.ndarray) and not value.ndim):
-        raise Refusal("names no faces")
+    if value is None or isinstance(value, bool | float | bytes) or getattr(value, "shape", None) == ():
+        raise InvalidValue("names no faces")
     return list(value) if isinstance(value, Iterable) and not isinstance(value, str) else value
 
 

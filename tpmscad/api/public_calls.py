@@ -10,14 +10,11 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from difflib import get_close_matches
-from inspect import Parameter, signature
-from typing import Any, ParamSpec, TypeVar
+from inspect import Parameter, Signature, signature
+from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar
 
-import numpy as np
-
-from tpmscad._typing import Array
-from tpmscad.api.argument_kinds import ArgumentKind, Refusal, show_value
-from tpmscad.api.argument_table import find_kind
+from tpmscad.api.argument_kinds import ArgumentKind, InvalidValue, show_value
+from tpmscad.api.arguments import Argument, arguments_of, document_arguments
 from tpmscad.errors import (
     FileError,
     InvalidRequest,
@@ -28,6 +25,9 @@ from tpmscad.errors import (
     UnexpectedError,
     UserFunctionError,
 )
+
+if TYPE_CHECKING:
+    from tpmscad._typing import Array
 
 SYNONYMS = {
     "period": "cell",
@@ -50,51 +50,101 @@ SYNONYMS = {
 """Words of other programs, and of other functions of this one, for our keywords."""
 
 P = ParamSpec("P")
+Q = ParamSpec("Q")
 R = TypeVar("R")
+S = TypeVar("S")
 T = TypeVar("T")
 
 
-def public(example: str | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
-    """Decorator of public functions and methods; `example` is a call of it, by default made of the table's examples."""
+def validate_call(example: str | None = None) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Decorator of public functions and methods; `example` is a call of it, by default made of the examples of its arguments."""
 
     def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        expected = signature(function)
-        name = function.__qualname__.removesuffix(".__init__").rpartition(".")[2]
-        guarded = translate_errors(function)
-        kinds = {key: find_kind(name, key) for key in expected.parameters if key != "self"}
-        shown = example or _make_example(name, kinds, expected.parameters)
-
-        @functools.wraps(function)
-        def call(*args: P.args, **kwargs: P.kwargs) -> R:
-            try:
-                bound = expected.bind(*args, **kwargs)
-            except TypeError as error:
-                raise MisusedCall(_explain(function, args, kwargs, str(error), shown)) from None
-            for key, value in bound.arguments.items():
-                if key != "self":
-                    bound.arguments[key] = _read_argument(expected.parameters[key], kinds[key], value)
-            return guarded(*bound.args, **bound.kwargs)
-
-        return call
+        return _validate(function, signature(function), arguments_of(function), example, translate_errors(function))
 
     return decorate
 
 
-def _read_argument(parameter: Parameter, kind: ArgumentKind, value: Any) -> Any:
+def validate_options(options: Callable[P, S], example: str) -> Callable[[Callable[[S], R]], Callable[P, R]]:
+    """Decorator of public functions whose arguments are the fields of a dataclass: it takes them one by one."""
+
+    def decorate(function: Callable[[S], R]) -> Callable[P, R]:
+        guarded = translate_errors(function)
+
+        def take_one_by_one(*args: P.args, **kwargs: P.kwargs) -> R:
+            return guarded(options(*args, **kwargs))
+
+        shown = signature(options).replace(return_annotation=signature(function).return_annotation)
+        return _validate(function, shown, arguments_of(options), example, take_one_by_one)
+
+    return decorate
+
+
+def validate_method_options(
+    options: Callable[P, S], example: str
+) -> Callable[[Callable[[T, S], R]], Callable[Concatenate[T, P], R]]:
+    """The same for methods: the dataclass follows `self`."""
+
+    def decorate(function: Callable[[T, S], R]) -> Callable[Concatenate[T, P], R]:
+        guarded = translate_errors(function)
+
+        def take_one_by_one(self: T, /, *args: P.args, **kwargs: P.kwargs) -> R:
+            return guarded(self, options(*args, **kwargs))
+
+        first = next(iter(signature(function).parameters.values()))
+        fields = signature(options).parameters.values()
+        shown = signature(function).replace(parameters=[first, *fields])
+        return _validate(function, shown, arguments_of(options), example, take_one_by_one)
+
+    return decorate
+
+
+def _validate(
+    function: Callable[..., Any],
+    shown: Signature,
+    arguments: Mapping[str, Argument],
+    example: str | None,
+    target: Callable[Q, R],
+) -> Callable[Q, R]:
+    """The function `target` behind the door; it looks like `function` with the signature `shown`."""
+    name = function.__qualname__.removesuffix(".__init__")
+    written = example or _make_example(name.rpartition(".")[2], arguments)
+
+    @functools.wraps(function)
+    def call(*args: Q.args, **kwargs: Q.kwargs) -> R:
+        try:
+            bound = shown.bind(*args, **kwargs)
+        except TypeError as error:
+            raise MisusedCall(_explain(name, shown, args, kwargs, str(error), written)) from None
+        for key, value in bound.arguments.items():
+            if key in arguments:
+                bound.arguments[key] = _read_argument(arguments[key], value)
+        return target(*bound.args, **bound.kwargs)
+
+    plain = [
+        p.replace(annotation=arguments[p.name].type) if p.name in arguments else p for p in shown.parameters.values()
+    ]
+    call.__signature__ = shown.replace(parameters=plain)  # type: ignore[attr-defined]
+    call.__arguments__ = arguments  # type: ignore[attr-defined]
+    call.__doc__ = document_arguments(function.__doc__, arguments)
+    return call
+
+
+def _read_argument(argument: Argument, value: Any) -> Any:
     """The value in its final form, or each one of those that `*args` and `**kwargs` have gathered."""
-    if parameter.kind is Parameter.VAR_POSITIONAL:
-        return tuple(read_value(f"{parameter.name}[{i}]", kind, item) for i, item in enumerate(value))
-    if parameter.kind is Parameter.VAR_KEYWORD:
-        return {key: read_value(key, kind, item) for key, item in value.items()}
-    return value if value is parameter.default else read_value(parameter.name, kind, value)
+    if argument.passed is Parameter.VAR_POSITIONAL:
+        return tuple(read_value(f"{argument.name}[{i}]", argument.kind, item) for i, item in enumerate(value))
+    if argument.passed is Parameter.VAR_KEYWORD:
+        return {key: read_value(key, argument.kind, item) for key, item in value.items()}
+    return value if value is argument.default else read_value(argument.name, argument.kind, value)
 
 
 def read_value(name: str, kind: ArgumentKind, value: Any) -> Any:
     """The value of an argument in its final form; InvalidRequest names the argument, the value, what it takes and an example."""
     try:
         return kind.read(value)
-    except Refusal as refusal:
-        reason = str(refusal)
+    except InvalidValue as error:
+        reason = str(error)
     except RecursionError:
         reason = "is nested too deeply"
     wanted = "" if kind.text in reason else f"; it takes {kind.text}"
@@ -142,33 +192,32 @@ def translate_error(name: str, error: Exception) -> TpmscadError:
     )
 
 
-def _make_example(name: str, kinds: Mapping[str, ArgumentKind], parameters: Mapping[str, Parameter]) -> str:
+def _make_example(name: str, arguments: Mapping[str, Argument]) -> str:
     """The call of a function with the examples of its required arguments."""
-    required = [p for p in parameters.values() if p.default is Parameter.empty and p.name in kinds]
+    gathered = {Parameter.VAR_POSITIONAL: True, Parameter.VAR_KEYWORD: False}
     written = (
-        kinds[p.name].example if p.kind is Parameter.VAR_POSITIONAL else f"{p.name}={kinds[p.name].example}"
-        for p in required
-        if p.kind is not Parameter.VAR_KEYWORD
+        argument.kind.example if argument.passed in gathered else f"{argument.name}={argument.kind.example}"
+        for argument in arguments.values()
+        if gathered.get(argument.passed, argument.is_required)
     )
     return f"{name}({', '.join(written)})"
 
 
 def _explain(
-    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any], reason: str, example: str
+    name: str, shown: Signature, args: tuple[Any, ...], kwargs: dict[str, Any], reason: str, example: str
 ) -> str:
     """What does not fit, and how the call is written."""
-    parameters = signature(function).parameters.values()
+    parameters = shown.parameters.values()
     positional = [p.name for p in parameters if p.kind is Parameter.POSITIONAL_OR_KEYWORD and p.name != "self"]
     keywords = [p.name for p in parameters if p.kind is Parameter.KEYWORD_ONLY]
-    name = getattr(function, "__qualname__", "the function").removesuffix(".__init__")
-    args = args[1:] if "self" in signature(function).parameters else args
+    args = args[1:] if "self" in shown.parameters else args
     unknown = [key for key in kwargs if key not in positional and key not in keywords]
     if unknown:
         meant = [SYNONYMS.get(unknown[0].lower(), "")]
-        found = [m for m in meant if m in keywords or m in positional] or get_close_matches(
+        near = [m for m in meant if m in keywords or m in positional] or get_close_matches(
             unknown[0], [*positional, *keywords]
         )
-        hint = f"; it is called {found[0]}=" if found else f"; its keywords are {', '.join([*positional, *keywords])}"
+        hint = f"; it is called {near[0]}=" if near else f"; its keywords are {', '.join([*positional, *keywords])}"
         return f"{name} has no keyword {unknown[0]!r}{hint}, as in {example}"
     if len(args) > len(positional):
         taken = " and ".join(positional)
@@ -176,14 +225,29 @@ def _explain(
     return f"{name}: {reason}; it is called as in {example}"
 
 
-def public_constructor(kind: type[T]) -> type[T]:
-    """Decorator of classes that users construct: their arguments pass the same door."""
-    kind.__init__ = public()(kind.__init__)  # type: ignore[method-assign]
+def validate_constructor(kind: type[T]) -> type[T]:
+    """Decorator of dataclasses that users construct: their fields pass the same door."""
+    constructor: Any = kind.__init__
+    shown, arguments = signature(constructor), arguments_of(kind)
+    kind.__init__ = _validate(constructor, shown, arguments, None, translate_errors(constructor))  # type: ignore[method-assign]
+    kind.__doc__ = document_arguments(kind.__doc__, arguments)
+    return kind
+
+
+def show_constructor(kind: type[T]) -> type[T]:
+    """Decorator of classes: signature and docstring are those of the constructor, which a metaclass would hide."""
+    constructor: Any = kind.__init__
+    shown = signature(constructor)
+    shown = shown.replace(parameters=list(shown.parameters.values())[1:], return_annotation=kind)
+    kind.__signature__ = shown  # type: ignore[attr-defined]
+    kind.__doc__ = document_arguments(kind.__doc__, constructor.__arguments__)
     return kind
 
 
 def call_for_array(what: str, function: Callable[..., Any], *args: Any) -> Array:
     """The numbers that a function given to the package returns; UserFunctionError if it raises or returns something else."""
+    import numpy as np  # the help of the command line goes without it
+
     result = call_user_function(what, function, *args)
     try:
         return np.asarray(result, float)

@@ -16,14 +16,27 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
 from tpmscad._typing import ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import (
+    BOX,
+    COUNTS,
+    FIELDS,
+    FLAG,
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    PROGRESS,
+    TEXT,
+    WHOLE_NUMBER,
+)
 from tpmscad.blending.baseline_weights import BASELINE_METHODS, make_baseline_weight
 from tpmscad.blending.composition.blended_field import BlendedField
-from tpmscad.blending.initial_weights import WeightSpec, expand_weight_specs, make_initial_weight
+from tpmscad.blending.initial_weights import WEIGHTS, WeightSpec, expand_weight_specs, make_initial_weight
 from tpmscad.blending.input_defects import remove_input_defects
 from tpmscad.blending.optimise.blend_state import (
     BlendProblem,
@@ -63,69 +76,92 @@ OPTIMISERS: dict[str, Pass] = {
 METHODS = (*OPTIMISERS, *BASELINE_METHODS)
 
 
-@public()
+@validate_call()
 def blend(
-    structures: Sequence[FieldFunction],
-    regions: Sequence[FieldFunction],
-    blending_regions: Sequence[FieldFunction],
+    structures: Annotated[
+        Sequence[FieldFunction],
+        FIELDS,
+        "Two or more porous structures: functions f(points (..., 3)) -> (...), solid where f < 0. `tpmscad.fields` "
+        "makes them.",
+    ],
+    regions: Annotated[
+        Sequence[FieldFunction], FIELDS, "One region for each structure, at most 0 inside. Regions must not overlap."
+    ],
+    blending_regions: Annotated[
+        Sequence[FieldFunction],
+        FIELDS,
+        "One less than structures. Blending region k joins structure k + 1 to those before it.",
+    ],
     *,
-    method: str = "topological",
-    weight: WeightSpec | Sequence[WeightSpec] = "auto",
-    resolution: tuple[int, int, int] | None = None,
-    domain: BoxBounds | None = None,
-    max_iterations: int = 60,
-    minimum_neck: float | None = None,
-    max_change: float = 1.0,
-    keep_fraction: bool = False,
-    level_margin: float = 0.0,
-    drop_intrinsic: bool = False,
-    specks: bool | None = None,
-    progress: ProgressOption = None,
+    method: Annotated[
+        str,
+        TEXT.described_as(example='"topological"'),
+        '"topological" is the robust optimiser, "paper" the descent of the paper as printed, "initial" keeps the '
+        'initial weights. "sigmoid", "beta-growth", "discrete-reconstruction" and "gaussian-rbf" are earlier methods '
+        "that ignore the topology.",
+    ] = "topological",
+    weight: Annotated[
+        WeightSpec | Sequence[WeightSpec],
+        WEIGHTS,
+        'The kind of weight, for all blending regions or for each: "x", "y" or "z" (univariate), "volume" '
+        '(trivariate), "auto", or a specification.',
+    ] = "auto",
+    resolution: Annotated[
+        tuple[int, int, int] | None,
+        COUNTS,
+        "Samples along x, y and z of the domain, chosen from the structures by default. Defects are counted on this "
+        "grid and on that of twice the samples.",
+    ] = None,
+    domain: Annotated[
+        BoxBounds | None, BOX, "The box to blend in, in model units; by default the bounding box of the regions."
+    ] = None,
+    max_iterations: Annotated[int, WHOLE_NUMBER, "Rounds of the optimiser at most."] = 60,
+    minimum_neck: Annotated[
+        float | None,
+        POSITIVE,
+        "Width in model units that solid and void are to have at least at saddle points inside the blending regions. "
+        "Necks for which this could not be reached are in `BlendResult.necks`.",
+    ] = None,
+    max_change: Annotated[
+        float,
+        NUMBER.described_as(example="1.0"),
+        "Greatest change of a coefficient from its initial value, above 0 and at most 1, the whole range of a weight.",
+    ] = 1.0,
+    keep_fraction: Annotated[
+        bool,
+        FLAG,
+        "Add a level shift inside the blending regions, so that the solid fraction stays between those of the "
+        "structures.",
+    ] = False,
+    level_margin: Annotated[
+        float,
+        NOT_NEGATIVE,
+        "Fraction of the field's rms (such as 0.06) by which the level may be shifted without isolating parts, as far "
+        "as a few rounds reach. For solids that are made with a tolerance.",
+    ] = 0.0,
+    drop_intrinsic: Annotated[
+        bool,
+        FLAG,
+        "Remove the isolated components and fill the cavities that the structures bring with them, such as chips at "
+        "the skin of a trimmed model. Only within a few samples of these does the field then differ from its "
+        "structures.",
+    ] = False,
+    specks: Annotated[
+        bool | None,
+        FLAG,
+        "Search also between the samples for isolated parts, and remove them. By default they are searched for only "
+        "where few samples come into question.",
+    ] = None,
+    progress: Annotated[
+        ProgressOption,
+        PROGRESS,
+        "Called with the name of each stage of the computation and the fraction of it that is done. By default work "
+        "of more than two seconds shows a bar in a terminal or a notebook; False shows nothing.",
+    ] = None,
 ) -> BlendResult:
     """Blend porous structures in given regions without isolated components and cavities.
 
     Outside the blending regions the field of each structure is kept, bit for bit.
-
-    Parameters
-    ----------
-    structures : sequence of fields
-        Two or more porous structures: functions f(points (..., 3)) -> (...), solid where f < 0. `tpmscad.fields` makes them.
-    regions : sequence of fields
-        One region for each structure, at most 0 inside. Regions must not overlap.
-    blending_regions : sequence of fields
-        One less than structures. Blending region k joins structure k + 1 to those before it.
-    method : str, default "topological"
-        "topological" is the robust optimiser, "paper" the descent of the paper as printed, "initial" keeps the initial weights.
-        "sigmoid", "beta-growth", "discrete-reconstruction" and "gaussian-rbf" are earlier methods that ignore the topology.
-    weight : str, LineWeightSpec, VolumeWeightSpec or a sequence of these, default "auto"
-        The kind of weight, for all blending regions or for each: "x", "y" or "z" (univariate), "volume" (trivariate), "auto", or
-        a specification.
-    resolution : tuple of three int, optional
-        Samples along x, y and z of the domain, chosen from the structures by default. Defects are counted on this grid and on
-        that of twice the samples.
-    domain : tuple ((x0, y0, z0), (x1, y1, z1)), optional
-        The box to blend in, in model units; by default the bounding box of the regions.
-    max_iterations : int, default 60
-        Rounds of the optimiser at most.
-    minimum_neck : float, optional
-        Width in model units that solid and void are to have at least at saddle points inside the blending regions. Necks for
-        which this could not be reached are in `BlendResult.necks`.
-    max_change : float, default 1.0
-        Greatest change of a coefficient from its initial value, above 0 and at most 1, the whole range of a weight.
-    keep_fraction : bool, default False
-        Add a level shift inside the blending regions, so that the solid fraction stays between those of the structures.
-    level_margin : float, default 0.0
-        Fraction of the field's rms (such as 0.06) by which the level may be shifted without isolating parts, as far as a few
-        rounds reach. For solids that are made with a tolerance.
-    drop_intrinsic : bool, default False
-        Remove the isolated components and fill the cavities that the structures bring with them, such as chips at the skin of a
-        trimmed model. Only within a few samples of these does the field then differ from its structures.
-    specks : bool, optional
-        Search also between the samples for isolated parts, and remove them. By default they are searched for only where few
-        samples come into question.
-    progress : callable or bool, optional
-        Called with the name of each stage of the computation and the fraction of it that is done. By default work of more than
-        two seconds shows a bar in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

@@ -9,12 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.api.public_calls import public_constructor
+from tpmscad.api.argument_kinds import ArgumentKind, WrongType, sequence_of
+from tpmscad.api.public_calls import validate_constructor
+from tpmscad.api.shared_kinds import ANYTHING, COUNT, COUNTS
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.composition.sampled_composition import SampledComposition
 from tpmscad.blending.weights.coordinates import Coordinate, CylinderRadius, LinearCoordinate, SphereRadius
@@ -34,20 +37,10 @@ OUTERMOST_SAMPLES = 8
 """Number of samples from which the end of a layer is searched."""
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class LineWeightSpec:
     """Specification of a univariate weight.
-
-    Parameters
-    ----------
-    coordinate : Coordinate
-        The coordinate of which the blending region is a layer: a LinearCoordinate, CylinderRadius or SphereRadius.
-    count : int, optional
-        Number of coefficients over all regions, as in the paper. By default the knots start and end on the layer and leave
-        enough coefficients free.
-    degree : int, default 3
-        Degree of the spline: at least 1, and 2 for a continuous gradient.
 
     Examples
     --------
@@ -56,22 +49,24 @@ class LineWeightSpec:
     3
     """
 
-    coordinate: Coordinate
-    count: int | None = None
-    degree: int = 3
+    coordinate: Annotated[
+        Coordinate,
+        ANYTHING,
+        "The coordinate of which the blending region is a layer: a LinearCoordinate, CylinderRadius or SphereRadius.",
+    ]
+    count: Annotated[
+        int | None,
+        COUNT,
+        "Number of coefficients over all regions, as in the paper. By default the knots start and end on the layer and leave "
+        "enough coefficients free.",
+    ] = None
+    degree: Annotated[int, COUNT, "Degree of the spline: at least 1, and 2 for a continuous gradient."] = 3
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class VolumeWeightSpec:
     """Specification of a trivariate weight.
-
-    Parameters
-    ----------
-    count : tuple of three int, optional
-        Numbers of coefficients along x, y and z over the domain. By default about one for two samples.
-    degree : tuple of three int, default (3, 3, 3)
-        Degrees along x, y and z.
 
     Examples
     --------
@@ -80,11 +75,24 @@ class VolumeWeightSpec:
     (3, 3, 3)
     """
 
-    count: IntTriple | None = None
-    degree: IntTriple = (3, 3, 3)
+    count: Annotated[
+        IntTriple | None,
+        COUNTS,
+        "Numbers of coefficients along x, y and z over the domain. By default about one for two samples.",
+    ] = None
+    degree: Annotated[IntTriple, COUNTS.described_as(example="(3, 3, 3)"), "Degrees along x, y and z."] = (3, 3, 3)
+
+
+def _read_weight(value: object) -> object:
+    """A word, or a specification of a weight."""
+    if not isinstance(value, str | LineWeightSpec | VolumeWeightSpec):
+        raise WrongType("is no specification of a weight")
+    return value
 
 
 WeightSpec = LineWeightSpec | VolumeWeightSpec | str
+WEIGHT = ArgumentKind("a word, a LineWeightSpec or a VolumeWeightSpec", '"auto"', _read_weight)
+WEIGHTS = WEIGHT.or_else(sequence_of(WEIGHT.read, "a sequence of these", ""))
 WEIGHT_NAMES = ("auto", "x", "y", "z", "volume")
 
 

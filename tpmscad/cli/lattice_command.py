@@ -4,72 +4,55 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
+
+import typer
 
 import tpmscad
-from tpmscad.cli.lattice_options import (
-    BoundaryOption,
-    CellOption,
-    CellsOption,
-    KindOption,
-    MapOption,
-    OffsetOption,
-    PhaseOption,
-    PoreSizeOption,
-    PorosityOption,
-    ReferenceOption,
-    SideOption,
-    SurfaceArgument,
-    ThicknessOption,
-    VolumeFractionOption,
-)
+from tpmscad.cli.derived_options import CELL_PANEL, Request, take_options_of
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
 from tpmscad.cli.options import (
     DeviationOption,
     InstancedOption,
     JobsOption,
-    KeepLooseOption,
     OutputOption,
     QuietOption,
     ReportOption,
     SchemaOption,
     SlabOption,
-    TolOption,
     VerboseOption,
     VerifyOption,
 )
 from tpmscad.cli.output import (
     Writing,
-    given_options,
     make_and_write,
     progress_bar,
     report_unmet_request,
     write_report,
 )
 from tpmscad.errors import InvalidRequest
+from tpmscad.requests.lattice_options import LatticeOptions
 
 MAP_NAMES = ("cylinder", "sphere")
 
 
+MapOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME[:RADIUS]",
+        help="Wrap the lattice: `cylinder` closes a ring of the cells along x round the z axis, `cylinder:20` bends it with a "
+        "radius of 20 mm; `sphere:20` makes a dome. A wrapped lattice has natural boundaries unless --boundary box is given.",
+        rich_help_panel=CELL_PANEL,
+    ),
+]
+
+
+@take_options_of(LatticeOptions)
 def lattice(
-    surface: SurfaceArgument,
+    request: Request,
     *,
-    cell: CellOption = None,
-    cells: CellsOption = "1,1,1",
-    thickness: ThicknessOption = None,
-    offset: OffsetOption = None,
-    volume_fraction: VolumeFractionOption = None,
-    porosity: PorosityOption = None,
-    pore_size: PoreSizeOption = None,
-    kind: KindOption = "sheet",
-    side: SideOption = "-",
-    reference: ReferenceOption = None,
-    boundary: BoundaryOption = None,
-    phase: PhaseOption = None,
     map: MapOption = None,
     output: OutputOption,
-    tol: TolOption = None,
-    keep_loose: KeepLooseOption = False,
     deviation: DeviationOption = None,
     instanced: InstancedOption = False,
     schema: SchemaOption = "ap242",
@@ -81,23 +64,10 @@ def lattice(
     quiet: QuietOption = False,
 ) -> None:
     """Make a lattice of a minimal surface that fills the box from the origin to CELLS x CELL."""
-    request = given_options(
-        cell=cell,
-        cells=cells,
-        thickness=thickness,
-        offset=offset,
-        volume_fraction=volume_fraction,
-        porosity=porosity,
-        pore_size=pore_size,
-        tol=tol,
-        kind=kind,
-        side=side,
-        reference=reference,
-        boundary="natural" if boundary is None and map is not None else boundary,
-        phase=phase,
-        map=None if map is None else read_map(map, cell, cells),
-        loose="keep" if keep_loose else None,
-    )
+    if map is not None:
+        wrap = read_map(map, request.get("cell"), request.get("cells", 1))
+        request = {"boundary": "natural", **request, "map": wrap}
+    surface = request.pop("surface")
     writing = Writing(
         output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced, verify=verify
     )

@@ -39,15 +39,6 @@ def remedy_for_number(text: str) -> str:
     return ": write a decimal point" if _DECIMAL_COMMA.match(text) else ""
 
 
-TolOption = Annotated[
-    float | None,
-    typer.Option(
-        metavar="MM",
-        help="Greatest deviation from the surface, mm.",
-        show_default="a thousandth of the cell",
-        rich_help_panel=OUTPUT_PANEL,
-    ),
-]
 OutputOption = Annotated[
     Path,
     typer.Option(

@@ -10,7 +10,7 @@ import typer
 
 import tpmscad
 from tpmscad.atomic_file import validate_output_path
-from tpmscad.cli.lattice_options import SurfaceArgument
+from tpmscad.cli.derived_options import SurfaceArgument
 from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
 from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
 from tpmscad.errors import InvalidRequest

@@ -13,12 +13,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import call_for_array, public
+from tpmscad.api.public_calls import call_for_array, validate_call
+from tpmscad.api.shared_kinds import BOX, FIELD, FUNCTION, FUNCTION_OF_POINTS_OR_XYZ, NUMBER, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.tape.evaluation import FieldEvaluation, FieldJet, Triple, is_grid, stack_points
 from tpmscad.fields.tape.function_calls import (
@@ -225,14 +226,15 @@ FieldLike = Field | float | Callable[[Array], Array]
 """What a field argument may be: a field, a number (constant field), or any function of points (..., 3)."""
 
 
-@public()
-def as_field(source: Any) -> Field:
+@validate_call()
+def as_field(
+    source: Annotated[
+        Any,
+        FIELD,
+        "Fields are returned as they are; a number gives a constant field; functions are read by `from_function`.",
+    ],
+) -> Field:
     """Return a field, a number or a function of points as a field.
-
-    Parameters
-    ----------
-    source : Field, float or callable
-        Fields are returned as they are; a number gives a constant field; functions are read by `from_function`.
 
     Returns
     -------
@@ -255,14 +257,9 @@ def as_field(source: Any) -> Field:
     return from_function(source) if callable(source) else constant(source)
 
 
-@public()
-def constant(value: float) -> ConstantField:
+@validate_call()
+def constant(value: Annotated[float, NUMBER, "The value, finite."]) -> ConstantField:
     """Return the field with one value everywhere.
-
-    Parameters
-    ----------
-    value : float
-        The value, finite.
 
     Returns
     -------
@@ -283,26 +280,31 @@ def constant(value: float) -> ConstantField:
     return ConstantField(value)
 
 
-@public()
+@validate_call()
 def from_function(
-    f: Callable[..., Any],
-    gradient: Callable[..., Any] | None = None,
+    f: Annotated[
+        Callable[..., Any],
+        FUNCTION_OF_POINTS_OR_XYZ,
+        "f(points (n, 3)) -> (n,) or f(x, y, z) -> (n,); the signature, or else a trial, decides which.",
+    ],
+    gradient: Annotated[
+        Callable[..., Any] | None,
+        FUNCTION,
+        "Called like f; returns (n, 3) or a tuple of three. By default the attribute `gradient` of f, or else central "
+        "differences.",
+    ] = None,
     *,
-    step: float = DIFFERENCE_STEP,
-    domain: Sequence[Sequence[float]] = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0)),
+    step: Annotated[
+        float,
+        POSITIVE.described_as(example="0.001"),
+        "Step of the central differences of fourth order, in model units; they need 12 calls of f.",
+    ] = DIFFERENCE_STEP,
+    domain: Annotated[Sequence[Sequence[float]], BOX, "Box in which f is tried at a few points."] = (
+        (0.0, 0.0, 0.0),
+        (1.0, 1.0, 1.0),
+    ),
 ) -> Field:
     """Return the field of a vectorised function.
-
-    Parameters
-    ----------
-    f : callable
-        f(points (n, 3)) -> (n,) or f(x, y, z) -> (n,); the signature, or else a trial, decides which.
-    gradient : callable, optional
-        Called like f; returns (n, 3) or a tuple of three. By default the attribute `gradient` of f, or else central differences.
-    step : float
-        Step of the central differences of fourth order, in model units; they need 12 calls of f.
-    domain : ((x0, y0, z0), (x1, y1, z1))
-        Box in which f is tried at a few points.
 
     Returns
     -------

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import PATH
 from tpmscad.kernel.body_import.isolated_reader import check_foreign_step
 from tpmscad.kernel.measure.shape_report import StepReport
 
 
-@public()
-def check_step(path: str | Path) -> StepReport:
+@validate_call()
+def check_step(path: Annotated[str | Path, PATH, "The STEP file."]) -> StepReport:
     """Read a STEP file with the kernel and report its content.
-
-    Parameters
-    ----------
-    path : str or Path
-        The STEP file.
 
     Returns
     -------

@@ -7,19 +7,23 @@ but are solids of their own; for one solid across cells there are `lattice` and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_options
+from tpmscad.api.shared_arguments import Schema
+from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.files.checked_write import write_copies_of_cell
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.requests.lattice_request import LatticeOptions, resolve_lattice_request, with_keywords_of
+from tpmscad.requests.lattice_options import LatticeOptions
+from tpmscad.requests.lattice_request import resolve_lattice_request
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
-from tpmscad.solids._lattice import lattice, make_lattice
+from tpmscad.solids._lattice import make_lattice
 from tpmscad.stage_timer import StageTimer
 
 MAX_COPIES = 100_000
@@ -80,35 +84,31 @@ class InstancedFile:
         return self.summary()
 
 
-@public('export_instances("gyroid", "gyroid.step", cell=10, cells=(20, 20, 20), thickness=1)')
-@with_keywords_of(lattice)
-def export_instances(
-    surface: str,
-    path: str | Path,
-    *,
-    schema: str = "ap242",
-    verify: str | None = None,
-    **options: Unpack[LatticeOptions],
-) -> InstancedFile:
+@dataclass(frozen=True)
+class InstanceOptions(LatticeOptions):
+    """The arguments of `export_instances`."""
+
+    path: Annotated[
+        str | Path, PATH, "The file to write, ``.step`` or ``.stp``. It is complete and verified, or absent."
+    ]
+    _: KW_ONLY
+    loose: Annotated[
+        str,
+        choice_of("drop", "keep"),
+        "All pieces of the cell are kept: one that is loose in a cell touches the next one.",
+    ] = KEEP
+    schema: Schema = "ap242"
+    verify: Annotated[str | None, choice_of("kernel"), "As in `Model.export_step`."] = None
+
+
+@validate_options(
+    InstanceOptions, 'export_instances("gyroid", "gyroid.step", cell=10, cells=(20, 20, 20), thickness=1)'
+)
+def export_instances(options: InstanceOptions) -> InstancedFile:
     """Write a lattice as one STEP file that stores a single cell and places it as often as the lattice repeats it.
 
     One cell is made, checked and written, whatever the number of cells. CAD systems show an assembly of touching solids; more
     than 64 cells come in rows, layers of rows and a block of layers. Nothing is written if the cell misses the request.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    path : str or Path
-        The file to write, ``.step`` or ``.stp``. It is complete and verified, or absent.
-    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side, reference, boundary, phase, tol, progress
-        As in `lattice`.
-    loose, map
-        As in `lattice`, but without a map, and with all pieces of the cell: one that is loose in a cell touches the next one.
-    schema : {"ap242", "ap214"}, optional
-        STEP application protocol.
-    verify : {"kernel"}, optional
-        As in `Model.export_step`.
 
     Returns
     -------
@@ -131,14 +131,14 @@ def export_instances(
     ... )
     >>> print(file)  # doctest: +SKIP
     """
-    stages = StageTimer(options.pop("progress", None))
-    if options.get("map") is not None:
+    stages = StageTimer(options.progress)
+    if options.map is not None:
         raise InvalidRequest("under a map no cell is a copy of another: leave map out, or write the whole with lattice")
-    if options.get("loose", KEEP) != KEEP:
+    if options.loose != KEEP:
         raise InvalidRequest("a piece that is loose in a cell touches the next one: leave loose out")
-    request = resolve_lattice_request(surface, **options)
-    target = validate_output_path(path, STEP_SUFFIXES)
-    find_schema(schema)
+    request = resolve_lattice_request(options)
+    target = validate_output_path(options.path, STEP_SUFFIXES)
+    find_schema(options.schema)
     n_copies = math.prod(request.cells)
     if n_copies > MAX_COPIES:
         raise InvalidRequest(
@@ -159,7 +159,7 @@ def export_instances(
             edges=request.cell,
             counts=request.cells,
             outer_faces=model.outer_faces,
-            schema=schema,
-            verify=verify,
+            schema=options.schema,
+            verify=options.verify,
         )
     return InstancedFile(target, request.cells, certificate, target.stat().st_size)

@@ -14,14 +14,15 @@ import re
 import tempfile
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass
+from dataclasses import KW_ONLY, asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Annotated, Any
 
-import numpy as np
-
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_options
+from tpmscad.api.shared_arguments import Schema
+from tpmscad.api.shared_kinds import CELL_COUNTS, EXECUTOR, PATH, TEXT
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.files.slab_files import Cells, SlabOriginal, describe_request, make_originals, write_slab
@@ -29,10 +30,9 @@ from tpmscad.files.slab_manifest import SlabFile, open_manifest
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.kernel.step.translated_copies import GREATEST_UNITS, decimal_of
 from tpmscad.parallel import run_as_completed
-from tpmscad.requests.keyword_checks import check_cell_counts
-from tpmscad.requests.lattice_request import LatticeOptions, resolve_lattice_request, with_keywords_of
+from tpmscad.requests.lattice_options import LatticeOptions
+from tpmscad.requests.lattice_request import resolve_lattice_request
 from tpmscad.results.loose_pieces import KEEP
-from tpmscad.solids._lattice import lattice
 from tpmscad.stage_timer import StageTimer
 
 
@@ -98,43 +98,49 @@ class Slab:
     cells: Cells
 
 
-@public('export_slabs("gyroid", "gyroid_{:03d}.step", cell=10, cells=(20, 20, 20), thickness=1, slab=1)')
-@with_keywords_of(lattice)
-def export_slabs(
-    surface: str,
-    path: str | Path,
-    *,
-    slab: int | Sequence[int] = 1,
-    executor: Executor | None = None,
-    schema: str = "ap242",
-    time_stamp: str | None = None,
-    **options: Unpack[LatticeOptions],
-) -> SlabFiles:
+@dataclass(frozen=True)
+class SlabOptions(LatticeOptions):
+    """The arguments of `export_slabs`."""
+
+    path: Annotated[
+        str | Path,
+        PATH,
+        "Name of the files: ``'lattice_{:03d}.step'``; without a field in braces the number is appended, from 1.",
+    ]
+    _: KW_ONLY
+    loose: Annotated[
+        str,
+        choice_of("drop", "keep"),
+        "All pieces of a slab are kept, as they may be a part of the next one.",
+    ] = KEEP
+    slab: Annotated[
+        int | Sequence[int],
+        CELL_COUNTS.described_as(example="(20, 20, 1)"),
+        "Cells of a slab along z, with all those along x and y; or along each axis. The last slab of an axis may have fewer.",
+    ] = 1
+    executor: Annotated[
+        Executor | None,
+        EXECUTOR,
+        "Makes and writes the slabs: a process pool, or on a cluster with a common file system Dask's "
+        "``Client.get_executor()``. By default this process, one after the other. The files are the same to the last byte.",
+    ] = None
+    schema: Schema = "ap242"
+    time_stamp: Annotated[
+        str | None,
+        TEXT.described_as(example='"2026-01-31T12:00:00"'),
+        "Time in the header of the files, ISO 8601; the present by default.",
+    ] = None
+
+
+@validate_options(
+    SlabOptions, 'export_slabs("gyroid", "gyroid_{:03d}.step", cell=10, cells=(20, 20, 20), thickness=1, slab=1)'
+)
+def export_slabs(options: SlabOptions) -> SlabFiles:
     """Write a lattice of any size in slabs, each a valid closed solid in a STEP file of its own.
 
     Memory holds one slab at a time in each process. Adjacent slabs share their cut faces to the last digit. A file is complete
     and verified, or absent; after an interruption the same call goes on where it stopped, as the manifest ``*.slabs.json`` beside
     the files tells.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    path : str or Path
-        Name of the files: ``"lattice_{:03d}.step"``; without a field in braces the number is appended, from 1.
-    cell, cells, thickness, offset, volume_fraction, porosity, pore_size, kind, side, reference, phase, tol, progress
-        As in `lattice`.
-    boundary, loose, map
-        As in `lattice`, but a box without a map: all pieces of a slab are kept, as they may be a part of the next one.
-    slab : int or (3,) ints, optional
-        Cells of a slab along z, with all those along x and y; or along each axis. The last slab of an axis may have fewer.
-    executor : concurrent.futures.Executor, optional
-        Makes and writes the slabs: a process pool, or on a cluster with a common file system Dask's ``Client.get_executor()``.
-        By default this process, one after the other. The files are the same to the last byte.
-    schema : {"ap242", "ap214"}, optional
-        STEP application protocol.
-    time_stamp : str, optional
-        Time in the header of the files, ISO 8601; the present by default.
 
     Returns
     -------
@@ -157,12 +163,11 @@ def export_slabs(
     ... )
     >>> print(files)  # doctest: +SKIP
     """
-    progress = options.pop("progress", None)
     _refuse_what_does_not_repeat(options)
-    request = resolve_lattice_request(surface, **options)
-    slabs = divide(request.cells, slab)
+    request, schema = resolve_lattice_request(options), options.schema
+    slabs = divide(request.cells, options.slab)
     find_schema(schema)
-    template = Path(path)
+    template = Path(options.path)
     names = name_files(template, len(slabs))
     folder = template.parent
     manifest = open_manifest(
@@ -171,19 +176,19 @@ def export_slabs(
     )
     kept = tuple(name for name in names if name in manifest.rows)
     if len(kept) < len(names):
-        stages = StageTimer(progress)
+        stages = StageTimer(options.progress)
         with tempfile.TemporaryDirectory(prefix=".slabs-", dir=folder) as aside:
             with stages("original"):
                 sizes = tuple(dict.fromkeys(each.cells for each in slabs))
                 task = (request, sizes, Path(aside).resolve(), schema)
-                originals = next(made for _, made in run_as_completed(executor, make_originals, [task]))
+                originals = next(made for _, made in run_as_completed(options.executor, make_originals, [task]))
             _require_met(originals, names)
             manifest.begin(originals)
             kept = tuple(name for name in kept if name in manifest.rows)
             missing = [(name, each) for name, each in zip(names, slabs, strict=True) if name not in manifest.rows]
-            stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+            stamp = options.time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
             with stages("slabs") as report:
-                for row in _write_copies(originals, missing, folder.resolve(), stamp, executor):
+                for row in _write_copies(originals, missing, folder.resolve(), stamp, options.executor):
                     manifest.add(row)
                     report(len(manifest.rows) / len(names))
     rows = tuple(manifest.rows[name] for name in names)
@@ -229,7 +234,7 @@ def _write_copies(
 
 def divide(cells: Cells, slab: int | Sequence[int]) -> list[Slab]:
     """The slabs of a lattice of `cells`, x fastest; one number is the cells of a slab along z."""
-    x, y, z = check_cell_counts(slab if np.ndim(slab) else (*cells[:2], slab))
+    x, y, z = slab if isinstance(slab, Sequence) else (*cells[:2], slab)
     parts = [
         [(step, min(size, count - step * size)) for step in range(-(-count // size))]
         for count, size in zip(cells, (x, y, z), strict=True)
@@ -262,13 +267,13 @@ def strip_field(stem: str) -> str:
     return FIELD.sub("", stem).strip("_-. ") or "lattice"
 
 
-def _refuse_what_does_not_repeat(options: LatticeOptions) -> None:
+def _refuse_what_does_not_repeat(options: SlabOptions) -> None:
     """InvalidRequest for a lattice whose slabs are not translates of each other."""
-    if options.get("map") is not None:
+    if options.map is not None:
         raise InvalidRequest("under a map no slab is a copy of another: leave map out, or write the whole with lattice")
-    if options.get("boundary", "box") != "box":
+    if options.boundary != "box":
         raise InvalidRequest("slabs are cut in planes: use boundary='box', or write the whole with lattice")
-    if options.get("loose", KEEP) != KEEP:
+    if options.loose != KEEP:
         raise InvalidRequest("a piece that is loose in a slab may be a part of the next one: leave loose out")
 
 

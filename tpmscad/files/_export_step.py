@@ -3,37 +3,42 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Schema
+from tpmscad.api.shared_kinds import ANYTHING, PATH, TEXT
 from tpmscad.kernel.export.shape_file import write_shape, write_solids
 from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.results.model import Model
 
 
-@public()
+@validate_call()
 def export_step(
-    model: Any, path: str | Path, *, schema: str = "ap242", name: str | None = None, verify: str | None = None
+    model: Annotated[
+        Any,
+        ANYTHING,
+        "A result of this package, or a build123d, CadQuery or TopoDS shape of one or more solids. Those of a "
+        "sequence become solids of one product.",
+    ],
+    path: Annotated[str | Path, PATH, "The file to write."],
+    *,
+    schema: Schema = "ap242",
+    name: Annotated[
+        str | None, TEXT, "Name of the product. A result of this package is written under its own name."
+    ] = None,
+    verify: Annotated[
+        str | None,
+        choice_of("kernel"),
+        "Of a model: as in `Model.export_step`. Domains are always read back by the kernel as a whole.",
+    ] = None,
 ) -> None:
     """Write a model, a CAD shape, or several of them as a STEP file.
 
     The file is written under a temporary name and renamed, so it is complete or absent. A result of this package is also read
     back and compared with what was written (see `Model.export_step`); shapes are not.
-
-    Parameters
-    ----------
-    model : Model, FluidDomains, shape, or sequence of Model or shape
-        A result of this package, or a build123d, CadQuery or TopoDS shape of one or more solids. Those of a sequence become
-        solids of one product.
-    path : str or Path
-        The file to write.
-    schema : {"ap242", "ap214"}, optional
-        STEP application protocol.
-    name : str, optional
-        Name of the product. A result of this package is written under its own name.
-    verify : {"kernel"}, optional
-        Of a model: as in `Model.export_step`. Domains are always read back by the kernel as a whole.
 
     Raises
     ------

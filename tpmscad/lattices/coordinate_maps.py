@@ -12,13 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.integrate import quad_vec
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import call_for_array, public, public_constructor
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import call_for_array, validate_call, validate_constructor
+from tpmscad.api.shared_kinds import ANYTHING, AXIS_NUMBER, FACTORS, FUNCTION, PAIR, POSITIVE, SCALE, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.spherical_charts import chart_along_equator, chart_from_pole
 
@@ -32,22 +35,10 @@ SCALE_SAMPLES = 65
 """Points along the lattice at which a grading's scale is checked."""
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class Map:
     """A smooth coordinate map of a lattice, in model units.
-
-    Parameters
-    ----------
-    function : callable
-        Maps points (..., 3) to points (..., 3). It must be one-to-one over the lattice and one cell beyond its box.
-    jacobian_function : callable, optional
-        Maps points (..., 3) to Jacobians (..., 3, 3), entry (i, j) the derivative of coordinate i by coordinate j. Central
-        differences are used if it is None.
-    name : str, optional
-        The name of the map in messages.
-    from_middle : (bool, bool, bool), optional
-        Along which axes the coordinates that the map takes are counted from the middle of the lattice, not from its lower end.
 
     Examples
     --------
@@ -58,10 +49,23 @@ class Map:
     array([0.1, 0. , 1. ])
     """
 
-    function: Callable[[Array], Array]
-    jacobian_function: Callable[[Array], Array] | None = None
-    name: str = "user map"
-    from_middle: tuple[bool, bool, bool] = (False, False, False)
+    function: Annotated[
+        Callable[[Array], Array],
+        FUNCTION.described_as(example="lambda p: p"),
+        "Maps points (..., 3) to points (..., 3). It must be one-to-one over the lattice and one cell beyond its box.",
+    ]
+    jacobian_function: Annotated[
+        Callable[[Array], Array] | None,
+        FUNCTION,
+        "Maps points (..., 3) to Jacobians (..., 3, 3), entry (i, j) the derivative of coordinate i by coordinate j. Central "
+        "differences are used if it is None.",
+    ] = None
+    name: Annotated[str, TEXT, "The name of the map in messages."] = "user map"
+    from_middle: Annotated[
+        tuple[bool, bool, bool],
+        ANYTHING,
+        "Along which axes the coordinates that the map takes are counted from the middle of the lattice, not its lower end.",
+    ] = (False, False, False)
 
     def __call__(self, points: ArrayLike) -> Array:
         """Return the images of points.
@@ -151,14 +155,15 @@ class Map:
         return Map(lambda p: self(p - shift), None if exact is None else lambda p: exact(p - shift), self.name)
 
 
-@public()
-def as_map(function: Map | Callable[[Array], Array]) -> Map:
+@validate_call()
+def as_map(
+    function: Annotated[
+        Map | Callable[[Array], Array],
+        FUNCTION.described_as(example="lambda p: p"),
+        "A map, or a function of points (..., 3) that returns points (..., 3), in model units.",
+    ],
+) -> Map:
     """Return a callable as a `Map`.
-
-    Parameters
-    ----------
-    function : Map or callable
-        A map, or a function of points (..., 3) that returns points (..., 3), in model units.
 
     Returns
     -------
@@ -179,14 +184,9 @@ def as_map(function: Map | Callable[[Array], Array]) -> Map:
     return function if isinstance(function, Map) else Map(function, name=getattr(function, "__name__", "user map"))
 
 
-@public()
-def stretching(factors: Sequence[float]) -> Map:
+@validate_call()
+def stretching(factors: Annotated[Sequence[float], FACTORS, "One positive factor per axis, dimensionless."]) -> Map:
     """Return the map that stretches each axis by its own factor, as unequal cell edges do.
-
-    Parameters
-    ----------
-    factors : sequence of float
-        One positive factor per axis, dimensionless.
 
     Returns
     -------
@@ -208,19 +208,20 @@ def stretching(factors: Sequence[float]) -> Map:
     return Map(lambda p: p * f, lambda p: np.broadcast_to(np.diag(f), (*p.shape, 3)), f"stretch {f.tolist()}")
 
 
-@public()
-def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], length: float) -> Map:
+@validate_call()
+def grading(
+    axis: Annotated[int, AXIS_NUMBER, "The axis of the grading: 0, 1 or 2."],
+    scale: Annotated[
+        Callable[[Array], Array] | tuple[float, float],
+        SCALE,
+        "The local scale of the cell (1 = nominal cell): a positive function of the lattice coordinate along the axis "
+        "in model units, or its values at 0 and at `length`, between which it is linear.",
+    ],
+    length: Annotated[
+        float, POSITIVE.described_as(example="40.0"), "The extent of the lattice along the axis in model units."
+    ],
+) -> Map:
     """Return the map that grades the cell size along one axis; the other axes stay as they are.
-
-    Parameters
-    ----------
-    axis : int
-        The axis of the grading: 0, 1 or 2.
-    scale : callable or (float, float)
-        The local scale of the cell (1 = nominal cell): a positive function of the lattice coordinate along the axis in model
-        units, or its values at 0 and at `length`, between which it is linear.
-    length : float
-        The extent of the lattice along the axis in model units.
 
     Returns
     -------
@@ -277,16 +278,15 @@ def grading(axis: int, scale: Callable[[Array], Array] | tuple[float, float], le
     return Map(function, jacobian, f"grading along {'xyz'[axis]}")
 
 
-@public()
-def cylinder(radius: float) -> Map:
+@validate_call()
+def cylinder(
+    radius: Annotated[
+        float, POSITIVE.described_as("a positive, finite number", "5.0"), "The radius in model units at which y = 0."
+    ],
+) -> Map:
     """Return the map that wraps a lattice around the z axis.
 
     Lattice coordinate x becomes the arc length at `radius`, y the radial distance from there, and z stays.
-
-    Parameters
-    ----------
-    radius : float
-        The radius in model units at which y = 0.
 
     Returns
     -------
@@ -323,24 +323,30 @@ def cylinder(radius: float) -> Map:
     return Map(function, jacobian, f"wrap around a cylinder of radius {radius:g}")
 
 
-@public()
-def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None = None) -> Map:
+@validate_call()
+def sphere(
+    radius: Annotated[
+        float, POSITIVE.described_as("a positive, finite number", "5.0"), "The radius in model units at which z = 0."
+    ],
+    *,
+    chart: Annotated[
+        str,
+        choice_of("pole", "equator"),
+        '"pole": the lattice lies on the sphere like a cloth whose centre is at the upper pole (0, 0, radius), '
+        'straight lines through the centre along the meridians. "equator": x is the arc length along the equator and '
+        "y that along the meridians; a lattice of length 2 pi radius along x closes to a band.",
+    ] = "pole",
+    centre: Annotated[
+        Sequence[float] | None,
+        PAIR.described_as(example="(0.0, 0.0)"),
+        "The lattice coordinates (x, y) that come to the pole, or to longitude and latitude 0. By default the middle "
+        'of the lattice ("equator": of y only).',
+    ] = None,
+) -> Map:
     """Return the map that wraps a lattice around the origin, as a dome or as a band.
 
     Lattice coordinate z becomes the radial distance from `radius`; x and y lie along the sphere. In both charts y at x = 0 runs
     along a great circle, true to length at `radius`.
-
-    Parameters
-    ----------
-    radius : float
-        The radius in model units at which z = 0.
-    chart : {"pole", "equator"}, optional
-        "pole": the lattice lies on the sphere like a cloth whose centre is at the upper pole (0, 0, radius), straight lines
-        through the centre along the meridians. "equator": x is the arc length along the equator and y that along the
-        meridians; a lattice of length 2 pi radius along x closes to a band.
-    centre : (float, float), optional
-        The lattice coordinates (x, y) that come to the pole, or to longitude and latitude 0. By default the middle of the
-        lattice ("equator": of y only).
 
     Returns
     -------
@@ -379,16 +385,19 @@ def sphere(radius: float, *, chart: str = "pole", centre: Sequence[float] | None
     )
 
 
-@public()
-def composition(outer: Map, inner: Map, scale: float) -> Map:
+@validate_call()
+def composition(
+    outer: Annotated[
+        Map, FUNCTION.described_as("one of tpmscad.maps", "maps.cylinder(20)"), "The maps; `inner` is applied first."
+    ],
+    inner: Annotated[
+        Map,
+        FUNCTION.described_as("one of tpmscad.maps", "maps.stretching((1, 1, 2))"),
+        "The maps; `inner` is applied first.",
+    ],
+    scale: Annotated[float, POSITIVE, "The cell edge in model units, for Jacobians by differences."],
+) -> Map:
     """Return the composition of two maps: `outer` after `inner`.
-
-    Parameters
-    ----------
-    outer, inner : Map
-        The maps; `inner` is applied first.
-    scale : float
-        The cell edge in model units, for Jacobians by differences.
 
     Returns
     -------

@@ -12,13 +12,15 @@ figure 13 of the porous-blending paper.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import CONTROL_NET, DEGREES, KNOTS
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.splines.bspline_volume import BSplineVolume
@@ -86,19 +88,20 @@ class SplineMap(Map):
         return Map(lambda p: self(low + factor * p), lambda p: exact(low + factor * p) * factor, self.name)
 
 
-@public()
-def trivariate(poles: ArrayLike, knots: ArrayLike | None = None, degrees: ArrayLike | None = None) -> SplineMap:
+@validate_call()
+def trivariate(
+    poles: Annotated[ArrayLike, CONTROL_NET, "Control net, in model units."],
+    knots: Annotated[
+        ArrayLike | None,
+        KNOTS,
+        "Knot vectors with repetition, U + degree + 1 knots along the first axis, and so on. By default each has a "
+        "single span, 0 to 1.",
+    ] = None,
+    degrees: Annotated[
+        ArrayLike | None, DEGREES, "Polynomial degrees; by default the numbers of poles along the axes less one."
+    ] = None,
+) -> SplineMap:
     """Return the map of a trivariate B-spline, a design domain of free form.
-
-    Parameters
-    ----------
-    poles : array_like, shape (U, V, W, 3)
-        Control net, in model units.
-    knots : sequence of three array_likes, optional
-        Knot vectors with repetition, U + degree + 1 knots along the first axis, and so on. By default each has
-        a single span, 0 to 1.
-    degrees : (int, int, int), optional
-        Polynomial degrees; by default the numbers of poles along the axes less one.
 
     Returns
     -------

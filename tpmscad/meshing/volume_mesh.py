@@ -7,13 +7,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FLOW, PATH, POSITIVE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.errors import InvalidRequest
@@ -236,18 +238,20 @@ class VolumeMesh:
 
         return make_skfem_mesh(self)
 
-    @public()
-    def write(self, path: str | Path, *, version: str = "4.1") -> None:
+    @validate_call()
+    def write(
+        self,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with "
+            "node sets, element sets, surfaces, and equations that tie periodic nodes to three reference nodes. "
+            "``.vtu``: VTK, with a column for each group, which ParaView, meshio and scikit-fem read.",
+        ],
+        *,
+        version: Annotated[str, choice_of("4.1", "2.2"), "Version of gmsh's format."] = "4.1",
+    ) -> None:
         """Write the mesh to a file whose suffix says the format.
-
-        Parameters
-        ----------
-        path : str or Path
-            ``.msh``: gmsh, with groups as physical groups and periodic nodes. ``.inp``: Abaqus and CalculiX, with node sets,
-            element sets, surfaces, and equations that tie periodic nodes to three reference nodes. ``.vtu``: VTK, with a column
-            for each group, which ParaView, meshio and scikit-fem read.
-        version : {"4.1", "2.2"}, optional
-            Version of gmsh's format.
 
         Raises
         ------
@@ -272,26 +276,29 @@ class VolumeMesh:
         else:
             {".inp": write_inp, ".vtu": write_vtu}[suffix](self, target)
 
-    @public()
+    @validate_call()
     def write_openfoam(
-        self, folder: str | Path, *, flow: Mapping[str, str] | None = None, velocity: float = 0.01
+        self,
+        folder: Annotated[
+            str | Path,
+            PATH.described_as("the path of a folder", '"case"'),
+            "The folder to make; it must not exist, or be empty.",
+        ],
+        *,
+        flow: Annotated[
+            Mapping[str, str] | None,
+            FLOW,
+            'For each group of elements that a fluid fills, the side to which it flows: ``{"channel +": "X+", '
+            '"channel -": "X-"}``. It enters at the openings of the opposite side; other openings are closed. Other '
+            "groups are solid. By default every group that is open at both sides of an axis, by turns to and fro.",
+        ] = None,
+        velocity: Annotated[float, POSITIVE.described_as(example="0.01"), "Mean velocity at the inlets, m/s."] = 0.01,
     ) -> None:
         """Write a case of OpenFOAM: steady laminar flow with conjugate heat transfer, each group of elements a region.
 
         Its `Allrun` checks the meshes, and runs `simpleFoam` in every channel and `chtMultiRegionSimpleFoam` on all regions.
         Elements have flat faces between their corners. The fluid is water, the solid aluminium; the first channel's inlet has
         350 K, the others' 300 K, and outer walls are adiabatic: change these, with lengths in mm, in the files.
-
-        Parameters
-        ----------
-        folder : str or Path
-            The folder to make; it must not exist, or be empty.
-        flow : mapping of str to str, optional
-            For each group of elements that a fluid fills, the side to which it flows: ``{"channel +": "X+", "channel -": "X-"}``.
-            It enters at the openings of the opposite side; other openings are closed. Other groups are solid. By default
-            every group that is open at both sides of an axis, by turns to and fro.
-        velocity : float, optional
-            Mean velocity at the inlets, m/s.
 
         Raises
         ------

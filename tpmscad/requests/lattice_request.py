@@ -1,31 +1,24 @@
-"""The request for a lattice: its keywords, and their validation into one frozen value.
+"""The request for a lattice: what its options mean together, as one frozen value.
 
-`LatticeOptions` and `InfillOptions` are the keywords of `tpmscad.lattice` and `tpmscad.infill` as typed dictionaries, for the
-functions that pass them on. `resolve_lattice_request` validates them once; in a `LatticeRequest` every value is finite, in range
-and consistent with the others, and a thickness or a volume fraction has become a pair of normal offsets.
+The door has validated each option by itself. In a `LatticeRequest` they are consistent with each other, defaults that depend on
+the surface are filled in, and a thickness or a volume fraction has become a pair of normal offsets.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from inspect import Parameter, signature
-from typing import Any, TypedDict, TypeVar, Unpack
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
-from tpmscad._typing import Array, ProgressOption
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.sources import lattice_source
-from tpmscad.requests.keyword_checks import (
-    check_cell_counts,
-    check_positive,
-    check_positive_triple,
-    check_triple,
-)
+from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions, select_options
 from tpmscad.requests.pore_request import solve_cell
 from tpmscad.requests.wall_request import resolve_wall
 
@@ -38,114 +31,11 @@ MIN_TOL_CELLS = 1e-7
 DEFAULT_TOL_CELLS = 1e-3
 """In cells, of the smallest cell edge: the tolerance if none is given."""
 
-KINDS = ("sheet", "skeletal")
-SIDES = ("-", "+")
-REFERENCES = ("minimal", "nodal")
-BOUNDARIES = ("box", "natural")
+
+T = TypeVar("T")
 
 EXACT_ROTATION_TOL = 1e-15
 """A rotation matrix within this distance of one with entries -1, 0 and 1 becomes that matrix."""
-
-
-class WallOptions(TypedDict, total=False):
-    """The keywords that `lattice`, `infill` and `fluid_domains` share."""
-
-    offset: float | Sequence[float] | None
-    volume_fraction: float | None
-    porosity: float | None
-    pore_size: float | None
-    reference: str | None
-    phase: Sequence[float] | None
-    tol: float | None
-    progress: ProgressOption
-
-
-class LatticeOptions(WallOptions, total=False):
-    """The keywords of `lattice`."""
-
-    cell: float | Sequence[float] | None
-    cells: int | Sequence[int]
-    thickness: float | Callable[[Array], Array] | None
-    kind: str
-    side: str
-    boundary: str
-    loose: str
-    map: Map | Callable[[Array], Array] | None
-
-
-class InfillOptions(WallOptions, total=False):
-    """The keywords of `infill`; a field takes `tol`, `skin`, `open_faces` and `progress` only."""
-
-    cell: float | Sequence[float] | None
-    thickness: float | None
-    kind: str
-    side: str
-    rotation: Sequence[float]
-    skin: float | None
-    open_faces: Iterable[Any]
-    loose: str
-
-
-LATTICE_DEFAULTS: Mapping[str, Any] = {
-    "cell": None,
-    "cells": (1, 1, 1),
-    "thickness": None,
-    "offset": None,
-    "volume_fraction": None,
-    "porosity": None,
-    "pore_size": None,
-    "kind": "sheet",
-    "side": "-",
-    "reference": None,
-    "boundary": "box",
-    "phase": None,
-    "loose": "drop",
-    "map": None,
-    "tol": None,
-    "progress": None,
-}
-"""Defaults of the keywords of `lattice`."""
-
-INFILL_DEFAULTS: Mapping[str, Any] = {
-    "cell": None,
-    "thickness": None,
-    "offset": None,
-    "volume_fraction": None,
-    "porosity": None,
-    "pore_size": None,
-    "kind": "sheet",
-    "side": "-",
-    "reference": None,
-    "phase": None,
-    "rotation": (0.0, 0.0, 0.0),
-    "skin": None,
-    "open_faces": (),
-    "loose": "drop",
-    "tol": None,
-    "progress": None,
-}
-"""Defaults of the keywords of `infill`."""
-
-F = TypeVar("F", bound=Callable[..., Any])
-
-
-def with_keywords_of(reference: Callable[..., Any]) -> Callable[[F], F]:
-    """Decorator that shows the keywords of `reference` in the signature of a function that takes them as `**options`.
-
-    `inspect.signature`, `help` and the completion of interactive shells read the signature; type checkers read the annotation
-    `**options: Unpack[...]`. The keywords of the function itself follow those of `reference`.
-    """
-
-    def decorate(function: F) -> F:
-        parameters = list(signature(function).parameters.values())
-        keywords = [p for p in signature(reference).parameters.values() if p.kind is Parameter.KEYWORD_ONLY]
-        leading = [p for p in parameters if p.kind not in (Parameter.KEYWORD_ONLY, Parameter.VAR_KEYWORD)]
-        own = [p for p in parameters if p.kind is Parameter.KEYWORD_ONLY]
-        shown = signature(function).replace(parameters=[*leading, *keywords, *own])
-        function.__signature__ = shown  # type: ignore[attr-defined]
-        return function
-
-    return decorate
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,58 +73,46 @@ class LatticeRequest:
         return (self.offset[0], None) if self.side == "+" else (None, self.offset[0])
 
 
-def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> LatticeRequest:
-    """The valid request of `surface` and the keywords of `lattice`; InvalidRequest names the value, the limit and the remedy."""
-    given: dict[str, Any] = {**LATTICE_DEFAULTS, **options}
-    info = surfaces.find_surface(surface)
+def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
+    """The valid request of the options of `lattice`; InvalidRequest names the value, the limit and the remedy."""
+    info = surfaces.find_surface(options.surface)
     name = info.name
-    if given["reference"] is None:
-        given["reference"] = info.references[0] if info.references else REFERENCES[0]
-    for keyword, choices in (
-        ("kind", KINDS),
-        ("side", SIDES),
-        ("reference", REFERENCES),
-        ("boundary", BOUNDARIES),
-    ):
-        if given[keyword] not in choices:
-            raise InvalidRequest(
-                f"{keyword} {given[keyword]!r} is unknown; choose one of {', '.join(map(repr, choices))}"
-            )
-    kind, side, reference, boundary = (given[keyword] for keyword in ("kind", "side", "reference", "boundary"))
+    reference = options.reference or (info.references[0] if info.references else "minimal")
     surfaces.check_reference(info, reference)
-    if kind == "sheet" and side == "+":
+    if options.kind == "sheet" and options.side == "+":
         raise InvalidRequest(
             "side='+' says which side of one surface is solid, but a sheet is the wall between two: leave `side` out, or give "
             "kind='skeletal'"
         )
-    if kind == "skeletal" and boundary == "natural":
+    if options.kind == "skeletal" and options.boundary == "natural":
         raise InvalidRequest(
             "a skeletal solid has no natural boundary: nothing bridges one surface; use boundary='box'"
         )
+    options = replace(options, surface=name, reference=reference)
     pore_notes: tuple[str, ...] = ()
-    if given["pore_size"] is not None:
-        given["cell"], pore_notes = solve_cell(name, given)
-    elif given["cell"] is None:
+    if options.pore_size is not None:
+        cell, pore_notes = solve_cell(options)
+    elif options.cell is not None:
+        cell = options.cell
+    else:
         raise InvalidRequest(f"a lattice of the {name} needs cell=, the edge length of its cell, or pore_size=")
-    edges = check_positive_triple("cell", given["cell"])
-    counts = check_cell_counts(given["cells"])
-    phase = _resolve_phase(info, given)
-    has_mapping = given["map"] is not None or len(set(edges)) > 1
+    edges, counts = as_triple(cell), as_triple(options.cells)
+    has_mapping = options.map is not None or len(set(edges)) > 1
     if info.primitives == "level set":
-        _check_level_set_request(info.title, boundary, given["map"])
+        _check_level_set_request(info.title, options.boundary, options.map)
     elif has_mapping and not lattice_source(name, reference).can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
             "are made: give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
         )
-    tol = DEFAULT_TOL_CELLS * min(edges) if given["tol"] is None else check_positive("tol", given["tol"])
+    tol = DEFAULT_TOL_CELLS * min(edges) if options.tol is None else options.tol
     least = max(MIN_TOL, MIN_TOL_CELLS * min(edges))
     if tol < least:
         raise InvalidRequest(
             f"tol {tol:g} is below {least:g}, the least that float64 and the kernel's 1e-7 allow at cell {min(edges):g}; "
             "ask for more, or scale the model up"
         )
-    wall = resolve_wall(name, given, edges[0], has_mapping)
+    wall = resolve_wall(options, edges[0], has_mapping)
     if not has_mapping:
         for distance in wall.offset:
             surfaces.check_offset(name, reference, distance, edges[0])
@@ -243,11 +121,11 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
         edges,
         counts,
         wall.offset,
-        kind,
-        side,
+        options.kind,
+        options.side,
         reference,
-        boundary,
-        phase,
+        options.boundary,
+        _resolve_phase(info, options),
         tol,
         wall.levels,
         (*wall.notes, *pore_notes),
@@ -255,13 +133,31 @@ def resolve_lattice_request(surface: str, **options: Unpack[LatticeOptions]) -> 
     )
 
 
-def _resolve_phase(info: surfaces.SurfaceRecord, given: Mapping[str, Any]) -> tuple[float, float, float]:
+read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=10, thickness=1)')(
+    resolve_lattice_request
+)
+"""The same from the arguments of `lattice`, each validated at the door."""
+
+
+def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOptions:
+    """The lattice that fills a body, anchored at the origin of its coordinates."""
+    given = select_options(options, LatticeOptions)
+    return LatticeOptions(**given | {"phase": options.phase or (0.0, 0.0, 0.0)})
+
+
+def as_triple(value: T | Sequence[T]) -> tuple[T, T, T]:
+    """One value for each axis; a single value stands for three."""
+    x, y, z = value if isinstance(value, Sequence) else (value,) * 3
+    return x, y, z
+
+
+def _resolve_phase(info: surfaces.SurfaceRecord, options: LatticeOptions) -> tuple[float, float, float]:
     """The phase asked for; by default the one that makes one piece in a box, and none for whole patches or under a map."""
-    if given["phase"] is not None:
-        return check_triple("phase", given["phase"])
-    if given["boundary"] == "natural" or given["map"] is not None:
+    if options.phase is not None:
+        return as_triple(options.phase)
+    if options.boundary == "natural" or options.map is not None:
         return 0.0, 0.0, 0.0
-    return info.one_piece.phase_of(given["kind"], given["side"])
+    return info.one_piece.phase_of(options.kind, options.side)
 
 
 def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
@@ -278,13 +174,12 @@ def _check_level_set_request(title: str, boundary: str, map: Any) -> None:
         )
 
 
-def lattice_size(surface: str, options: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Edge lengths of the box of `cells` x `cell` that the lattice of these keywords of `lattice` fills."""
-    cell = options.get("cell")
+def lattice_size(options: LatticeOptions) -> tuple[float, float, float]:
+    """Edge lengths of the box of `cells` x `cell` that the lattice of these options fills."""
+    cell = options.cell
     if cell is None:  # it follows from the pore size
-        cell = resolve_lattice_request(surface, **options).cell
-    counts = np.broadcast_to(np.asarray(options.get("cells", 1), float), 3)
-    x, y, z = (np.broadcast_to(np.asarray(cell, float), 3) * counts).tolist()
+        cell = resolve_lattice_request(options).cell
+    x, y, z = (edge * count for edge, count in zip(as_triple(cell), as_triple(options.cells), strict=True))
     return x, y, z
 
 

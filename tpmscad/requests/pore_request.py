@@ -10,11 +10,9 @@ diagonals (compass search; Kolda, Lewis and Torczon, "Optimization by direct sea
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
-from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -22,7 +20,7 @@ from scipy.spatial import cKDTree
 from tpmscad import fields, surfaces
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.requests.keyword_checks import check_positive
+from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.wall_request import Wall, resolve_wall
 
 SAMPLES_PER_CELL = 48
@@ -50,27 +48,27 @@ class PoreRadii:
     plus: float
 
 
-def solve_cell(name: str, given: Mapping[str, Any]) -> tuple[float, tuple[str, ...]]:
-    """The cell edge for which the lattice of `given` has the pore size in it, and a note on the pores of either side."""
-    pore = check_positive("pore_size", given["pore_size"])
-    if given["cell"] is not None:
+def solve_cell(options: LatticeOptions) -> tuple[float, tuple[str, ...]]:
+    """The cell edge for which a lattice has the pore size of its options, and a note on the pores of either side."""
+    pore, name = float(options.pore_size or 0.0), options.surface
+    if options.cell is not None:
         raise InvalidRequest(
-            f"give `cell` or pore_size, not both: a pore_size of {pore:g} determines the cell, here {given['cell']}"
+            f"give `cell` or pore_size, not both: a pore_size of {pore:g} determines the cell, here {options.cell}"
         )
-    if given.get("map") is not None:
+    if options.map is not None:
         raise InvalidRequest("pore_size is solved for a lattice without a map; give cell= instead")
-    reference, scaled = given["reference"], given["volume_fraction"] is not None or given["porosity"] is not None
-    wall = resolve_wall(name, given, 1.0, False)
+    scaled = options.volume_fraction is not None or options.porosity is not None
+    wall = resolve_wall(options, 1.0, False)
     if wall.levels is not None:
         radii = find_level_pore_radii(name, wall.levels)
         cell = pore / (2 * max(radii.minus, radii.plus))
-        return cell, _note_pores(radii, replace(wall, offset=(0.0, 0.0)), given, cell)
-    radii = find_pore_radii(name, reference)
+        return cell, _note_pores(radii, replace(wall, offset=(0.0, 0.0)), options, cell)
+    radii = find_pore_radii(name, str(options.reference))
     low, high = wall.offset
     # of each void beside the wall: the radius in cells, and how far the wall reaches into it
     voids = [(radii.minus, -low), (radii.plus, high)]
-    if given["kind"] == "skeletal":
-        voids = voids[1:] if given["side"] == "-" else voids[:1]
+    if options.kind == "skeletal":
+        voids = voids[1:] if options.side == "-" else voids[:1]
     if scaled:
         cell = pore / (2 * max(radius - reach for radius, reach in voids))
         wall = replace(wall, offset=(low * cell, high * cell))
@@ -78,14 +76,14 @@ def solve_cell(name: str, given: Mapping[str, Any]) -> tuple[float, tuple[str, .
         cell = min((pore / 2 + reach) / radius for radius, reach in voids)
     if cell <= 0:
         raise InvalidRequest(f"no cell of the {name} leaves a pore of {pore:g} beside this wall: make the wall thinner")
-    return cell, _note_pores(radii, wall, given, cell)
+    return cell, _note_pores(radii, wall, options, cell)
 
 
-def _note_pores(radii: PoreRadii, wall: Wall, given: Mapping[str, Any], cell: float) -> tuple[str, ...]:
+def _note_pores(radii: PoreRadii, wall: Wall, options: LatticeOptions, cell: float) -> tuple[str, ...]:
     """A note on the largest spheres in the void on either side."""
     minus, plus = 2 * (radii.minus * cell + wall.offset[0]), 2 * (radii.plus * cell - wall.offset[1])
-    if given["kind"] == "skeletal":
-        return (f"the largest sphere in the void has the diameter {plus if given['side'] == '-' else minus:.4g}",)
+    if options.kind == "skeletal":
+        return (f"the largest sphere in the void has the diameter {plus if options.side == '-' else minus:.4g}",)
     return (f"the largest spheres in the void have the diameters {minus:.4g} (channel -) and {plus:.4g} (channel +)",)
 
 

@@ -8,7 +8,7 @@ function, |f| <= c, as such sheets are usually defined. The thickness of a wall 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 from tpmscad import fields, surfaces
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
-from tpmscad.requests.keyword_checks import check_positive
+from tpmscad.requests.lattice_options import LatticeOptions
 
 WALL_KEYWORDS = ("thickness", "offset", "volume_fraction", "porosity")
 """Keywords of which exactly one defines a wall."""
@@ -41,12 +41,14 @@ class Wall:
     thickness: Callable[[Array], Array] | None = None
 
 
-def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: bool) -> Wall:
-    """The wall that the one of thickness, offset, volume_fraction and porosity in `given` asks for, at a cell edge."""
-    kind = given["kind"]
-    named = [keyword for keyword in WALL_KEYWORDS if given[keyword] is not None]
-    if kind == "skeletal":
-        if "thickness" in named:
+def resolve_wall(options: LatticeOptions, cell: float, has_mapping: bool) -> Wall:
+    """The wall that the one of thickness, offset, volume_fraction and porosity asks for, at a cell edge.
+
+    The options name a surface of the catalogue and its reference.
+    """
+    named = [keyword for keyword in WALL_KEYWORDS if getattr(options, keyword) is not None]
+    if options.kind == "skeletal":
+        if options.thickness is not None:
             raise InvalidRequest(
                 "a skeletal solid has no thickness; give offset= (one distance), volume_fraction= or porosity="
             )
@@ -56,24 +58,22 @@ def resolve_wall(name: str, given: Mapping[str, Any], cell: float, has_mapping: 
         choices = ", ".join(f"`{keyword}`" for keyword in WALL_KEYWORDS)
         listed = " and ".join(f"`{keyword}`" for keyword in named) if named else "none of them"
         raise InvalidRequest(f"give exactly one of {choices}; here: {listed}")
-    if "volume_fraction" in named or "porosity" in named:
-        fraction = _check_fraction(named[0], given[named[0]])
+    if options.volume_fraction is not None or options.porosity is not None:
         if has_mapping:
             raise InvalidRequest(
                 f"`{named[0]}` is solved for cubic cells without a map; give `thickness` or `offset` instead"
             )
-        return _solve_for_fraction(name, given["reference"], fraction, kind, cell, given["side"])
-    if callable(given["thickness"]):
-        if given["map"] is None:
+        return _solve_for_fraction(options, cell)
+    if callable(options.thickness):
+        if options.map is None:
             raise InvalidRequest(
                 "a thickness that is a function is for a lattice under a map, whose patches are fitted one by one: give `map`, "
                 "stretching by 1 along each axis for instance, or a number"
             )
-        return Wall((-0.5, 0.5), thickness=given["thickness"])
-    if "thickness" in named:
-        half = check_positive("thickness", given["thickness"]) / 2
-        return Wall((-half, half))
-    return Wall(_check_offsets(given["offset"], kind))
+        return Wall((-0.5, 0.5), thickness=options.thickness)
+    if options.thickness is not None:
+        return Wall((-options.thickness / 2, options.thickness / 2))
+    return Wall(_check_offsets(options.offset, options.kind))
 
 
 def _check_offsets(offset: Any, kind: str) -> tuple[float, float]:
@@ -88,16 +88,10 @@ def _check_offsets(offset: Any, kind: str) -> tuple[float, float]:
     return float(values[0]), float(values[1])
 
 
-def _check_fraction(keyword: str, value: Any) -> float:
-    """The volume fraction that a volume fraction or a porosity between 0 and 1 stands for."""
-    fraction = check_positive(keyword, value)
-    if fraction >= 1:
-        raise InvalidRequest(f"{keyword} {fraction:g} must lie below 1")
-    return 1 - fraction if keyword == "porosity" else fraction
-
-
-def _solve_for_fraction(name: str, reference: str, fraction: float, kind: str, cell: float, side: str) -> Wall:
+def _solve_for_fraction(options: LatticeOptions, cell: float) -> Wall:
     """The wall of a volume fraction: symmetric if possible, else off the middle, else between levels."""
+    name, reference, kind, side = options.surface, str(options.reference), options.kind, options.side
+    fraction = 1 - options.porosity if options.porosity is not None else float(options.volume_fraction or 0.0)
     try:
         return Wall(surfaces.offsets_for(name, reference, fraction, kind, cell, side))
     except InvalidRequest:

@@ -6,12 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
+from tpmscad.api.shared_kinds import COUNT, NUMBER, PATH, POSITIVE, PROGRESS, TEXT, TEXTS
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.files.checked_write import write_checked_solids
@@ -99,28 +101,30 @@ class FluidDomains:
         (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
-    @public()
+    @validate_call()
     def export(
         self,
-        path: str | Path,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or "
+            "``.glb``.",
+        ],
         *,
-        deviation: float | None = None,
-        angle: float | None = None,
-        schema: str = "ap242",
+        deviation: Annotated[
+            float | None,
+            NUMBER.described_as(example="0.02"),
+            "Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or "
+            "1/5000 of the diagonal if that is more.",
+        ] = None,
+        angle: Annotated[
+            float | None,
+            NUMBER.described_as(example="20"),
+            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
+        ] = None,
+        schema: Schema = "ap242",
     ) -> None:
         """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or ``.glb``.
-        deviation : float, optional
-            Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or 1/5000 of the
-            diagonal if that is more.
-        angle : float, optional
-            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
-        schema : {"ap242", "ap214"}, optional
-            STEP application protocol.
 
         Raises
         ------
@@ -149,16 +153,14 @@ class FluidDomains:
         else:
             write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
-    @public()
-    def export_step(self, path: str | Path, *, schema: str = "ap242") -> None:
+    @validate_call()
+    def export_step(
+        self,
+        path: Annotated[str | Path, PATH, "The file to write. It is left unchanged if the check fails."],
+        *,
+        schema: Annotated[str, TEXT.described_as(example='"ap242"'), "Application protocol of the file."] = "ap242",
+    ) -> None:
         """Write the named solids to a STEP file, which is read back and checked.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write. It is left unchanged if the check fails.
-        schema : {"ap242", "ap214"}, optional
-            Application protocol of the file.
 
         Raises
         ------
@@ -168,25 +170,18 @@ class FluidDomains:
         solids = self.named_solids()
         write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
 
-    @public()
+    @validate_call()
     def render(
         self,
-        path: str | Path,
+        path: PicturePath,
         *,
-        view: str | Sequence[float] = "iso",
-        section: Any = None,
-        size: tuple[int, int] = (1200, 900),
-        color_by: str | None = None,
-        hide: str | Sequence[str] = (),
+        view: View = "iso",
+        section: Section = None,
+        size: PictureSize = (1200, 900),
+        color_by: ColorBy = None,
+        hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "As in `tpmscad.render`."] = (),
     ) -> None:
         """Draw the domains, each in its colour, as a PNG picture, without a display.
-
-        Parameters
-        ----------
-        path : str or Path
-            The PNG file to write.
-        view, section, size, color_by, hide
-            As in `tpmscad.render`.
 
         Raises
         ------
@@ -200,16 +195,16 @@ class FluidDomains:
         """
         render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
 
-    @public()
+    @validate_call()
     def mesh(
-        self, size: float, order: int = 2, *, per_turn: int | None = None, progress: ProgressOption = None
+        self,
+        size: Annotated[float, POSITIVE.described_as(example="0.5"), "As in `Model.mesh`."],
+        order: Annotated[int, COUNT, "As in `Model.mesh`."] = 2,
+        *,
+        per_turn: Annotated[int | None, COUNT.described_as(example="12"), "As in `Model.mesh`."] = None,
+        progress: Annotated[ProgressOption, PROGRESS, "As in `Model.mesh`."] = None,
     ) -> VolumeMesh:
         """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
-
-        Parameters
-        ----------
-        size, order, per_turn, progress
-            As in `Model.mesh`.
 
         Returns
         -------

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
+from typing import Annotated, Protocol
 
-from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad._typing import BoxCorners
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import ProgressKeyword
+from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, POSITIVE, REFINEMENT
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -40,23 +42,29 @@ class MeshedResult(Protocol):
 class MeshableSolid:
     """The methods of a model that make meshes and splines for simulation."""
 
-    @public()
+    @validate_call()
     def hexahedra(
-        self: MeshedResult, order: int = 2, refine: int | tuple[int, int] = 0, *, serendipity: bool = False
+        self: MeshedResult,
+        order: Annotated[
+            int,
+            COUNT,
+            "2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.",
+        ] = 2,
+        refine: Annotated[
+            int | tuple[int, int],
+            REFINEMENT,
+            "Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 "
+            "elements.",
+        ] = 0,
+        *,
+        serendipity: Annotated[
+            bool, FLAG, "Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it."
+        ] = False,
     ) -> VolumeMesh:
         """Hexahedra of a lattice's wall straight from its patches, without a mesher.
 
         Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall:
         one element, or cut into several. Nodes lie on the exact faces.
-
-        Parameters
-        ----------
-        order : {2, 1}, optional
-            2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.
-        refine : int or (int, int), optional
-            Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 elements.
-        serendipity : bool, optional
-            Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it.
 
         Returns
         -------
@@ -77,15 +85,18 @@ class MeshableSolid:
         along, through = refine if isinstance(refine, tuple) else (refine, refine)
         return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
 
-    @public()
-    def export_splines(self: MeshedResult, path: str | Path) -> None:
+    @validate_call()
+    def export_splines(
+        self: MeshedResult,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, "
+            'with exact poles, the interfaces of the bodies, and their outer sides in the groups "surface +", '
+            '"surface -" and "gap" or "cap".',
+        ],
+    ) -> None:
         """Write the lattice's wall as trivariate splines for isogeometric analysis, with their interfaces.
-
-        Parameters
-        ----------
-        path : str or Path
-            An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, with exact poles,
-            the interfaces of the bodies, and their outer sides in the groups "surface +", "surface -" and "gap" or "cap".
 
         Raises
         ------
@@ -99,32 +110,34 @@ class MeshableSolid:
         """
         write_splines(self.make_spline_volumes, self.name, path)
 
-    @public()
+    @validate_call()
     def mesh(
         self: MeshedResult,
-        size: float,
-        order: int = 2,
-        periodic: bool = False,
+        size: Annotated[
+            float,
+            POSITIVE.described_as(example="0.5"),
+            "Mean length of the elements' edges in mm: the same everywhere, but shorter where faces or edges are "
+            "shorter, and where `per_turn` asks for it.",
+        ],
+        order: Annotated[
+            int, COUNT, "2: elements of 10 nodes with curved edges; 1: of 4 nodes with straight ones."
+        ] = 2,
+        periodic: Annotated[
+            bool,
+            FLAG,
+            "Whether opposite sides of the model's box have the same nodes, to the last bit. The box has to cut the "
+            "same faces on both sides, as around whole cells of a lattice.",
+        ] = False,
         *,
-        per_turn: int | None = None,
-        progress: ProgressOption = None,
+        per_turn: Annotated[
+            int | None,
+            COUNT.described_as(example="12"),
+            "Elements along a full turn of curvature at least: elements are smaller than `size` where the surface "
+            "curves more.",
+        ] = None,
+        progress: ProgressKeyword = None,
     ) -> VolumeMesh:
         """Tetrahedra in the solid, with corners and middles of edges on its exact faces; by gmsh (pip install "tpmscad[mesh]").
-
-        Parameters
-        ----------
-        size : float
-            Mean length of the elements' edges in mm: the same everywhere, but shorter where faces or edges are shorter, and where
-            `per_turn` asks for it.
-        order : {2, 1}, optional
-            2: elements of 10 nodes with curved edges; 1: of 4 nodes with straight ones.
-        periodic : bool, optional
-            Whether opposite sides of the model's box have the same nodes, to the last bit. The box has to cut the same faces on
-            both sides, as around whole cells of a lattice.
-        per_turn : int, optional
-            Elements along a full turn of curvature at least: elements are smaller than `size` where the surface curves more.
-        progress : callable or bool, optional
-            Who shows the progress; see `tpmscad.lattice`.
 
         Returns
         -------

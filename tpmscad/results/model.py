@@ -8,10 +8,21 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
+from tpmscad.api.shared_kinds import (
+    DIRECTION,
+    EXECUTOR,
+    FLAG,
+    NUMBER,
+    OVERHANG,
+    PATH,
+    POSITIVE,
+)
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
@@ -128,36 +139,39 @@ class Model(MeshableSolid):
         (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
         return (x0, y0, z0), (x1, y1, z1)
 
-    @public()
+    @validate_call()
     def export(
         self,
-        path: str | Path,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, "
+            "units and validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed "
+            "triangle mesh for each solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF "
+            "demands; the others are in mm.",
+        ],
         *,
-        deviation: float | None = None,
-        angle: float | None = None,
-        schema: str = "ap242",
-        instanced: bool = False,
-        verify: str | None = None,
+        deviation: Annotated[
+            float | None,
+            NUMBER.described_as(example="0.02"),
+            "Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or "
+            "1/5000 of the diagonal if that is more.",
+        ] = None,
+        angle: Annotated[
+            float | None,
+            NUMBER.described_as(example="20"),
+            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
+        ] = None,
+        schema: Schema = "ap242",
+        instanced: Annotated[
+            bool,
+            FLAG,
+            "Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an "
+            "assembly.",
+        ] = False,
+        verify: Annotated[str | None, choice_of("kernel"), "Of STEP: as in `export_step`."] = None,
     ) -> None:
         """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, units and
-            validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed triangle mesh for each
-            solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF demands; the others are in mm.
-        deviation : float, optional
-            Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or 1/5000 of the
-            diagonal if that is more.
-        angle : float, optional
-            Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.
-        schema : {"ap242", "ap214"}, optional
-            STEP application protocol.
-        instanced : bool, optional
-            Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an assembly.
-        verify : {"kernel"}, optional
-            Of STEP: as in `export_step`.
 
         Raises
         ------
@@ -178,24 +192,28 @@ class Model(MeshableSolid):
         else:
             write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
 
-    @public()
+    @validate_call()
     def export_step(
-        self, path: str | Path, *, instanced: bool = False, schema: str = "ap242", verify: str | None = None
+        self,
+        path: Annotated[str | Path, PATH, "The file to write. It is complete and verified, or absent."],
+        *,
+        instanced: Annotated[
+            bool,
+            FLAG,
+            "Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more "
+            "than 64 come in rows, layers and a block. `tpmscad.export_instances` writes such a file without making "
+            "the whole lattice.",
+        ] = False,
+        schema: Schema = "ap242",
+        verify: Annotated[
+            str | None,
+            choice_of("kernel"),
+            "Let the kernel read the whole file and check every face of it, however large; without it, a large file's "
+            "text is compared number for number with the solid, and the kernel reads a face of each class of "
+            "congruent faces.",
+        ] = None,
     ) -> None:
         """Write the model as a STEP file, read it back and compare it with the solid.
-
-        Parameters
-        ----------
-        path : str or Path
-            The file to write. It is complete and verified, or absent.
-        instanced : bool, optional
-            Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more than 64 come in
-            rows, layers and a block. `tpmscad.export_instances` writes such a file without making the whole lattice.
-        schema : {"ap242", "ap214"}, optional
-            STEP application protocol.
-        verify : {"kernel"}, optional
-            Let the kernel read the whole file and check every face of it, however large; without it, a large file's text is
-            compared number for number with the solid, and the kernel reads a face of each class of congruent faces.
 
         Raises
         ------
@@ -242,24 +260,17 @@ class Model(MeshableSolid):
             verify=verify,
         )
 
-    @public()
+    @validate_call()
     def render(
         self,
-        path: str | Path,
+        path: PicturePath,
         *,
-        view: str | Sequence[float] = "iso",
-        section: Any = None,
-        size: tuple[int, int] = (1200, 900),
-        color_by: str | None = None,
+        view: View = "iso",
+        section: Section = None,
+        size: PictureSize = (1200, 900),
+        color_by: ColorBy = None,
     ) -> None:
         """Draw the model as a PNG picture, without a display.
-
-        Parameters
-        ----------
-        path : str or Path
-            The PNG file to write.
-        view, section, size, color_by
-            As in `tpmscad.render`.
 
         Raises
         ------
@@ -273,18 +284,27 @@ class Model(MeshableSolid):
         """
         render(self, path, view=view, section=section, size=size, color_by=color_by)
 
-    @public()
-    def slices(self, height: float, chord_error: float | None = None, executor: Executor | None = None) -> Slices:
+    @validate_call()
+    def slices(
+        self,
+        height: Annotated[
+            float,
+            POSITIVE,
+            "Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.",
+        ],
+        chord_error: Annotated[
+            float | None,
+            POSITIVE.described_as(example="0.01"),
+            "Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.",
+        ] = None,
+        executor: Annotated[
+            Executor | None,
+            EXECUTOR,
+            "Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the "
+            "same.",
+        ] = None,
+    ) -> Slices:
         """Contours of every layer for layered manufacturing, straight from the exact faces.
-
-        Parameters
-        ----------
-        height : float
-            Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.
-        chord_error : float, optional
-            Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.
-        executor : concurrent.futures.Executor, optional
-            Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the same.
 
         Returns
         -------
@@ -305,25 +325,22 @@ class Model(MeshableSolid):
         """
         return slice_shape(self.wrapped, self.name, height, chord_error, [z for *_, z in self.bounding_box], executor)
 
-    @public()
+    @validate_call()
     def check_print(
         self,
         *,
-        min_wall: float | None = None,
-        min_gap: float | None = None,
-        max_overhang: float | None = None,
-        build_direction: str | Sequence[float] = "z",
+        min_wall: Annotated[
+            float | None,
+            POSITIVE.described_as(example="0.3"),
+            "Least wall and least gap in mm. Without a limit, a figure is measured but not judged.",
+        ] = None,
+        min_gap: Annotated[float | None, POSITIVE.described_as(example="0.3"), "As `min_wall`."] = None,
+        max_overhang: Annotated[
+            float | None, OVERHANG, "Greatest overhang in degrees from the build direction."
+        ] = None,
+        build_direction: Annotated[str | Sequence[float], DIRECTION, "As in `tpmscad.check_print`."] = "z",
     ) -> PrintReport:
         """Check the model before printing: smallest wall, smallest gap, overhang and closed cavities.
-
-        Parameters
-        ----------
-        min_wall, min_gap : float, optional
-            Least wall and least gap in mm. Without a limit, a figure is measured but not judged.
-        max_overhang : float, optional
-            Greatest overhang in degrees from the build direction.
-        build_direction : str or (3,) floats, optional
-            As in `tpmscad.check_print`.
 
         Returns
         -------

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import PATH, POINTS
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.simulation.periodic_cell import VOIGT, IsotropicMaterial
 
@@ -114,14 +115,9 @@ class HomogenizedProperties:
         rho = self.volume_fraction
         return float(np.trace(self.conductivity) / 3.0 / (2.0 * rho / (3.0 - rho)))
 
-    @public()
-    def directional_modulus(self, directions: Any) -> Array:
+    @validate_call()
+    def directional_modulus(self, directions: Annotated[Any, POINTS, "Directions of any length but 0."]) -> Array:
         """Young's modulus under tension along directions.
-
-        Parameters
-        ----------
-        directions : (..., 3) array
-            Directions of any length but 0.
 
         Returns
         -------
@@ -169,15 +165,17 @@ class HomogenizedProperties:
             "seconds": self.seconds,
         }
 
-    @public()
-    def write(self, path: str | Path) -> None:
+    @validate_call()
+    def write(
+        self,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "``.inp``: the anisotropic stiffness and the conductivity as a material of Abaqus and CalculiX. ``.csv``: "
+            "every figure, a line for each.",
+        ],
+    ) -> None:
         """Write a material card.
-
-        Parameters
-        ----------
-        path : str or Path
-            ``.inp``: the anisotropic stiffness and the conductivity as a material of Abaqus and CalculiX. ``.csv``: every figure,
-            a line for each.
 
         Raises
         ------

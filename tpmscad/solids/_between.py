@@ -8,13 +8,14 @@ spline that is linear from the first face to the second. Its knots are lengths: 
 from __future__ import annotations
 
 from itertools import product
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.four_sided_face import FourSidedFace
 from tpmscad.lattices.spline_maps import SplineMap, spline_map
@@ -44,15 +45,17 @@ COARSE = np.linspace(0.0, 1.0, 13)
 """Parameters at which the sides of both faces are compared."""
 
 
-@public("maps.between(part.faces().sort_by(Axis.Z)[0], part.faces().sort_by(Axis.Z)[-1])")
-def between(face_a: Any, face_b: Any) -> SplineMap:
+@validate_call("maps.between(part.faces().sort_by(Axis.Z)[0], part.faces().sort_by(Axis.Z)[-1])")
+def between(
+    face_a: Annotated[
+        Any,
+        ANYTHING,
+        "Faces of build123d or CadQuery, or TopoDS faces, with four edges each and without holes; a whole cylinder "
+        "counts, its seam being two of the four. The third axis of the domain runs from the first to the second.",
+    ],
+    face_b: Annotated[Any, ANYTHING, "As `face_a`."],
+) -> SplineMap:
     """Return the map of the solid between two four-sided faces of a CAD part.
-
-    Parameters
-    ----------
-    face_a, face_b : face
-        Faces of build123d or CadQuery, or TopoDS faces, with four edges each and without holes; a whole cylinder counts, its seam
-        being two of the four. The third axis of the domain runs from the first to the second.
 
     Returns
     -------

@@ -7,14 +7,12 @@ kernel splits the body by the lattice's surfaces.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
@@ -25,7 +23,8 @@ from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids, build_regions
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.requests.lattice_request import resolve_lattice_request, rotation_matrix
+from tpmscad.requests.lattice_options import FluidDomainsOptions
+from tpmscad.requests.lattice_request import lattice_in_body, resolve_lattice_request, rotation_matrix
 from tpmscad.results.certificate import Certificate, Check, describe_piece, require
 from tpmscad.results.domain_results import MINUS, PLUS, WALL, FaceContact, FluidDomains
 from tpmscad.results.model import Model
@@ -45,57 +44,9 @@ TOTAL_VOLUME_RTOL = 1e-6
 """Largest difference between the sum of the domains' volumes and the body's volume, relative to the latter."""
 
 
-@public('fluid_domains(body, "gyroid", cell=10, thickness=1)')
-def fluid_domains(
-    body: Any,
-    surface: str,
-    *,
-    cell: float | Sequence[float] | None = None,
-    thickness: float | None = None,
-    offset: Sequence[float] | None = None,
-    volume_fraction: float | None = None,
-    porosity: float | None = None,
-    pore_size: float | None = None,
-    reference: str | None = None,
-    phase: Sequence[float] | None = None,
-    rotation: Sequence[float] = (0.0, 0.0, 0.0),
-    tol: float | None = None,
-    progress: ProgressOption = None,
-) -> FluidDomains:
+@validate_options(FluidDomainsOptions, 'fluid_domains(body, "gyroid", cell=10, thickness=1)')
+def fluid_domains(options: FluidDomainsOptions) -> FluidDomains:
     """Divide a body into the wall of a sheet lattice and the two channels beside it, as solids that share their faces.
-
-    Parameters
-    ----------
-    body : shape, str or Path
-        One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` or
-        ``fields.cylinder`` with a height.
-    surface : str
-        Name of a surface (see ``tpmscad surfaces``).
-    cell : float or (3,) floats, optional
-        Edge length of the cell, or one for each axis, model units. Required unless `pore_size` is given.
-    thickness : float, optional
-        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`,
-        `volume_fraction` and `porosity`.
-    offset : (float, float), optional
-        Signed normal distances of the two sides of the wall, the lower first, model units.
-    volume_fraction : float, optional
-        Fraction of the whole cell that is wall, between 0 and 1.
-    porosity : float, optional
-        Void fraction of the whole cell, 1 - volume fraction.
-    pore_size : float, optional
-        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
-        Of a sheet the larger of the two channels counts; a note of the certificate states both.
-    reference : {"minimal", "nodal"}, optional
-        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
-    phase : (3,) floats, optional
-        Shift of the lattice, in cells; none by default.
-    rotation : (3,) floats, optional
-        Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.
-    tol : float, optional
-        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the cell.
-    progress : callable or bool, optional
-        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
-        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------
@@ -117,22 +68,11 @@ def fluid_domains(
     >>> parts = tpmscad.fluid_domains(bd.Box(20, 10, 10), "gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> parts.export_step("exchanger.step")  # doctest: +SKIP
     """
-    stages = StageTimer(progress)
+    stages = StageTimer(options.progress)
     with stages("read"):
-        read = read_body(body)
-    request = resolve_lattice_request(
-        surface,
-        cell=cell,
-        thickness=thickness,
-        offset=offset,
-        volume_fraction=volume_fraction,
-        porosity=porosity,
-        pore_size=pore_size,
-        reference=reference,
-        phase=(0.0, 0.0, 0.0) if phase is None else phase,
-        tol=tol,
-    )
-    block = build_lattice_block(request, rotation_matrix(rotation), read, stages)
+        read = read_body(options.body)
+    request = resolve_lattice_request(lattice_in_body(options))
+    block = build_lattice_block(request, rotation_matrix(options.rotation), read, stages)
     with stages("trim"):
         found = _compute_domains(block, read)
     touches = tuple(

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad import surfaces
-from tpmscad._typing import Array, ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest, TrimmingError
@@ -29,6 +29,7 @@ from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
+from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import MIN_TOL_CELLS, LatticeRequest, resolve_lattice_request
 from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
@@ -51,73 +52,9 @@ BYTES_PER_CELL = 3.5e6
 """Of a lattice: a thousand cells of the gyroid, with their checks, took 3.7 GiB."""
 
 
-@public('lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
-def lattice(
-    surface: str,
-    *,
-    cell: float | Sequence[float] | None = None,
-    cells: int | Sequence[int] = (1, 1, 1),
-    thickness: float | Callable[[Array], Array] | None = None,
-    offset: float | Sequence[float] | None = None,
-    volume_fraction: float | None = None,
-    porosity: float | None = None,
-    pore_size: float | None = None,
-    kind: str = "sheet",
-    side: str = "-",
-    reference: str | None = None,
-    boundary: str = "box",
-    phase: Sequence[float] | None = None,
-    loose: str = "drop",
-    map: Map | Callable[[Array], Array] | None = None,
-    tol: float | None = None,
-    progress: ProgressOption = None,
-) -> Model:
+@validate_options(LatticeOptions, 'lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)')
+def lattice(options: LatticeOptions) -> Model:
     """Make a lattice of a minimal surface that fills the box from the origin to `cells` x `cell`.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue; see ``tpmscad surfaces``.
-    cell : float or (3,) floats, optional
-        Edge length of the cell, or one for each axis, model units (mm). Required unless `pore_size` is given.
-    cells : int or (3,) ints, optional
-        Number of cells along every axis, or along each.
-    thickness : float or callable, optional
-        Wall thickness along the normal, model units. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`;
-        a skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3) of
-        the model: half of its value at each point of the mid surface lies on either side. It should be smooth, like the map.
-    offset : float or (float, float), optional
-        Signed normal distances of the two sides of the wall, the lower first; one distance for ``kind="skeletal"``. Model units.
-    volume_fraction : float, optional
-        Solid fraction of the whole cell, between 0 and 1, from which the distances follow.
-    porosity : float, optional
-        Void fraction of the whole cell, 1 - volume fraction.
-    pore_size : float, optional
-        Diameter of the largest sphere in the void of the endless lattice, model units; instead of `cell`, which follows from it.
-        Of a sheet the larger of the two channels counts; a note of the certificate states both.
-    kind : {"sheet", "skeletal"}, optional
-        Between two offset surfaces, or on one side of one.
-    side : {"-", "+"}, optional
-        Solid side of a skeletal lattice: "-" is where the nodal value is negative.
-    reference : {"minimal", "nodal"}, optional
-        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
-    boundary : {"box", "natural"}, optional
-        Caps in the faces of the box, or whole patches bridged by gap faces. Under a wrap the box is a tube, a sector of one, a
-        band or a dome with a round rim, as large as the map makes it.
-    phase : (3,) floats, optional
-        Shift of the lattice, in cells; (0, 0, 0) is the nodal formula's own place. By default the shift that makes one piece in
-        a box (see ``tpmscad surfaces``), and none for a natural boundary or a map.
-    loose : {"drop", "keep"}, optional
-        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
-    map : callable, optional
-        Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their
-        thickness. A map that repeats after the length of the lattice closes it to a ring; one that lays walls on each other is
-        refused.
-    tol : float, optional
-        Greatest orthogonal deviation from the surface, model units; by default a thousandth of the smallest cell edge.
-    progress : callable or bool, optional
-        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
-        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------
@@ -140,30 +77,14 @@ def lattice(
     True
     >>> model.export_step("gyroid.step")  # doctest: +SKIP
     """
-    request = resolve_lattice_request(
-        surface,
-        cell=cell,
-        cells=cells,
-        thickness=thickness,
-        offset=offset,
-        volume_fraction=volume_fraction,
-        porosity=porosity,
-        pore_size=pore_size,
-        kind=kind,
-        side=side,
-        reference=reference,
-        boundary=boundary,
-        phase=phase,
-        map=map,
-        tol=tol,
-    )
+    request = resolve_lattice_request(options)
     require_memory(
         math.prod(request.cells),
         BYTES_PER_CELL,
         f"a solid of {' x '.join(f'{n}' for n in request.cells)} cells",
         "use fewer cells, or write it in slabs (tpmscad.export_slabs) or as copies of one cell (tpmscad.export_instances)",
     )
-    return make_lattice(request, loose, StageTimer(progress), map)
+    return make_lattice(request, options.loose, StageTimer(options.progress), options.map)
 
 
 def make_lattice(

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import BoxCorners
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import DOMAIN, FIELD, POSITIVE
 from tpmscad.fields import volume_fraction
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -35,8 +36,13 @@ class SolidPreview:
     volume_fraction: float
 
 
-@public()
-def preview_solid(field: Field | Callable[..., Any], domain: BoxCorners | Any, *, tol: float) -> SolidPreview:
+@validate_call()
+def preview_solid(
+    field: Annotated[Field | Callable[..., Any], FIELD, "TODO."],
+    domain: Annotated[BoxCorners | Any, DOMAIN, "TODO."],
+    *,
+    tol: Annotated[float, POSITIVE.described_as(example="0.01"), "TODO."],
+) -> SolidPreview:
     """The preview of ``solidify(field, domain, tol=tol)``; it raises what `solidify` would raise before its fits."""
     field = as_field(field)
     if is_numeric_box(domain):

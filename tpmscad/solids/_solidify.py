@@ -11,13 +11,14 @@ import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.argument_kinds import show_value
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of, show_value
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE, PROGRESS
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -36,37 +37,48 @@ from tpmscad.solids.reference_distance import field_distance
 from tpmscad.stage_timer import StageTimer
 
 
-@public("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
+@validate_call("solidify(field, ((0, 0, 0), (10, 10, 10)), tol=0.01)")
 def solidify(
-    field: Field | Callable[..., Any],
-    domain: BoxCorners | Any,
+    field: Annotated[
+        Field | Callable[..., Any],
+        FIELD,
+        "A field of `tpmscad.fields`, or a function of points (..., 3) -> (...); negative is solid.",
+    ],
+    domain: Annotated[
+        BoxCorners | Any,
+        DOMAIN,
+        "A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the "
+        "path of a STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay "
+        "exact, and the field beyond the body's bounding box does not matter. Or a map of `maps.trivariate` or "
+        "`maps.between`: the field is then one of the coordinates of its domain, and the solid fills the image of the "
+        "domain.",
+    ],
     *,
-    tol: float,
-    loose: str = "drop",
-    executor: Executor | None = None,
-    progress: ProgressOption = None,
+    tol: Annotated[
+        float,
+        POSITIVE.described_as(example="0.01"),
+        "Greatest orthogonal deviation between the surface and the level set, model units.",
+    ],
+    loose: Annotated[
+        str,
+        choice_of("drop", "keep"),
+        "Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left "
+        "out.",
+    ] = "drop",
+    executor: Annotated[
+        Executor | None,
+        EXECUTOR,
+        "Runs the fits of a box; its workers must be able to import this package. It pays where the field is a slow "
+        "function of Python. By default this process fits. The result is the same, bit for bit. Not for bodies.",
+    ] = None,
+    progress: Annotated[
+        ProgressOption,
+        PROGRESS,
+        "Called with the name of a stage and the fraction of it that is done. By default work of more than two "
+        "seconds shows a bar in a terminal or a notebook; False shows nothing.",
+    ] = None,
 ) -> Model:
     """Make the solid {field < 0} inside a domain, its surface within `tol` of the level set.
-
-    Parameters
-    ----------
-    field : Field or callable
-        A field of `tpmscad.fields`, or a function of points (..., 3) -> (...); negative is solid.
-    domain : ((x0, y0, z0), (x1, y1, z1)), body or SplineMap
-        A box in model units; or a body in the coordinates of the field: a build123d, CadQuery or TopoDS shape, the path of a
-        STEP file, or ``fields.box``, ``fields.sphere`` or ``fields.cylinder``. A body's own faces stay exact, and the field
-        beyond the body's bounding box does not matter. Or a map of `maps.trivariate` or `maps.between`: the field is then one
-        of the coordinates of its domain, and the solid fills the image of the domain.
-    tol : float
-        Greatest orthogonal deviation between the surface and the level set, model units.
-    loose : {"drop", "keep"}, optional
-        Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.
-    executor : concurrent.futures.Executor, optional
-        Runs the fits of a box; its workers must be able to import this package. It pays where the field is a slow function of
-        Python. By default this process fits. The result is the same, bit for bit. Not for bodies.
-    progress : callable or bool, optional
-        Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a bar
-        in a terminal or a notebook; False shows nothing.
 
     Returns
     -------

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, DIRECTION, OVERHANG, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.periods_and_directions import as_unit_vector
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
@@ -149,30 +150,36 @@ class PrintReport:
         )
 
 
-@public()
+@validate_call()
 def check_print(
-    source: Any,
+    source: Annotated[
+        Any,
+        ANYTHING,
+        "A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid "
+        "closed solids.",
+    ],
     *,
-    min_wall: float | None = None,
-    min_gap: float | None = None,
-    max_overhang: float | None = None,
-    build_direction: str | Sequence[float] = "z",
+    min_wall: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.3"),
+        "Least wall in mm. Without a limit, a figure is measured but not judged.",
+    ] = None,
+    min_gap: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.3"),
+        "Least gap in mm, between sides of one solid or between two solids.",
+    ] = None,
+    max_overhang: Annotated[
+        float | None,
+        OVERHANG,
+        "Greatest angle in degrees between a face that looks down and the build direction: 0 is a vertical wall, 90 a "
+        "horizontal ceiling.",
+    ] = None,
+    build_direction: Annotated[
+        str | Sequence[float], DIRECTION, '"x", "-x", "y", ..., or a vector, from the build plate upwards.'
+    ] = "z",
 ) -> PrintReport:
     """Check a part before printing: smallest wall, smallest gap, overhang and closed cavities.
-
-    Parameters
-    ----------
-    source : Model, shape, str or Path
-        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid closed solids.
-    min_wall : float, optional
-        Least wall in mm. Without a limit, a figure is measured but not judged.
-    min_gap : float, optional
-        Least gap in mm, between sides of one solid or between two solids.
-    max_overhang : float, optional
-        Greatest angle in degrees between a face that looks down and the build direction: 0 is a vertical wall, 90 a horizontal
-        ceiling.
-    build_direction : str or (3,) floats, optional
-        "x", "-x", "y", ..., or a vector, from the build plate upwards.
 
     Returns
     -------

@@ -8,13 +8,14 @@ derivative with respect to the cell follows from the others.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FLAG, NOT_NEGATIVE, NUMBER, POSITIVE, TEXT
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.volume_mesh import VolumeMesh
@@ -56,36 +57,21 @@ class DesignDerivatives:
     derivatives: dict[str, dict[str, Any]]
 
 
-@public()
+@validate_call()
 def design_derivatives(
-    surface: str,
+    surface: Annotated[str, TEXT, "A surface of the catalogue."],
     *,
-    cell: float = 1.0,
-    thickness: float,
-    shift: float = 0.0,
-    reference: str | None = None,
-    elastic: bool = True,
-    youngs_modulus: float = 1.0,
-    poisson_ratio: float = 0.3,
+    cell: Annotated[float, POSITIVE.described_as(example="10.0"), "Edge of the cubic cell in mm."] = 1.0,
+    thickness: Annotated[float, POSITIVE, "Thickness of the wall in mm."],
+    shift: Annotated[float, NUMBER, "Offset of the middle of the wall from the surface along its normal, in mm."] = 0.0,
+    reference: Annotated[str | None, TEXT.described_as(example='"nodal"'), "As in `tpmscad.lattice`."] = None,
+    elastic: Annotated[
+        bool, FLAG, "Whether stiffness and conductivity are computed, which takes some 10 seconds."
+    ] = True,
+    youngs_modulus: Annotated[float, POSITIVE.described_as(example="1.0"), "Those of the solid."] = 1.0,
+    poisson_ratio: Annotated[float, NOT_NEGATIVE.described_as(example="0.3"), "Those of the solid."] = 0.3,
 ) -> DesignDerivatives:
     """Derivatives of a sheet's volume, area, stiffness and conductivity with respect to thickness, offset and cell.
-
-    Parameters
-    ----------
-    surface : str
-        A surface of the catalogue.
-    cell : float, optional
-        Edge of the cubic cell in mm.
-    thickness : float
-        Thickness of the wall in mm.
-    shift : float, optional
-        Offset of the middle of the wall from the surface along its normal, in mm.
-    reference : {"minimal", "nodal"}, optional
-        As in `tpmscad.lattice`.
-    elastic : bool, optional
-        Whether stiffness and conductivity are computed, which takes some 10 seconds.
-    youngs_modulus, poisson_ratio : float, optional
-        Those of the solid.
 
     Returns
     -------

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from tpmscad import surfaces
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.results.domain_results import MINUS, PLUS, FluidDomains
 from tpmscad.simulation.flow_correlations import (
@@ -34,61 +37,66 @@ class ChannelGeometry:
     cross_section: float | None
 
 
-@public(
+@validate_call(
     'estimate_flow("gyroid", cell=8, thickness=0.8, length=48, velocity=0.02, density=998, viscosity=1e-3, '
     "conductivity=0.6, specific_heat=4180)"
 )
 def estimate_flow(
-    channel: str | FluidDomains,
+    channel: Annotated[
+        str | FluidDomains,
+        ANYTHING.described_as("the name of a surface, or fluid domains", '"gyroid"'),
+        "The name of a surface, of which `cell` and `thickness` say the sheet; or the result of "
+        "`tpmscad.fluid_domains`, whose channel is measured.",
+    ],
     *,
-    length: float,
-    density: float,
-    viscosity: float,
-    cell: float | None = None,
-    thickness: float | None = None,
-    side: str = "-",
-    velocity: float | None = None,
-    volume_flow: float | None = None,
-    cross_section: float | None = None,
-    conductivity: float | None = None,
-    specific_heat: float | None = None,
-    permeability: float | None = None,
+    length: Annotated[float, POSITIVE.described_as(example="40.0"), "Flow length, mm."],
+    density: Annotated[
+        float, POSITIVE.described_as("a positive number, kg/m3", "998.0"), "Density of the fluid, kg/m3."
+    ],
+    viscosity: Annotated[
+        float, POSITIVE.described_as("a positive number, Pa s", "0.001"), "Dynamic viscosity of the fluid, Pa s."
+    ],
+    cell: Annotated[
+        float | None, POSITIVE.described_as(example="8.0"), "Edge length of the cubic cell, mm; with a name."
+    ] = None,
+    thickness: Annotated[float | None, POSITIVE, "Thickness of the wall, mm; with a name."] = None,
+    side: Annotated[
+        str, choice_of("-", "+"), "Which of the two channels, by the sign of the surface's nodal value in it."
+    ] = "-",
+    velocity: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.01"),
+        "Mean velocity in the channel, m/s: volume flow over porosity times cross-section. Give it or `volume_flow`.",
+    ] = None,
+    volume_flow: Annotated[
+        float | None, POSITIVE.described_as("a positive number, m3/s", "1e-5"), "Volume flow through the channel, m3/s."
+    ] = None,
+    cross_section: Annotated[
+        float | None,
+        POSITIVE.described_as("a positive number, mm2", "1024.0"),
+        "Cross-section of wall and both channels, mm2; with a name, where `volume_flow` needs it and pumping power "
+        "follows from it. That of fluid domains is their volume over `length`.",
+    ] = None,
+    conductivity: Annotated[
+        float | None,
+        POSITIVE.described_as("a positive number, W/(m K)", "0.6"),
+        "Thermal conductivity of the fluid, W/(m K); without it, heat transfer is not estimated.",
+    ] = None,
+    specific_heat: Annotated[
+        float | None,
+        POSITIVE.described_as("a positive number, J/(kg K)", "4180.0"),
+        "Specific heat of the fluid, J/(kg K); together with `conductivity`.",
+    ] = None,
+    permeability: Annotated[
+        float | None,
+        POSITIVE.described_as("a positive number, mm2", "0.05"),
+        "Permeability of the channel along the flow, mm2, of `tpmscad.permeability`: adds Darcy's law, which holds "
+        "for Reynolds numbers up to 1.",
+    ] = None,
 ) -> FlowEstimate:
     """Estimate pressure drop and heat transfer of the flow through one channel of a sheet, by published correlations.
 
     Geometry is in mm; the fluid, the flow and the results are in SI units.
-
-    Parameters
-    ----------
-    channel : str or FluidDomains
-        The name of a surface, of which `cell` and `thickness` say the sheet; or the result of `tpmscad.fluid_domains`, whose
-        channel is measured.
-    length : float
-        Flow length, mm.
-    density : float
-        Density of the fluid, kg/m3.
-    viscosity : float
-        Dynamic viscosity of the fluid, Pa s.
-    cell : float, optional
-        Edge length of the cubic cell, mm; with a name.
-    thickness : float, optional
-        Thickness of the wall, mm; with a name.
-    side : {"-", "+"}, optional
-        Which of the two channels, by the sign of the surface's nodal value in it.
-    velocity : float, optional
-        Mean velocity in the channel, m/s: volume flow over porosity times cross-section. Give it or `volume_flow`.
-    volume_flow : float, optional
-        Volume flow through the channel, m3/s.
-    cross_section : float, optional
-        Cross-section of wall and both channels, mm2; with a name, where `volume_flow` needs it and pumping power follows from it.
-        That of fluid domains is their volume over `length`.
-    conductivity : float, optional
-        Thermal conductivity of the fluid, W/(m K); without it, heat transfer is not estimated.
-    specific_heat : float, optional
-        Specific heat of the fluid, J/(kg K); together with `conductivity`.
-    permeability : float, optional
-        Permeability of the channel along the flow, mm2, of `tpmscad.permeability`: adds Darcy's law, which holds for
-        Reynolds numbers up to 1.
 
     Returns
     -------

@@ -6,12 +6,15 @@ import math
 import time
 from contextlib import suppress
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
-from tpmscad._typing import ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import ProgressKeyword
+from tpmscad.api.shared_kinds import ANYTHING, FRACTION, NOT_NEGATIVE, POSITIVE, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.results.model import Model
 from tpmscad.simulation.periodic_cell import CellProperties, IsotropicMaterial, solve_cell
@@ -38,44 +41,46 @@ POISSON_LIMIT = 0.49
 """Elements of second order lock beyond."""
 
 
-@public()
+@validate_call()
 def homogenize(
-    surface: str | Model,
+    surface: Annotated[
+        str | Model,
+        TEXT.or_else(ANYTHING),
+        "A surface of the catalogue, of which a cell of edge 1 is made; or a model whose box repeats, as one of "
+        "``tpmscad.lattice(...)`` with whole cells.",
+    ],
     *,
-    volume_fraction: float | None = None,
-    kind: str = "sheet",
-    reference: str | None = None,
-    youngs_modulus: float = 1.0,
-    poisson_ratio: float = 0.3,
-    elements: str | None = None,
-    size: float | None = None,
-    progress: ProgressOption = None,
+    volume_fraction: Annotated[
+        float | None,
+        FRACTION,
+        "Volume of the solid over that of the cell; needed with a name, and not taken with a model.",
+    ] = None,
+    kind: Annotated[str, choice_of("sheet", "skeletal"), "With a name: as in `tpmscad.lattice`."] = "sheet",
+    reference: Annotated[
+        str | None, TEXT.described_as(example='"nodal"'), "With a name: as in `tpmscad.lattice`."
+    ] = None,
+    youngs_modulus: Annotated[
+        float, POSITIVE.described_as(example="1.0"), "Young's modulus of the solid, in any unit."
+    ] = 1.0,
+    poisson_ratio: Annotated[
+        float, NOT_NEGATIVE.described_as(example="0.3"), "Poisson's ratio of the solid, from 0 to 0.49."
+    ] = 0.3,
+    elements: Annotated[
+        str | None,
+        choice_of("hexahedra", "tetrahedra"),
+        "Hexahedra straight from the patches (see `Model.hexahedra`), which need fewer unknowns, have the symmetry of "
+        "the cell and need no gmsh, where the lattice is one of whole walls; tetrahedra of gmsh else. By default "
+        "hexahedra where possible.",
+    ] = None,
+    size: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.05"),
+        "Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. "
+        "By default 0.8 of the mean thickness of the wall, and at most 0.09 of the cell.",
+    ] = None,
+    progress: ProgressKeyword = None,
 ) -> HomogenizedProperties:
     """Stiffness and conductivity of a lattice that repeats for ever, on meshes of the exact cell that are refined.
-
-    Parameters
-    ----------
-    surface : str or Model
-        A surface of the catalogue, of which a cell of edge 1 is made; or a model whose box repeats, as one of
-        ``tpmscad.lattice(...)`` with whole cells.
-    volume_fraction : float, optional
-        Volume of the solid over that of the cell; needed with a name, and not taken with a model.
-    kind : {"sheet", "skeletal"}, optional
-        With a name: as in `tpmscad.lattice`.
-    reference : {"minimal", "nodal"}, optional
-        With a name: as in `tpmscad.lattice`.
-    youngs_modulus : float, optional
-        Young's modulus of the solid, in any unit.
-    poisson_ratio : float, optional
-        Poisson's ratio of the solid, from 0 to 0.49.
-    elements : {"hexahedra", "tetrahedra"}, optional
-        Hexahedra straight from the patches (see `Model.hexahedra`), which need fewer unknowns, have the symmetry of the cell and
-        need no gmsh, where the lattice is one of whole walls; tetrahedra of gmsh else. By default hexahedra where possible.
-    size : float, optional
-        Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. By default
-        0.8 of the mean thickness of the wall, and at most 0.09 of the cell.
-    progress : callable or bool, optional
-        Who shows the progress; see `tpmscad.lattice`.
 
     Returns
     -------

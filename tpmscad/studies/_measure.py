@@ -9,12 +9,13 @@ the fluid itself.
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import BoolArray
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, FLAG, POSITIVE
 from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
@@ -130,21 +131,29 @@ class Metrics:
         return str(self)
 
 
-@public()
-def measure(source: Any, *, within: Any = None, spacing: float | None = None, is_fluid: bool | None = None) -> Metrics:
+@validate_call()
+def measure(
+    source: Annotated[
+        Any,
+        ANYTHING,
+        "A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid "
+        "closed solids.",
+    ],
+    *,
+    within: Annotated[
+        Any, ANYTHING, "The envelope in which void counts: a box or a body. By default the bounding box of the shape."
+    ] = None,
+    spacing: Annotated[
+        float | None, POSITIVE, "Greatest distance of the samples on the surface; by default 0.4 x volume / area."
+    ] = None,
+    is_fluid: Annotated[
+        bool | None,
+        FLAG,
+        "Whether the shape is a channel full of fluid instead of material. By default the channels of `fluid_domains` "
+        "are fluid and all other shapes are material.",
+    ] = None,
+) -> Metrics:
     """Measure the figures that parts are designed by: volume fraction, wetted surface, hydraulic diameter, walls and pores.
-
-    Parameters
-    ----------
-    source : Model, shape, str or Path
-        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid closed solids.
-    within : ((x0, y0, z0), (x1, y1, z1)), shape, str or Path, optional
-        The envelope in which void counts: a box or a body. By default the bounding box of the shape.
-    spacing : float, optional
-        Greatest distance of the samples on the surface; by default 0.4 x volume / area.
-    is_fluid : bool, optional
-        Whether the shape is a channel full of fluid instead of material. By default the channels of `fluid_domains` are fluid and
-        all other shapes are material.
 
     Returns
     -------

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tpmscad._typing import ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, POSITIVE, PROGRESS
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids, read_foreign_step
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import make_compound
@@ -17,27 +18,24 @@ from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
 
 
-@public()
+@validate_call()
 def mesh_step(
-    path: str | Path,
-    size: float,
-    order: int = 2,
-    periodic: bool = False,
+    path: Annotated[
+        str | Path,
+        PATH,
+        "The file to read: .step, .stp or .brep. Each solid is a group of elements under its name in the file. Facets "
+        'are in groups named as the faces in the STEP file ("cap X+"); without such a name, "surface", and "surface '
+        'X+" to "surface Z-" where they are planar and face along an axis. Solids of a BREP file that share faces '
+        "share the nodes there; those of a STEP file share none.",
+    ],
+    size: Annotated[float, POSITIVE.described_as(example="0.5"), "As in `Model.mesh`."],
+    order: Annotated[int, COUNT, "As in `Model.mesh`."] = 2,
+    periodic: Annotated[bool, FLAG, "As in `Model.mesh`."] = False,
     *,
-    per_turn: int | None = None,
-    progress: ProgressOption = None,
+    per_turn: Annotated[int | None, COUNT.described_as(example="12"), "As in `Model.mesh`."] = None,
+    progress: Annotated[ProgressOption, PROGRESS, "As in `Model.mesh`."] = None,
 ) -> VolumeMesh:
     """Mesh the solids of a STEP or BREP file with tetrahedra; see `Model.mesh`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file to read: .step, .stp or .brep. Each solid is a group of elements under its name in the file. Facets are in
-        groups named as the faces in the STEP file ("cap X+"); without such a name, "surface", and "surface X+" to "surface Z-"
-        where they are planar and face along an axis. Solids of a BREP file that share faces share the nodes there; those of a
-        STEP file share none.
-    size, order, periodic, per_turn, progress
-        As in `Model.mesh`.
 
     Returns
     -------

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
-from tpmscad._typing import Array, ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad._typing import Array
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import ProgressKeyword
+from tpmscad.api.shared_kinds import ANYTHING, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.results.model import Model
 from tpmscad.simulation.permeability import permeability as solve_flow
@@ -85,20 +87,24 @@ class ChannelPermeability:
         )
 
 
-@public()
-def permeability(channel: Model, *, size: float | None = None, progress: ProgressOption = None) -> ChannelPermeability:
+@validate_call()
+def permeability(
+    channel: Annotated[
+        Model,
+        ANYTHING,
+        'The fluid itself, in a box of whole cells: ``tpmscad.lattice(..., kind="skeletal")`` is one side of a '
+        "surface. That of a sheet's channel on the other side of half the wall has ``offset=`` half the thickness.",
+    ],
+    *,
+    size: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.8"),
+        "Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. "
+        "By default a tenth of the shortest edge of the box.",
+    ] = None,
+    progress: ProgressKeyword = None,
+) -> ChannelPermeability:
     """Permeability of a channel that repeats for ever, for slow viscous flow.
-
-    Parameters
-    ----------
-    channel : Model
-        The fluid itself, in a box of whole cells: ``tpmscad.lattice(..., kind="skeletal")`` is one side of a surface. That of a
-        sheet's channel on the other side of half the wall has ``offset=`` half the thickness.
-    size : float, optional
-        Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. By default
-        a tenth of the shortest edge of the box.
-    progress : callable or bool, optional
-        Who shows the progress; see `tpmscad.lattice`.
 
     Returns
     -------

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, PATH, PICTURE_SIZE, TEXT, TEXTS
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of
@@ -43,40 +45,43 @@ CURVATURE_SHARE = 0.99
 Colour = tuple[float, float, float]
 
 
-@public()
+@validate_call()
 def render(
-    source: Any,
-    path: str | Path,
+    source: Annotated[
+        Any,
+        ANYTHING,
+        "A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file. Of homogenised "
+        "properties the surface is drawn whose radius along a direction is Young's modulus there.",
+    ],
+    path: Annotated[str | Path, PATH, "The PNG file to write. It is complete or absent."],
     *,
-    view: str | Sequence[float] = "iso",
-    section: Any = None,
-    size: tuple[int, int] = (1200, 900),
-    color_by: str | None = None,
-    hide: str | Sequence[str] = (),
+    view: Annotated[
+        str | Sequence[float],
+        TEXT.or_else(POINT).described_as(example='"iso"'),
+        '"iso", "front", "back", "left", "right", "top", "bottom", or the direction from the model to the eye, also '
+        'as "x,y,z".',
+    ] = "iso",
+    section: Annotated[
+        Any,
+        ANYTHING,
+        'Planes that cut the model open: "z=5", "z" for the middle, "x=0,y=0" for a quarter, or a point (3,) and the '
+        "normal (3,) of the side that is taken away. Of several planes, what lies in front of all is taken away. Cuts "
+        "through solids are filled.",
+    ] = None,
+    size: Annotated[tuple[int, int], PICTURE_SIZE, "Width and height in pixels."] = (1200, 900),
+    color_by: Annotated[
+        str | None,
+        TEXT.described_as(example='"piece"'),
+        "A colour for each solid or domain; for each group of faces (surface +, surface -, cap, body); the orthogonal "
+        "distance to the reference surface, as the certificate measures it; or the mean curvature, half the sum of "
+        "the principal curvatures, positive where the solid is convex. By default the domains of an exchanger have "
+        "their colours, a STEP file has those that it holds, and anything else has one.",
+    ] = None,
+    hide: Annotated[
+        str | Sequence[str], TEXTS.described_as(example='"skin"'), 'Names of pieces to leave out, such as "wall".'
+    ] = (),
 ) -> None:
     """Draw a model, a shape or a STEP file as a PNG picture, without a display.
-
-    Parameters
-    ----------
-    source : Model, FluidDomains, HomogenizedProperties, shape, str or Path
-        A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file. Of homogenised properties the
-        surface is drawn whose radius along a direction is Young's modulus there.
-    path : str or Path
-        The PNG file to write. It is complete or absent.
-    view : str or (3,) floats, optional
-        "iso", "front", "back", "left", "right", "top", "bottom", or the direction from the model to the eye, also as "x,y,z".
-    section : str, (point, normal) or sequence of them, optional
-        Planes that cut the model open: "z=5", "z" for the middle, "x=0,y=0" for a quarter, or a point (3,) and the normal (3,) of
-        the side that is taken away. Of several planes, what lies in front of all is taken away. Cuts through solids are filled.
-    size : (int, int), optional
-        Width and height in pixels.
-    color_by : {"piece", "tag", "deviation", "curvature"}, optional
-        A colour for each solid or domain; for each group of faces (surface +, surface -, cap, body); the orthogonal distance to
-        the reference surface, as the certificate measures it; or the mean curvature, half the sum of the principal curvatures,
-        positive where the solid is convex. By default the domains of an exchanger have their colours, a STEP file has those that
-        it holds, and anything else has one.
-    hide : str or sequence of str, optional
-        Names of pieces to leave out, such as "wall".
 
     Raises
     ------
@@ -95,15 +100,15 @@ def render(
     write_picture(picture, target)
 
 
-@public()
+@validate_call()
 def render_bytes(
-    source: Any,
+    source: Annotated[Any, ANYTHING, "TODO."],
     *,
-    view: str | Sequence[float] = "iso",
-    section: Any = None,
-    size: tuple[int, int] = (1200, 900),
-    color_by: str | None = None,
-    hide: str | Sequence[str] = (),
+    view: Annotated[str | Sequence[float], TEXT.or_else(POINT).described_as(example='"iso"'), "TODO."] = "iso",
+    section: Annotated[Any, ANYTHING, "TODO."] = None,
+    size: Annotated[tuple[int, int], PICTURE_SIZE, "TODO."] = (1200, 900),
+    color_by: Annotated[str | None, TEXT.described_as(example='"piece"'), "TODO."] = None,
+    hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "TODO."] = (),
 ) -> bytes:
     """The bytes of the PNG picture that `render` writes, for notebooks; arguments and errors are those of `render`."""
     if color_by is not None and color_by not in COLOURINGS:

@@ -4,34 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, PATH, PICTURE_SIZE, TEXT, TEXTS
 from tpmscad.studies._render import render
 
 
-@public()
+@validate_call()
 def render_step(
-    path: str | Path,
-    picture: str | Path,
+    path: Annotated[str | Path, PATH, "The STEP file."],
+    picture: Annotated[str | Path, PATH.described_as(example='"part.png"'), "The PNG file to write."],
     *,
-    view: str | Sequence[float] = "iso",
-    section: Any = None,
-    size: tuple[int, int] = (1200, 900),
-    color_by: str | None = None,
-    hide: str | Sequence[str] = (),
+    view: Annotated[
+        str | Sequence[float],
+        TEXT.or_else(POINT).described_as(example='"iso"'),
+        "As in `tpmscad.render`. By default the solids and faces have the colours that the file holds; "
+        '``color_by="piece"`` gives every solid its own.',
+    ] = "iso",
+    section: Annotated[Any, ANYTHING, "As `view`."] = None,
+    size: Annotated[tuple[int, int], PICTURE_SIZE, "As `view`."] = (1200, 900),
+    color_by: Annotated[str | None, TEXT.described_as(example='"piece"'), "As `view`."] = None,
+    hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "As `view`."] = (),
 ) -> None:
     """Draw a STEP file as a PNG picture, without a display.
-
-    Parameters
-    ----------
-    path : str or Path
-        The STEP file.
-    picture : str or Path
-        The PNG file to write.
-    view, section, size, color_by, hide
-        As in `tpmscad.render`. By default the solids and faces have the colours that the file holds; ``color_by="piece"`` gives
-        every solid its own.
 
     Raises
     ------

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import PATH, POSITIVE
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.studies.layer_slices import Slices, slice_shape
 
 
-@public()
-def slice_step(path: str | Path, height: float, chord_error: float | None = None) -> Slices:
+@validate_call()
+def slice_step(
+    path: Annotated[str | Path, PATH, "The STEP file to read."],
+    height: Annotated[
+        float,
+        POSITIVE,
+        "Height of a layer in mm; layers begin at the lowest point of the solids and are cut in their middle.",
+    ],
+    chord_error: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.01"),
+        "Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.",
+    ] = None,
+) -> Slices:
     """Slice the solids of a STEP file for layered manufacturing; see `Model.slices`.
-
-    Parameters
-    ----------
-    path : str or Path
-        The STEP file to read.
-    height : float
-        Height of a layer in mm; layers begin at the lowest point of the solids and are cut in their middle.
-    chord_error : float, optional
-        Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.
 
     Returns
     -------

@@ -5,20 +5,23 @@ The wall of a sheet folds where half its thickness reaches the least radius of c
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from tpmscad import surfaces
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import TEXT
 
 
-@public()
-def thickest_wall(surface: str, reference: str | None = None) -> float:
+@validate_call()
+def thickest_wall(
+    surface: Annotated[str, TEXT, "Name of a surface of the catalogue."],
+    reference: Annotated[
+        str | None,
+        TEXT.described_as(example='"nodal"'),
+        "The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.",
+    ] = None,
+) -> float:
     """Return the thickness, in cell edges, that the wall of a symmetric sheet has to stay below.
-
-    Parameters
-    ----------
-    surface : str
-        Name of a surface of the catalogue.
-    reference : {"minimal", "nodal"}, optional
-        The exact minimal surface (the default if the catalogue has it), or the trigonometric surface of its name.
 
     Returns
     -------

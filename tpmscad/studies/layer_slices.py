@@ -6,12 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.layer_files import LAYER_WRITERS
@@ -100,14 +101,17 @@ class Slices:
         """Number of points of all contours."""
         return sum(len(contour) for layer in self.layers for contour in layer.contours)
 
-    @public()
-    def write(self, path: str | Path) -> None:
+    @validate_call()
+    def write(
+        self,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "`.svg` (a group for each layer), `.cli` (Common Layer Interface 2.0, ASCII, mm) or `.3mf` (slice "
+            "extension).",
+        ],
+    ) -> None:
         """Write the layers to a file, by its suffix.
-
-        Parameters
-        ----------
-        path : str or Path
-            `.svg` (a group for each layer), `.cli` (Common Layer Interface 2.0, ASCII, mm) or `.3mf` (slice extension).
 
         Raises
         ------

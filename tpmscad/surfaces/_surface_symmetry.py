@@ -1,18 +1,16 @@
 """The symmetry group that generates a surface of the catalogue from its primitive."""
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import SurfaceName
 from tpmscad.surfaces.motion_group import PatchSymmetry, patch_symmetry
 from tpmscad.surfaces.reflection_group import MirrorSymmetry, has_mirrors, mirror_symmetry
 
 
-@public()
-def surface_symmetry(name: str) -> PatchSymmetry | MirrorSymmetry:
+@validate_call()
+def surface_symmetry(
+    name: SurfaceName,
+) -> PatchSymmetry | MirrorSymmetry:
     """Return the symmetry group that generates the whole surface from its primitive.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
 
     Returns
     -------

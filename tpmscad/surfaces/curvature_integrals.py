@@ -28,7 +28,8 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Reference, SurfaceName
 from tpmscad.catalogue import find_surface
 from tpmscad.splines.quadrature import gauss_legendre_unit, tensor_gauss_legendre
 from tpmscad.surfaces import minimal_patch
@@ -88,17 +89,13 @@ LEVEL_SET_MEASURES: Mapping[str, CellMeasures] = MappingProxyType(
 the Gauss curvature is 2 pi times the Euler characteristic."""
 
 
-@public()
+@validate_call()
 @cache
-def cell_measures(name: str, reference: str) -> CellMeasures:
+def cell_measures(
+    name: SurfaceName,
+    reference: Reference,
+) -> CellMeasures:
     """Return area, curvature integrals and offset limits of a surface per cubic cell.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
 
     Returns
     -------
@@ -128,17 +125,13 @@ def cell_measures(name: str, reference: str) -> CellMeasures:
     return CellMeasures(area(name, reference), 0.0, -record.patches_per_cell * 2 * np.pi / 3, 0.5, -limit, limit)
 
 
-@public()
+@validate_call()
 @cache
-def area(name: str, reference: str = "minimal") -> float:
+def area(
+    name: SurfaceName,
+    reference: Reference = "minimal",
+) -> float:
     """Return the area of the mid surface in one cubic cell, in cells squared.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
 
     Returns
     -------

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from typing import Annotated
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import TEXT
 from tpmscad.catalogue import find_surface
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces.surface_patch import primitive_patch
@@ -54,15 +56,10 @@ class PatchSymmetry:
     handedness: int
 
 
-@public()
+@validate_call()
 @cache
-def patch_symmetry(name: str) -> PatchSymmetry:
+def patch_symmetry(name: Annotated[str, TEXT, "Name or alias of a surface with an exact patch."]) -> PatchSymmetry:
     """Return the motions that generate a surface from its primitive patch.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface with an exact patch.
 
     Returns
     -------

@@ -7,9 +7,14 @@ function is negative.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from scipy.optimize import brentq
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Reference, SurfaceName
+from tpmscad.api.shared_kinds import FRACTION, NUMBER, POSITIVE
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces.curvature_integrals import cell_measures
@@ -18,18 +23,14 @@ OFFSET_ROOT_XTOL_CELLS = 1e-17
 """Absolute tolerance of an offset found by root search: below round-off, so that the bracket closes completely."""
 
 
-@public()
-def volume_fraction(name: str, reference: str, lower: float, upper: float) -> float:
+@validate_call()
+def volume_fraction(
+    name: SurfaceName,
+    reference: Reference,
+    lower: Annotated[float, NUMBER, "Offsets of the two sides, in cells; lower < upper."],
+    upper: Annotated[float, NUMBER, "Offsets of the two sides, in cells; lower < upper."],
+) -> float:
     """Return the volume fraction of the sheet between two offsets.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    lower, upper : float
-        Offsets of the two sides, in cells; lower < upper.
 
     Returns
     -------
@@ -59,20 +60,14 @@ def volume_fraction(name: str, reference: str, lower: float, upper: float) -> fl
     return measures.swept_volume(upper) - measures.swept_volume(lower)
 
 
-@public()
-def skeletal_volume_fraction(name: str, reference: str, offset: float = 0.0, side: str = "-") -> float:
+@validate_call()
+def skeletal_volume_fraction(
+    name: SurfaceName,
+    reference: Reference,
+    offset: Annotated[float, NUMBER, "Offset of the surface, in cells."] = 0.0,
+    side: Annotated[str, choice_of("-", "+"), "The side where the nodal function is negative, or positive."] = "-",
+) -> float:
     """Return the volume fraction on one side of an offset surface.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    offset : float
-        Offset of the surface, in cells.
-    side : {"-", "+"}
-        The side where the nodal function is negative, or positive.
 
     Returns
     -------
@@ -96,18 +91,13 @@ def skeletal_volume_fraction(name: str, reference: str, offset: float = 0.0, sid
     return below if _side_sign(side) > 0 else 1 - below
 
 
-@public()
-def thickness_for(name: str, reference: str, volume_fraction: float) -> float:
+@validate_call()
+def thickness_for(
+    name: SurfaceName,
+    reference: Reference,
+    volume_fraction: Annotated[float, FRACTION, "Volume of the sheet per volume of the cell."],
+) -> float:
     """Return the wall thickness, symmetric about the mid surface, that gives a volume fraction.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    volume_fraction : float
-        Volume of the sheet per volume of the cell.
 
     Returns
     -------
@@ -140,20 +130,14 @@ def thickness_for(name: str, reference: str, volume_fraction: float) -> float:
     )
 
 
-@public()
-def skeletal_offset_for(name: str, reference: str, volume_fraction: float, side: str = "-") -> float:
+@validate_call()
+def skeletal_offset_for(
+    name: SurfaceName,
+    reference: Reference,
+    volume_fraction: Annotated[float, FRACTION, "Volume of the side per volume of the cell."],
+    side: Annotated[str, choice_of("-", "+"), "The side where the nodal function is negative, or positive."] = "-",
+) -> float:
     """Return the offset of the surface that has a volume fraction on one side.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    volume_fraction : float
-        Volume of the side per volume of the cell.
-    side : {"-", "+"}
-        The side where the nodal function is negative, or positive.
 
     Returns
     -------
@@ -190,26 +174,20 @@ def skeletal_offset_for(name: str, reference: str, volume_fraction: float, side:
     )
 
 
-@public()
+@validate_call()
 def offsets_for(
-    name: str, reference: str, volume_fraction: float, kind: str, cell: float, side: str = "-"
+    name: SurfaceName,
+    reference: Reference,
+    volume_fraction: Annotated[float, FRACTION, "Volume of the solid per volume of the cell."],
+    kind: Annotated[
+        str,
+        choice_of("sheet", "skeletal"),
+        "A wall symmetric about the surface, or the volume on one side of an offset surface.",
+    ],
+    cell: Annotated[float, POSITIVE, "Edge of the cubic cell, in model units."],
+    side: Annotated[str, choice_of("-", "+"), "The solid side of a skeletal solid."] = "-",
 ) -> tuple[float, float]:
     """Return the offsets of a sheet or of a skeletal solid that give a volume fraction.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    volume_fraction : float
-        Volume of the solid per volume of the cell.
-    kind : {"sheet", "skeletal"}
-        A wall symmetric about the surface, or the volume on one side of an offset surface.
-    cell : float
-        Edge of the cubic cell, in model units.
-    side : {"-", "+"}
-        The solid side of a skeletal solid.
 
     Returns
     -------
@@ -235,20 +213,14 @@ def offsets_for(
     return offset, offset
 
 
-@public()
-def check_offset(name: str, reference: str, offset: float, cell: float = 1.0) -> None:
+@validate_call()
+def check_offset(
+    name: SurfaceName,
+    reference: Reference,
+    offset: Annotated[float, NUMBER, "Signed distance from the mid surface, in the units of `cell`."],
+    cell: Annotated[float, POSITIVE, "Edge of the cubic cell."] = 1.0,
+) -> None:
     """Raise InvalidRequest if an offset reaches the surface's curvature radius.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
-    offset : float
-        Signed distance from the mid surface, in the units of `cell`.
-    cell : float
-        Edge of the cubic cell.
 
     Raises
     ------

@@ -15,7 +15,8 @@ from types import MappingProxyType
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import SurfaceName
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.rigid_motion import Motion
@@ -96,14 +97,9 @@ class MirrorSymmetry:
         return start + fraction[..., None] * (end - start), fraction
 
 
-@public()
-def has_mirrors(name: str) -> bool:
+@validate_call()
+def has_mirrors(name: SurfaceName) -> bool:
     """Return True if lattices of a surface consist of mirrored pieces.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
 
     Returns
     -------
@@ -124,15 +120,10 @@ def has_mirrors(name: str) -> bool:
     return find_surface(name).primitives == "mirrored"
 
 
-@public()
+@validate_call()
 @cache
-def mirror_symmetry(name: str) -> MirrorSymmetry:
+def mirror_symmetry(name: SurfaceName) -> MirrorSymmetry:
     """Return the mirror planes of a surface and its quadrilateral piece.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
 
     Returns
     -------

@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Reference, SurfaceName
+from tpmscad.api.shared_kinds import RECORD, TEXT
 from tpmscad.catalogue import SurfaceRecord, find_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.surfaces import minimal_patch, nodal_patch
@@ -78,17 +81,13 @@ class SurfacePatch:
         return SurfaceJet(position, du, dv, duu, duv, dvv, normal[0])
 
 
-@public()
+@validate_call()
 @cache
-def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
+def primitive_patch(
+    name: SurfaceName,
+    reference: Reference = "minimal",
+) -> SurfacePatch:
     """Return the primitive patch of a surface that has one in closed form.
-
-    Parameters
-    ----------
-    name : str
-        Name or alias of a surface of the catalogue.
-    reference : {"minimal", "nodal"}
-        The exact minimal surface, or the trigonometric level set.
 
     Returns
     -------
@@ -122,16 +121,12 @@ def primitive_patch(name: str, reference: str = "minimal") -> SurfacePatch:
     return SurfacePatch(record.name, reference, min_curvature_radius(evaluate), evaluate)
 
 
-@public()
-def check_reference(record: SurfaceRecord, reference: str) -> None:
+@validate_call()
+def check_reference(
+    record: Annotated[SurfaceRecord, RECORD, "The surface."],
+    reference: Annotated[str, TEXT.described_as(example='"nodal"'), '"minimal" or "nodal".'],
+) -> None:
     """Raise InvalidRequest unless lattices of a surface can be fitted to a reference.
-
-    Parameters
-    ----------
-    record : SurfaceRecord
-        The surface.
-    reference : str
-        "minimal" or "nodal".
 
     Raises
     ------

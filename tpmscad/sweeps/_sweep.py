@@ -7,11 +7,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import ProgressOption
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import ANYTHING, EXECUTOR, FLAG, PATH, PROGRESS, TEXT
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.parallel import run_as_completed
@@ -79,18 +80,25 @@ class SweepResults:
             raise InvalidRequest(f"there is no column {name!r}; {hint}")
         return [row[name] for row in self.rows]
 
-    @public('results.plot("porosity", "E1", by="surface")')
-    def plot(self, x: str, y: str, *, by: str | None = None, ax: Any = None) -> Any:
+    @validate_call('results.plot("porosity", "E1", by="surface")')
+    def plot(
+        self,
+        x: Annotated[
+            str,
+            TEXT.described_as(example='"porosity"'),
+            'Columns of numbers: parameters or figures, such as "porosity" and "E1".',
+        ],
+        y: Annotated[str, TEXT.described_as(example='"E1"'), "As `x`."],
+        *,
+        by: Annotated[
+            str | None,
+            TEXT.described_as(example='"surface"'),
+            'A column whose values part the designs, such as "surface": each has a line, a colour and an entry of the '
+            "legend.",
+        ] = None,
+        ax: Annotated[Any, ANYTHING, "Axes to draw into; by default those of a new figure."] = None,
+    ) -> Any:
         """Draw one column over another, as a line with a marker for each design that is met.
-
-        Parameters
-        ----------
-        x, y : str
-            Columns of numbers: parameters or figures, such as "porosity" and "E1".
-        by : str, optional
-            A column whose values part the designs, such as "surface": each has a line, a colour and an entry of the legend.
-        ax : matplotlib.axes.Axes, optional
-            Axes to draw into; by default those of a new figure.
 
         Returns
         -------
@@ -145,44 +153,54 @@ class SweepResults:
         return "\n".join(lines)
 
 
-@public('sweep("designs.csv", output="results.csv")')
+@validate_call('sweep("designs.csv", output="results.csv")')
 def sweep(
-    table: Any,
-    executor: Executor | None = None,
-    output: str | Path = "results.csv",
+    table: Annotated[
+        Any,
+        ANYTHING,
+        "One design a row: a CSV file, a Parquet file (``pip install 'tpmscad[tables]'``), dictionaries, or a data "
+        "frame of pandas. The columns are keywords of `lattice`; in rows with a `body`, the path of a STEP file, "
+        "those of `infill`. In rows with a `recipe`, a TOML file for ``tpmscad blend`` or ``tpmscad solidify``, the "
+        "columns are keys of that recipe, such as ``tol`` or ``structures[0].level``. An empty cell is the default. "
+        "The column `file` names the file of the solid (.step, .stl, .3mf, ...), with other columns and the number of "
+        "the row in braces: ``{surface}_{thickness}_{row:03d}.step``.",
+    ],
+    executor: Annotated[
+        Executor | None,
+        EXECUTOR,
+        "Makes the designs: a process pool, or on a cluster with a common file system Dask's "
+        "``Client.get_executor()``. By default this process, one after the other.",
+    ] = None,
+    output: Annotated[
+        str | Path, PATH.described_as(example='"results.csv"'), "The CSV file of the results."
+    ] = "results.csv",
     *,
-    metrics: bool = False,
-    properties: bool = False,
-    progress: ProgressOption = None,
+    metrics: Annotated[
+        bool,
+        FLAG,
+        "Measure the smallest wall, the smallest pore and the hydraulic diameter, too; it takes longer than most "
+        "lattices.",
+    ] = False,
+    properties: Annotated[
+        bool,
+        FLAG,
+        "Compute the homogenised stiffness and conductivity of every design with `homogenize`, too: seconds a design "
+        'where the walls are hexahedra (``boundary="natural"``), up to minutes with tetrahedra. The designs must '
+        "repeat, as lattices of whole cells do; the solid's Poisson ratio is 0.3. Needs ``pip install "
+        "'tpmscad[simulation]'``.",
+    ] = False,
+    progress: Annotated[
+        ProgressOption,
+        PROGRESS,
+        'Called with "designs" and the fraction that is done. By default work of more than two seconds shows a bar in '
+        "a terminal or a notebook; False shows nothing.",
+    ] = None,
 ) -> SweepResults:
     """Make and measure every design of a table, and write a table of results.
 
     The results are the same, in the order of the table, whoever makes them. After an interruption the same call goes on: designs
     whose parameters are in the results already, and whose files are there, are not made again. A design that cannot be made is a
     row with its error, too, and the others go on.
-
-    Parameters
-    ----------
-    table : str, Path, sequence of mappings, or DataFrame
-        One design a row: a CSV file, a Parquet file (``pip install 'tpmscad[tables]'``), dictionaries, or a data frame of pandas.
-        The columns are keywords of `lattice`; in rows with a `body`, the path of a STEP file, those of `infill`. In rows with a
-        `recipe`, a TOML file for ``tpmscad blend`` or ``tpmscad solidify``, the columns are keys of that recipe, such as ``tol``
-        or ``structures[0].level``. An empty cell is the default. The column `file` names the file of the solid (.step, .stl,
-        .3mf, ...), with other columns and the number of the row in braces: ``{surface}_{thickness}_{row:03d}.step``.
-    executor : concurrent.futures.Executor, optional
-        Makes the designs: a process pool, or on a cluster with a common file system Dask's ``Client.get_executor()``. By default
-        this process, one after the other.
-    output : str or Path, optional
-        The CSV file of the results.
-    metrics : bool, optional
-        Measure the smallest wall, the smallest pore and the hydraulic diameter, too; it takes longer than most lattices.
-    properties : bool, optional
-        Compute the homogenised stiffness and conductivity of every design with `homogenize`, too: seconds a design where the
-        walls are hexahedra (``boundary="natural"``), up to minutes with tetrahedra. The designs must repeat, as lattices of whole
-        cells do; the solid's Poisson ratio is 0.3. Needs ``pip install 'tpmscad[simulation]'``.
-    progress : callable or bool, optional
-        Called with "designs" and the fraction that is done. By default work of more than two seconds shows a bar in a terminal or
-        a notebook; False shows nothing.
 
     Returns
     -------

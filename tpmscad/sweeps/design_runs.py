@@ -18,6 +18,7 @@ from tpmscad.errors import NotMet
 from tpmscad.files._check_step import check_step
 from tpmscad.recipe.blend_recipe import BlendRecipe
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun, read_recipe, run_blend_recipe
+from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
@@ -144,9 +145,8 @@ def _volume_of(envelope: Corners | Path) -> float:
 
 
 def _make_lattice(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:
-    options = {name: value for name, value in parameters.items() if name != "surface"}
-    model = lattice(parameters["surface"], progress=False, **options)
-    return model, ((0.0, 0.0, 0.0), lattice_size(parameters["surface"], options))
+    options = LatticeOptions(**parameters, progress=False)
+    return lattice(**vars(options)), ((0.0, 0.0, 0.0), lattice_size(options))
 
 
 def _make_infill(parameters: Mapping[str, Any]) -> tuple[Model, Corners | Path | None]:

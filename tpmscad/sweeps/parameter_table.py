@@ -12,13 +12,13 @@ import csv
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from inspect import signature
 from pathlib import Path
 from typing import Any
 
 from tpmscad.api.argument_kinds import show_value
-from tpmscad.api.argument_table import find_kind
+from tpmscad.api.arguments import Argument, arguments_of
 from tpmscad.api.public_calls import SYNONYMS, read_value
+from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.catalogue import find_surface
 from tpmscad.errors import InvalidRequest
@@ -33,8 +33,10 @@ FILE = "file"
 NOT_IN_A_TABLE = ("map", "progress")
 """Keywords that take functions only."""
 
-KEYWORDS: Mapping[str, tuple[str, ...]] = {
-    function.__name__: tuple(name for name in signature(function).parameters if name not in NOT_IN_A_TABLE)
+KEYWORDS: Mapping[str, Mapping[str, Argument]] = {
+    function.__name__: {
+        name: argument for name, argument in arguments_of(function).items() if name not in NOT_IN_A_TABLE
+    }
     for function in (lattice, infill)
 }
 """The columns by the function that a row calls."""
@@ -188,14 +190,14 @@ def _read_keyword(number: int, function: str, name: str, value: Any) -> Any:
     with _Where(number, name):
         if name == "body" and not isinstance(value, str | Path):
             raise InvalidRequest("give the path of a STEP file: results are matched by the text of their parameters")
-        return read_value(name, find_kind(function, name), value)
+        return read_value(name, KEYWORDS[function][name].kind, value)
 
 
 def _read_recipe_row(number: int, given: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """The function that a recipe is for and the parameters; the recipe with its changed keys is read on trial."""
     changes = {name: value for name, value in given.items() if name != "recipe"}
     with _Where(number, "recipe"):
-        path = Path(read_value("recipe", find_kind("infill", "path"), given["recipe"]))
+        path = Path(read_value("recipe", PATH, given["recipe"]))
         if not path.is_file():
             raise InvalidRequest(f"there is no recipe {path}: check the path")
     with _Where(number):

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.api.public_calls import public
-from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array, find_root
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Level, SampleConnectivity, Samples
+from tpmscad.topology.voxels import CONNECTIVITY, Labels, as_sample_array, find_root
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,18 +189,13 @@ class LabelledComponents:
         return np.stack(np.unravel_index(self.deepest, self.labels.shape), axis=-1).astype(np.int64)
 
 
-@public()
-def label_components(values: ArrayLike, level: float = 0.0, convention: Convention = "strict") -> LabelledComponents:
+@validate_call()
+def label_components(
+    values: Samples,
+    level: Level = 0.0,
+    convention: SampleConnectivity = "strict",
+) -> LabelledComponents:
     """Label the connected components of the solid {f <= level}.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
-    convention : {"vertices", "top_cells", "strict"}
-        Connectivity of the samples, see `CONNECTIVITY`.
 
     Returns
     -------
@@ -224,18 +220,13 @@ def label_components(values: ArrayLike, level: float = 0.0, convention: Conventi
     return _label_phase(values, level, CONNECTIVITY[convention][0], solid=True)
 
 
-@public()
-def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention = "strict") -> LabelledComponents:
+@validate_call()
+def label_cavities(
+    values: Samples,
+    level: Level = 0.0,
+    convention: SampleConnectivity = "strict",
+) -> LabelledComponents:
     """Label the cavities of the solid {f <= level}: void components not connected to the border of the array.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
-    convention : {"vertices", "top_cells", "strict"}
-        Connectivity of the samples, see `CONNECTIVITY`.
 
     Returns
     -------
@@ -259,20 +250,13 @@ def label_cavities(values: ArrayLike, level: float = 0.0, convention: Convention
     return _label_phase(values, level, CONNECTIVITY[convention][1], solid=False)
 
 
-@public()
+@validate_call()
 def count_components_and_cavities(
-    values: ArrayLike, level: float = 0.0, convention: Convention = "strict"
+    values: Samples,
+    level: Level = 0.0,
+    convention: SampleConnectivity = "strict",
 ) -> tuple[int, int]:
     """Count the components and the cavities of the solid {f <= level}.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
-    convention : {"vertices", "top_cells", "strict"}
-        Connectivity of the samples, see `CONNECTIVITY`.
 
     Returns
     -------

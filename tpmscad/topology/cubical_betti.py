@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Level, Samples
 from tpmscad.topology.components import count_components_and_cavities
 from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 
@@ -31,18 +33,17 @@ class Betti:
         return self.b0 - self.b1 + self.b2
 
 
-@public()
-def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> Betti:
+@validate_call()
+def betti(
+    values: Samples,
+    level: Level = 0.0,
+    convention: Annotated[
+        Convention,
+        choice_of("vertices", "top_cells", "strict"),
+        "Cubical complex of the samples: as vertices, or as cubes.",
+    ] = "vertices",
+) -> Betti:
     """Compute the Betti numbers of the solid {f <= level}.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
-    convention : {"vertices", "top_cells"}
-        Cubical complex of the samples: as vertices, or as cubes.
 
     Returns
     -------
@@ -68,18 +69,17 @@ def betti(values: ArrayLike, level: float = 0.0, convention: Convention = "verti
     return Betti(b0, b0 + b2 - euler, b2)
 
 
-@public()
-def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Convention = "vertices") -> int:
+@validate_call()
+def euler_characteristic(
+    values: Samples,
+    level: Level = 0.0,
+    convention: Annotated[
+        Convention,
+        choice_of("vertices", "top_cells", "strict"),
+        "Cubical complex of the samples: as vertices, or as cubes.",
+    ] = "vertices",
+) -> int:
     """Compute the Euler characteristic of the solid {f <= level}.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
-    convention : {"vertices", "top_cells"}
-        Cubical complex of the samples: as vertices, or as cubes.
 
     Returns
     -------
@@ -112,16 +112,12 @@ def euler_characteristic(values: ArrayLike, level: float = 0.0, convention: Conv
     return _alternating_cell_sum(np.pad(field > level, 1, constant_values=True)) - 1
 
 
-@public()
-def bound_component_counts(values: ArrayLike, level: float = 0.0) -> tuple[tuple[int, int], tuple[int, int]]:
+@validate_call()
+def bound_component_counts(
+    values: Samples,
+    level: Level = 0.0,
+) -> tuple[tuple[int, int], tuple[int, int]]:
     """Bound the numbers of components and cavities of the trilinear interpolant of the samples.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    level : float
-        Value of the field; 0 is the surface of the solid.
 
     Returns
     -------

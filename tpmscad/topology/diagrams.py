@@ -11,14 +11,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.api.argument_table import VALUES
-from tpmscad.api.public_calls import call_for_array, public, read_value
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import call_for_array, read_value, validate_call
+from tpmscad.api.shared_kinds import ANYTHING, BOX, CELL_COUNTS, DIMENSIONS, FLAG, NOT_NEGATIVE, VALUES
 from tpmscad.errors import InvalidRequest
 from tpmscad.memory_limit import require_memory
 from tpmscad.topology.voxels import Convention
@@ -186,35 +187,42 @@ class PersistenceDiagram:
         return (low, high) if low < high else (low - 1.0, high + 1.0)
 
 
-@public()
+@validate_call()
 def persistence_diagram(
-    field_or_values: Any,
-    domain: Sequence[Sequence[float]] | None = None,
-    resolution: int | Sequence[int] | None = None,
-    dimensions: Sequence[int] = (0, 1, 2),
+    field_or_values: Annotated[
+        Any, ANYTHING, "A function of points (..., 3), the result of `tpmscad.blend`, or samples."
+    ],
+    domain: Annotated[
+        Sequence[Sequence[float]] | None,
+        BOX,
+        "Box in which a function is sampled, in model units. By default the domain of a blend, or one period of a "
+        "periodic field.",
+    ] = None,
+    resolution: Annotated[
+        int | Sequence[int] | None,
+        CELL_COUNTS.described_as(example="40"),
+        "Samples along the longest edge, or along each axis, ends included. By default the resolution of a blend, or "
+        "64.",
+    ] = None,
+    dimensions: Annotated[Sequence[int], DIMENSIONS, "0 for connected components, 1 for tunnels, 2 for cavities."] = (
+        0,
+        1,
+        2,
+    ),
     *,
-    sublevel: bool = True,
-    convention: Convention = "vertices",
-    min_persistence: float = 0.0,
+    sublevel: Annotated[
+        bool, FLAG, "True for the filtration {f <= c} of the solid, False for {f >= c}, that of the void."
+    ] = True,
+    convention: Annotated[
+        Convention,
+        choice_of("vertices", "top_cells", "strict"),
+        "Cubical complex of the samples: as vertices, or as cubes; see `tpmscad.topology.CONNECTIVITY`.",
+    ] = "vertices",
+    min_persistence: Annotated[
+        float, NOT_NEGATIVE, "Features with ``abs(death - birth) <= min_persistence`` are left out."
+    ] = 0.0,
 ) -> PersistenceDiagram:
     """Compute the persistence diagram of a field, a blend result or an array of samples.
-
-    Parameters
-    ----------
-    field_or_values : Field, BlendResult, callable or array_like, shape (nx, ny, nz)
-        A function of points (..., 3), the result of `tpmscad.blend`, or samples.
-    domain : ((x0, y0, z0), (x1, y1, z1)), optional
-        Box in which a function is sampled, in model units. By default the domain of a blend, or one period of a periodic field.
-    resolution : int or (nx, ny, nz), optional
-        Samples along the longest edge, or along each axis, ends included. By default the resolution of a blend, or 64.
-    dimensions : sequence of {0, 1, 2}
-        0 for connected components, 1 for tunnels, 2 for cavities.
-    sublevel : bool
-        True for the filtration {f <= c} of the solid, False for {f >= c}, that of the void.
-    convention : {"vertices", "top_cells"}
-        Cubical complex of the samples: as vertices, or as cubes; see `tpmscad.topology.CONNECTIVITY`.
-    min_persistence : float
-        Features with ``abs(death - birth) <= min_persistence`` are left out.
 
     Returns
     -------

@@ -12,17 +12,19 @@ the exterior) no saddle is needed; otherwise only the other side of the level is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_arguments import Level, SampleConnectivity, Samples
+from tpmscad.api.shared_kinds import WHOLE_NUMBER
 from tpmscad.errors import InvalidRequest
 from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
-from tpmscad.topology.voxels import CONNECTIVITY, Convention, Labels, as_sample_array
+from tpmscad.topology.voxels import CONNECTIVITY, Labels, as_sample_array
 
 NO_VOXEL = -1
 """Location of the death of a class that never dies."""
@@ -77,18 +79,13 @@ class PersistencePairs:
         return self.select((self.birth <= level) & (level < self.death))
 
 
-@public()
-def compute_persistence(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> PersistencePairs:
+@validate_call()
+def compute_persistence(
+    values: Samples,
+    dimension: Annotated[int, WHOLE_NUMBER.described_as("0 or 2", "0"), "0 for components, 2 for cavities."],
+    convention: SampleConnectivity = "vertices",
+) -> PersistencePairs:
     """Compute the persistence pairs of samples in dimension 0 or 2 by a union-find sweep.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    dimension : {0, 2}
-        0 for components, 2 for cavities.
-    convention : {"vertices", "top_cells", "strict"}
-        Connectivity of the samples, see `CONNECTIVITY`.
 
     Returns
     -------
@@ -150,22 +147,14 @@ def _unpad_indices(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
     return np.ravel_multi_index(tuple(part - 1 for part in parts), shape).astype(np.int64)
 
 
-@public()
+@validate_call()
 def compute_pairs_at_level(
-    values: ArrayLike, dimension: int, convention: Convention = "vertices", level: float = 0.0
+    values: Samples,
+    dimension: Annotated[int, WHOLE_NUMBER.described_as("0 or 2", "0"), "0 for components, 2 for cavities."],
+    convention: SampleConnectivity = "vertices",
+    level: Level = 0.0,
 ) -> PersistencePairs:
     """Compute the persistence pairs that are alive at one level: one for each component or cavity.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz)
-        Samples of the field.
-    dimension : {0, 2}
-        0 for components, 2 for cavities.
-    convention : {"vertices", "top_cells", "strict"}
-        Connectivity of the samples, see `CONNECTIVITY`.
-    level : float
-        Value of the field; 0 is the surface of the solid.
 
     Returns
     -------

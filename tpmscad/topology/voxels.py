@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
-from tpmscad.api.argument_table import VALUES
 from tpmscad.api.public_calls import read_value
+from tpmscad.api.shared_kinds import VALUES
 from tpmscad.errors import InvalidRequest
 
 Labels = NDArray[np.int32]

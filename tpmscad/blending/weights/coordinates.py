@@ -6,12 +6,13 @@ These are the coordinates of section 3.1.1 (eqs 7, 10 and 12) of the porous-blen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public_constructor
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_constructor
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.tape.tape_nodes import Node, norm, sum_nodes
 
@@ -30,15 +31,10 @@ class Coordinate(Protocol):
         ...
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class LinearCoordinate:
     """The coordinate along a direction, measured from the origin (eq. 7).
-
-    Parameters
-    ----------
-    direction : tuple of three floats, default (1, 0, 0)
-        The direction; its length does not matter.
 
     Raises
     ------
@@ -53,7 +49,7 @@ class LinearCoordinate:
     3.0
     """
 
-    direction: Vector = (1.0, 0.0, 0.0)
+    direction: Annotated[Vector, POINT, "The direction; its length does not matter."] = (1.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         _check_direction(self.direction, "direction")
@@ -78,17 +74,10 @@ class LinearCoordinate:
         return int(np.argmax(unit)) if np.max(unit) == 1.0 else None
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class CylinderRadius:
     """The distance from an axis (eq. 10).
-
-    Parameters
-    ----------
-    origin : tuple of three floats, default (0, 0, 0)
-        A point of the axis, in model units.
-    direction : tuple of three floats, default (0, 0, 1)
-        The direction of the axis; its length does not matter.
 
     Raises
     ------
@@ -103,8 +92,8 @@ class CylinderRadius:
     5.0
     """
 
-    origin: Vector = (0.0, 0.0, 0.0)
-    direction: Vector = (0.0, 0.0, 1.0)
+    origin: Annotated[Vector, POINT, "A point of the axis, in model units."] = (0.0, 0.0, 0.0)
+    direction: Annotated[Vector, POINT, "The direction of the axis; its length does not matter."] = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
         _check_direction(self.direction, "direction")
@@ -131,15 +120,10 @@ class CylinderRadius:
         return offset - (offset @ unit)[..., None] * unit
 
 
-@public_constructor
+@validate_constructor
 @dataclass(frozen=True, slots=True)
 class SphereRadius:
     """The distance from a point (eq. 12).
-
-    Parameters
-    ----------
-    centre : tuple of three floats, default (0, 0, 0)
-        The point, in model units.
 
     Examples
     --------
@@ -149,7 +133,7 @@ class SphereRadius:
     5.0
     """
 
-    centre: Vector = (0.0, 0.0, 0.0)
+    centre: Annotated[Vector, POINT, "The point, in model units."] = (0.0, 0.0, 0.0)
 
     def __call__(self, points: Array) -> Array:
         """Coordinates (...) of points (..., 3)."""

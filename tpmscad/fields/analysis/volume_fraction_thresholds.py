@@ -14,13 +14,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Annotated
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import BOX, COUNT, FIELD, FRACTION, NUMBER, PAIR
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.kinds.ramps import RampField
@@ -57,18 +60,16 @@ class _CellSamples:
     upper_bounds: Array
 
 
-@public()
-def volume_fraction(field: FieldLike, domain: BoxCorners | None = None, *, samples: int = SAMPLES_PER_AXIS) -> float:
+@validate_call()
+def volume_fraction(
+    field: Annotated[FieldLike, FIELD, "The field; f <= 0 is solid."],
+    domain: Annotated[BoxCorners | None, BOX, "The box, in model units; by default one period."] = None,
+    *,
+    samples: Annotated[
+        int, COUNT.described_as(example="96"), "Cells per axis of the finer of two grids, at least 4."
+    ] = SAMPLES_PER_AXIS,
+) -> float:
     """Return the volume fraction of the solid of a field in a box.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field; f <= 0 is solid.
-    domain : ((x0, y0, z0), (x1, y1, z1)), optional
-        The box, in model units; by default one period.
-    samples : int
-        Cells per axis of the finer of two grids, at least 4.
 
     Returns
     -------
@@ -94,32 +95,19 @@ def volume_fraction(field: FieldLike, domain: BoxCorners | None = None, *, sampl
     return _richardson(_fraction_below(fine, 0.0), _fraction_below(coarse, 0.0))
 
 
-@public()
+@validate_call()
 def threshold_for(
-    phi: FieldLike,
-    volume_fraction: float,
-    kind: str = "rod",
+    phi: Annotated[FieldLike, FIELD, "The field."],
+    volume_fraction: Annotated[float, FRACTION, "Volume of the solid per volume of the box, between 0 and 1."],
+    kind: Annotated[str, choice_of("rod", "pore", "sheet"), "The structure cut from phi."] = "rod",
     *,
-    level: float = 0.0,
-    domain: BoxCorners | None = None,
-    samples: int = SAMPLES_PER_AXIS,
+    level: Annotated[float, NUMBER.described_as(example="0.0"), "Isovalue in the middle of a sheet."] = 0.0,
+    domain: Annotated[BoxCorners | None, BOX, "The box, in model units; by default one period."] = None,
+    samples: Annotated[
+        int, COUNT.described_as(example="96"), "Cells per axis of the finer of two grids, at least 4."
+    ] = SAMPLES_PER_AXIS,
 ) -> float | tuple[float, float]:
     """Return the threshold with which a structure has a volume fraction.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field.
-    volume_fraction : float
-        Volume of the solid per volume of the box, between 0 and 1.
-    kind : {"rod", "pore", "sheet"}
-        The structure cut from phi.
-    level : float
-        Isovalue in the middle of a sheet.
-    domain : ((x0, y0, z0), (x1, y1, z1)), optional
-        The box, in model units; by default one period.
-    samples : int
-        Cells per axis of the finer of two grids, at least 4.
 
     Returns
     -------
@@ -299,32 +287,23 @@ class GradedThreshold(Field):
         )
 
 
-@public()
+@validate_call()
 def graded_threshold(
-    phi: FieldLike,
-    fraction: FieldLike,
-    span: Sequence[float] | None = None,
-    kind: str = "rod",
+    phi: Annotated[FieldLike, FIELD, "The field."],
+    fraction: Annotated[FieldLike, FIELD.described_as(example="0.3"), "The local volume fraction."],
+    span: Annotated[
+        Sequence[float] | None,
+        PAIR,
+        "Range of the volume fraction, between 0 and 1; by default the values between which a ramp runs.",
+    ] = None,
+    kind: Annotated[str, choice_of("rod", "pore", "sheet"), "The structure cut from phi."] = "rod",
     *,
-    level: float = 0.0,
-    domain: BoxCorners | None = None,
+    level: Annotated[float, NUMBER.described_as(example="0.0"), "Isovalue in the middle of a sheet."] = 0.0,
+    domain: Annotated[
+        BoxCorners | None, BOX, "Box in which volume fractions are measured, in model units; by default one period."
+    ] = None,
 ) -> Field | tuple[Field, Field]:
     """Return the threshold field with which a structure has a volume fraction that varies slowly in space.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field.
-    fraction : Field, float or callable
-        The local volume fraction.
-    span : (least, greatest), optional
-        Range of the volume fraction, between 0 and 1; by default the values between which a ramp runs.
-    kind : {"rod", "pore", "sheet"}
-        The structure cut from phi.
-    level : float
-        Isovalue in the middle of a sheet.
-    domain : ((x0, y0, z0), (x1, y1, z1)), optional
-        Box in which volume fractions are measured, in model units; by default one period.
 
     Returns
     -------

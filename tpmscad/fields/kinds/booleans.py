@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import BinaryField, Field, FieldLike, MinMaxField, as_field
 from tpmscad.fields.tape.tape_nodes import Node, choose_extreme, clamp
@@ -49,14 +51,9 @@ class CubicMinMaxField(RoundedMinMaxField):
         return overlap * overlap * overlap / 6.0
 
 
-@public()
-def union(*fields: FieldLike) -> Field:
+@validate_call()
+def union(*fields: Annotated[FieldLike, FIELD, "At least one field."]) -> Field:
     """Return the union of solids, the minimum of their fields.
-
-    Parameters
-    ----------
-    *fields : Field, float or callable
-        At least one field.
 
     Returns
     -------
@@ -78,14 +75,9 @@ def union(*fields: FieldLike) -> Field:
     return _fold_min_max(fields, -1)
 
 
-@public()
-def intersection(*fields: FieldLike) -> Field:
+@validate_call()
+def intersection(*fields: Annotated[FieldLike, FIELD, "At least one field."]) -> Field:
     """Return the intersection of solids, the maximum of their fields.
-
-    Parameters
-    ----------
-    *fields : Field, float or callable
-        At least one field.
 
     Returns
     -------
@@ -107,16 +99,12 @@ def intersection(*fields: FieldLike) -> Field:
     return _fold_min_max(fields, +1)
 
 
-@public()
-def difference(field: FieldLike, *taken: FieldLike) -> Field:
+@validate_call()
+def difference(
+    field: Annotated[FieldLike, FIELD, "The solid to cut."],
+    *taken: Annotated[FieldLike, FIELD, "The solids that are removed."],
+) -> Field:
     """Return a solid without other solids.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The solid to cut.
-    *taken : Field, float or callable
-        The solids that are removed.
 
     Returns
     -------
@@ -133,14 +121,9 @@ def difference(field: FieldLike, *taken: FieldLike) -> Field:
     return _fold_min_max((field, *(-as_field(f) for f in taken)), +1)
 
 
-@public()
-def complement(field: FieldLike) -> Field:
+@validate_call()
+def complement(field: Annotated[FieldLike, FIELD, "The field."]) -> Field:
     """Return the field with solid and void exchanged.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field.
 
     Returns
     -------
@@ -156,16 +139,18 @@ def complement(field: FieldLike) -> Field:
     return -as_field(field)
 
 
-@public()
-def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
+@validate_call()
+def smooth_union(
+    first: Annotated[FieldLike, FIELD, "The solids."],
+    second: Annotated[FieldLike, FIELD, "The solids."],
+    width: Annotated[
+        float,
+        POSITIVE,
+        "Difference of the two field values below which the crease is filled; for signed distances a length in model "
+        "units.",
+    ],
+) -> Field:
     """Return the union of two solids with a filled crease.
-
-    Parameters
-    ----------
-    first, second : Field, float or callable
-        The solids.
-    width : float
-        Difference of the two field values below which the crease is filled; for signed distances a length in model units.
 
     Returns
     -------
@@ -187,16 +172,18 @@ def smooth_union(first: FieldLike, second: FieldLike, width: float) -> Field:
     return CubicMinMaxField(as_field(first), as_field(second), -1, width)
 
 
-@public()
-def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Field:
+@validate_call()
+def smooth_intersection(
+    first: Annotated[FieldLike, FIELD, "The solids."],
+    second: Annotated[FieldLike, FIELD, "The solids."],
+    width: Annotated[
+        float,
+        POSITIVE,
+        "Difference of the two field values below which the edge is rounded; for signed distances a length in model "
+        "units.",
+    ],
+) -> Field:
     """Return the intersection of two solids with a rounded edge.
-
-    Parameters
-    ----------
-    first, second : Field, float or callable
-        The solids.
-    width : float
-        Difference of the two field values below which the edge is rounded; for signed distances a length in model units.
 
     Returns
     -------
@@ -218,18 +205,13 @@ def smooth_intersection(first: FieldLike, second: FieldLike, width: float) -> Fi
     return CubicMinMaxField(as_field(first), as_field(second), +1, width)
 
 
-@public()
-def smooth_difference(field: FieldLike, taken: FieldLike, width: float) -> Field:
+@validate_call()
+def smooth_difference(
+    field: Annotated[FieldLike, FIELD, "The solid to cut."],
+    taken: Annotated[FieldLike, FIELD, "The solid that is removed."],
+    width: Annotated[float, POSITIVE, "Difference between `field` and -`taken` below which the edge is rounded."],
+) -> Field:
     """Return a solid without another one, with a rounded edge.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The solid to cut.
-    taken : Field, float or callable
-        The solid that is removed.
-    width : float
-        Difference between `field` and -`taken` below which the edge is rounded.
 
     Returns
     -------

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator, PPoly
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, SIZES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.tape.evaluation import Triple
@@ -61,18 +63,19 @@ class GradedCellField(Field):
         return self.field.trace(*coordinates)
 
 
-@public()
+@validate_call()
 def cell_sizes(
-    field: FieldLike, *, x: CellSizeTable | None = None, y: CellSizeTable | None = None, z: CellSizeTable | None = None
+    field: Annotated[FieldLike, FIELD, "A field that is periodic along every axis given."],
+    *,
+    x: Annotated[
+        CellSizeTable | None,
+        SIZES,
+        "Ascending positions along the axis and the edge of the cell at each of them, at least two, in model units.",
+    ] = None,
+    y: Annotated[CellSizeTable | None, SIZES, "As `x`."] = None,
+    z: Annotated[CellSizeTable | None, SIZES, "As `x`."] = None,
 ) -> GradedCellField:
     """Return a periodic field with unit cells of varying size along some axes.
-
-    Parameters
-    ----------
-    field : Field
-        A field that is periodic along every axis given.
-    x, y, z : (positions, sizes), optional
-        Ascending positions along the axis and the edge of the cell at each of them, at least two, in model units.
 
     Returns
     -------

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import call_for_array, public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import call_for_array, validate_call
+from tpmscad.api.shared_kinds import DIRECTION, FIELD, FUNCTION, MAP, NUMBER, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
@@ -87,26 +89,27 @@ class MappedField(Field):
         return image[:, 0].copy(), image[:, 1].copy(), image[:, 2].copy()
 
 
-@public()
+@validate_call()
 def warp(
-    field: FieldLike,
-    map: Callable[[Array], Any],
-    jacobian: Callable[[Array], Any] | None = None,
+    field: Annotated[FieldLike, FIELD, "The field f in its own, straight coordinates."],
+    map: Annotated[
+        Callable[[Array], Any],
+        MAP,
+        "map(points (n, 3)) -> (n, 3), from points of the model (the deformed part) to the coordinates of the field.",
+    ],
+    jacobian: Annotated[
+        Callable[[Array], Any] | None,
+        FUNCTION.described_as("a function of points (n, 3) that returns (n, 3, 3)"),
+        "jacobian(points (n, 3)) -> (n, 3, 3), row i the derivatives of coordinate i; by default central differences.",
+    ] = None,
     *,
-    step: float = DIFFERENCE_STEP,
+    step: Annotated[
+        float,
+        POSITIVE.described_as(example="0.001"),
+        "Step of the central differences of fourth order, in model units.",
+    ] = DIFFERENCE_STEP,
 ) -> MappedField:
     """Return the field p -> f(map(p)).
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field f in its own, straight coordinates.
-    map : callable
-        map(points (n, 3)) -> (n, 3), from points of the model (the deformed part) to the coordinates of the field.
-    jacobian : callable, optional
-        jacobian(points (n, 3)) -> (n, 3, 3), row i the derivatives of coordinate i; by default central differences.
-    step : float
-        Step of the central differences of fourth order, in model units.
 
     Returns
     -------
@@ -129,16 +132,12 @@ def warp(
     return MappedField(as_field(field), map, jacobian, step)
 
 
-@public()
-def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedField:
+@validate_call()
+def translate(
+    field: Annotated[FieldLike, FIELD, "The field."],
+    vector: Annotated[Sequence[float], POINT, "Translation, in model units."],
+) -> AffineTransformedField:
     """Return the field translated by a vector.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field.
-    vector : (x, y, z)
-        Translation, in model units.
 
     Returns
     -------
@@ -161,22 +160,16 @@ def translate(field: FieldLike, vector: Sequence[float]) -> AffineTransformedFie
     return AffineTransformedField(as_field(field), IDENTITY, (-x, -y, -z), 1.0)
 
 
-@public()
+@validate_call()
 def rotate(
-    field: FieldLike, axis: Direction, angle: float, center: Sequence[float] = (0.0, 0.0, 0.0)
+    field: Annotated[FieldLike, FIELD, "The field."],
+    axis: Annotated[Direction, DIRECTION, '"x", "y", "z", "-x", ... or a vector of any length.'],
+    angle: Annotated[
+        float, NUMBER.described_as(example="20"), "Angle in degrees, counter-clockwise seen from the tip of the axis."
+    ],
+    center: Annotated[Sequence[float], POINT, "Point on the axis, in model units."] = (0.0, 0.0, 0.0),
 ) -> AffineTransformedField:
     """Return the field rotated about an axis.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field.
-    axis : str or (x, y, z)
-        "x", "y", "z", "-x", ... or a vector of any length.
-    angle : float
-        Angle in degrees, counter-clockwise seen from the tip of the axis.
-    center : (x, y, z)
-        Point on the axis, in model units.
 
     Returns
     -------
@@ -202,18 +195,15 @@ def rotate(
     return AffineTransformedField(as_field(field), _as_rows(back), _as_vector(c - back @ c), 1.0)
 
 
-@public()
-def scale(field: FieldLike, factor: float, center: Sequence[float] = (0.0, 0.0, 0.0)) -> AffineTransformedField:
+@validate_call()
+def scale(
+    field: Annotated[FieldLike, FIELD, "The field."],
+    factor: Annotated[
+        float, POSITIVE, "Scale factor, positive. The values are scaled too, so that a signed distance remains one."
+    ],
+    center: Annotated[Sequence[float], POINT, "Fixed point, in model units."] = (0.0, 0.0, 0.0),
+) -> AffineTransformedField:
     """Return the field scaled about a center.
-
-    Parameters
-    ----------
-    field : Field, float or callable
-        The field.
-    factor : float
-        Scale factor, positive. The values are scaled too, so that a signed distance remains one.
-    center : (x, y, z)
-        Fixed point, in model units.
 
     Returns
     -------

@@ -15,8 +15,10 @@ from difflib import get_close_matches
 from functools import partial, reduce
 from operator import add
 from types import MappingProxyType
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, POSITIVE, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import (
     BinaryField,
@@ -144,20 +146,25 @@ class ExpressionField(Field):
         )
 
 
-@public()
-def expression(formula: str, period: float | None = None, **named: FieldLike) -> ExpressionField:
+@validate_call()
+def expression(
+    formula: Annotated[
+        str,
+        TEXT.described_as(example='"sin(x) + 0.2*z"'),
+        "Numbers, ``+ - * / **`` (or ``^``), ``pi``, ``e``, the functions ``sin cos tan asin acos atan atan2 sinh "
+        "cosh tanh exp log sqrt abs hypot min max``, and coordinates. Angles in radians. Negative values are solid.",
+    ],
+    period: Annotated[
+        float | None,
+        POSITIVE,
+        "If given, x, y and z stand for 2 pi / period times the coordinate, as in the formulas of the catalogue; X, Y "
+        "and Z remain the coordinates in model units. Otherwise x, y, z are model units, too.",
+    ] = None,
+    **named: Annotated[
+        FieldLike, FIELD, 'Further names of the formula: ``expression("max(g, b)", g=gyroid, b=ball)``.'
+    ],
+) -> ExpressionField:
     """Return the field of a formula of x, y and z.
-
-    Parameters
-    ----------
-    formula : str
-        Numbers, ``+ - * / **`` (or ``^``), ``pi``, ``e``, the functions ``sin cos tan asin acos atan atan2 sinh cosh tanh exp log
-        sqrt abs hypot min max``, and coordinates. Angles in radians. Negative values are solid.
-    period : float, optional
-        If given, x, y and z stand for 2 pi / period times the coordinate, as in the formulas of the catalogue; X, Y and Z remain
-        the coordinates in model units. Otherwise x, y, z are model units, too.
-    **named : field, number or callable
-        Further names of the formula: ``expression("max(g, b)", g=gyroid, b=ball)``.
 
     Returns
     -------

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import distance_transform_edt
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import choice_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import MASK, PAIR_OR_TRIPLE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data import stencil
 from tpmscad.fields.field import Field
@@ -44,18 +46,21 @@ class ImageRegion(Field):
         ]
 
 
-@public()
-def image_region(mask: ArrayLike, lo: Sequence[float], hi: Sequence[float], *, axis: str = "z") -> ImageRegion:
+@validate_call()
+def image_region(
+    mask: Annotated[
+        ArrayLike, MASK, "The first index runs along x. A picture stored in rows from the top is `picture.T[:, ::-1]`."
+    ],
+    lo: Annotated[
+        Sequence[float],
+        PAIR_OR_TRIPLE,
+        "Corners of the box that the mask covers, in model units; two coordinates for a mask of two dimensions.",
+    ],
+    hi: Annotated[Sequence[float], PAIR_OR_TRIPLE.described_as(example="(20, 20)"), "As `lo`."],
+    *,
+    axis: Annotated[str, choice_of("x", "y", "z"), "Direction along which a mask of two dimensions is extruded."] = "z",
+) -> ImageRegion:
     """Return the region of the True pixels of a mask.
-
-    Parameters
-    ----------
-    mask : array_like of bool, shape (nx, ny) or (nx, ny, nz)
-        The first index runs along x. A picture stored in rows from the top is `picture.T[:, ::-1]`.
-    lo, hi : sequence of float
-        Corners of the box that the mask covers, in model units; two coordinates for a mask of two dimensions.
-    axis : {"x", "y", "z"}
-        Direction along which a mask of two dimensions is extruded.
 
     Returns
     -------

@@ -8,12 +8,14 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import LENGTHS, VALUES
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import choose_periods
 from tpmscad.fields.tape.evaluation import Triple
@@ -40,23 +42,20 @@ class ImplicitBSpline(Field):
         return f"ImplicitBSpline({'x'.join(map(str, self.coefficients.shape))} coefficients {digest}, period={self.period})"
 
 
-@public()
+@validate_call()
 def bspline_unit(
-    coefficients: ArrayLike,
-    period: float | Sequence[float] | None = None,
+    coefficients: Annotated[
+        ArrayLike, VALUES, "Coefficient (i, j, k) belongs to the point (i / mx, j / my, k / mz) of the period."
+    ],
+    period: Annotated[
+        float | Sequence[float] | None, LENGTHS, "Periods along the axes, in model units; 10 by default."
+    ] = None,
     *,
-    cell: float | Sequence[float] | None = None,
+    cell: Annotated[
+        float | Sequence[float] | None, LENGTHS, "The same as `period`, by the word of lattices; give one of the two."
+    ] = None,
 ) -> ImplicitBSpline:
     """Return the periodic cubic B-spline field of given coefficients.
-
-    Parameters
-    ----------
-    coefficients : array_like, shape (mx, my, mz)
-        Coefficient (i, j, k) belongs to the point (i / mx, j / my, k / mz) of the period.
-    period : float or (px, py, pz), optional
-        Periods along the axes, in model units; 10 by default.
-    cell : float or (px, py, pz), optional
-        The same as `period`, by the word of lattices; give one of the two.
 
     Returns
     -------

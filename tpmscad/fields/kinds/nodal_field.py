@@ -6,8 +6,11 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import LENGTHS, TEXT
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.expressions import coordinates_by_name, read_formula
@@ -47,26 +50,19 @@ class NodalField(Field):
         return self.period
 
 
-@public()
+@validate_call()
 def tpms(
-    name: str,
-    period: float | Sequence[float] | None = None,
-    phase: Triple = (0.0, 0.0, 0.0),
+    name: Annotated[str, TEXT, "Name, title or alias of a surface of the catalogue (`fields.TPMS`)."],
+    period: Annotated[
+        float | Sequence[float] | None, LENGTHS, "Edges of the unit cell, in model units; 10 by default."
+    ] = None,
+    phase: Annotated[Triple, POINT, "Translation of the structure, in cells."] = (0.0, 0.0, 0.0),
     *,
-    cell: float | Sequence[float] | None = None,
+    cell: Annotated[
+        float | Sequence[float] | None, LENGTHS, "The same as `period`, by the word of lattices; give one of the two."
+    ] = None,
 ) -> NodalField:
     """Return the nodal field of a triply periodic surface.
-
-    Parameters
-    ----------
-    name : str
-        Name, title or alias of a surface of the catalogue (`fields.TPMS`).
-    period : float or (px, py, pz), optional
-        Edges of the unit cell, in model units; 10 by default.
-    phase : (x, y, z)
-        Translation of the structure, in cells.
-    cell : float or (px, py, pz), optional
-        The same as `period`, by the word of lattices; give one of the two.
 
     Returns
     -------

@@ -16,11 +16,13 @@ points, not necessarily the nearest, and jumps where that changes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, FUNCTION, POSITIVE
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.kinds.foot_point_search import search_foot_points
 from tpmscad.fields.kinds.thresholds import sheet
@@ -51,14 +53,9 @@ class NormalDistance(Field):
         return self.field.periods()
 
 
-@public()
-def normal_distance(phi: FieldLike) -> Field:
+@validate_call()
+def normal_distance(phi: Annotated[FieldLike, FIELD, "The field; its level set {phi = 0} is the reference."]) -> Field:
     """Return the signed distance to the level set of a field.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field; its level set {phi = 0} is the reference.
 
     Returns
     -------
@@ -84,17 +81,19 @@ def normal_distance(phi: FieldLike) -> Field:
     return NormalDistance(as_field(phi))
 
 
-@public()
-def wall(phi: FieldLike, thickness: FieldLike) -> Field:
+@validate_call()
+def wall(
+    phi: Annotated[
+        FieldLike, FIELD, 'The field, for example `fields.tpms("lidinoid")`; the wall is centred on {phi = 0}.'
+    ],
+    thickness: Annotated[
+        FieldLike,
+        POSITIVE.or_else(FUNCTION),
+        "Thickness along the normal, model units. A field grades the wall: a point is solid if it is nearer to {phi = "
+        "0} than half the thickness there.",
+    ],
+) -> Field:
     """Return the wall of a thickness round the level set of a field.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field, for example `fields.tpms("lidinoid")`; the wall is centred on {phi = 0}.
-    thickness : Field, float or callable
-        Thickness along the normal, model units. A field grades the wall: a point is solid if it is nearer to {phi = 0} than half
-        the thickness there.
 
     Returns
     -------

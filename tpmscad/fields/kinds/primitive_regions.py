@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import reduce
+from typing import Annotated
 
 import numpy as np
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import DIRECTION, POSITIVE, UNBOUNDED_POINT
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import Direction, as_unit_vector
@@ -76,15 +79,17 @@ class CylinderRegion(Field):
         return radial if self.height is None else _corner_distance(radial, absolute(along) - self.height / 2)
 
 
-@public()
-def box(lo: Triple, hi: Triple) -> BoxRegion:
+@validate_call()
+def box(
+    lo: Annotated[
+        Triple,
+        UNBOUNDED_POINT,
+        "Corners, in model units; each coordinate of `lo` is below that of `hi`. Coordinates may be infinite: "
+        "box((0.4, -inf, -inf), (0.6, inf, inf)) is a slab.",
+    ],
+    hi: Annotated[Triple, UNBOUNDED_POINT.described_as(example="(10, 10, 10)"), "As `lo`."],
+) -> BoxRegion:
     """Return the axis-parallel box between two corners.
-
-    Parameters
-    ----------
-    lo, hi : (x, y, z)
-        Corners, in model units; each coordinate of `lo` is below that of `hi`. Coordinates may be infinite:
-        box((0.4, -inf, -inf), (0.6, inf, inf)) is a slab.
 
     Returns
     -------
@@ -109,16 +114,12 @@ def box(lo: Triple, hi: Triple) -> BoxRegion:
     return BoxRegion(lo, hi)
 
 
-@public()
-def halfspace(point: Triple, normal: Direction) -> HalfSpaceRegion:
+@validate_call()
+def halfspace(
+    point: Annotated[Triple, POINT, "Point of the plane, in model units."],
+    normal: Annotated[Direction, DIRECTION, 'Outward normal: "x", "-y", ... or a vector of any length.'],
+) -> HalfSpaceRegion:
     """Return the half-space behind a plane.
-
-    Parameters
-    ----------
-    point : (x, y, z)
-        Point of the plane, in model units.
-    normal : str or (x, y, z)
-        Outward normal: "x", "-y", ... or a vector of any length.
 
     Returns
     -------
@@ -139,16 +140,12 @@ def halfspace(point: Triple, normal: Direction) -> HalfSpaceRegion:
     return HalfSpaceRegion(point, as_unit_vector(normal))
 
 
-@public()
-def sphere(center: Triple, radius: float) -> SphereRegion:
+@validate_call()
+def sphere(
+    center: Annotated[Triple, POINT, "Center, in model units."],
+    radius: Annotated[float, POSITIVE.described_as("a positive, finite number", "5.0"), "Radius, positive."],
+) -> SphereRegion:
     """Return the ball with a center and a radius.
-
-    Parameters
-    ----------
-    center : (x, y, z)
-        Center, in model units.
-    radius : float
-        Radius, positive.
 
     Returns
     -------
@@ -169,20 +166,16 @@ def sphere(center: Triple, radius: float) -> SphereRegion:
     return SphereRegion(center, radius)
 
 
-@public()
-def cylinder(center: Triple, radius: float, axis: Direction = "z", height: float | None = None) -> CylinderRegion:
+@validate_call()
+def cylinder(
+    center: Annotated[Triple, POINT, "Middle of the axis, in model units."],
+    radius: Annotated[float, POSITIVE.described_as("a positive, finite number", "5.0"), "Radius, positive."],
+    axis: Annotated[Direction, DIRECTION, 'Direction: "x", "y", "z" or a vector of any length.'] = "z",
+    height: Annotated[
+        float | None, POSITIVE, "Height, half of it on each side of the center; infinite by default."
+    ] = None,
+) -> CylinderRegion:
     """Return a circular cylinder.
-
-    Parameters
-    ----------
-    center : (x, y, z)
-        Middle of the axis, in model units.
-    radius : float
-        Radius, positive.
-    axis : str or (x, y, z)
-        Direction: "x", "y", "z" or a vector of any length.
-    height : float, optional
-        Height, half of it on each side of the center; infinite by default.
 
     Returns
     -------

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import DIRECTION, FIELD, FLAG, NUMBER, PAIR, TEXT
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.kinds.primitive_regions import HalfSpaceRegion
@@ -48,16 +51,12 @@ class RampField(Field):
         return (1.0 - s) * self.low + s * self.high
 
 
-@public()
-def linear(slope: Triple, offset: float = 0.0) -> AffineFunction:
+@validate_call()
+def linear(
+    slope: Annotated[Triple, POINT, "Gradient, per model unit."],
+    offset: Annotated[float, NUMBER, "Value at the origin."] = 0.0,
+) -> AffineFunction:
     """Return the affine function offset + slope . p.
-
-    Parameters
-    ----------
-    slope : (sx, sy, sz)
-        Gradient, per model unit.
-    offset : float
-        Value at the origin.
 
     Returns
     -------
@@ -78,16 +77,12 @@ def linear(slope: Triple, offset: float = 0.0) -> AffineFunction:
     return AffineFunction(slope, offset)
 
 
-@public()
-def coordinate(axis: Direction, origin: Triple = (0.0, 0.0, 0.0)) -> HalfSpaceRegion:
+@validate_call()
+def coordinate(
+    axis: Annotated[Direction, DIRECTION, '"x", "y", "z", "-x", "-y", "-z" or a vector of any length.'],
+    origin: Annotated[Triple, POINT, "Point of distance zero, in model units."] = (0.0, 0.0, 0.0),
+) -> HalfSpaceRegion:
     """Return the signed distance from an origin along an axis.
-
-    Parameters
-    ----------
-    axis : str or (x, y, z)
-        "x", "y", "z", "-x", "-y", "-z" or a vector of any length.
-    origin : (x, y, z)
-        Point of distance zero, in model units.
 
     Returns
     -------
@@ -108,20 +103,23 @@ def coordinate(axis: Direction, origin: Triple = (0.0, 0.0, 0.0)) -> HalfSpaceRe
     return HalfSpaceRegion(origin, as_unit_vector(axis))
 
 
-@public()
-def ramp(by: FieldLike | str, span: Sequence[float], values: Sequence[float], *, smooth: bool = True) -> RampField:
+@validate_call()
+def ramp(
+    by: Annotated[
+        FieldLike | str,
+        TEXT.or_else(FIELD).described_as('"x", "y", "z" or a field', '"x"'),
+        "The parameter: a coordinate, a distance or any other field.",
+    ],
+    span: Annotated[
+        Sequence[float], PAIR, "Values of the parameter at which the ramp starts and ends; start may exceed end."
+    ],
+    values: Annotated[Sequence[float], PAIR, "Values of the ramp at the start and the end; constant beyond them."],
+    *,
+    smooth: Annotated[
+        bool, FLAG, "True for a quintic transition with two continuous derivatives, False for a linear one."
+    ] = True,
+) -> RampField:
     """Return a field that changes from one value to another while a parameter crosses an interval.
-
-    Parameters
-    ----------
-    by : Field, callable or {"x", "y", "z"}
-        The parameter: a coordinate, a distance or any other field.
-    span : (start, end)
-        Values of the parameter at which the ramp starts and ends; start may exceed end.
-    values : (first, last)
-        Values of the ramp at the start and the end; constant beyond them.
-    smooth : bool
-        True for a quintic transition with two continuous derivatives, False for a linear one.
 
     Returns
     -------

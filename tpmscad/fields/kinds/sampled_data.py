@@ -11,6 +11,7 @@ import hashlib
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,8 +19,9 @@ from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.argument_table import VALUES
-from tpmscad.api.public_calls import public, read_value
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.public_calls import read_value, validate_call
+from tpmscad.api.shared_kinds import ARRAY_OR_PATH, LENGTHS, NUMBER, VALUES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data import stencil
 from tpmscad.fields.data.image_files import read_image
@@ -73,28 +75,32 @@ class SampledField(Field):
         ]
 
 
-@public()
+@validate_call()
 def sampled(
-    values: ArrayLike | str | os.PathLike[str],
-    spacing: float | Sequence[float] | None = None,
-    origin: Triple | None = None,
+    values: Annotated[
+        ArrayLike | str | os.PathLike[str],
+        ARRAY_OR_PATH,
+        "Sample (i, j, k) lies at origin + spacing * (i, j, k). At least four samples along each axis. Or the path of "
+        "an image: ``.npy``, ``.vti``, ``.vtk``, ``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra "
+        "``tpmscad[images]``.",
+    ],
+    spacing: Annotated[
+        float | Sequence[float] | None,
+        LENGTHS,
+        "Distance of neighbouring samples, model units. By default that of the file, or 1.",
+    ] = None,
+    origin: Annotated[
+        Triple | None, POINT, "Position of the first sample, model units. By default that of the file, or the origin."
+    ] = None,
     *,
-    level: float | None = None,
+    level: Annotated[
+        float | None,
+        NUMBER.described_as(example="0.0"),
+        "If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual "
+        "for densities. Otherwise the field is the data, and negative data are solid.",
+    ] = None,
 ) -> SampledField:
     """Return the smooth field through samples on a uniform grid.
-
-    Parameters
-    ----------
-    values : array_like, shape (nx, ny, nz), or path
-        Sample (i, j, k) lies at origin + spacing * (i, j, k). At least four samples along each axis. Or the path of an image:
-        ``.npy``, ``.vti``, ``.vtk``, ``.nrrd``, ``.nii`` or ``.nii.gz``; all but the first need the extra ``tpmscad[images]``.
-    spacing : float or (dx, dy, dz), optional
-        Distance of neighbouring samples, model units. By default that of the file, or 1.
-    origin : (3,) floats, optional
-        Position of the first sample, model units. By default that of the file, or the origin.
-    level : float, optional
-        If given, the field is `level` minus the data: the part whose data exceed the level is solid, as is usual for densities.
-        Otherwise the field is the data, and negative data are solid.
 
     Returns
     -------

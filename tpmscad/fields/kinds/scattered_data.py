@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,7 +17,8 @@ from scipy.interpolate import RBFInterpolator
 from scipy.spatial import KDTree
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import BOX, CELL_COUNTS, NOT_NEGATIVE, NUMBER, POINT_TABLE, POINT_VALUES
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.data.point_tables import read_point_table
 from tpmscad.fields.kinds.sampled_data import MIN_SAMPLES, SampledField, sampled
@@ -42,33 +44,38 @@ SAMPLES_PER_BATCH = 4096
 """Samples interpolated at a time: 3000 points need 100 MB."""
 
 
-@public()
+@validate_call()
 def scattered(
-    points: ArrayLike | str | os.PathLike[str],
-    values: ArrayLike | None = None,
+    points: Annotated[
+        ArrayLike | str | os.PathLike[str],
+        POINT_TABLE,
+        "Positions, model units; at least four, not in one plane. Or the path of a CSV file with the columns x, y, z "
+        "and value.",
+    ],
+    values: Annotated[ArrayLike | None, POINT_VALUES, "Value at each point; a file holds them."] = None,
     *,
-    level: float | None = None,
-    smoothing: float = 0.0,
-    resolution: int | Sequence[int] | None = None,
-    domain: BoxCorners | None = None,
+    level: Annotated[
+        float | None,
+        NUMBER.described_as(example="0.0"),
+        "If given, the field is `level` minus the data: the part whose data exceed the level is solid.",
+    ] = None,
+    smoothing: Annotated[
+        float, NOT_NEGATIVE, "0 interpolates; larger values smooth noise (see scipy.interpolate.RBFInterpolator)."
+    ] = 0.0,
+    resolution: Annotated[
+        int | Sequence[int] | None,
+        CELL_COUNTS.described_as(example="40"),
+        "Samples of the table along the longest axis, or along each. By default two for each distance of neighbouring "
+        "points.",
+    ] = None,
+    domain: Annotated[
+        BoxCorners | None,
+        BOX,
+        "Box of the table, model units; by default the bounding box of the points. Beyond it the field is continued "
+        "by half a sample's spacing, and then constant along each axis.",
+    ] = None,
 ) -> SampledField:
     """Return the smooth field through values at scattered points.
-
-    Parameters
-    ----------
-    points : array_like, shape (n, 3), or path
-        Positions, model units; at least four, not in one plane. Or the path of a CSV file with the columns x, y, z and value.
-    values : array_like, shape (n,), optional
-        Value at each point; a file holds them.
-    level : float, optional
-        If given, the field is `level` minus the data: the part whose data exceed the level is solid.
-    smoothing : float, optional
-        0 interpolates; larger values smooth noise (see scipy.interpolate.RBFInterpolator).
-    resolution : int or (3,) ints, optional
-        Samples of the table along the longest axis, or along each. By default two for each distance of neighbouring points.
-    domain : ((x0, y0, z0), (x1, y1, z1)), optional
-        Box of the table, model units; by default the bounding box of the points. Beyond it the field is continued by half a
-        sample's spacing, and then constant along each axis.
 
     Returns
     -------

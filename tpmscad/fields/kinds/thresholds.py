@@ -6,24 +6,23 @@ and its threshold, so its gradient is exact.
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import ConstantField, Field, FieldLike, MinMaxField, as_field
 from tpmscad.fields.kinds.nodal_field import NodalField
 
 
-@public()
-def rod(phi: FieldLike, c: FieldLike) -> Field:
+@validate_call()
+def rod(
+    phi: Annotated[FieldLike, FIELD, 'The field, for example `fields.tpms("gyroid")`.'],
+    c: Annotated[FieldLike, FIELD.described_as(example="-0.4"), "The threshold."],
+) -> Field:
     """Return the rod structure {phi <= c} as the field phi - c.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field, for example `fields.tpms("gyroid")`.
-    c : Field, float or callable
-        The threshold.
 
     Returns
     -------
@@ -45,16 +44,12 @@ def rod(phi: FieldLike, c: FieldLike) -> Field:
     return phi - c
 
 
-@public()
-def pore(phi: FieldLike, c: FieldLike) -> Field:
+@validate_call()
+def pore(
+    phi: Annotated[FieldLike, FIELD, "The field."],
+    c: Annotated[FieldLike, FIELD.described_as(example="-0.4"), "The threshold."],
+) -> Field:
     """Return the pore structure {phi >= c} as the field c - phi.
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field.
-    c : Field, float or callable
-        The threshold.
 
     Returns
     -------
@@ -78,16 +73,15 @@ def pore(phi: FieldLike, c: FieldLike) -> Field:
     return c - phi
 
 
-@public()
-def sheet(phi: FieldLike, lo: FieldLike, hi: FieldLike) -> Field:
+@validate_call()
+def sheet(
+    phi: Annotated[
+        FieldLike, FIELD, "The field. For a signed distance the sheet is the layer between two offset surfaces."
+    ],
+    lo: Annotated[FieldLike, FIELD.described_as(example="-0.3"), "The thresholds, lo < hi."],
+    hi: Annotated[FieldLike, FIELD.described_as(example="0.3"), "The thresholds, lo < hi."],
+) -> Field:
     """Return the sheet structure {lo <= phi <= hi} as the field max(lo - phi, phi - hi).
-
-    Parameters
-    ----------
-    phi : Field, float or callable
-        The field. For a signed distance the sheet is the layer between two offset surfaces.
-    lo, hi : Field, float or callable
-        The thresholds, lo < hi.
 
     Returns
     -------

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
-from tpmscad.api.argument_table import GRID_AXIS, POINTS
 from tpmscad.api.public_calls import read_value, translate_errors
+from tpmscad.api.shared_kinds import GRID_AXIS, POINTS
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.tape.field_tape import FieldTape
 from tpmscad.fields.tape.tape_nodes import Node

@@ -6,7 +6,7 @@ OCCT finds the foot points one at a time; each takes about a quarter of a millis
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeVertex
@@ -17,7 +17,8 @@ from OCP.TopAbs import TopAbs_IN
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import public
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import POSITIVE, SHAPE
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.sampled_data import SampledField, sampled
@@ -90,18 +91,19 @@ class BodyDistance(Field):
         return value, feet
 
 
-@public()
-def body_field(shape: Any, *, spacing: float | None = None) -> Field:
+@validate_call()
+def body_field(
+    shape: Annotated[Any, SHAPE, "One valid, closed solid, in model units."],
+    *,
+    spacing: Annotated[
+        float | None,
+        POSITIVE,
+        "If given, the distance is computed once on a grid of about this spacing, model units, over the body's box "
+        "and two spacings around it, and interpolated by a cubic spline: cheap to evaluate, and smooth. By default "
+        "every evaluation finds the exact distance.",
+    ] = None,
+) -> Field:
     """Signed distance to a CAD body as a field, negative inside.
-
-    Parameters
-    ----------
-    shape : build123d, CadQuery or TopoDS shape, or path of a STEP file
-        One valid, closed solid, in model units.
-    spacing : float, optional
-        If given, the distance is computed once on a grid of about this spacing, model units, over the body's box and two
-        spacings around it, and interpolated by a cubic spline: cheap to evaluate, and smooth. By default every evaluation finds
-        the exact distance.
 
     Returns
     -------

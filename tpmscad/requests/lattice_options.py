@@ -1,0 +1,201 @@
+"""The keywords of `lattice`, `infill` and `fluid_domains`, each declared once.
+
+The classes are the arguments of the functions, validated one by one at the door (`tpmscad.api.public_calls`). What they mean
+together is resolved in `lattice_request`. The command line reads this module for its options, so it does without NumPy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import KW_ONLY, dataclass, fields
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from tpmscad.api.argument_kinds import POINT, choice_of
+from tpmscad.api.shared_kinds import (
+    CELL_COUNTS,
+    FACES,
+    FRACTION,
+    LENGTHS,
+    MAP,
+    NAME_OR_FIELD,
+    OFFSET,
+    POSITIVE,
+    PROGRESS,
+    SHAPE,
+    TEXT,
+    WALL_THICKNESS,
+)
+
+if TYPE_CHECKING:
+    from tpmscad._typing import Array, ProgressOption
+    from tpmscad.fields.field import Field
+    from tpmscad.lattices.coordinate_maps import Map
+
+Surface = Annotated[str, TEXT, "Name of a surface of the catalogue; see ``tpmscad surfaces``."]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WallOptions:
+    """The keywords of every wall of a lattice."""
+
+    cell: Annotated[
+        float | Sequence[float] | None,
+        LENGTHS,
+        "Edge length of the cell, or one for each axis, mm. Required for a surface unless `pore_size` is given.",
+    ] = None
+    thickness: Annotated[
+        float | Callable[[Array], Array] | None,
+        POSITIVE,
+        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`.",
+    ] = None
+    offset: Annotated[
+        float | Sequence[float] | None,
+        OFFSET,
+        "Signed normal distances of the two sides of the wall, the lower first, mm.",
+    ] = None
+    volume_fraction: Annotated[
+        float | None, FRACTION, "Solid fraction of the whole cell, from which the distances follow."
+    ] = None
+    porosity: Annotated[float | None, FRACTION, "Void fraction of the whole cell, 1 - volume fraction."] = None
+    pore_size: Annotated[
+        float | None,
+        POSITIVE,
+        "Diameter of the largest sphere in the void of the endless lattice, mm; instead of `cell`, which follows from it. Of a "
+        "sheet the larger of the two channels counts; a note of the certificate states both.",
+    ] = None
+    reference: Annotated[
+        str | None,
+        choice_of("minimal", "nodal"),
+        "The exact surface, 'minimal' (the default if the catalogue has it), or the trigonometric one of its name, 'nodal'.",
+    ] = None
+    phase: Annotated[Sequence[float] | None, POINT, "Shift of the lattice, in cells; none by default."] = None
+    tol: Annotated[
+        float | None,
+        POSITIVE.described_as(example="0.01"),
+        "Greatest orthogonal deviation from the surface or the field, mm; by default a thousandth of the smallest cell edge. "
+        "Required for a field.",
+    ] = None
+    progress: Annotated[
+        ProgressOption,
+        PROGRESS,
+        "Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a "
+        "bar in a terminal or a notebook; False shows nothing.",
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolidOptions(WallOptions):
+    """The keywords of lattices that need not be walls."""
+
+    offset: Annotated[
+        float | Sequence[float] | None,
+        OFFSET,
+        "Signed normal distances of the two sides of the wall, the lower first, mm; one distance for `kind='skeletal'`.",
+    ] = None
+    kind: Annotated[
+        str, choice_of("sheet", "skeletal"), "Solid between two offset surfaces, or on one side of one."
+    ] = "sheet"
+    side: Annotated[
+        str,
+        choice_of("-", "+"),
+        "Solid side of a skeletal lattice: '-' is where the nodal value is negative.",
+    ] = "-"
+    loose: Annotated[
+        str,
+        choice_of("drop", "keep"),
+        "Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.",
+    ] = "drop"
+
+
+@dataclass(frozen=True)
+class LatticeOptions(SolidOptions):
+    """The arguments of `lattice`."""
+
+    surface: Surface
+    _: KW_ONLY
+    cells: Annotated[int | Sequence[int], CELL_COUNTS, "Number of cells along every axis, or along each."] = (1, 1, 1)
+    thickness: Annotated[
+        float | Callable[[Array], Array] | None,
+        WALL_THICKNESS,
+        "Wall thickness along the normal, mm. Give exactly one of `thickness`, `offset`, `volume_fraction` and `porosity`; a "
+        "skeletal lattice may also take none. Under a map it may be a field, or another positive function of points (..., 3) of "
+        "the model: half of its value at each point of the mid surface lies on either side. It should be smooth, like the map.",
+    ] = None
+    boundary: Annotated[
+        str,
+        choice_of("box", "natural"),
+        "Caps in the faces of the box, or whole patches bridged by gap faces. Under a wrap the box is a tube, a sector of one, "
+        "a band or a dome with a round rim, as large as the map makes it.",
+    ] = "box"
+    phase: Annotated[
+        Sequence[float] | None,
+        POINT,
+        "Shift of the lattice, in cells; (0, 0, 0) is the nodal formula's own place. By default the shift that makes one piece "
+        "in a box (see ``tpmscad surfaces``), and none for a natural boundary or a map.",
+    ] = None
+    map: Annotated[
+        Map | Callable[[Array], Array] | None,
+        MAP,
+        "Smooth function (..., 3) -> (..., 3) of lattice coordinates in model units, or one of `tpmscad.maps`. Walls keep their "
+        "thickness. A map that repeats after the length of the lattice closes it to a ring; one that lays walls on each other "
+        "is refused.",
+    ] = None
+
+
+@dataclass(frozen=True)
+class BodyOptions(WallOptions):
+    """The arguments of every lattice in a body."""
+
+    body: Annotated[
+        Any,
+        SHAPE,
+        "One closed solid: a build123d, CadQuery or TopoDS shape, the path of a STEP file, or ``fields.box``, ``fields.sphere`` "
+        "or ``fields.cylinder`` with a height.",
+    ]
+    _: KW_ONLY
+    rotation: Annotated[
+        Sequence[float],
+        POINT.described_as("three angles in degrees", "(0, 0, 45)"),
+        "Rotation of the lattice about the origin: degrees about x, then about its own y, then about its own z.",
+    ] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class FluidDomainsOptions(BodyOptions):
+    """The arguments of `fluid_domains`."""
+
+    surface: Surface
+
+
+@dataclass(frozen=True)
+class InfillOptions(SolidOptions, BodyOptions):
+    """The arguments of `infill`."""
+
+    surface: Annotated[
+        str | Field | Callable[..., Any],
+        NAME_OR_FIELD,
+        "Name of a surface (see ``tpmscad surfaces``), or a field in the body's coordinates that is negative where solid. A "
+        "field takes `tol`, `skin`, `open_faces`, `loose` and `progress` only.",
+    ]
+    _: KW_ONLY
+    skin: Annotated[
+        float | None,
+        POSITIVE,
+        "Thickness of a solid wall kept along the body's boundary and joined to the lattice, mm.",
+    ] = None
+    open_faces: Annotated[
+        Iterable[Any],
+        FACES,
+        "Plane faces of the body that get no skin, so that powder or fluid can pass: build123d, CadQuery or TopoDS faces of "
+        "that very shape, their numbers in its order, or '>Z' and the like for the faces at one end of an axis; a single one "
+        "may stand alone.",
+    ] = ()
+
+
+Options = TypeVar("Options", bound=WallOptions)
+
+
+def select_options(given: WallOptions, options: type[Options]) -> dict[str, Any]:
+    """The values of the arguments that `given` and the class `options` have in common, by name."""
+    shared = {field.name for field in fields(options)}
+    return {field.name: getattr(given, field.name) for field in fields(given) if field.name in shared}
