@@ -18,7 +18,7 @@ from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_torus
 from tpmscad.levelset.periodic.periodic_layers import fit_periodic_offset, make_periodic_layout
 from tpmscad.levelset.periodic.periodic_mesh import TorusMesh
 from tpmscad.requests.lattice_request import read_lattice_request
-from tpmscad.solids.level_set_source import COARSEST_GRIDS, LevelSetSource
+from tpmscad.sources.level_set_source import COARSEST_GRIDS, LevelSetSource
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -30,7 +30,7 @@ def made(name: str, **options: Any) -> Any:
     request = read_lattice_request(name, cell=1.0, tol=1e-3, **options)
     source = LevelSetSource(request.surface, (1.0, 1.0, 1.0), request.levels)
     fit = source.fit(request.layer_offsets, 1.0, request.tol)
-    assembly = source.cover(fit.sheet, request.cells, np.array(request.phase))
+    assembly = source.cover(fit.surfaces, request.cells, np.array(request.phase))
     return trim(assembly.brep, box(np.zeros(3), np.array(request.cells, float))).brep, fit, request
 
 
