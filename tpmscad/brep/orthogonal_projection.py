@@ -91,7 +91,8 @@ def project_to_curve(curve: EdgeCurve, span: Sequence[float] | Array, points: Ar
             t = np.arctan2(y, x)
         else:
             t = _minimise_distance(curve, np.arctan2(y / curve.minor, x / curve.major), points)
-        t = t + TWO_PI * np.rint((0.5 * (span[0] + span[1]) - t) / TWO_PI)
+        middle = 0.5 * (span[0] + span[1])
+        t = middle + (t - middle + TWO_PI / 2) % TWO_PI - TWO_PI / 2
     else:
         at = np.linspace(span[0], span[1], SAMPLES_PER_CURVE)
         apart = np.linalg.norm(points[:, None] - curve(at), axis=2)

@@ -205,7 +205,7 @@ def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, fl
         at = mapped.points_at(pairs.other[rows], u, v)
         return at.position, at.du, at.dv
 
-    sides = np.stack(project_to_surface(jet, points, *pairs.foot.T, UNIT_SQUARE), axis=1)
+    sides = np.stack(project_to_surface(jet, points, pairs.foot[:, 0], pairs.foot[:, 1], UNIT_SQUARE), axis=1)
     at = mapped.points_at(pairs.other, *sides.T)
     apart = points - at.position
     distance = np.einsum("ni,ni->n", apart, at.normal)
