@@ -182,6 +182,13 @@ class MinMaxField(BinaryField):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CompositeField(Field):
+    """Base class of fields that select and mix the values of `structures`, whose edges are then edges of the solid."""
+
+    structures: tuple[Field, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class FunctionField(Field):
     """A foreign function of points (n, 3), or of x, y, z (n,) if `takes_coordinates`, and its gradient function or None.
 
