@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from concurrent.futures import Executor
 
 from tpmscad.api.argument_kinds import (
+    POINT,
     ArgumentKind,
     InvalidValue,
     WrongType,
@@ -161,6 +162,7 @@ FUNCTION_OF_POINTS_OR_XYZ = ArgumentKind(
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 MAP = ArgumentKind("one of tpmscad.maps or a function of points", "maps.cylinder(20)", read_callable)
 FACES = ArgumentKind("faces, their numbers, or text such as '>Z'", '">Z"', read_iterable)
+VIEW = TEXT.or_else(POINT).described_as(example='"iso"')
 TEXTS = TEXT.or_else(sequence_of(TEXT.read, "several", ""))
 FLOW = ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow)
 RECORD = ArgumentKind("a record of the catalogue", "fields.TPMS['gyroid']", _read_record)

@@ -273,11 +273,6 @@ def constant(value: Annotated[float, NUMBER, "The value, finite."]) -> ConstantF
     ConstantField
         The field.
 
-    Raises
-    ------
-    InvalidRequest
-        If the value is not a finite number.
-
     Examples
     --------
     >>> from tpmscad import fields

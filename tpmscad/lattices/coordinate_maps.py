@@ -170,11 +170,6 @@ def as_map(
     Map
         The map itself, or a map of the function with differences for its Jacobian.
 
-    Raises
-    ------
-    InvalidRequest
-        If it cannot be called.
-
     Examples
     --------
     >>> from tpmscad import maps
@@ -192,11 +187,6 @@ def stretching(factors: Annotated[Sequence[float], FACTORS, "One positive factor
     -------
     Map
         The map x -> factors * x, with its exact Jacobian.
-
-    Raises
-    ------
-    InvalidRequest
-        If there are not three factors, or one of them is not positive and finite.
 
     Examples
     --------
@@ -227,11 +217,6 @@ def grading(
     -------
     Map
         The map with its exact Jacobian.
-
-    Raises
-    ------
-    InvalidRequest
-        If the axis is unknown, or the length or a scale is not positive and finite.
 
     Notes
     -----
@@ -293,11 +278,6 @@ def cylinder(
     Map
         The map with its exact Jacobian.
 
-    Raises
-    ------
-    InvalidRequest
-        If the radius is not positive and finite.
-
     Notes
     -----
     A lattice of length 2 pi radius along x closes to a ring: with N cells, ``radius = N * cell / (2 * pi)``. A shorter one
@@ -352,11 +332,6 @@ def sphere(
     -------
     Map
         The map with its exact Jacobian.
-
-    Raises
-    ------
-    InvalidRequest
-        If the radius is not positive and finite, the chart unknown, or the centre not two finite numbers.
 
     Notes
     -----

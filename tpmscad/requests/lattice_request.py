@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
 from tpmscad._typing import Array
+from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
-from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
 from tpmscad.requests.pore_request import solve_cell
 from tpmscad.requests.wall_request import resolve_wall
 from tpmscad.sources.lattice_source import LatticeSource, lattice_source
@@ -148,7 +149,7 @@ read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=
 
 def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOptions:
     """The lattice that fills a body, anchored at the origin of its coordinates."""
-    given = select_options(options, LatticeOptions)
+    given = select_arguments(options, LatticeOptions)
     return LatticeOptions(**given | {"phase": options.phase or (0.0, 0.0, 0.0)})
 
 

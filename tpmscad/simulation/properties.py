@@ -177,11 +177,6 @@ class HomogenizedProperties:
     ) -> None:
         """Write a material card.
 
-        Raises
-        ------
-        InvalidRequest
-            If the suffix is another one, or the folder does not exist.
-
         Examples
         --------
         >>> tpmscad.homogenize("gyroid", volume_fraction=0.2).write("gyroid.inp")  # doctest: +SKIP

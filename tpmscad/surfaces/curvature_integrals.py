@@ -102,11 +102,6 @@ def cell_measures(
     CellMeasures
         The measures, lengths in cells.
 
-    Raises
-    ------
-    InvalidRequest
-        If the surface is unknown or lacks the reference.
-
     Examples
     --------
     >>> from tpmscad import surfaces
@@ -137,11 +132,6 @@ def area(
     -------
     float
         The area.
-
-    Raises
-    ------
-    InvalidRequest
-        If the surface is unknown or lacks the reference.
 
     Examples
     --------

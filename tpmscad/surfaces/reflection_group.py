@@ -106,11 +106,6 @@ def has_mirrors(name: SurfaceName) -> bool:
     bool
         True for mirrored pieces, False for exact patches or surfaces without primitives.
 
-    Raises
-    ------
-    InvalidRequest
-        If the surface is unknown.
-
     Examples
     --------
     >>> from tpmscad import surfaces

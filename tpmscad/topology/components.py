@@ -202,11 +202,6 @@ def label_components(
     LabelledComponents
         The components, numbered in the order of their first voxels.
 
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the convention is unknown.
-
     Examples
     --------
     >>> import numpy as np
@@ -233,11 +228,6 @@ def label_cavities(
     LabelledComponents
         The cavities, numbered in the order of their first voxels.
 
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the convention is unknown.
-
     Examples
     --------
     >>> import numpy as np
@@ -262,11 +252,6 @@ def count_components_and_cavities(
     -------
     components, cavities : int
         The counts n0 and n2 of porous blending, Table 1; one of the components is the structure itself.
-
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the convention is unknown.
 
     Notes
     -----

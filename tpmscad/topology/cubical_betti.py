@@ -50,11 +50,6 @@ def betti(
     Betti
         Numbers of components, tunnels and cavities.
 
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the convention defines no complex.
-
     Examples
     --------
     >>> import numpy as np
@@ -85,11 +80,6 @@ def euler_characteristic(
     -------
     int
         Vertices - edges + faces - cubes of the complex.
-
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the convention defines no complex.
 
     Notes
     -----
@@ -123,11 +113,6 @@ def bound_component_counts(
     -------
     components, cavities : tuple of int
         Least and greatest number of each.
-
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array.
 
     Notes
     -----

@@ -92,11 +92,6 @@ def compute_persistence(
     PersistencePairs
         The pairs by ascending birth.
 
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
-
     Examples
     --------
     >>> import numpy as np
@@ -160,11 +155,6 @@ def compute_pairs_at_level(
     -------
     PersistencePairs
         The same as `compute_persistence(...).alive_at(level)`, for less work.
-
-    Raises
-    ------
-    InvalidRequest
-        If the samples are not a finite three-dimensional array, or the dimension or convention is unknown.
 
     Examples
     --------

@@ -157,11 +157,6 @@ def smooth_union(
     Field
         The minimum minus ``width / 6 * (1 - abs(f - g) / width) ** 3`` in the crease; elsewhere exactly the minimum.
 
-    Raises
-    ------
-    InvalidRequest
-        If the width is not positive.
-
     Examples
     --------
     >>> from tpmscad import fields
@@ -190,11 +185,6 @@ def smooth_intersection(
     Field
         The maximum plus ``width / 6 * (1 - abs(f - g) / width) ** 3`` at the edge; elsewhere exactly the maximum.
 
-    Raises
-    ------
-    InvalidRequest
-        If the width is not positive.
-
     Examples
     --------
     >>> from tpmscad import fields
@@ -217,11 +207,6 @@ def smooth_difference(
     -------
     Field
         `smooth_intersection(field, -taken, width)`.
-
-    Raises
-    ------
-    InvalidRequest
-        If the width is not positive.
 
     Examples
     --------

@@ -144,11 +144,6 @@ def translate(
     AffineTransformedField
         The translated field; periods stay.
 
-    Raises
-    ------
-    InvalidRequest
-        If the vector is not three finite numbers.
-
     Examples
     --------
     >>> from tpmscad import fields
@@ -175,11 +170,6 @@ def rotate(
     -------
     AffineTransformedField
         The rotated field.
-
-    Raises
-    ------
-    InvalidRequest
-        If the axis has no direction or the center is not finite.
 
     Examples
     --------
@@ -209,11 +199,6 @@ def scale(
     -------
     AffineTransformedField
         The scaled field.
-
-    Raises
-    ------
-    InvalidRequest
-        If the factor is not positive or the center is not finite.
 
     Examples
     --------

@@ -62,11 +62,6 @@ def normal_distance(phi: Annotated[FieldLike, FIELD, "The field; its level set {
     Field
         The distance in model units, negative where phi is negative; its gradient is the unit normal at the foot point.
 
-    Raises
-    ------
-    InvalidRequest
-        If phi is not a field.
-
     Notes
     -----
     Exact up to the radii of curvature of the level set. Beyond them it is the distance to one of the foot points.
@@ -99,11 +94,6 @@ def wall(
     -------
     Field
         max(d - thickness / 2, -d - thickness / 2) with the signed distance d.
-
-    Raises
-    ------
-    InvalidRequest
-        If a constant thickness is not positive.
 
     Notes
     -----

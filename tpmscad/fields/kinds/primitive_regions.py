@@ -126,11 +126,6 @@ def halfspace(
     HalfSpaceRegion
         The signed distance (p - point) . n, negative behind the plane.
 
-    Raises
-    ------
-    InvalidRequest
-        If the normal has no direction or the point is not finite.
-
     Examples
     --------
     >>> from tpmscad import fields
@@ -151,11 +146,6 @@ def sphere(
     -------
     SphereRegion
         The signed distance, negative inside.
-
-    Raises
-    ------
-    InvalidRequest
-        If the radius is not positive or the center is not finite.
 
     Examples
     --------
@@ -181,11 +171,6 @@ def cylinder(
     -------
     CylinderRegion
         The signed distance, negative inside.
-
-    Raises
-    ------
-    InvalidRequest
-        If the radius or height is not positive, or the axis has no direction.
 
     Examples
     --------

@@ -63,11 +63,6 @@ def linear(
     AffineFunction
         The field.
 
-    Raises
-    ------
-    InvalidRequest
-        If a number is not finite.
-
     Examples
     --------
     >>> from tpmscad import fields
@@ -88,11 +83,6 @@ def coordinate(
     -------
     HalfSpaceRegion
         The field, also the half-space behind the origin.
-
-    Raises
-    ------
-    InvalidRequest
-        If the axis has no direction.
 
     Examples
     --------

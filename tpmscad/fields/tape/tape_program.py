@@ -22,7 +22,7 @@ RESULTS_WRITTEN = {"sine_cosine": 2}
 """Results that an operation writes, wanted or not."""
 
 Source = tuple[int, int]
-"""Where a loaded node comes from: the table (`tape_kernel.LOAD_X`, ...) and its row."""
+"""Where a loaded node comes from: the table (`tape_interpreter.LOAD_X`, ...) and its row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -21,6 +21,7 @@ from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, WEIGHT_POWER, fit_regular_polygons
+from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.smoothing_steps import MAX_MOVE_FRACTION
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, length, normalize, roll_next, sines_between_sides
 from tpmscad.rigid_motion import Motion
@@ -277,17 +278,10 @@ def _smooth(
     centre = np.searchsorted(chosen, ring[:, 0])
     leaf = float(np.cbrt(np.prod(period) / max(1, len(quotient.start)))) if not len(ring) else _mean_side(quotient)
     points = quotient.start[chosen]
+    free = np.zeros(points.shape, bool)
 
     def project(points: Array, steps: int) -> tuple[Array, Array]:
-        for _ in range(steps):
-            value, gradient = field.value_and_gradient(points)
-            square = np.einsum("ni,ni->n", gradient, gradient)
-            step = -(value / np.maximum(square, MIN_DIVISOR))[:, None] * gradient
-            size = np.linalg.norm(step, axis=1)
-            step *= np.minimum(1.0, MAX_STEP_FRACTION * leaf / np.maximum(size, MIN_DIVISOR))[:, None]
-            points = points + step
-            if size.max() < 1e-15 * period.max():
-                break
+        points = project_to_level_set(field, points, free, np.full(len(points), MAX_STEP_FRACTION * leaf), steps)
         points = np.einsum("nij,nj->ni", rotation, points) + translation
         return points, normalize(field.gradient(points))
 
