@@ -52,6 +52,9 @@ MAX_REFINEMENTS = 7
 FOOT_STEPS = 8
 """Newton steps to the point that the map takes to the same place."""
 
+AXIS_RTOL = 1e-6
+"""Relative deviation from an axis up to which a step between two points of one image is a period of the map along it."""
+
 UNIT_SQUARE = (0.0, 1.0), (0.0, 1.0)
 """The parameters of every patch."""
 
@@ -259,7 +262,7 @@ def _find_repeat(mapped: MappedSurface, p: Array, q: Array) -> tuple[int, float]
     axis = int(np.argmax(np.abs(step)))
     length = float(abs(step[axis]))
     along = length * np.eye(3)[axis]
-    if np.abs(np.abs(step) - along).max() > 1e-6 * length:
+    if np.abs(np.abs(step) - along).max() > AXIS_RTOL * length:
         return None
     points = mapped.cell * np.random.default_rng(0).random((20, 3)) + p - (along if step[axis] < 0 else 0.0)
     return (axis, length) if repeats_after(mapped.map, along, points) else None
