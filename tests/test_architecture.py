@@ -39,6 +39,7 @@ ROOMS: dict[str, set[str]] = {
     "brep": {"splines", *MATHEMATICS},
     "lattices": {"surfaces", "brep", "splines", *MATHEMATICS},
     "levelset": {"fields", "brep", "splines", *MATHEMATICS},
+    "sources": {"lattices", "levelset", "surfaces", "fields", "brep", "splines", *MATHEMATICS},
     "trimming": {"brep", "splines", *MATHEMATICS},
     "meshing": {"lattices", "brep", "splines", "gmsh", *MATHEMATICS},
     "simulation": {"meshing", "skfem", *MATHEMATICS},
