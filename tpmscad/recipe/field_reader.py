@@ -103,7 +103,7 @@ def read_value(kind: ArgumentKind, entry: Entry) -> Any:
 def _read_fields_and_paths(kind: ArgumentKind, entry: Entry) -> Any:
     """The value of an entry, with the fields and the path that a kind takes in place of tables and names."""
     value = entry.value
-    if isinstance(value, list) and takes(kind, [SOME_FIELD, SOME_FIELD]):
+    if isinstance(value, list) and takes(kind, [SOME_FIELD] * len(value)):
         return [read_field_entry(item) for item in entry.items()]
     if isinstance(value, str) and takes(kind, Path("file")):
         return entry.sibling_file()
