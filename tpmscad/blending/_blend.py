@@ -70,6 +70,8 @@ OPTIMISERS: dict[str, Pass] = {
 }
 """The methods that start from B-spline weights: the robust optimiser, the paper's descent as printed, no optimisation."""
 
+METHODS = tuple(OPTIMISERS)
+
 
 @validate_call()
 def blend(
@@ -184,7 +186,7 @@ def blend(
     (True, 0)
     """
     check_counts(len(structures), len(regions), len(blending_regions))
-    check_options(method, tuple(OPTIMISERS), max_change)
+    check_options(method, METHODS, max_change)
     specs = expand_weight_specs(weight, len(blending_regions))
     timer = StageTimer(progress, clock=time.process_time)
     with timer("sampling"):

@@ -176,7 +176,7 @@ _WEIGHT = ValueType("name or table, or an array of these", read_weights)
 _WEIGHT_NAMES = ", ".join(f'"{name}"' for name in WEIGHT_NAMES)
 
 OPTION_KEYS = (
-    _option("method", choice_type(*METHODS), "optimiser of the weights, or an earlier method"),
+    _option("method", choice_type(*METHODS), "optimiser of the weights"),
     _option("weight", _WEIGHT, f"the weight functions: {_WEIGHT_NAMES}, or a table of a kind of weight"),
     _option(
         "resolution",

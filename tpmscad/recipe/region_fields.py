@@ -70,7 +70,7 @@ REGION_KINDS: dict[str, FieldKind] = {
     "image": field_kind(
         "The dark or light pixels of a picture, extruded along an axis; or the true voxels of an array.",
         make_image_region,
-        Key("file", FILE, "a .png picture, or a .npy array of truth values (nx, ny, nz)"),
+        Key("file", FILE, "a .png or .tiff picture, or a .npy array of truth values (nx, ny, nz)"),
         Key("lo", PAIR_OR_TRIPLE, "the lower corner of the picture (2) or of the array (3)", "mm"),
         Key("hi", PAIR_OR_TRIPLE, "the upper corner", "mm"),
         Key("axis", choice_type("x", "y", "z"), "direction in which a picture is extruded", default="z"),
