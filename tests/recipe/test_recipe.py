@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from PIL import Image
 
 import tpmscad
 from tpmscad import fields
@@ -283,27 +284,35 @@ def test_a_table_has_the_bits_of_the_field_it_describes(
 
 
 @pytest.mark.parametrize("mode", ["1", "L", "LA", "P", "RGB", "RGBA", "I;16"])
-@pytest.mark.parametrize("filtered", [True, False])
-def test_a_picture_is_read_as_it_is_seen(tmp_path: Path, mode: str, filtered: bool) -> None:
-    pictures = pytest.importorskip("PIL.Image")
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_a_picture_is_read_as_it_is_seen(tmp_path: Path, mode: str, suffix: str) -> None:
     rng = np.random.default_rng(0)
     smooth = np.add.outer(np.linspace(0, 120, 13), np.linspace(0, 120, 21)) + rng.uniform(-9, 9, (13, 21))
     grey = smooth.astype(np.uint8)
     if mode == "I;16":
-        drawn = pictures.fromarray(grey.astype(np.uint16) * 257)
+        drawn = Image.fromarray(grey.astype(np.uint16) * 257)
     else:
-        drawn = pictures.fromarray(grey).convert(mode, **({"dither": 0} if mode == "1" else {}))
-    # without compression Pillow filters no row
-    drawn.save(tmp_path / "drawn.png", **({"optimize": True} if filtered else {"compress_level": 0}))
+        drawn = Image.fromarray(grey).convert(mode, **({"dither": 0} if mode == "1" else {}))
+    drawn.save(tmp_path / f"drawn.{suffix}")
     seen = np.asarray(drawn) * 1.0 if mode in ("1", "I;16") else np.asarray(drawn.convert("L")) / 255
     if mode == "I;16":
         seen = seen / 65535
     chosen = (seen < 0.45).T[:, ::-1]
-    text = "kind = 'image'\nfile = 'drawn.png'\nlo = [0, 0]\nhi = [21, 13]\nthreshold = 0.45\n"
+    text = f"kind = 'image'\nfile = 'drawn.{suffix}'\nlo = [0, 0]\nhi = [21, 13]\nthreshold = 0.45\n"
     expected = fields.image_region(chosen, (0, 0), (21, 13))
     np.testing.assert_array_equal(part(tmp_path, text)(POINTS), expected(POINTS))
     lighter = part(tmp_path, text + "solid = 'light'\naxis = 'x'")
     np.testing.assert_array_equal(lighter(POINTS), fields.image_region(~chosen, (0, 0), (21, 13), axis="x")(POINTS))
+
+
+def test_transparent_pixels_are_white(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    alpha, colours = rng.integers(0, 256, (13, 21)), rng.integers(0, 256, (13, 21, 3))
+    Image.fromarray(np.dstack([colours, alpha]).astype(np.uint8)).save(tmp_path / "drawn.png")
+    luma = colours / 255 @ [0.299, 0.587, 0.114]
+    chosen = (alpha / 255 * luma + 1 - alpha / 255 < 0.45).T[:, ::-1]
+    text = "kind = 'image'\nfile = 'drawn.png'\nlo = [0, 0]\nhi = [21, 13]\nthreshold = 0.45\n"
+    np.testing.assert_array_equal(part(tmp_path, text)(POINTS), fields.image_region(chosen, (0, 0), (21, 13))(POINTS))
 
 
 def test_a_stack_of_pictures_is_an_array_of_truth_values(tmp_path: Path) -> None:

@@ -241,7 +241,7 @@ def make_bspline(
 
 
 def make_image(
-    file: Annotated[Path, PATH, "A .png picture, or a .npy array of truth values (nx, ny, nz)."],
+    file: Annotated[Path, PATH, "A .png or .tiff picture, or a .npy array of truth values (nx, ny, nz)."],
     lo: Annotated[Any, PAIR_OR_TRIPLE, "The lower corner of the picture (2) or of the array (3), mm."],
     hi: Annotated[Any, PAIR_OR_TRIPLE, "The upper corner, mm."],
     axis: Annotated[str, choice_of("x", "y", "z"), "Direction in which a picture is extruded."] = "z",
