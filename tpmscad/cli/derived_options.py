@@ -37,7 +37,21 @@ from tpmscad.api.shared_kinds import (
 )
 from tpmscad.catalogue import CATALOGUE, find_surface
 from tpmscad.cli.option_language import speak_in_options
-from tpmscad.cli.options import OUTPUT_PANEL, BodyArgument, KeepLooseOption, parse_numbers
+from tpmscad.cli.options import (
+    OUTPUT_PANEL,
+    BodyArgument,
+    DeviationOption,
+    KeepLooseOption,
+    OptionalOutputOption,
+    OutputOption,
+    QuietOption,
+    ReportOption,
+    SchemaOption,
+    VerboseOption,
+    VerifyOption,
+    parse_numbers,
+)
+from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
 
 CELL_PANEL = "Cell and position"
 WALL_PANEL = "Wall: give one of --thickness, --offset, --volume-fraction, --porosity"
@@ -142,6 +156,44 @@ def make_option(argument: Argument, panel: str | None) -> Parameter:
     )
     absent = Parameter.empty if argument.is_required else False if static is bool else None
     return Parameter(argument.name, Parameter.KEYWORD_ONLY, default=absent, annotation=Annotated[static, option])
+
+
+OUTPUT_OPTIONS: Mapping[str, tuple[Any, Any]] = {
+    "output": (OutputOption, Parameter.empty),
+    "deviation": (DeviationOption, None),
+    "schema": (SchemaOption, "ap242"),
+    "verify": (VerifyOption, None),
+    "report": (ReportOption, None),
+    "verbose": (VerboseOption, False),
+    "quiet": (QuietOption, False),
+}
+"""The options of every command that writes a model: annotation and default."""
+
+
+def take_output(
+    output: Any = OutputOption, *, suffixes: tuple[str, ...] = MODEL_SUFFIXES, leave_out: tuple[str, ...] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator of commands: where the result goes and how comes as the last argument, `writing`, an `OutputRequest`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        *own, _ = inspect.signature(command, eval_str=True).parameters.values()
+        options = {name: option for name, option in OUTPUT_OPTIONS.items() if name not in leave_out}
+        options["output"] = (output, Parameter.empty if output is not OptionalOutputOption else None)
+
+        @functools.wraps(command)
+        def run(*operands: Any, **given: Any) -> None:
+            writing = OutputRequest(**{name: given.pop(name) for name in options}, suffixes=suffixes)
+            command(*operands, **given, writing=writing)
+
+        shown = [
+            *own,
+            *(Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=a) for n, (a, d) in options.items()),
+        ]
+        run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
+        return run
+
+    return decorate
 
 
 def take_options_of(
