@@ -7,11 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.export.brep_file import write_brep_file
@@ -21,9 +19,8 @@ from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.export.stl_file import write_stl
 from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
-from tpmscad.kernel.step.face_labels import NamedSolid
-from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import measure_diagonal
+from tpmscad.results.solid_result import SolidResult
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
@@ -65,33 +62,6 @@ def check_options(
         if value is not None and not 0.0 < value < most:
             limit = "" if most == np.inf else f" and less than {most:g} degrees"
             raise InvalidRequest(f"{name} = {value!r} must be greater than 0{limit}")
-
-
-class SolidResult(Protocol):
-    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
-
-    @property
-    def name(self) -> str:
-        """Name of the whole."""
-
-    @property
-    def volume(self) -> float:
-        """Volume of all solids."""
-
-    @property
-    def bounding_box(self) -> BoxCorners:
-        """Corners of the box around the solids."""
-
-    @property
-    def certificate(self) -> Certificate:
-        """The certificate, whose tolerance meshes keep to by default."""
-
-    @property
-    def wrapped(self) -> Any:
-        """The TopoDS shape of all solids."""
-
-    def named_solids(self) -> tuple[NamedSolid, ...]:
-        """The solids with their names and the labels of their faces."""
 
 
 def write_mesh_or_brep_file(

@@ -6,34 +6,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from tpmscad._typing import BoxCorners, ProgressOption
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
-from tpmscad.api.shared_kinds import COUNT, NUMBER, PATH, POSITIVE, PROGRESS, TEXT, TEXTS
+from tpmscad.api.shared_arguments import Schema
+from tpmscad.api.shared_kinds import COUNT, NUMBER, PATH, POSITIVE, PROGRESS, TEXT
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.files.checked_write import write_checked_solids
-from tpmscad.files.file_formats import (
-    STEP_SUFFIXES,
-    check_options,
-    find_suffix,
-    write_mesh_or_brep_file,
-)
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.product_entities import Colour
-from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
-from tpmscad.results.result_summary import count_pieces, format_html, format_size
-from tpmscad.studies._render import render
-from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+from tpmscad.results.result_summary import count_pieces, format_size
+from tpmscad.results.solid_result import ResultMethods
+
+if TYPE_CHECKING:
+    from tpmscad.meshing.volume_mesh import VolumeMesh
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -51,7 +45,7 @@ class FaceContact:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FluidDomains:
+class FluidDomains(ResultMethods):
     """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
 
     Attributes
@@ -144,14 +138,9 @@ class FluidDomains:
         --------
         >>> parts.export("exchanger.brep")
         """
-        suffix = find_suffix(path)
-        check_options(suffix, deviation=deviation, angle=angle, schema=schema)
-        if suffix in STEP_SUFFIXES:
-            self.export_step(path, schema=schema)
-        elif suffix == ".stl":
+        if Path(path).suffix.lower() == ".stl":
             raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
-        else:
-            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+        self._export(path, deviation, angle, schema=schema)
 
     @validate_call()
     def export_step(
@@ -167,28 +156,10 @@ class FluidDomains:
         KernelError
             If the file does not read back as it was written.
         """
+        from tpmscad.files.checked_write import write_checked_solids
+
         solids = self.named_solids()
         write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
-
-    @validate_call()
-    def render(
-        self,
-        path: PicturePath,
-        *,
-        view: View = "iso",
-        section: Section = None,
-        size: PictureSize = (1200, 900),
-        color_by: ColorBy = None,
-        hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "As in `tpmscad.render`."] = (),
-    ) -> None:
-        """Draw the domains, each in its colour, as a PNG picture, without a display.
-
-        Examples
-        --------
-        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
-        >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
-        """
-        render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
 
     @validate_call()
     def mesh(
@@ -219,14 +190,12 @@ class FluidDomains:
         >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
         >>> parts.mesh(0.8).write("exchanger.msh")  # doctest: +SKIP
         """
+        from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+
         regions = [name for name, model in self.domains.items() for _ in model.built.solids]
+        request = read_request(size, order, False, per_turn)
         return mesh_named_solids(
-            self.named_solids(),
-            regions,
-            self.bounding_box,
-            read_request(size, order, False, per_turn),
-            name=self.name,
-            progress=progress,
+            self.named_solids(), regions, self.bounding_box, request, name=self.name, progress=progress
         )
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
@@ -310,12 +279,6 @@ class FluidDomains:
             "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")
         )
         return "\n".join(lines)
-
-    def _repr_html_(self) -> str:
-        return format_html(self, self.name, self.bounding_box, self.certificate)
-
-    def __dir__(self) -> list[str]:
-        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
 
 
 def _restore_domains(

@@ -4,47 +4,39 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Protocol
 
-from tpmscad._typing import BoxCorners
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import ProgressKeyword
 from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, POSITIVE, REFINEMENT
-from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.studies.hexahedral_meshing import mesh_by_splines, write_splines
-from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+from tpmscad.results.solid_result import ResultMethods, SolidResult
+
+if TYPE_CHECKING:
+    from tpmscad.meshing.volume_mesh import VolumeMesh
 
 BODY_REGION = "body"
 """Group of a mesh's elements."""
 
 
-class MeshedResult(Protocol):
-    """What meshes are made of."""
+class WallSplines(Protocol):
+    """What hexahedra and splines are made of."""
 
     @property
     def name(self) -> str:
         """Name of the product."""
 
     @property
-    def bounding_box(self) -> BoxCorners:
-        """Corners of the box around the solids."""
-
-    @property
     def make_spline_volumes(self) -> Callable[[], SplineVolumes | None] | None:
         """Makes the trivariate splines that fill the solid; it, or what it makes, is None if there are no whole walls."""
 
-    def named_solids(self) -> tuple[NamedSolid, ...]:
-        """The solids with the labels of their faces."""
 
-
-class MeshableSolid:
+class MeshableSolid(ResultMethods):
     """The methods of a model that make meshes and splines for simulation."""
 
     @validate_call()
     def hexahedra(
-        self: MeshedResult,
+        self: WallSplines,
         order: Annotated[
             int,
             COUNT,
@@ -82,12 +74,14 @@ class MeshableSolid:
         >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
         >>> mesh.write("gyroid.msh")  # doctest: +SKIP
         """
+        from tpmscad.studies.hexahedral_meshing import mesh_by_splines
+
         along, through = refine if isinstance(refine, tuple) else (refine, refine)
         return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
 
     @validate_call()
     def export_splines(
-        self: MeshedResult,
+        self: WallSplines,
         path: Annotated[
             str | Path,
             PATH,
@@ -108,11 +102,13 @@ class MeshableSolid:
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
         >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
         """
+        from tpmscad.studies.hexahedral_meshing import write_splines
+
         write_splines(self.make_spline_volumes, self.name, path)
 
     @validate_call()
     def mesh(
-        self: MeshedResult,
+        self: SolidResult,
         size: Annotated[
             float,
             POSITIVE.described_as(example="0.5"),
@@ -157,6 +153,8 @@ class MeshableSolid:
         >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8, periodic=True)  # doctest: +SKIP
         >>> mesh.write("gyroid.inp")  # doctest: +SKIP
         """
+        from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+
         solids = self.named_solids()
         request = read_request(size, order, periodic, per_turn)
         regions = [BODY_REGION] * len(solids)

@@ -8,12 +8,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
+from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import (
     DIRECTION,
     EXECUTOR,
@@ -27,19 +27,6 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.files.checked_write import (
-    REREAD_VOLUME_RTOL,
-    REREAD_VOLUME_RTOL_OF_BODIES,
-    write_checked_brep,
-    write_checked_solids,
-    write_copies_of_cell,
-)
-from tpmscad.files.file_formats import (
-    STEP_SUFFIXES,
-    check_options,
-    find_suffix,
-    write_mesh_or_brep_file,
-)
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -49,10 +36,11 @@ from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.meshable_solid import MeshableSolid
-from tpmscad.results.result_summary import format_html, format_summary
-from tpmscad.studies._check_print import PrintReport, check_print
-from tpmscad.studies._render import render
-from tpmscad.studies.layer_slices import Slices, slice_shape
+from tpmscad.results.result_summary import format_summary
+
+if TYPE_CHECKING:
+    from tpmscad.studies._check_print import PrintReport
+    from tpmscad.studies.layer_slices import Slices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,12 +173,7 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
         >>> model.export("gyroid.3mf", deviation=0.02)
         """
-        suffix = find_suffix(path)
-        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced, verify=verify)
-        if suffix in STEP_SUFFIXES:
-            self.export_step(path, instanced=instanced, schema=schema, verify=verify)
-        else:
-            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+        self._export(path, deviation, angle, instanced=instanced, schema=schema, verify=verify)
 
     @validate_call()
     def export_step(
@@ -227,57 +210,40 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
         >>> model.export_step("gyroid.step", instanced=True)
         """
+        from tpmscad.files.checked_write import (
+            REREAD_VOLUME_RTOL,
+            REREAD_VOLUME_RTOL_OF_BODIES,
+            write_checked_brep,
+            write_checked_solids,
+            write_copies_of_cell,
+        )
+
         if instanced:
-            self._export_instances(path, schema, verify)
+            if self.unit_cell is None:
+                raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
+            write_copies_of_cell(
+                self.unit_cell.make(),
+                path,
+                name=self.name,
+                edges=self.unit_cell.edges,
+                counts=self.unit_cell.counts,
+                outer_faces=self.outer_faces,
+                schema=schema,
+                verify=verify,
+            )
         elif isinstance(self.built, BrepSolids):
-            rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
-            labels = label_faces(self.patches, self.outer_faces)
             write_checked_brep(
                 self.patches,
                 self.built.nesting,
                 path,
                 schema=schema,
                 name=self.name,
-                rtol=rtol,
-                labels=labels,
+                rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
+                labels=label_faces(self.patches, self.outer_faces),
                 verify=verify,
             )
         else:
             write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
-
-    def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
-        """Write the unit cell once and place it as often as the solid repeats it."""
-        if self.unit_cell is None:
-            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
-        write_copies_of_cell(
-            self.unit_cell.make(),
-            path,
-            name=self.name,
-            edges=self.unit_cell.edges,
-            counts=self.unit_cell.counts,
-            outer_faces=self.outer_faces,
-            schema=schema,
-            verify=verify,
-        )
-
-    @validate_call()
-    def render(
-        self,
-        path: PicturePath,
-        *,
-        view: View = "iso",
-        section: Section = None,
-        size: PictureSize = (1200, 900),
-        color_by: ColorBy = None,
-    ) -> None:
-        """Draw the model as a PNG picture, without a display.
-
-        Examples
-        --------
-        >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
-        >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
-        """
-        render(self, path, view=view, section=section, size=size, color_by=color_by)
 
     @validate_call()
     def slices(
@@ -318,6 +284,8 @@ class Model(MeshableSolid):
         >>> slices = tpmscad.lattice("gyroid", cell=10, thickness=1).slices(0.05)  # doctest: +SKIP
         >>> slices.write("gyroid.cli")  # doctest: +SKIP
         """
+        from tpmscad.studies.layer_slices import slice_shape
+
         return slice_shape(self.wrapped, self.name, height, chord_error, [z for *_, z in self.bounding_box], executor)
 
     @validate_call()
@@ -351,6 +319,8 @@ class Model(MeshableSolid):
         --------
         >>> tpmscad.lattice("gyroid", cell=10, thickness=1).check_print(min_wall=0.3).met  # doctest: +SKIP
         """
+        from tpmscad.studies._check_print import check_print
+
         return check_print(
             self.built.shape,
             min_wall=min_wall,
@@ -395,12 +365,6 @@ class Model(MeshableSolid):
 
     def __repr__(self) -> str:
         return format_summary(self.name, self.bounding_box, self.certificate)
-
-    def _repr_html_(self) -> str:
-        return format_html(self, self.name, self.bounding_box, self.certificate)
-
-    def __dir__(self) -> list[str]:
-        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
 
 
 def _portable(value: Any) -> Any:
