@@ -53,7 +53,7 @@ for name in MAKERS:
     ROOMS[name] = {*ROOMS, *MATHEMATICS}
 
 FACES = {
-    "recipe": {*MAKERS, "__init__", "fields", "blending", "numpy"},
+    "recipe": {*MAKERS, "__init__", "fields", "blending", "numpy", "PIL"},
     "sweeps": {*MAKERS, "recipe", "numpy", "pyarrow"},
     "cli": {*MAKERS, "__init__", "recipe", "sweeps", "maps", "__version__", "typer", "rich"},
     "__main__": {"cli"},
@@ -103,7 +103,7 @@ ONLY_IN = {
     "matplotlib": {"tpmscad/topology/diagrams.py"},
     "IPython": {"tpmscad/progress_display.py"},
     "pyarrow": {"tpmscad/sweeps/parameter_table.py"},
-    "PIL": {"tpmscad/kernel/render/labels.py"},
+    "PIL": {"tpmscad/kernel/render/labels.py", "tpmscad/recipe/image_masks.py"},
 }
 """Packages that a single file may import, finer than its room's row above."""
 

@@ -6,10 +6,9 @@ As in `lattice_options`: each is declared once, and the command line reads this 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.shared_arguments import ProgressKeyword, Schema
@@ -30,6 +29,9 @@ from tpmscad.api.shared_kinds import (
     TEXTS,
     VIEW,
 )
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor
 
 Source = Annotated[
     Any,

@@ -22,6 +22,7 @@ REST_STEP = 1e-7
 LEAST_DIVISOR = 1e-300
 """Least divisor of a step: a derivative of length zero moves nothing."""
 
+
 RETRY_FRACTION = 0.5
 """Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
 
@@ -36,8 +37,8 @@ def least_foot_distances(
     """Distances (count,) of points from the patches near them, exact where they are below half of `tol`.
 
     `starts`: from how many samples of the patches a foot point is sought, first try and retry. `nearest(points, k)` numbers the k
-    samples (n, k) of the patches that are nearest to points of these numbers (n,), and `measure(points, samples)` gives the
-    distances (n,) to the foot points that are found from one sample for each point.
+    samples (n, k) that are nearest to points of these numbers (n,), and `measure(points, samples)` gives the distances (n,) to the
+    foot points that are found from one sample for each point.
     """
     best = np.full(count, np.inf)
     for number in starts:
