@@ -6,6 +6,7 @@ An assembly of patches is in cells. It is either closed, or open and then to be 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,20 +31,9 @@ class CopiedPrimitive:
     reference: str
     symmetry: PatchSymmetry
 
-    @property
-    def can_be_mapped(self) -> bool:
-        """True: every patch can be fitted anew to its image."""
-        return True
-
-    @property
-    def follows_cell_edges(self) -> bool:
-        """False: the patches are those of a cube."""
-        return False
-
-    @property
-    def has_facing_patches(self) -> bool:
-        """True."""
-        return True
+    can_be_mapped: ClassVar[bool] = True
+    follows_cell_edges: ClassVar[bool] = False
+    has_facing_patches: ClassVar[bool] = True
 
     @property
     def patch(self) -> SurfacePatch:
@@ -93,20 +83,9 @@ class ReflectedPieces:
     name: str
     symmetry: MirrorSymmetry
 
-    @property
-    def can_be_mapped(self) -> bool:
-        """False: a map would bend the mirrors."""
-        return False
-
-    @property
-    def follows_cell_edges(self) -> bool:
-        """False: the patches are those of a cube."""
-        return False
-
-    @property
-    def has_facing_patches(self) -> bool:
-        """True."""
-        return True
+    can_be_mapped: ClassVar[bool] = False
+    follows_cell_edges: ClassVar[bool] = False
+    has_facing_patches: ClassVar[bool] = True
 
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
         """Without rigorous bounds: the reference surface is implicit."""

@@ -8,7 +8,7 @@ the only function that chooses.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -29,19 +29,16 @@ S = TypeVar("S")
 
 
 class LatticeSource(Protocol[S]):
-    """A surface of the catalogue as something that lattices are made of; S are its fitted surfaces."""
+    """A surface of the catalogue as something that lattices are made of; S are its fitted surfaces.
 
-    @property
-    def can_be_mapped(self) -> bool:
-        """Whether the lattice may be deformed by a coordinate map, unequal cell edges included."""
+    - `can_be_mapped`: whether the lattice may be deformed by a coordinate map, unequal cell edges included.
+    - `follows_cell_edges`: whether the patches are those of a cell of unequal edges themselves, without a map.
+    - `has_facing_patches`: whether the sides of a wall are copies of patches over one mid patch, so that splines may fill it.
+    """
 
-    @property
-    def follows_cell_edges(self) -> bool:
-        """Whether the patches are those of a cell of unequal edges themselves, without a map."""
-
-    @property
-    def has_facing_patches(self) -> bool:
-        """Whether the two sides of a wall are copies of patches over one mid patch, so that splines may fill it."""
+    can_be_mapped: ClassVar[bool]
+    follows_cell_edges: ClassVar[bool]
+    has_facing_patches: ClassVar[bool]
 
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[S]:
         """The offset surfaces at `layers` for a cell edge in model units, to within `tol` (model units) if possible."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
@@ -70,20 +71,9 @@ class LevelSetSource:
     period: tuple[float, float, float]
     levels: tuple[float, float] | None = None
 
-    @property
-    def can_be_mapped(self) -> bool:
-        """False: the patches are fitted to one period."""
-        return False
-
-    @property
-    def follows_cell_edges(self) -> bool:
-        """True: the period of the field has them."""
-        return True
-
-    @property
-    def has_facing_patches(self) -> bool:
-        """False: the two sides of a wall have meshes of their own."""
-        return False
+    can_be_mapped: ClassVar[bool] = False
+    follows_cell_edges: ClassVar[bool] = True
+    has_facing_patches: ClassVar[bool] = False
 
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[LevelSetLayers]:
         """The surfaces at normal distances `layers` (model units), one patch of each orbit fitted to within `tol` if possible."""
