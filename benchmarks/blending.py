@@ -20,6 +20,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from benchmarks.baseline_weights import blend_by_baseline
 from benchmarks.blending_cases import Case, table1, table2, tpms
 from benchmarks.random_pairs import random_pair
 from tpmscad import fields, topology
@@ -62,8 +63,16 @@ def print_table1() -> None:
     print(f"{'':22s}{'beta growth':>20s}{'discrete rec.':>20s}{'sigmoid':>20s}{'topological':>20s}   at 100^3")
     for case in table1():
         line = f"{case.name:22s}"
-        for method, paper in zip((*EARLIER, "topological"), case.table1, strict=True):
-            result = run(case, method)
+        results = [
+            *(
+                blend_by_baseline(
+                    case.structures, case.regions, case.blending, method, case.resolution, weight=case.weight
+                )
+                for method in EARLIER
+            ),
+            run(case),
+        ]
+        for result, paper in zip(results, case.table1, strict=True):
             line += f"{counts(result)} ({paper[0]:2d} {paper[1]:2d})".rjust(20)
         print(f"{line}   {counts(result, 1)}   {case.parameters}")
 

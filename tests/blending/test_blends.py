@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from benchmarks.baseline_weights import SIGMOID_END_WEIGHT, blend_by_baseline
 from tpmscad import fields
 from tpmscad.blending import (
     BlendResult,
@@ -18,7 +19,6 @@ from tpmscad.blending import (
     VolumeWeightSpec,
     blend,
 )
-from tpmscad.blending.baseline_weights import SIGMOID_END_WEIGHT
 
 LEFT, RIGHT = fields.box((0, 0, 0), (0.5, 0.25, 0.25)), fields.box((0.5, 0, 0), (1, 0.25, 0.25))
 MIDDLE = fields.box((0.3, 0, 0), (0.7, 0.25, 0.25))
@@ -92,7 +92,7 @@ def test_initial_errors_are_those_of_the_initial_weight():
 @pytest.mark.parametrize("method", ["beta-growth", "discrete-reconstruction", "sigmoid", "gaussian-rbf"])
 def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
     first, second = RECOMMENDED["components"]
-    result = blend([first, second], [LEFT, RIGHT], [MIDDLE], resolution=SIZE, method=method)
+    result = blend_by_baseline([first, second], [LEFT, RIGHT], [MIDDLE], method, SIZE)
     assert result.converged == (result.errors.remaining == 0)
     assert result.iterations == 0
     if method != "gaussian-rbf":
@@ -105,7 +105,7 @@ def test_a_baseline_method_reports_its_defects_and_keeps_the_outside(method):
 
 @pytest.mark.parametrize("method", ["beta-growth", "sigmoid"])
 def test_a_baseline_method_has_its_own_profile(method):
-    result = blend(RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], resolution=(80, 20, 20), method=method)
+    result = blend_by_baseline(RECOMMENDED["components"], [LEFT, RIGHT], [MIDDLE], method, (80, 20, 20))
     x = np.linspace(0.32, 0.68, 19)
     found = result.weight(np.stack([x, 0 * x + 0.1, 0 * x + 0.1], axis=1))
     s = (x - 0.3) / 0.4

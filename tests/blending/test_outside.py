@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
+from benchmarks.baseline_weights import BASELINE_METHODS, blend_by_baseline
 from tpmscad import fields
 from tpmscad.blending import CylinderRadius, LinearCoordinate, LineWeightSpec, SphereRadius, VolumeWeightSpec, blend
-from tpmscad.blending.baseline_weights import BASELINE_METHODS
 
 K = 2 * np.pi * 4
 
@@ -89,9 +91,10 @@ def test_a_structure_is_evaluated_only_where_the_blend_depends_on_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("method", [*BASELINE_METHODS, "paper"])
-def test_so_are_the_blends_of_the_other_methods(method):
+def test_so_are_the_blends_of_the_other_methods_and_of_the_baselines(method):
     regions, blending = [layer(X, -9.0, 0.5), layer(X, 0.5, 9.0)], layer(X, 0.3, 0.7)
-    result = blend([schwarz, gyroid], regions, [blending], method=method, resolution=(36, 18, 22), domain=DOMAIN)
+    run = partial(blend, method=method) if method == "paper" else partial(blend_by_baseline, method=method)
+    result = run([schwarz, gyroid], regions, [blending], resolution=(36, 18, 22), domain=DOMAIN)
     points = np.random.default_rng(7).uniform(*DOMAIN, (100_000, 3))
     expected = np.where(points[:, 0] < 0.5, schwarz(points), gyroid(points))
     outside = blending(points) > 0

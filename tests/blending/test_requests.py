@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.baseline_weights import blend_by_baseline
 from tpmscad import fields
 from tpmscad.blending import CylinderRadius, LinearCoordinate, LineWeightSpec, blend
 from tpmscad.blending.composition.defects import count_defects
@@ -75,7 +76,6 @@ def test_names_and_numbers_out_of_range_are_refused():
     refused("minimum_neck -1 must be positive", minimum_neck=-1)
     refused("at least 2 samples", resolution=(1, 4, 4))
     refused("it is no layer", weight=LineWeightSpec(CylinderRadius()))
-    refused("needs a blending region that is a layer", method="sigmoid", weight="volume")
     refused("minimum_neck inf must be finite", minimum_neck=math.inf)
     refused(
         "count 2: a weight of degree 3 has at least 4", weight=LineWeightSpec(LinearCoordinate(), count=2, degree=3)
@@ -103,14 +103,16 @@ def test_discrete_reconstruction_of_structures_without_periods_needs_a_flat_laye
         fields.sphere((0.5, 0.5, 0.5), 0.3),
     )
     layer = fields.difference(fields.sphere((0.5, 0.5, 0.5), 0.4), fields.sphere((0.5, 0.5, 0.5), 0.2))
-    refused(
-        "needs structures with periods, or a blending region that is a flat layer",
-        structures=(half, half),
-        regions=(core, fields.difference(cube, core)),
-        blending=[layer],
-        method="discrete-reconstruction",
-        resolution=(16, 17, 18),
-    )
+    regions = core, fields.difference(cube, core)
+    with pytest.raises(
+        InvalidRequest, match="needs structures with periods, or a blending region that is a flat layer"
+    ):
+        blend_by_baseline((half, half), regions, [layer], "discrete-reconstruction", (16, 17, 18))
+
+
+def test_a_profile_needs_a_layer():
+    with pytest.raises(InvalidRequest, match="needs a blending region that is a layer"):
+        blend_by_baseline((ROD, OTHER), (LEFT, RIGHT), [MIDDLE], "sigmoid", SIZE, weight="volume")
 
 
 def test_structures_that_no_affordable_resolution_holds_are_refused():

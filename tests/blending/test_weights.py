@@ -10,7 +10,7 @@ from scipy.interpolate import NdBSpline
 from scipy.sparse.linalg import lsqr
 from scipy.spatial import KDTree
 
-from tpmscad.blending.baseline_weights import ProfileWeight, make_cell_weight, make_gaussian_weight
+from benchmarks.baseline_weights import ProfileWeight, make_cell_weight, make_gaussian_weight
 from tpmscad.blending.weights.coordinates import CylinderRadius, LinearCoordinate, SphereRadius
 from tpmscad.blending.weights.line_weight import MIN_FREE_COEFFICIENTS, make_line_weight
 from tpmscad.blending.weights.volume_weight_fit import (

@@ -159,7 +159,7 @@ def test_a_column_of_a_recipe_is_a_key_of_it(tmp_path: Path) -> None:
     for key, value, said in (
         ("field.levl", 0.1, "row 1: .*levl"),
         ("field.parts[0].level", 1, "no such place"),
-        ("tol", "fine", "row 1: rod.toml, line 1, tol: must be a number"),
+        ("tol", "fine", "row 1: rod.toml, line 1, tol: .fine. is not a number"),
         ("structures..level", 1, "no key of a recipe"),
     ):
         with pytest.raises(InvalidRequest, match=said):

@@ -34,17 +34,14 @@ from tpmscad.api.shared_kinds import (
     TEXT,
     WHOLE_NUMBER,
 )
-from tpmscad.blending.baseline_weights import BASELINE_METHODS, make_baseline_weight
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.initial_weights import WEIGHTS, WeightSpec, expand_weight_specs, make_initial_weight
 from tpmscad.blending.input_defects import remove_input_defects
 from tpmscad.blending.optimise.blend_state import (
     BlendProblem,
-    GridDefects,
     OptimisationOutcome,
     evaluate_all_grids,
     evaluate_weights,
-    find_grid_defects,
     make_blend_problem,
 )
 from tpmscad.blending.optimise.level_margin import enforce_level_margin
@@ -59,7 +56,7 @@ from tpmscad.blending.result import BlendResult, assemble_result
 from tpmscad.blending.sampling_domain import choose_resolution, resolve_domain
 from tpmscad.blending.validation import check_counts, check_options, check_regions, check_sampling
 from tpmscad.blending.volume_fraction_control import fit_level_shift, report_fractions
-from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
+from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.fields import as_field
 from tpmscad.fields.data.sample_grid import BoxBounds, FieldFunction, SampleGrid
 from tpmscad.stage_timer import StageTimer
@@ -73,7 +70,7 @@ OPTIMISERS: dict[str, Pass] = {
 }
 """The methods that start from B-spline weights: the robust optimiser, the paper's descent as printed, no optimisation."""
 
-METHODS = (*OPTIMISERS, *BASELINE_METHODS)
+METHODS = tuple(OPTIMISERS)
 
 
 @validate_call()
@@ -97,8 +94,7 @@ def blend(
         str,
         TEXT.described_as(example='"topological"'),
         '"topological" is the robust optimiser, "paper" the descent of the paper as printed, "initial" keeps the '
-        'initial weights. "sigmoid", "beta-growth", "discrete-reconstruction" and "gaussian-rbf" are earlier methods '
-        "that ignore the topology.",
+        "initial weights.",
     ] = "topological",
     weight: Annotated[
         WeightSpec | Sequence[WeightSpec],
@@ -194,40 +190,29 @@ def blend(
     specs = expand_weight_specs(weight, len(blending_regions))
     timer = StageTimer(progress, clock=time.process_time)
     with timer("sampling"):
-        problem = _sample_problem(structures, regions, blending_regions, resolution, domain, max_iterations)
+        problem = sample_problem(structures, regions, blending_regions, resolution, domain, max_iterations)
     grids = [composition.grid for composition in problem.compositions]
-    before: Sequence[GridDefects]
-    after: Sequence[GridDefects]
-    weights: Sequence[WeightFunction]
-    outcome: OptimisationOutcome | None = None
-    if method in BASELINE_METHODS:
-        with timer("weights"):
-            weights = [make_baseline_weight(method, spec, problem, stage) for stage, spec in enumerate(specs)]
-        with timer("check"):
-            before = after = [find_grid_defects(c, k, weights) for k, c in enumerate(problem.compositions)]
-    else:
-        with timer("weights"):
-            start_weights = _make_start_weights(specs, problem, max_change)
-            if keep_fraction:
-                shifts = [fit_level_shift(problem.coarse, start_weights, stage) for stage in range(len(specs))]
-                problem = problem.with_level_shifts(shifts)
-            start = evaluate_weights(problem.compositions, start_weights)
-        outcome = OptimisationOutcome(start)
-        passes = _choose_passes(method, level_margin, specks, minimum_neck)
+    with timer("weights"):
+        start_weights = _make_start_weights(specs, problem, max_change)
         if keep_fraction:
-            passes.append(("volume fraction", partial(report_fractions, start=start_weights)))
-        for name, run_pass in passes:
-            with timer(name):
-                outcome = run_pass(problem, outcome)
-        weights = outcome.state.weights
-        with timer("check"):
-            before, after = (evaluate_all_grids(problem.compositions, state) for state in (start, outcome.state))
-    blended = problem.field.with_weights(weights)
+            shifts = [fit_level_shift(problem.coarse, start_weights, stage) for stage in range(len(specs))]
+            problem = problem.with_level_shifts(shifts)
+        start = evaluate_weights(problem.compositions, start_weights)
+    outcome = OptimisationOutcome(start)
+    passes = _choose_passes(method, level_margin, specks, minimum_neck)
+    if keep_fraction:
+        passes.append(("volume fraction", partial(report_fractions, start=start_weights)))
+    for name, run_pass in passes:
+        with timer(name):
+            outcome = run_pass(problem, outcome)
+    with timer("check"):
+        before, after = (evaluate_all_grids(problem.compositions, state) for state in (start, outcome.state))
+    blended = problem.field.with_weights(outcome.state.weights)
     result = assemble_result(blended, method, grids, before, after, outcome, timer.seconds)
     return remove_input_defects(result, blended, after[-1], grids) if drop_intrinsic else result
 
 
-def _sample_problem(
+def sample_problem(
     structures: Sequence[FieldFunction],
     regions: Sequence[FieldFunction],
     blending_regions: Sequence[FieldFunction],

@@ -142,27 +142,27 @@ def assemble_result(
     grids: Sequence[SampleGrid],
     before: Sequence[GridDefects],
     after: Sequence[GridDefects],
-    outcome: OptimisationOutcome | None,
+    outcome: OptimisationOutcome,
     seconds: Mapping[str, float],
 ) -> BlendResult:
-    """The result from the defects on all grids before and after; `outcome` is None for methods that do not optimise."""
+    """The result from the defects on all grids before and after."""
     initial, final = [d.census for d in before], [d.census for d in after]
     n0 = _count_defects([c.n0 for c in initial], [c.n0 for c in final], [len(d.solid_defects) for d in after])
     n2 = _count_defects([c.n2 for c in initial], [c.n2 for c in final], [len(d.void_defects) for d in after])
-    errors = DefectReport(tuple(grid.shape for grid in grids), n0, n2, outcome.n_subgrid_defects if outcome else None)
+    errors = DefectReport(tuple(grid.shape for grid in grids), n0, n2, outcome.n_subgrid_defects)
     return BlendResult(
         field=field,
         weight=StageWeight(field, 0) if len(field.weights) == 1 else field.structure_weights,
         weights=field.weights,
         errors=errors,
         converged=errors.remaining == 0,
-        iterations=outcome.rounds if outcome else 0,
-        message=_format_message(errors, outcome.log if outcome else ()),
+        iterations=outcome.rounds,
+        message=_format_message(errors, outcome.log),
         method=method,
         resolution=grids[0].shape,
         seconds=dict(seconds),
         domain=(grids[0].low, grids[0].high),
-        necks=outcome.narrow_necks if outcome else (),
+        necks=outcome.narrow_necks,
     )
 
 

@@ -10,30 +10,21 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
-from tpmscad.api.shared_kinds import COUNT, NUMBER, PATH, POSITIVE, PROGRESS, TEXT, TEXTS
+from tpmscad._typing import BoxCorners
+from tpmscad.api.public_calls import validate_call, validate_method_options
+from tpmscad.api.shared_kinds import PATH, TEXT
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.files.checked_write import write_checked_solids
-from tpmscad.files.file_formats import (
-    STEP_SUFFIXES,
-    check_options,
-    find_suffix,
-    write_mesh_or_brep_file,
-)
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.requests.study_options import DomainsMeshOptions, DomainsPictureOptions, ExportOptions
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.result_summary import count_pieces, format_html, format_size
-from tpmscad.studies._render import render
-from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -101,29 +92,8 @@ class FluidDomains:
         (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
-    @validate_call()
-    def export(
-        self,
-        path: Annotated[
-            str | Path,
-            PATH,
-            "The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or "
-            "``.glb``.",
-        ],
-        *,
-        deviation: Annotated[
-            float | None,
-            NUMBER.described_as(example="0.02"),
-            "Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or "
-            "1/5000 of the diagonal if that is more.",
-        ] = None,
-        angle: Annotated[
-            float | None,
-            NUMBER.described_as(example="20"),
-            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
-        ] = None,
-        schema: Schema = "ap242",
-    ) -> None:
+    @validate_method_options(ExportOptions, 'export("exchanger.step")')
+    def export(self, options: ExportOptions) -> None:
         """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
 
         Raises
@@ -144,14 +114,15 @@ class FluidDomains:
         --------
         >>> parts.export("exchanger.brep")
         """
-        suffix = find_suffix(path)
-        check_options(suffix, deviation=deviation, angle=angle, schema=schema)
+        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
+
+        suffix = check_export(options)
         if suffix in STEP_SUFFIXES:
-            self.export_step(path, schema=schema)
+            self.export_step(options.path, schema=options.schema)
         elif suffix == ".stl":
             raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
         else:
-            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+            write_mesh_or_brep_file(self, options)
 
     @validate_call()
     def export_step(
@@ -167,20 +138,13 @@ class FluidDomains:
         KernelError
             If the file does not read back as it was written.
         """
+        from tpmscad.files.checked_write import write_checked_solids
+
         solids = self.named_solids()
         write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
 
-    @validate_call()
-    def render(
-        self,
-        path: PicturePath,
-        *,
-        view: View = "iso",
-        section: Section = None,
-        size: PictureSize = (1200, 900),
-        color_by: ColorBy = None,
-        hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "As in `tpmscad.render`."] = (),
-    ) -> None:
+    @validate_method_options(DomainsPictureOptions, 'render("exchanger.png", section="z")')
+    def render(self, options: DomainsPictureOptions) -> None:
         """Draw the domains, each in its colour, as a PNG picture, without a display.
 
         Examples
@@ -188,17 +152,12 @@ class FluidDomains:
         >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
         >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
         """
-        render(self, path, view=view, section=section, size=size, color_by=color_by, hide=hide)
+        from tpmscad.studies._render import render
 
-    @validate_call()
-    def mesh(
-        self,
-        size: Annotated[float, POSITIVE.described_as(example="0.5"), "As in `Model.mesh`."],
-        order: Annotated[int, COUNT, "As in `Model.mesh`."] = 2,
-        *,
-        per_turn: Annotated[int | None, COUNT.described_as(example="12"), "As in `Model.mesh`."] = None,
-        progress: Annotated[ProgressOption, PROGRESS, "As in `Model.mesh`."] = None,
-    ) -> VolumeMesh:
+        render(self, **vars(options))
+
+    @validate_method_options(DomainsMeshOptions, "mesh(0.5)")
+    def mesh(self, options: DomainsMeshOptions) -> VolumeMesh:
         """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
 
         Returns
@@ -219,15 +178,10 @@ class FluidDomains:
         >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
         >>> parts.mesh(0.8).write("exchanger.msh")  # doctest: +SKIP
         """
+        from tpmscad.studies.volume_meshing import mesh_named_solids
+
         regions = [name for name, model in self.domains.items() for _ in model.built.solids]
-        return mesh_named_solids(
-            self.named_solids(),
-            regions,
-            self.bounding_box,
-            read_request(size, order, False, per_turn),
-            name=self.name,
-            progress=progress,
-        )
+        return mesh_named_solids(self.named_solids(), regions, self.bounding_box, options, name=self.name)
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names, colours and the labels of their faces, as files store them.

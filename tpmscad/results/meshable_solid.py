@@ -7,14 +7,12 @@ from pathlib import Path
 from typing import Annotated, Protocol
 
 from tpmscad._typing import BoxCorners
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ProgressKeyword
-from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, POSITIVE, REFINEMENT
+from tpmscad.api.public_calls import validate_call, validate_method_options
+from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, REFINEMENT
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.studies.hexahedral_meshing import mesh_by_splines, write_splines
-from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+from tpmscad.requests.study_options import MeshOptions
 
 BODY_REGION = "body"
 """Group of a mesh's elements."""
@@ -82,6 +80,8 @@ class MeshableSolid:
         >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
         >>> mesh.write("gyroid.msh")  # doctest: +SKIP
         """
+        from tpmscad.studies.hexahedral_meshing import mesh_by_splines
+
         along, through = refine if isinstance(refine, tuple) else (refine, refine)
         return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
 
@@ -108,35 +108,12 @@ class MeshableSolid:
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
         >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
         """
+        from tpmscad.studies.hexahedral_meshing import write_splines
+
         write_splines(self.make_spline_volumes, self.name, path)
 
-    @validate_call()
-    def mesh(
-        self: MeshedResult,
-        size: Annotated[
-            float,
-            POSITIVE.described_as(example="0.5"),
-            "Mean length of the elements' edges in mm: the same everywhere, but shorter where faces or edges are "
-            "shorter, and where `per_turn` asks for it.",
-        ],
-        order: Annotated[
-            int, COUNT, "2: elements of 10 nodes with curved edges; 1: of 4 nodes with straight ones."
-        ] = 2,
-        periodic: Annotated[
-            bool,
-            FLAG,
-            "Whether opposite sides of the model's box have the same nodes, to the last bit. The box has to cut the "
-            "same faces on both sides, as around whole cells of a lattice.",
-        ] = False,
-        *,
-        per_turn: Annotated[
-            int | None,
-            COUNT.described_as(example="12"),
-            "Elements along a full turn of curvature at least: elements are smaller than `size` where the surface "
-            "curves more.",
-        ] = None,
-        progress: ProgressKeyword = None,
-    ) -> VolumeMesh:
+    @validate_method_options(MeshOptions, "mesh(0.5)")
+    def mesh(self: MeshedResult, options: MeshOptions) -> VolumeMesh:
         """Tetrahedra in the solid, with corners and middles of edges on its exact faces; by gmsh (pip install "tpmscad[mesh]").
 
         Returns
@@ -157,7 +134,7 @@ class MeshableSolid:
         >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8, periodic=True)  # doctest: +SKIP
         >>> mesh.write("gyroid.inp")  # doctest: +SKIP
         """
+        from tpmscad.studies.volume_meshing import mesh_named_solids
+
         solids = self.named_solids()
-        request = read_request(size, order, periodic, per_turn)
-        regions = [BODY_REGION] * len(solids)
-        return mesh_named_solids(solids, regions, self.bounding_box, request, name=self.name, progress=progress)
+        return mesh_named_solids(solids, [BODY_REGION] * len(solids), self.bounding_box, options, name=self.name)

@@ -3,43 +3,19 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Schema, Section, View
-from tpmscad.api.shared_kinds import (
-    DIRECTION,
-    EXECUTOR,
-    FLAG,
-    NUMBER,
-    OVERHANG,
-    PATH,
-    POSITIVE,
-)
+from tpmscad.api.arguments import select_arguments
+from tpmscad.api.public_calls import validate_method_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
-from tpmscad.files.checked_write import (
-    REREAD_VOLUME_RTOL,
-    REREAD_VOLUME_RTOL_OF_BODIES,
-    write_checked_brep,
-    write_checked_solids,
-    write_copies_of_cell,
-)
-from tpmscad.files.file_formats import (
-    STEP_SUFFIXES,
-    check_options,
-    find_suffix,
-    write_mesh_or_brep_file,
-)
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
 from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
@@ -47,12 +23,20 @@ from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
 from tpmscad.lattices.spline_volumes import SplineVolumes
+from tpmscad.requests.study_options import (
+    ModelExportOptions,
+    ModelPictureOptions,
+    ModelSliceOptions,
+    PrintOptions,
+    StepExportOptions,
+)
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.meshable_solid import MeshableSolid
 from tpmscad.results.result_summary import format_html, format_summary
-from tpmscad.studies._check_print import PrintReport, check_print
-from tpmscad.studies._render import render
-from tpmscad.studies.layer_slices import Slices, slice_shape
+
+if TYPE_CHECKING:
+    from tpmscad.studies._check_print import PrintReport
+    from tpmscad.studies.layer_slices import Slices
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,38 +123,8 @@ class Model(MeshableSolid):
         (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
         return (x0, y0, z0), (x1, y1, z1)
 
-    @validate_call()
-    def export(
-        self,
-        path: Annotated[
-            str | Path,
-            PATH,
-            "The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, "
-            "units and validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed "
-            "triangle mesh for each solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF "
-            "demands; the others are in mm.",
-        ],
-        *,
-        deviation: Annotated[
-            float | None,
-            NUMBER.described_as(example="0.02"),
-            "Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or "
-            "1/5000 of the diagonal if that is more.",
-        ] = None,
-        angle: Annotated[
-            float | None,
-            NUMBER.described_as(example="20"),
-            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
-        ] = None,
-        schema: Schema = "ap242",
-        instanced: Annotated[
-            bool,
-            FLAG,
-            "Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an "
-            "assembly.",
-        ] = False,
-        verify: Annotated[str | None, choice_of("kernel"), "Of STEP: as in `export_step`."] = None,
-    ) -> None:
+    @validate_method_options(ModelExportOptions, 'export("part.step")')
+    def export(self, options: ModelExportOptions) -> None:
         """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
 
         Raises
@@ -185,34 +139,15 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
         >>> model.export("gyroid.3mf", deviation=0.02)
         """
-        suffix = find_suffix(path)
-        check_options(suffix, deviation=deviation, angle=angle, schema=schema, instanced=instanced, verify=verify)
-        if suffix in STEP_SUFFIXES:
-            self.export_step(path, instanced=instanced, schema=schema, verify=verify)
-        else:
-            write_mesh_or_brep_file(self, path, deviation=deviation, angle=angle)
+        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
 
-    @validate_call()
-    def export_step(
-        self,
-        path: Annotated[str | Path, PATH, "The file to write. It is complete and verified, or absent."],
-        *,
-        instanced: Annotated[
-            bool,
-            FLAG,
-            "Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more "
-            "than 64 come in rows, layers and a block. `tpmscad.export_instances` writes such a file without making "
-            "the whole lattice.",
-        ] = False,
-        schema: Schema = "ap242",
-        verify: Annotated[
-            str | None,
-            choice_of("kernel"),
-            "Let the kernel read the whole file and check every face of it, however large; without it, a large file's "
-            "text is compared number for number with the solid, and the kernel reads a face of each class of "
-            "congruent faces.",
-        ] = None,
-    ) -> None:
+        if check_export(options) in STEP_SUFFIXES:
+            self.export_step(**select_arguments(options, StepExportOptions))
+        else:
+            write_mesh_or_brep_file(self, options)
+
+    @validate_method_options(StepExportOptions, 'export_step("part.step")')
+    def export_step(self, options: StepExportOptions) -> None:
         """Write the model as a STEP file, read it back and compare it with the solid.
 
         Raises
@@ -227,7 +162,15 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)
         >>> model.export_step("gyroid.step", instanced=True)
         """
-        if instanced:
+        from tpmscad.files.checked_write import (
+            REREAD_VOLUME_RTOL,
+            REREAD_VOLUME_RTOL_OF_BODIES,
+            write_checked_brep,
+            write_checked_solids,
+        )
+
+        path, schema, verify = options.path, options.schema, options.verify
+        if options.instanced:
             self._export_instances(path, schema, verify)
         elif isinstance(self.built, BrepSolids):
             rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
@@ -247,6 +190,8 @@ class Model(MeshableSolid):
 
     def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
         """Write the unit cell once and place it as often as the solid repeats it."""
+        from tpmscad.files.checked_write import write_copies_of_cell
+
         if self.unit_cell is None:
             raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
         write_copies_of_cell(
@@ -260,16 +205,8 @@ class Model(MeshableSolid):
             verify=verify,
         )
 
-    @validate_call()
-    def render(
-        self,
-        path: PicturePath,
-        *,
-        view: View = "iso",
-        section: Section = None,
-        size: PictureSize = (1200, 900),
-        color_by: ColorBy = None,
-    ) -> None:
+    @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')
+    def render(self, options: ModelPictureOptions) -> None:
         """Draw the model as a PNG picture, without a display.
 
         Examples
@@ -277,28 +214,12 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
         >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
         """
-        render(self, path, view=view, section=section, size=size, color_by=color_by)
+        from tpmscad.studies._render import render
 
-    @validate_call()
-    def slices(
-        self,
-        height: Annotated[
-            float,
-            POSITIVE,
-            "Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.",
-        ],
-        chord_error: Annotated[
-            float | None,
-            POSITIVE.described_as(example="0.01"),
-            "Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.",
-        ] = None,
-        executor: Annotated[
-            Executor | None,
-            EXECUTOR,
-            "Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the "
-            "same.",
-        ] = None,
-    ) -> Slices:
+        render(self, **vars(options))
+
+    @validate_method_options(ModelSliceOptions, "slices(0.05)")
+    def slices(self, options: ModelSliceOptions) -> Slices:
         """Contours of every layer for layered manufacturing, straight from the exact faces.
 
         Returns
@@ -318,23 +239,13 @@ class Model(MeshableSolid):
         >>> slices = tpmscad.lattice("gyroid", cell=10, thickness=1).slices(0.05)  # doctest: +SKIP
         >>> slices.write("gyroid.cli")  # doctest: +SKIP
         """
-        return slice_shape(self.wrapped, self.name, height, chord_error, [z for *_, z in self.bounding_box], executor)
+        from tpmscad.studies.layer_slices import slice_shape
 
-    @validate_call()
-    def check_print(
-        self,
-        *,
-        min_wall: Annotated[
-            float | None,
-            POSITIVE.described_as(example="0.3"),
-            "Least wall and least gap in mm. Without a limit, a figure is measured but not judged.",
-        ] = None,
-        min_gap: Annotated[float | None, POSITIVE.described_as(example="0.3"), "As `min_wall`."] = None,
-        max_overhang: Annotated[
-            float | None, OVERHANG, "Greatest overhang in degrees from the build direction."
-        ] = None,
-        build_direction: Annotated[str | Sequence[float], DIRECTION, "As in `tpmscad.check_print`."] = "z",
-    ) -> PrintReport:
+        heights = [z for *_, z in self.bounding_box]
+        return slice_shape(self.wrapped, self.name, options.height, options.chord_error, heights, options.executor)
+
+    @validate_method_options(PrintOptions, "check_print(min_wall=0.3)")
+    def check_print(self, options: PrintOptions) -> PrintReport:
         """Check the model before printing: smallest wall, smallest gap, overhang and closed cavities.
 
         Returns
@@ -351,13 +262,9 @@ class Model(MeshableSolid):
         --------
         >>> tpmscad.lattice("gyroid", cell=10, thickness=1).check_print(min_wall=0.3).met  # doctest: +SKIP
         """
-        return check_print(
-            self.built.shape,
-            min_wall=min_wall,
-            min_gap=min_gap,
-            max_overhang=max_overhang,
-            build_direction=build_direction,
-        )
+        from tpmscad.studies._check_print import check_print
+
+        return check_print(self.built.shape, **vars(options))
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.

@@ -10,7 +10,6 @@ import numpy as np
 
 from tpmscad._typing import BoxCorners
 from tpmscad.results.certificate import Certificate
-from tpmscad.studies._render import render_bytes
 
 MAX_SHORTFALLS = 4
 """Shortfalls that a summary lists; the certificate has them all."""
@@ -59,6 +58,8 @@ def format_summary(name: str, box: BoxCorners, certificate: Certificate) -> str:
 
 def format_html(shape: Any, name: str, box: BoxCorners, certificate: Certificate) -> str:
     """A picture of the model or domains as inline PNG, and the certificate as a table."""
+    from tpmscad.studies._render import render_bytes
+
     encoded = base64.b64encode(render_bytes(shape, size=PICTURE_SIZE)).decode("ascii")
     rows = [
         ("size", f"{format_size(box)} mm"),

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
@@ -19,6 +18,7 @@ from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
 from tpmscad.solids.field_patches import FieldPatches
+from tpmscad.sources.level_set_source import LevelSetSource
 from tpmscad.splines.cpia import NetConvergence
 
 OFFSET_TAGS = ("offset+", "offset-")
@@ -54,7 +54,7 @@ def measure_lattice_patches(
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
     continuity = measure_edge_continuity(brep, OFFSET_TAGS)
-    if surfaces.find_surface(request.surface).primitives == "level set":
+    if isinstance(request.source, LevelSetSource):
         return _measure_level_set_patches(request, continuity, deviation, notes)
     limits = (
         (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)

@@ -1,5 +1,7 @@
 """Baseline weights of earlier blending methods, with which the porous-blending paper compares; none controls the topology.
 
+They serve the comparison in `benchmarks.blending`; `tpmscad.blend` does not offer them.
+
 * Sigmoid (Yang, Quan, Zhang, Tian, Computer-Aided Design 56 (2014) 11-21): w = 1 / (1 + exp(-k (s - middle))) of the position s
   in the layer. Here k makes w run from 0.01 to 0.99, and w is cut off at the ends of the layer.
 * Beta growth (Yoo, Kim, Int. J. Precis. Eng. Manuf. 16 (2015)), with start t_b, end t_e and steepest point t_m of the growth:
@@ -13,6 +15,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -20,8 +23,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
+from tpmscad.blending._blend import sample_problem
 from tpmscad.blending.initial_weights import WeightSpec, make_initial_weight, make_stage_regions
-from tpmscad.blending.optimise.blend_state import BlendProblem
+from tpmscad.blending.optimise.blend_state import (
+    BlendProblem,
+    OptimisationOutcome,
+    evaluate_all_grids,
+    evaluate_weights,
+)
+from tpmscad.blending.result import BlendResult, assemble_result
 from tpmscad.blending.weights.coordinates import Coordinate, LinearCoordinate
 from tpmscad.blending.weights.line_weight import LineWeight
 from tpmscad.blending.weights.weight_protocol import WeightFunction
@@ -227,6 +237,26 @@ def make_cell_weight(first: FieldFunction, domain: BoxBounds, cell: float) -> Ce
 
 
 BASELINE_METHODS = ("sigmoid", "beta-growth", "discrete-reconstruction", "gaussian-rbf")
+
+
+def blend_by_baseline(
+    structures: Sequence[FieldFunction],
+    regions: Sequence[FieldFunction],
+    blending_regions: Sequence[FieldFunction],
+    method: str,
+    resolution: tuple[int, int, int],
+    *,
+    weight: WeightSpec = "auto",
+    domain: BoxBounds | None = None,
+) -> BlendResult:
+    """The blend by a baseline method, with its defects counted as those of `tpmscad.blend` are; nothing is optimised."""
+    problem = sample_problem(structures, regions, blending_regions, resolution, domain, max_rounds=0)
+    weights = [make_baseline_weight(method, weight, problem, stage) for stage in range(len(blending_regions))]
+    state = evaluate_weights(problem.compositions, weights)
+    defects = evaluate_all_grids(problem.compositions, state)
+    grids = [composition.grid for composition in problem.compositions]
+    blended = problem.field.with_weights(weights)
+    return assemble_result(blended, method, grids, defects, defects, OptimisationOutcome(state), {})
 
 
 def make_baseline_weight(method: str, spec: WeightSpec, problem: BlendProblem, stage: int) -> WeightFunction:
