@@ -15,8 +15,9 @@ import pytest
 from tests.meshing.test_volume_mesh import EXTENT, block
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.facet_search import boundary_facets, interior_facets, tabulate_faces
+from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.poly_meshes import divide_regions, name_for_foam
-from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 
 def exchanger(kind: str = "tetra10") -> VolumeMesh:

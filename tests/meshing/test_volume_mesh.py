@@ -16,9 +16,10 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
 from tpmscad.meshing.facet_search import boundary_facets, owners_of_facets
 from tpmscad.meshing.inp_files import format_name
+from tpmscad.meshing.mesh_arrays import sort_nodes
 from tpmscad.meshing.tetrahedra import pair_sides
 from tpmscad.meshing.untangling import untangle
-from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 meshio = pytest.importorskip("meshio")
 skfem = pytest.importorskip("skfem")

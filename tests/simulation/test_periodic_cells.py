@@ -13,7 +13,8 @@ from tests.meshing.test_volume_mesh import block
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.meshing.hexahedra import mesh_hexahedra
-from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
+from tpmscad.meshing.mesh_arrays import sort_nodes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation import multigrid
 from tpmscad.simulation.multigrid import solve
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell

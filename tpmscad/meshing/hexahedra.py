@@ -19,7 +19,8 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.linked_items import label_linked
 from tpmscad.lattices.spline_volumes import SideConnectivity, SplineVolumes
 from tpmscad.meshing.element_shapes import SHAPES
-from tpmscad.meshing.volume_mesh import VolumeMesh, name_translation, sort_nodes
+from tpmscad.meshing.mesh_arrays import name_translation, sort_nodes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 KINDS = {(1, False): "hexahedron", (2, False): "hexahedron27", (2, True): "hexahedron20"}
 """Kinds of elements by order and whether they are serendipity elements, without nodes inside faces and elements."""

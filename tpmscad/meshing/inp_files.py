@@ -16,7 +16,7 @@ from tpmscad._typing import IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.facet_search import owners_of_facets
-from tpmscad.meshing.volume_mesh import AXES, VolumeMesh
+from tpmscad.meshing.mesh_arrays import AXES, MeshArrays
 
 ABAQUS_KINDS: Mapping[str, str] = MappingProxyType(
     {"tetra": "C3D4", "tetra10": "C3D10", "hexahedron": "C3D8", "hexahedron20": "C3D20"}
@@ -36,7 +36,7 @@ def format_name(name: str) -> str:
     return "_".join(re.findall(r"[A-Za-z0-9]+", words)).upper()
 
 
-def write_inp(mesh: VolumeMesh, path: Path) -> None:
+def write_inp(mesh: MeshArrays, path: Path) -> None:
     """Write a mesh as an input of Abaqus and CalculiX; InvalidRequest if they have no such elements."""
     unknown = [kind for kind in mesh.cells if kind not in ABAQUS_KINDS]
     if unknown:
@@ -50,7 +50,7 @@ def write_inp(mesh: VolumeMesh, path: Path) -> None:
             file.write(text)
 
 
-def _mesh_lines(mesh: VolumeMesh) -> Iterator[str]:
+def _mesh_lines(mesh: MeshArrays) -> Iterator[str]:
     """Nodes and elements, numbered from 1."""
     yield "*NODE, NSET=NALL\n"
     for number, point in enumerate(mesh.points.tolist(), 1):
@@ -63,7 +63,7 @@ def _mesh_lines(mesh: VolumeMesh) -> Iterator[str]:
         first += len(nodes)
 
 
-def _set_lines(mesh: VolumeMesh) -> Iterator[str]:
+def _set_lines(mesh: MeshArrays) -> Iterator[str]:
     """Node sets, element sets and surfaces."""
     for name, nodes in mesh.node_sets.items():
         yield f"*NSET, NSET=N_{format_name(name)}\n" + _list(nodes + 1)
@@ -75,7 +75,7 @@ def _set_lines(mesh: VolumeMesh) -> Iterator[str]:
         yield "".join(f"{cell + 1}, S{face + 1}\n" for cell, face in owners[numbers].tolist())
 
 
-def _periodic_lines(mesh: VolumeMesh) -> Iterator[str]:
+def _periodic_lines(mesh: MeshArrays) -> Iterator[str]:
     """Sets of the nodes of each side, three reference nodes, an equation for each displacement of a node that repeats another.
 
     The displacement of a node less that of the node it repeats is the sum over the axes of the periods between them times the

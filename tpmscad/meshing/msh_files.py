@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
-from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.meshing.mesh_arrays import MeshArrays
 
 GMSH_KINDS: Mapping[str, tuple[int, tuple[int, ...]]] = MappingProxyType(
     {
@@ -34,7 +34,7 @@ GMSH_KINDS: Mapping[str, tuple[int, tuple[int, ...]]] = MappingProxyType(
 """gmsh's number of each kind of element, and which node of VTK each of its nodes is."""
 
 
-def write_msh(mesh: VolumeMesh, path: Path, version: str) -> None:
+def write_msh(mesh: MeshArrays, path: Path, version: str) -> None:
     """Write a mesh as gmsh's text of version "4.1" or "2.2"."""
     names = [(3, name) for name in mesh.cell_groups] + [(2, name) for name in mesh.facet_groups]
     tags = {key: number for number, key in enumerate(names, 1)}
@@ -77,7 +77,7 @@ def _entities(
     return found
 
 
-def _format_4(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
+def _format_4(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
     """The sections of version 4.1. All nodes belong to the first volume."""
     yield f"$Entities\n0 0 {sum(e.dimension == 2 for e in entities)} {sum(e.dimension == 3 for e in entities)}\n"
     for entity in sorted(entities, key=lambda e: (e.dimension, e.tag)):
@@ -108,7 +108,7 @@ def _format_4(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
         yield "$EndPeriodic\n"
 
 
-def _format_2(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
+def _format_2(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
     """The sections of version 2.2: an element of several groups is in the first of them, as the version knows one for each."""
     yield f"$Nodes\n{len(mesh.points)}\n"
     numbers = range(1, len(mesh.points) + 1)
@@ -132,7 +132,7 @@ def _format_2(mesh: VolumeMesh, entities: list[_Entity]) -> Iterator[str]:
         yield "$EndPeriodic\n"
 
 
-def _affine(mesh: VolumeMesh, translation: str) -> str:
+def _affine(mesh: MeshArrays, translation: str) -> str:
     """The translation as gmsh's matrix of 16 numbers."""
     matrix = np.eye(4)
     matrix[:3, 3] = mesh.translation(translation)

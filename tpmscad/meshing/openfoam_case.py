@@ -16,8 +16,8 @@ from pathlib import Path
 
 from tpmscad.atomic_file import atomic_write
 from tpmscad.errors import InvalidRequest
+from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.poly_meshes import HEADER, FoamPatch, PolyMesh, divide_regions, name_for_foam, write_poly_mesh
-from tpmscad.meshing.volume_mesh import VolumeMesh
 
 MILLIMETRES_PER_METRE = 1e3
 
@@ -118,7 +118,7 @@ sed 's/\\[0 3 -1 0 0 0 0\\]/[1 0 -1 0 0 0 0]/' "flow/{0}/$last/phi" > 0/{0}/phi
 """
 
 
-def write_openfoam_case(mesh: VolumeMesh, folder: Path, flow: Mapping[str, str] | None, velocity: float) -> None:
+def write_openfoam_case(mesh: MeshArrays, folder: Path, flow: Mapping[str, str] | None, velocity: float) -> None:
     """Write the folder, complete or not at all; InvalidRequest if it holds something, or the flow does not fit the mesh.
 
     `flow` names for each group of elements with a fluid the side that it flows to: "X+".

@@ -19,7 +19,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.facet_search import tabulate_faces
-from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.meshing.mesh_arrays import MeshArrays
 
 BETWEEN = " | "
 """Joins the names of two regions in the name of the group of facets between them."""
@@ -63,7 +63,7 @@ def name_for_foam(text: str) -> str:
     return re.sub(r"\W+", "_", spoken).replace("__", "_").strip("_")
 
 
-def divide_regions(mesh: VolumeMesh) -> list[PolyMesh]:
+def divide_regions(mesh: MeshArrays) -> list[PolyMesh]:
     """The mesh of each group of elements.
 
     Raises InvalidRequest if the mesh has several kinds of elements, or an element is not in one group.
@@ -76,7 +76,7 @@ def divide_regions(mesh: VolumeMesh) -> list[PolyMesh]:
     return [_make_region(mesh, name) for name in mesh.cell_groups]
 
 
-def _make_region(mesh: VolumeMesh, region: str) -> PolyMesh:
+def _make_region(mesh: MeshArrays, region: str) -> PolyMesh:
     """The mesh of one group of elements."""
     ((kind, nodes),) = mesh.cells.items()
     face_kind = SHAPES[kind].face_kind
@@ -113,7 +113,7 @@ def _make_region(mesh: VolumeMesh, region: str) -> PolyMesh:
     )
 
 
-def _find_groups(mesh: VolumeMesh, faces: IntArray) -> IntArray:
+def _find_groups(mesh: MeshArrays, faces: IntArray) -> IntArray:
     """The number (m,) of the first group of facets that holds each face; the number of groups if none does."""
     ((kind, facets),) = mesh.facets.items()
     keys = np.sort(np.concatenate([facets[:, : SHAPES[kind].corners], faces]), axis=1)

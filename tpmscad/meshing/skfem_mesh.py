@@ -13,7 +13,7 @@ from tpmscad._typing import IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.facet_search import owners_of_facets
-from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.meshing.mesh_arrays import MeshArrays
 
 SKFEM_CLASSES: Mapping[str, str] = MappingProxyType(
     {"tetra": "MeshTet1", "tetra10": "MeshTet2", "hexahedron": "MeshHex1", "hexahedron27": "MeshHex2"}
@@ -28,7 +28,7 @@ SKFEM_HEXAHEDRON_FACES = ((0, 1, 4, 2), (0, 2, 6, 3), (0, 3, 5, 1), (2, 4, 7, 6)
 """Corners, in scikit-fem's own numbers, of the faces of its elements (`skfem.refdom`)."""
 
 
-def make_skfem_mesh(mesh: VolumeMesh) -> Any:
+def make_skfem_mesh(mesh: MeshArrays) -> Any:
     """The mesh as `skfem.Mesh`; the corners of its elements are the first nodes, as scikit-fem wants them.
 
     Raises InvalidRequest if scikit-fem is missing or has no such elements.

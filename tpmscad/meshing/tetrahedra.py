@@ -27,9 +27,10 @@ from tpmscad.meshing.gmsh_model import (
     read_elements,
     read_nodes,
 )
+from tpmscad.meshing.mesh_arrays import AXES, sort_nodes
 from tpmscad.meshing.msh_files import GMSH_KINDS
 from tpmscad.meshing.untangling import untangle
-from tpmscad.meshing.volume_mesh import AXES, VolumeMesh, sort_nodes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 
 SURFACE_SIZE = 0.83
 """Of the element size wanted, what gmsh is told: it keeps to that on faces and makes elements inside 1.4 times as long."""
