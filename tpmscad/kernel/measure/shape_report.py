@@ -82,13 +82,7 @@ class ShapeReport:
         return self.solids > 0 and self.valid and self.closed and self.outward
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as plain values for JSON.
-
-        Returns
-        -------
-        dict
-            All attributes and `ok`.
-        """
+        """The report as plain values for JSON. All attributes and `ok`."""
         return {"ok": self.ok} | asdict(self)
 
     def __str__(self) -> str:
@@ -141,10 +135,7 @@ class StepReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
-        Returns
-        -------
-        dict
-            `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
+        `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
         """
         of_file = {
             "file": self.file,
