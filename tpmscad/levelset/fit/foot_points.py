@@ -37,8 +37,8 @@ def least_foot_distances(
     """Distances (count,) of points from the patches near them, exact where they are below half of `tol`.
 
     `starts`: from how many samples of the patches a foot point is sought, first try and retry. `nearest(points, k)` numbers the k
-    samples (n, k) that are nearest to points of these numbers (n,), and `measure(points, samples)` gives the distances (n,) to the
-    foot points that are found from one sample for each point.
+    samples (n, k) that are nearest to points of these numbers (n,), and `measure(points, samples)` gives the distances (n,) to
+    the foot points that are found from one sample for each point.
     """
     best = np.full(count, np.inf)
     for number in starts:
