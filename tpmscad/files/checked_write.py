@@ -83,6 +83,7 @@ def write_checked_brep(
     labels: Sequence[str],
     instances: Sequence[Motion] = (),
     verify: str | None = None,
+    time_stamp: str | None = None,
 ) -> None:
     """Write a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
 
@@ -108,6 +109,7 @@ def write_checked_brep(
         instances=instances,
         labels=labels,
         colours={label: find_label_colour(label) for label in set(labels)},
+        time_stamp=time_stamp,
         verify=check,
     )
 
