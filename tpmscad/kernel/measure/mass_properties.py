@@ -12,12 +12,18 @@ from typing import Any
 import numpy as np
 from OCP.BRepGProp import BRepGProp
 from OCP.GProp import GProp_GProps
+from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
 from tpmscad._typing import Array
+from tpmscad.kernel.occt.exploration import list_subshapes
 
 QUADRATURE_REL_TOL = 1e-10
 """Relative error requested of OCCT: rational surfaces are off by 150 times as much, polynomial ones by less than it."""
+
+
+WHOLE_PATCHES_REL_TOL = 1e-3
+"""Relative error requested for solids of whole patches: the first refinement is already off by 2e-11 only."""
 
 
 def face_areas(faces: Sequence[TopoDS_Face]) -> Array:
@@ -36,6 +42,20 @@ def solid_moments(shape: TopoDS_Shape) -> Array:
     volume = solid.Mass()
     first = volume * np.array(solid.CentreOfMass().Coord()) if volume else np.zeros(3)
     return np.array([area, volume, *first])
+
+
+def solid_volume(shape: TopoDS_Shape) -> Array:
+    """The volume in the place that it has in `solid_moments`, nan for the others; several times as fast.
+
+    Faces that are cut take a fixed number of nodes (off by 3e-9 in an infill of 1114 faces), on which whole patches can be off by
+    2e-7: solids of whole patches take the adaptive quadrature with a low request (off by 2e-11).
+    """
+    properties = GProp_GProps()
+    if len(list_subshapes(shape, TopAbs_EDGE)) > 4 * len(list_subshapes(shape, TopAbs_FACE)):  # uses of edges
+        BRepGProp.VolumeProperties_s(shape, properties)
+    else:
+        BRepGProp.VolumeProperties_s(shape, properties, WHOLE_PATCHES_REL_TOL)
+    return np.array([np.nan, properties.Mass(), np.nan, np.nan, np.nan])
 
 
 def _integrate(quadrature: Any, shape: TopoDS_Shape) -> GProp_GProps:
