@@ -51,10 +51,7 @@ class VolumeMesh(MeshArrays):
     def to_meshio(self) -> Any:
         """The mesh as a `meshio.Mesh`, with groups as its cell sets; needs meshio (pip install "tpmscad[mesh]").
 
-        Returns
-        -------
-        meshio.Mesh
-            Elements and facets, kind by kind; a cell set for each group.
+        Elements and facets, kind by kind; a cell set for each group.
         """
         return make_meshio_mesh(self)
 

@@ -113,7 +113,7 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         require(
             found.field_betti in (None, properties.betti),
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
-            "of a blend, specks=True removes isolated parts that lie between its samples",
+            "of a blend, subgrid_check=True removes isolated parts that lie between its samples",
         ),
         Check(
             "volume",

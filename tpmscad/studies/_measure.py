@@ -102,13 +102,7 @@ class Metrics:
     is_fluid: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """The metrics as plain values, ready for JSON.
-
-        Returns
-        -------
-        dict
-            The attributes by name.
-        """
+        """The metrics as plain values, ready for JSON. The attributes by name."""
         return asdict(self)
 
     def __str__(self) -> str:

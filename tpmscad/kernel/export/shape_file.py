@@ -136,7 +136,7 @@ def _make_document(solids: Sequence[NamedSolid], title: str, assembly: bool) -> 
     document = TDocStd_Document(TCollection_ExtendedString("BinXCAF"))
     XCAFApp_Application.GetApplication_s().InitDocument(document)
     tool = XCAFDoc_DocumentTool.ShapeTool_s(document.Main())
-    moments = [solid_moments(of.solid) for of in solids]
+    moments = [solid_moments(of.solid, None) for of in solids]
     if not assembly:
         _describe(_add_part(document, solids), title, np.sum(moments, axis=0))
         return document
