@@ -83,6 +83,10 @@ def write_solids(
             header = APIHeaderSection_MakeHeader(writer.ChangeWriter().Model())
             header.SetName(TCollection_HAsciiString(target.name))
             header.SetTimeStamp(TCollection_HAsciiString(stamp))
+            header.SetDescriptionValue(1, TCollection_HAsciiString(""))
+            header.SetAuthorValue(1, TCollection_HAsciiString(""))
+            header.SetOrganizationValue(1, TCollection_HAsciiString(""))
+            header.SetPreprocessorVersion(TCollection_HAsciiString(SOFTWARE))
             header.SetOriginatingSystem(TCollection_HAsciiString(SOFTWARE))
             if not transferred or writer.Write(encode_file_name(aside)) != IFSelect_RetDone:
                 raise KernelError(
