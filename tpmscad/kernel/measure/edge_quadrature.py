@@ -1,0 +1,76 @@
+"""Gauss quadrature along the 3-D curves of OCCT edges, evaluated once for an edge that two faces share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from OCP.BRepAdaptor import BRepAdaptor_Curve
+from OCP.GeomAbs import GeomAbs_BSplineCurve
+from OCP.gp import gp_Pnt, gp_Vec
+from OCP.TopoDS import TopoDS_Edge
+
+from tpmscad._typing import Array
+from tpmscad.kernel.occt.exploration import ShapeKey, orientation_sign
+from tpmscad.splines.quadrature import composite_gauss_legendre
+
+GAUSS_POINTS_SINGLE_SPAN = 16
+"""Gauss points of a curve with a single span, such as a whole side of a patch; volumes are converged to round-off."""
+
+GAUSS_POINTS_PER_SPAN = 6
+"""Gauss points per span of a curve with several, such as a fitted intersection curve; volumes are converged to round-off."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CurveNodes:
+    """Quadrature nodes along an edge: parameters (n,), weights (n,), points (n, 3) and tangents (n, 3)."""
+
+    parameters: Array
+    weights: Array
+    points: Array
+    tangents: Array
+
+
+class EdgeNodeCache:
+    """Quadrature nodes of edges, computed once per edge."""
+
+    def __init__(self) -> None:
+        self._known: dict[Any, CurveNodes] = {}
+
+    def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, int]:
+        """Nodes of an edge, and -1 if its orientation opposes its curve, else 1."""
+        key = ShapeKey(edge)
+        nodes = self._known.get(key)
+        if nodes is None:
+            nodes = self._known[key] = _edge_nodes(edge)
+        return nodes, orientation_sign(edge)
+
+
+def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
+    """Parameters at the start, the knots and the end of an edge's curve."""
+    low, high = curve.FirstParameter(), curve.LastParameter()
+    inside = np.zeros(0)
+    if curve.GetType() == GeomAbs_BSplineCurve:
+        spline = curve.BSpline()
+        knots = np.array([spline.Knot(i) for i in range(1, spline.NbKnots() + 1)])
+        inside = knots[(knots > low) & (knots < high)]
+    return np.concatenate([[low], inside, [high]])
+
+
+def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
+    """Gauss nodes on every interval between the breaks."""
+    t, weights = composite_gauss_legendre(breaks, points)
+    point, tangent = gp_Pnt(), gp_Vec()
+    rows = []
+    for s in t.tolist():
+        curve.D1(s, point, tangent)
+        rows.append(point.Coord() + tangent.Coord())
+    table = np.array(rows)
+    return CurveNodes(t, weights, table[:, :3], table[:, 3:])
+
+
+def _edge_nodes(edge: TopoDS_Edge) -> CurveNodes:
+    curve = BRepAdaptor_Curve(edge)
+    breaks = curve_breaks(curve)
+    return nodes_on_intervals(curve, breaks, GAUSS_POINTS_PER_SPAN if len(breaks) > 2 else GAUSS_POINTS_SINGLE_SPAN)
