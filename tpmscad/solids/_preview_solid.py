@@ -38,10 +38,10 @@ class SolidPreview:
 
 @validate_call()
 def preview_solid(
-    field: Annotated[Field | Callable[..., Any], FIELD, "TODO."],
-    domain: Annotated[BoxCorners | Any, DOMAIN, "TODO."],
+    field: Annotated[Field | Callable[..., Any], FIELD, "The field of `solidify`; negative is solid."],
+    domain: Annotated[BoxCorners | Any, DOMAIN, "A box in model units, or a body, as in `solidify`."],
     *,
-    tol: Annotated[float, POSITIVE.described_as(example="0.01"), "TODO."],
+    tol: Annotated[float, POSITIVE.described_as(example="0.01"), "The tolerance of `solidify`, model units."],
 ) -> SolidPreview:
     """The preview of ``solidify(field, domain, tol=tol)``; it raises what `solidify` would raise before its fits."""
     field = as_field(field)
