@@ -89,3 +89,13 @@ def test_the_generated_pages_hold_all_public_functions_and_examples(generated_pa
             assert f":: {name}\n" in page
     examples = generated_pages.describe_examples()
     assert all(path.name in examples for path in (ROOT / "examples").glob("*.py"))
+
+
+@pytest.mark.kernel
+def test_every_public_module_has_a_page_with_names(generated_pages: Any) -> None:
+    described: set[int] = set()
+    for module, title in generated_pages.MODULES.items():
+        assert (
+            ":: "
+            in generated_pages.describe_module(module, title, described).split("currentmodule", 1)[1].split("\n", 1)[1]
+        ), module
