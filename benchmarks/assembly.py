@@ -35,7 +35,7 @@ def natural_lattice(surface: str, cells: int) -> Brep:
         surface, cell=CELL, cells=cells, thickness=THICKNESS, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference="minimal", boundary="natural", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
-    sheet = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, CELL, TOL).sheet
+    sheet = fit_offset_surfaces(request.surface, request.reference, request.layer_offsets, CELL, TOL).surfaces
     placements = copies.place_whole_cells(request.surface, request.cells, np.zeros(3))
     return scale_brep(copies.build_natural_lattice(surfaces.patch_symmetry(request.surface), sheet, placements), CELL)
 

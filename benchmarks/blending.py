@@ -171,7 +171,7 @@ def print_specks(count: int) -> None:
             pair = random_pair(seed)
             result, took = timed(
                 lambda pair=pair, wanted=wanted: blend(
-                    pair.structures, pair.regions, [pair.blending], resolution=(50, 50, 50), specks=wanted
+                    pair.structures, pair.regions, [pair.blending], resolution=(50, 50, 50), subgrid_check=wanted
                 )
             )
             seconds.append(took)
@@ -188,7 +188,7 @@ def print_specks(count: int) -> None:
                     true += is_isolated(result.field, finer.grid, finer.grid.points([deepest])[0], phase.sign)
             seen, real, blends = seen + found.n_defects, real + true, blends + (true > 0)
         print(
-            f"specks={wanted}: {repaired} repaired pairs of {count}; at 150^3 {seen} parts stand alone, {real} of "
+            f"subgrid_check={wanted}: {repaired} repaired pairs of {count}; at 150^3 {seen} parts stand alone, {real} of "
             f"them isolated on a close grid around, in {blends} blends; seconds median {np.median(seconds):.3f}"
         )
 

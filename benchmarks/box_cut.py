@@ -33,7 +33,7 @@ CELL, HALF, TOL = 10.0, 0.5, 1e-3
 
 def cut(name: str, n: int) -> tuple[float, float, float, float]:
     """CPU seconds and volume per cell of both ways: (own, volume, boolean, volume)."""
-    sheet = fit_offset_surfaces(name, "minimal", (-HALF, HALF), CELL, TOL).sheet
+    sheet = fit_offset_surfaces(name, "minimal", (-HALF, HALF), CELL, TOL).surfaces
     cells, motions = (n, n, n), surfaces.patch_symmetry(name)
     begun = time.process_time()
     covering = scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL)

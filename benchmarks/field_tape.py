@@ -22,13 +22,13 @@ from tpmscad import fields
 from tpmscad._typing import Array
 from tpmscad.blending import LinearCoordinate, SphereRadius
 from tpmscad.blending.composition.blended_field import BlendedField
-from tpmscad.blending.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile
 from tpmscad.blending.weights.line_weight import make_line_weight
 from tpmscad.blending.weights.volume_weight import VolumeWeight, make_clamped_uniform_knots
 from tpmscad.fields.analysis.volume_fraction_thresholds import GradedThreshold
 from tpmscad.fields.kinds.linear_extension import extend_linearly
 from tpmscad.fields.tape.tape_nodes import Node, find_ancestors
 from tpmscad.fields.tape.tape_program import list_operands, resolve_alias
+from tpmscad.levelset.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile
 
 LOW, HIGH = np.full(3, -2.0), np.full(3, 2.5)
 REPEATS = 3
@@ -74,18 +74,18 @@ def _apply(node: Node, operands: Sequence[Array]) -> Array:
             finite = np.where(np.isfinite(knots), knots, knots[-2] + 1.0)
             return np.asarray(PPoly(coefficients.reshape(pieces, order).T, finite)(operands[0], node.output))
         case "tensor":
-            degrees, counts = node.numbers[:3].astype(int), node.numbers[3:6].astype(int)
-            *knots, coefficients = np.split(node.numbers[6:], np.cumsum(degrees + counts + 1))
+            head, coefficients = node.numbers.head, node.numbers.coefficients
+            degrees, counts = head[:3].astype(int), head[3:6].astype(int)
+            knots = np.split(head[6:], np.cumsum(degrees + counts + 1)[:2])
             order = [int(node.output == axis) for axis in (1, 2, 3)]
-            spline = NdBSpline(tuple(knots), coefficients.reshape(counts), tuple(degrees.tolist()))
+            spline = NdBSpline(tuple(knots), coefficients, tuple(degrees.tolist()))
             return np.asarray(spline(np.stack(operands, axis=-1), nu=order))
         case "periodic_spline":
-            counts, rates = node.numbers[:3].astype(int), node.numbers[3:6]
+            counts, rates = node.numbers.head[:3].astype(int), node.numbers.head[3:6]
             order = [int(node.output == axis) for axis in (1, 2, 3)]
             # in steps of the grid; the table begins with the last coefficient and ends with the first two
-            spline = NdBSpline(
-                tuple(np.arange(-3.0, n + 4) for n in counts), node.numbers[6:].reshape(counts + 3), (3, 3, 3)
-            )
+            table = np.pad(node.numbers.coefficients, (1, 2), mode="wrap")
+            spline = NdBSpline(tuple(np.arange(-3.0, n + 4) for n in counts), table, (3, 3, 3))
             steps = [np.mod(t * rate, n) for t, rate, n in zip(operands, rates, counts, strict=True)]
             factor = np.prod(rates ** np.array(order))
             return np.asarray(factor * spline(np.stack(steps, axis=-1), nu=order))

@@ -137,7 +137,7 @@ def make_blend(index: int) -> Blend:
 
 def judge(case: Blend) -> tuple[str, str]:
     """The verdict on a blend's solid, and its figures."""
-    found = blend(case.structures, case.regions, case.blending, weight=case.weight, specks=True)
+    found = blend(case.structures, case.regions, case.blending, weight=case.weight, subgrid_check=True)
     if not found.converged:
         return "REFUSED", f"by the blend: {found.message}"
     lo, hi = np.array(case.box, float)

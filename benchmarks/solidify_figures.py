@@ -65,7 +65,7 @@ class Row:
 def blended(case: Case) -> BlendResult:
     """Looked at between the samples, too: what a solid is made of has no parts that its Betti numbers would miss."""
     return blend(
-        case.structures, case.regions, case.blending, weight=case.weight, resolution=case.resolution, specks=True
+        case.structures, case.regions, case.blending, weight=case.weight, resolution=case.resolution, subgrid_check=True
     )
 
 

@@ -30,14 +30,11 @@ MINIMAL_OFF = {"gyroid": 1.4e-3, "diamond": 8e-4, "schwarz_p": 1.2e-2}
 
 
 class NodalFunction:
-    """A catalogue formula such as `2 (cos x cos y) - cos 2x` as a function of points, with x = 2 pi (p / cell - phase)."""
+    """A catalogue formula such as `2*cos(x)*cos(y) - cos(2*x)` as a function of points, with x = 2 pi (p / cell - phase)."""
 
     def __init__(self, text: str, cell: Sequence[float], phase: Sequence[float]) -> None:
-        code = re.sub(r"\b(sin|cos) (\d?)([xyz])", lambda m: f" {m[1]}({m[2] or 1}*{m[3]})", text)
-        code = re.sub(r"(?<=[\d)]) +(?=[sc(])", "*", code.strip())
-        code = re.sub(r"\) *(?=[sc])", ")*", code)
         axes = sympy.symbols("x y z")
-        value = sympy.sympify(code, locals=dict(zip("xyz", axes, strict=True)))
+        value = sympy.sympify(text, locals=dict(zip("xyz", axes, strict=True)))
         self._value = sympy.lambdify(axes, value, "numpy", cse=True)
         self._jet = sympy.lambdify(axes, [value, *(sympy.diff(value, axis) for axis in axes)], "numpy", cse=True)
         self._cell, self._phase = np.asarray(cell, float), np.asarray(phase, float)

@@ -15,10 +15,11 @@ from typing import Annotated, Any, Literal
 
 import cadquery as cq
 
+from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_method_options
 from tpmscad.api.shared_kinds import ANYTHING, FACES, FLAG
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
 from tpmscad.results.model import Model
 from tpmscad.solids._infill import infill
@@ -87,7 +88,7 @@ def tpms(self: cq.Workplane, options: WorkplaneLatticeOptions) -> cq.Workplane:
     middle = (centered,) * 3 if isinstance(centered, bool) else centered
     if options.map is not None and any(middle):
         raise InvalidRequest("a mapped lattice lies where the map puts it: leave centered out")
-    model = lattice(**select_options(options, LatticeOptions))
+    model = lattice(**select_arguments(options, LatticeOptions))
     shift = (-length / 2 if half else 0.0 for length, half in zip(lattice_size(options), middle, strict=True))
     shape = cq.Shape.cast(_require_met(model).wrapped).move(cq.Location(cq.Vector(*shift)))
     return _with_models(self.eachpoint(shape, True, combine, options.clean), [model])
@@ -140,7 +141,7 @@ def tpmsInfill(self: cq.Workplane, options: WorkplaneInfillOptions) -> cq.Workpl
             f"combine {combine!r} is neither True nor False; to cut or join, go on with .cut() or .union()"
         )
     solids = _find_solids(self)
-    keywords = select_options(options, InfillOptions)
+    keywords = select_arguments(options, InfillOptions)
     models = []
     for solid in solids:
         openings = _faces_of_solid(self, solid, options.open_faces, only=len(solids) == 1)

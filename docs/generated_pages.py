@@ -97,7 +97,7 @@ def describe_commands() -> str:
     from tpmscad import cli
 
     pages = ["# Commands", "", "What `tpmscad COMMAND --help` prints.", ""]
-    for command in cli.app.registered_commands:
+    for command in cli.make_app().registered_commands:
         pages += [
             f"## tpmscad {command.name}",
             "",

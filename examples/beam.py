@@ -67,7 +67,7 @@ def structures(design: Design, box: tuple) -> tuple[fields.Field, BlendResult]:
         [fields.sheet(interface, -BAND, BAND)],
         weight="volume",
         domain=box,
-        drop_intrinsic=True,
+        remove_input_defects=True,
         progress=False,
     )
     return hard, blended

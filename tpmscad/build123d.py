@@ -8,22 +8,21 @@ filled = TpmsInfill(Cylinder(20, 50), "gyroid", cell=8, thickness=0.8, skin=1.5)
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
-from pathlib import Path
+from dataclasses import KW_ONLY, dataclass, field
 from typing import Annotated, Any, Self
 
 from build123d import Align, BasePartObject, BuildPart, Compound, Location, Mode, Part, RotationLike, Vector
 from build123d.build_common import Builder
 from build123d.geometry import to_align_offset
 
-from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import show_constructor, validate_call, validate_method_options
-from tpmscad.api.shared_arguments import ColorBy, PicturePath, PictureSize, Section, View
-from tpmscad.api.shared_kinds import ANYTHING, NUMBER, PATH, TEXT
+from tpmscad.api.arguments import select_arguments
+from tpmscad.api.public_calls import show_constructor, validate_method_options
+from tpmscad.api.shared_kinds import ANYTHING
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.face_selection import list_given_faces
-from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_options import InfillOptions, LatticeOptions
 from tpmscad.requests.lattice_request import lattice_size
+from tpmscad.requests.study_options import ModelExportOptions, ModelPictureOptions
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
 from tpmscad.results.placed_model import place_model
@@ -38,6 +37,13 @@ def __dir__() -> list[str]:
     return sorted(__all__)
 
 
+@dataclass(frozen=True)
+class PartExportOptions(ModelExportOptions):
+    """The arguments of `export` of a part, which is written as it is, without copies of a cell."""
+
+    instanced: bool = field(init=False, default=False)
+
+
 class ModelPart:
     """What `Tpms` and `TpmsInfill` have of the model that they hold: its files, its pictures and its words."""
 
@@ -50,18 +56,8 @@ class ModelPart:
         """The model where the part is: aligned, rotated and moved."""
         return place_model(self.model, self.wrapped)
 
-    @validate_call()
-    def export(
-        self,
-        path: Annotated[
-            str | Path, PATH, "The file to write: ``.step``, ``.stp``, ``.brep``, ``.stl``, ``.3mf`` or ``.glb``."
-        ],
-        *,
-        deviation: Annotated[float | None, NUMBER.described_as(example="0.02"), "As in `Model.export`."] = None,
-        angle: Annotated[float | None, NUMBER.described_as(example="20"), "As in `Model.export`."] = None,
-        schema: Annotated[str, TEXT.described_as(example='"ap242"'), "As in `Model.export`."] = "ap242",
-        verify: Annotated[str | None, choice_of("kernel"), "As in `Model.export`."] = None,
-    ) -> None:
+    @validate_method_options(PartExportOptions, 'export("part.step")')
+    def export(self, options: PartExportOptions) -> None:
         """Write the part, where it is, to a file whose suffix says the format; the file is read back and compared.
 
         Raises
@@ -75,18 +71,10 @@ class ModelPart:
         --------
         >>> (Pos(20, 0, 0) * Tpms("gyroid", cell=10, thickness=1)).export("gyroid.step")
         """
-        self.placed_model.export(path, deviation=deviation, angle=angle, schema=schema, verify=verify)
+        self.placed_model.export(**vars(options))
 
-    @validate_call()
-    def render(
-        self,
-        path: PicturePath,
-        *,
-        view: View = "iso",
-        section: Section = None,
-        size: PictureSize = (1200, 900),
-        color_by: ColorBy = None,
-    ) -> None:
+    @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')
+    def render(self, options: ModelPictureOptions) -> None:
         """Draw the part, where it is, as a PNG picture.
 
         Raises
@@ -98,7 +86,7 @@ class ModelPart:
         --------
         >>> Tpms("gyroid", cell=10, thickness=1).render("gyroid.png", section="z")
         """
-        self.placed_model.render(path, view=view, section=section, size=size, color_by=color_by)
+        self.placed_model.render(**vars(options))
 
     def __repr__(self) -> str:
         found = self.certificate
@@ -154,7 +142,7 @@ class Tpms(ModelPart, BasePartObject):
         align = options.align
         if options.map is not None and options.boundary == "natural" and align is not None:
             raise InvalidRequest("a mapped lattice of natural boundary fills no box to align: give align=None")
-        keywords = select_options(options, LatticeOptions)
+        keywords = select_arguments(options, LatticeOptions)
         self.__dict__.update({name: value for name, value in keywords.items() if name != "progress"})
         self.align = align
         self.model = lattice(**keywords)
@@ -237,7 +225,7 @@ class TpmsInfill(ModelPart, Part):
             body = context and context._obj
         if body is None:
             raise InvalidRequest("there is no part to fill: build one first, or give the shape before the surface")
-        keywords = select_options(options, InfillOptions)
+        keywords = select_arguments(options, InfillOptions)
         keywords |= {"surface": surface, "body": body, "open_faces": list_given_faces(options.open_faces)}
         self.__dict__.update({name: value for name, value in keywords.items() if name not in ("body", "progress")})
         self.mode = options.mode

@@ -1,8 +1,9 @@
 """The catalogue of triply periodic surfaces: names, formulas, symmetry, genus and sources, each stated once.
 
 A surface has one nodal formula, a trigonometric polynomial in x = 2 pi X / period, y = 2 pi Y / period and z = 2 pi Z / period
-whose zero set approximates the minimal surface of the same name; negative values are solid. The rooms `fields` and `surfaces`
-take the data they need from here: the fields evaluate the formula, and the surfaces construct primitive patches.
+whose zero set approximates the minimal surface of the same name; negative values are solid. It is written in the language of
+`fields.expression`. The rooms `fields` and `surfaces` take the data they need from here: the fields evaluate the formula, and the
+surfaces construct primitive patches.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ _RECORDS = (
         name="gyroid",
         title="Gyroid",
         aliases=("G", "schoen gyroid"),
-        formula="sin x cos y + sin y cos z + sin z cos x",
+        formula="sin(x)*cos(y) + sin(y)*cos(z) + sin(z)*cos(x)",
         space_group="I4_132 (214)",
         full_space_group="Ia-3d (230)",
         genus=3,
@@ -116,7 +117,7 @@ _RECORDS = (
         name="diamond",
         title="Diamond",
         aliases=("D", "schwarz d", "schwarz diamond"),
-        formula="sin x sin y sin z + sin x cos y cos z + cos x sin y cos z + cos x cos y sin z",
+        formula="sin(x)*(sin(y)*sin(z) + cos(y)*cos(z)) + cos(x)*(sin(y)*cos(z) + cos(y)*sin(z))",
         space_group="Fd-3m (227)",
         full_space_group="Pn-3m (224), cell edge 1/2",
         genus=3,
@@ -132,7 +133,7 @@ _RECORDS = (
         name="schwarz_p",
         title="Schwarz P",
         aliases=("P", "primitive", "schwarz primitive"),
-        formula="cos x + cos y + cos z",
+        formula="cos(x) + cos(y) + cos(z)",
         space_group="Pm-3m (221)",
         full_space_group="Im-3m (229)",
         genus=3,
@@ -147,7 +148,7 @@ _RECORDS = (
         name="iwp",
         title="I-WP",
         aliases=("wrapped package", "schoen iwp"),
-        formula="2 (cos x cos y + cos y cos z + cos z cos x) - (cos 2x + cos 2y + cos 2z)",
+        formula="2*(cos(x)*cos(y) + cos(y)*cos(z) + cos(z)*cos(x)) - (cos(2*x) + cos(2*y) + cos(2*z))",
         space_group="Im-3m (229)",
         full_space_group="Im-3m (229)",
         genus=4,
@@ -162,7 +163,7 @@ _RECORDS = (
         name="neovius",
         title="Neovius",
         aliases=("C(P)", "neovius c(p)"),
-        formula="3 (cos x + cos y + cos z) + 4 cos x cos y cos z",
+        formula="3*(cos(x) + cos(y) + cos(z)) + 4*cos(x)*cos(y)*cos(z)",
         space_group="Pm-3m (221)",
         full_space_group="Im-3m (229)",
         genus=9,
@@ -177,7 +178,7 @@ _RECORDS = (
         name="frd",
         title="F-RD",
         aliases=("schoen frd",),
-        formula="4 cos x cos y cos z - (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x)",
+        formula="4*cos(x)*cos(y)*cos(z) - (cos(2*x)*cos(2*y) + cos(2*y)*cos(2*z) + cos(2*z)*cos(2*x))",
         space_group="Fm-3m (225)",
         full_space_group="Fm-3m (225)",
         genus=6,
@@ -193,8 +194,8 @@ _RECORDS = (
         title="Lidinoid",
         aliases=("L", "lidin"),
         formula=(
-            "0.5 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
-            " - 0.5 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) + 0.15"
+            "0.5*(sin(2*x)*cos(y)*sin(z) + sin(2*y)*cos(z)*sin(x) + sin(2*z)*cos(x)*sin(y))"
+            " - 0.5*(cos(2*x)*cos(2*y) + cos(2*y)*cos(2*z) + cos(2*z)*cos(2*x)) + 0.15"
         ),
         space_group="Ia-3d (230)",
         full_space_group="Ia-3d (230)",
@@ -212,8 +213,8 @@ _RECORDS = (
         title="Split P",
         aliases=("SP",),
         formula=(
-            "1.1 (sin 2x cos y sin z + sin 2y cos z sin x + sin 2z cos x sin y)"
-            " - 0.2 (cos 2x cos 2y + cos 2y cos 2z + cos 2z cos 2x) - 0.4 (cos 2x + cos 2y + cos 2z)"
+            "1.1*(sin(2*x)*cos(y)*sin(z) + sin(2*y)*cos(z)*sin(x) + sin(2*z)*cos(x)*sin(y))"
+            " - 0.2*(cos(2*x)*cos(2*y) + cos(2*y)*cos(2*z) + cos(2*z)*cos(2*x)) - 0.4*(cos(2*x) + cos(2*y) + cos(2*z))"
         ),
         space_group="Ia-3 (206)",
         full_space_group="Ia-3 (206)",
@@ -230,7 +231,7 @@ _RECORDS = (
         name="fischer_koch_s",
         title="Fischer-Koch S",
         aliases=("S", "FKS", "koch s"),
-        formula="cos 2x sin y cos z + cos x cos 2y sin z + sin x cos y cos 2z",
+        formula="cos(2*x)*sin(y)*cos(z) + cos(x)*cos(2*y)*sin(z) + sin(x)*cos(y)*cos(2*z)",
         space_group="I-43d (220)",
         full_space_group="Ia-3d (230)",
         genus=11,
@@ -246,7 +247,7 @@ _RECORDS = (
         name="octo",
         title="O,C-TO",
         aliases=("schoen octo", "schoen o,c-to"),
-        formula="0.6 (cos x cos y + cos y cos z + cos z cos x) - 0.4 (cos x + cos y + cos z) + 0.25",
+        formula="0.6*(cos(x)*cos(y) + cos(y)*cos(z) + cos(z)*cos(x)) - 0.4*(cos(x) + cos(y) + cos(z)) + 0.25",
         space_group="Pm-3m (221)",
         full_space_group="Pm-3m (221)",
         genus=10,

@@ -133,13 +133,13 @@ def test_structures_without_common_solid_are_not_reported_as_joined():
 
 
 @cache
-def in_a_ball(drop_intrinsic: bool) -> BlendResult:
+def in_a_ball(remove_input_defects: bool) -> BlendResult:
     """Rods in a ball, which cuts chips off them."""
     ball = fields.sphere((0.5, 0.5, 0.5), 0.6)
     rods = [structure("rod", name, level, periods=4) & ball for name, level in (("schwarz_p", -0.8), ("iwp", -2.0))]
     regions = [fields.box((0, 0, 0), (0.5, 1, 1)), fields.box((0.5, 0, 0), (1, 1, 1))]
     middle = [fields.box((0.4, 0, 0), (0.6, 1, 1))]
-    return blend(rods, regions, middle, resolution=SIZE, drop_intrinsic=drop_intrinsic)
+    return blend(rods, regions, middle, resolution=SIZE, remove_input_defects=remove_input_defects)
 
 
 def test_chips_at_the_skin_of_a_free_form_model_are_intrinsic_and_neither_success_nor_failure():
@@ -179,7 +179,7 @@ def test_intrinsic_holes_are_filled():
     bubble = fields.sphere((0.11, 0.12, 0.13), 0.04)
     first, second = (structure("sheet", "gyroid", low, 0.6, periods=4) for low in (-0.6, -0.5))
     pair = [(first | fields.sphere((0.11, 0.12, 0.13), 0.08)) & ~bubble, second]
-    bare = blend(pair, [LEFT, RIGHT], [MIDDLE], resolution=SIZE, drop_intrinsic=True)
+    bare = blend(pair, [LEFT, RIGHT], [MIDDLE], resolution=SIZE, remove_input_defects=True)
     assert blend(pair, [LEFT, RIGHT], [MIDDLE], resolution=SIZE).errors.n2.intrinsic == (1, 1)
     assert counted(bare, SIZE) == (0, 0)
     assert bare.errors.n2.final == (0, 0)

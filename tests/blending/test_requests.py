@@ -151,7 +151,7 @@ def test_progress_reports_the_beginning_and_the_end_of_each_stage_in_turn():
     )
     stages = list(result.seconds)
     assert reports == [(stage, fraction) for stage in stages for fraction in (0.0, 1.0)]
-    assert stages == ["sampling", "weights", "optimisation", "specks", "check"]
+    assert stages == ["sampling", "weights", "optimisation", "subgrid defects", "check"]
 
 
 def test_errors_become_plain_values_for_a_report():

@@ -80,7 +80,7 @@ def test_random_blends_have_no_isolated_part_at_a_resolution_that_was_not_checke
     pair = random_pair(seed)
     left = []
     for wanted in (False, None):
-        result = blend(pair.structures, pair.regions, [pair.blending], resolution=(50, 50, 50), specks=wanted)
+        result = blend(pair.structures, pair.regions, [pair.blending], resolution=(50, 50, 50), subgrid_check=wanted)
         assert result.converged
         axes = [np.linspace(low, high, 150) for low, high in zip(*result.domain, strict=True)]
         left.append(ndimage.label(result.field.on_grid(*axes) <= 0)[1] - 1)

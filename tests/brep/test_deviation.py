@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tpmscad.brep.deviation import measure_deviation, project_to_patch
+from tpmscad.brep.deviation import measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature, measure_edge_continuity
+from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface

@@ -27,8 +27,8 @@ from tpmscad.errors import InvalidRequest, KernelError, NotMet
 
 ROOT = Path(__file__).resolve().parents[2]
 LINE = re.compile(r"^  tpmscad (.+)$", re.MULTILINE)
-HELP_LINES = [line for command in cli.app.registered_commands for line in LINE.findall(command.epilog or "")]
-COMMAND_NAMES = [str(command.name) for command in cli.app.registered_commands]
+HELP_LINES = [line for command in cli.make_app().registered_commands for line in LINE.findall(command.epilog or "")]
+COMMAND_NAMES = [str(command.name) for command in cli.make_app().registered_commands]
 SHELL = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 COMMAND = re.compile(r"^(?:.* && )?tpmscad (.+?)(?: +#.*)?$", re.MULTILINE)
 DOCUMENTED_LINES = [
@@ -411,7 +411,7 @@ def test_an_example_in_readme_guide_or_help_is_good_usage(
     ):
         Path(name).touch()
     Path("examples").symlink_to(ROOT / "examples")
-    group: Any = typer.main.get_command(cli.app)
+    group: Any = typer.main.get_command(cli.make_app())
     with group.make_context("tpmscad", shlex.split(line)) as context:  # parsed and validated, not run
         name, command, rest = group.resolve_command(context, shlex.split(line))
         command.make_context(name, rest, parent=context)

@@ -73,7 +73,7 @@ def test_a_keyword_becomes_its_option(message: str, expected: str) -> None:
 
 
 def test_the_options_of_a_command_are_those_that_its_help_names() -> None:
-    for _, command, _, _ in cli.COMMANDS:
+    for command in (entry.load() for entry in cli.COMMANDS):
         for keyword, option in options_of(command).items():
             if keyword not in ("loose", "domain"):
                 assert option.startswith("--") or option.isupper() or "." in option or "|" in option, option
@@ -100,7 +100,7 @@ def messages() -> Iterator[tuple[str, str]]:
 @pytest.mark.slow
 def test_no_message_leaves_python_to_the_command_line() -> None:
     options: dict[str, str] = {}
-    for _, command, _, _ in cli.COMMANDS:
+    for command in (entry.load() for entry in cli.COMMANDS):
         options |= options_of(command)
     found = dict(messages())
     assert len(found) > 80

@@ -9,7 +9,7 @@ import pytest
 
 import tpmscad
 from tests.cli.test_cli import Recorder, recorder, run  # noqa: F401
-from tpmscad.cli import COMMANDS, app
+from tpmscad.cli import COMMANDS, make_app
 from tpmscad.cli.usage_hints import COMMAND_REMEDIES, OPTION_REMEDIES, OPTION_SYNONYMS
 
 
@@ -82,7 +82,7 @@ def test_an_option_that_is_only_misspelled_keeps_its_suggestions(capsys: pytest.
 def test_every_word_leads_to_an_option_or_command_that_there_is() -> None:
     import typer
 
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(make_app())
     known = {option for sub in command.commands.values() for p in sub.params for option in p.opts}  # type: ignore[attr-defined]
     python_only = {"--domain", "--cells", "--skin", "--tol", "--cell"}
     assert {option for meant in OPTION_SYNONYMS.values() for option in meant} - known <= python_only

@@ -12,7 +12,6 @@ from scipy.optimize import minimize
 
 from tpmscad import fields, surfaces
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.kinds.trigonometric_polynomials import parse_formula
 
 RNG = np.random.default_rng(5)
 POINTS = RNG.uniform(-20, 30, (500, 3))
@@ -153,11 +152,3 @@ def test_phase_moves_the_structure_by_so_many_cells() -> None:
     np.testing.assert_allclose(
         moved(POINTS + np.array([0.75, 0, 0.5])), fields.tpms("gyroid", (3.0, 4.0, 5.0))(POINTS), atol=1e-12
     )
-
-
-@pytest.mark.parametrize(
-    "formula", ["tan x", "sin x sin x", "sin x + + 1", "(sin x", "sin x)", "sin", "sin 2", "2 x", "", "()"]
-)
-def test_what_is_no_trigonometric_polynomial_is_not_read(formula: str) -> None:
-    with pytest.raises(ValueError):
-        parse_formula(formula)

@@ -177,6 +177,24 @@ def test_tensor_product_splines_of_any_degrees_and_knots_are_those_of_scipy(degr
         np.testing.assert_allclose(gradients[:400, axis], slope, atol=1e-12 * np.abs(slope).max())
 
 
+@pytest.mark.parametrize("count", [6, 400])
+def test_splines_have_the_same_bits_on_lines_of_a_grid_that_are_short_or_long_beside_their_table(count: int) -> None:
+    rng = np.random.default_rng(11)
+    degrees, counts = (3, 1, 5), (7, 6, count)
+    knots = [
+        np.concatenate([np.zeros(p), np.linspace(0.0, 1.0, n - p + 1), np.ones(p)])
+        for p, n in zip(degrees, counts, strict=True)
+    ]
+    coefficients = rng.standard_normal(counts)
+    field = TracedFormula(lambda *nodes: tensor_spline(knots, degrees, coefficients, nodes))
+    axes = [np.sort(rng.uniform(0.0, 1.0, n)) for n in (3, 4, 40)]
+    values, gradients = field.value_and_gradient_on_grid(*axes)
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    assert np.array_equal(field(points), values)
+    assert np.array_equal(field.on_grid(*axes), values)
+    assert np.array_equal(field.gradient(points), gradients)
+
+
 def test_splines_are_evaluated_at_the_points_of_their_mask_only_whatever_the_others_are() -> None:
     knots = [np.array([0.0, 0.0, 1.0, 1.0])] * 3
     coefficients = np.arange(8.0).reshape(2, 2, 2)

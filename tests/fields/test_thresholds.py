@@ -183,7 +183,7 @@ def test_ramps_go_from_value_to_value() -> None:
     np.testing.assert_allclose(fields.coordinate((3, 0, 4), (0, 0, -2))(points), 0.6 * x)
     with pytest.raises(InvalidRequest, match="span"):
         fields.ramp("x", (1, 1), (0, 1))
-    with pytest.raises(InvalidRequest, match="axis"):
+    with pytest.raises(InvalidRequest, match="unknown; choose one of 'x', 'y', 'z'"):
         fields.ramp("w", (0, 1), (0, 1))
 
 

@@ -141,7 +141,7 @@ def test_offset_faces_read_back_join_with_continuous_curvature_at_every_edge_and
     case: str, tmp_path: Path
 ) -> None:
     name, cells, layers, tol = CASES[case]
-    sheet = fit_offset_surfaces(name, "minimal", layers, 1.0, tol).sheet
+    sheet = fit_offset_surfaces(name, "minimal", layers, 1.0, tol).surfaces
     placed = copies.place_whole_cells(name, cells, np.zeros(3))
     brep = scale_brep(copies.build_natural_lattice(surfaces.patch_symmetry(name), sheet, placed), CELL)
     write_step(brep, build_solids(brep).nesting, tmp_path / "lattice.step")

@@ -85,6 +85,6 @@ def test_the_kernels_split_is_checked_and_its_volume_compared_with_a_sample(monk
     monkeypatch.setattr(boolean_strategies, "sample_lattice_fraction", lambda *_: (0.5, 0.01))
     with pytest.raises(KernelError, match=r"fills 0\.6 of the body, but 0\.5 \+- 0\.01 of a sample"):
         boolean_strategies.split_near_body_faces(None, body)  # type: ignore[arg-type]
-    monkeypatch.setattr(boolean_strategies.kernel, "is_valid", lambda _: False)
+    monkeypatch.setattr(boolean_strategies, "is_valid", lambda _: False)
     with pytest.raises(KernelError, match="check rejects what it split itself"):
         boolean_strategies.split_near_body_faces(None, body)  # type: ignore[arg-type]

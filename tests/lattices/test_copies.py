@@ -23,7 +23,7 @@ STILL = np.zeros(3)
 
 @cache
 def sheet(name: str) -> copies.OffsetSurfaces:
-    return fit_offset_surfaces(name, "minimal", OFFSETS[name], 1.0, 1e-3).sheet
+    return fit_offset_surfaces(name, "minimal", OFFSETS[name], 1.0, 1e-3).surfaces
 
 
 @cache
@@ -64,8 +64,8 @@ def test_offset_faces_join_with_continuous_curvature_at_every_edge_and_vertex(na
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SURFACES)
 def test_opposite_offsets_share_one_primitive_and_unequal_ones_do_not(name: str) -> None:
-    assert len(fit_offset_surfaces(name, "minimal", (-0.06, 0.06), 1.0, 1e-3).sheet.primitives) == 1
-    assert len(fit_offset_surfaces(name, "minimal", (-0.06, OFFSETS[name][1]), 1.0, 1e-3).sheet.primitives) == 2
+    assert len(fit_offset_surfaces(name, "minimal", (-0.06, 0.06), 1.0, 1e-3).surfaces.primitives) == 1
+    assert len(fit_offset_surfaces(name, "minimal", (-0.06, OFFSETS[name][1]), 1.0, 1e-3).surfaces.primitives) == 2
 
 
 @pytest.mark.parametrize("name", SURFACES)

@@ -13,7 +13,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.copies import cover_box_by_reflection
 from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
 from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
-from tpmscad.lattices.sources import lattice_source
+from tpmscad.sources.lattice_source import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming.operands.polyhedra import box
@@ -127,7 +127,7 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
     name: str, cells: tuple[int, int, int], phase: tuple[float, float, float]
 ) -> None:
     fit = lattice_source(name, "nodal").fit(OFFSETS[name], 1.0, 1e-4)
-    cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), fit.sheet, cells, np.array(phase))
+    cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), fit.surfaces, cells, np.array(phase))
     assert len(cover.faces) == 2 * surfaces.CATALOGUE[name].patches_per_cell * np.prod(cells)
     box_of = np.array([cover.vertices.min(axis=0), cover.vertices.max(axis=0)])
     np.testing.assert_allclose(box_of, [[0, 0, 0], cells], rtol=0, atol=1e-13)

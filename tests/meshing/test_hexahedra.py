@@ -9,10 +9,10 @@ import pytest
 
 from tpmscad import InvalidRequest
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.facet_search import boundary_facets
 from tpmscad.meshing.hexahedra import mesh_hexahedra, place_nodes, space_parameters
+from tpmscad.sources.lattice_source import lattice_source
 from tpmscad.splines.jacobian_bounds import bound_jacobian
 from tpmscad.studies.hexahedral_meshing import fill_with_splines, mesh_by_splines
 from tpmscad.trimming.operands.polyhedra import box
@@ -29,7 +29,7 @@ ALL = [CASES[0], MIRRORED[0], *SLOW]
 def make(name: str, cells: tuple[int, int, int]) -> tuple[SplineVolumes, float]:
     """The trivariate splines of a lattice in cells, and the volume inside its boundary representation."""
     source = lattice_source(name, "nodal" if (name, cells) in MIRRORED else "minimal")
-    sheet = source.fit(LAYERS, 1.0, 1e-3).sheet
+    sheet = source.fit(LAYERS, 1.0, 1e-3).surfaces
     assembly = source.natural(sheet, cells, np.zeros(3))
     brep = assembly.brep
     if assembly.trim_corner is not None:

@@ -11,27 +11,28 @@ import pytest
 from tpmscad import fields
 from tpmscad.errors import InvalidRequest
 from tpmscad.recipe.blend_recipe import BLEND_KEYS, WEIGHT_KINDS
-from tpmscad.recipe.field_reader import FIELD_KINDS
-from tpmscad.recipe.key_reference import format_reference, read_template
+from tpmscad.recipe.field_kinds import field_kinds
+from tpmscad.recipe.key_reference import describe_kind, format_reference, read_template
+from tpmscad.recipe.recipe_keys import KeyTable, keys_of
 from tpmscad.recipe.recipe_runs import BlendRun, SolidRun
 from tpmscad.recipe.solid_recipe import SOLID_KEYS
 
 WIDTH = 80
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TABLES = [
-    *((name, kind.table) for name, kind in FIELD_KINDS.items()),
-    *((name, kind.table) for name, kind in WEIGHT_KINDS.items()),
+    *((name, keys_of(function)) for name, function in field_kinds().items()),
+    *((name, keys_of(function)) for name, function in WEIGHT_KINDS.items()),
     ("solidify", SOLID_KEYS),
     ("blend", BLEND_KEYS),
 ]
 
 
 @pytest.mark.parametrize(("name", "table"), TABLES, ids=[name for name, _ in TABLES])
-def test_the_reference_of_a_kind_says_every_key_with_its_type(name: str, table: object) -> None:
+def test_the_reference_of_a_kind_says_every_key_with_what_it_takes(name: str, table: KeyTable) -> None:
     text = " ".join(format_reference(name, width=WIDTH).split())
-    for key in table.keys:  # type: ignore[attr-defined]
-        assert key.meaning
-        assert f"{' | '.join(key.spellings)} {key.type.text}" in text
+    for key in table.values():
+        assert key.argument.meaning
+        assert f"{' | '.join(key.words)} {describe_kind(key.argument)}" in text
 
 
 def test_the_whole_reference_holds_every_kind_within_the_width() -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
@@ -16,11 +17,15 @@ from PIL import Image
 
 import tpmscad
 from tpmscad import fields
+from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.arguments import arguments_of
+from tpmscad.api.public_calls import validate_call
+from tpmscad.api.shared_kinds import FIELD, POSITIVE
 from tpmscad.errors import NotMet, RecipeError
 from tpmscad.recipe.blend_recipe import read_blend_recipe
-from tpmscad.recipe.data_fields import DATA_KINDS
-from tpmscad.recipe.field_reader import FIELD_KINDS
+from tpmscad.recipe.field_kinds import CONVENIENCES, field_kinds
 from tpmscad.recipe.key_lines import find_key_lines
+from tpmscad.recipe.recipe_keys import keys_of
 from tpmscad.recipe.recipe_runs import SolidRun, run_blend_recipe
 from tpmscad.recipe.solid_recipe import read_solid_recipe
 
@@ -174,7 +179,20 @@ SAME = {
         ("of = 'ball'\nminus = ['slab', 'gyroid']", fields.difference(BALL, SLAB, GYROID)),
         ("of = 'ball'\nminus = ['slab']\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2)),
     ],
-    "complement": [("of = 'ball'", ~BALL)],
+    "smooth_union": [("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_union(BALL, SLAB, 2))],
+    "smooth_intersection": [("first = 'ball'\nsecond = 'slab'\nwidth = 2", fields.smooth_intersection(BALL, SLAB, 2))],
+    "smooth_difference": [("of = 'ball'\nminus = 'slab'\nwidth = 2", fields.smooth_difference(BALL, SLAB, 2))],
+    "complement": [("of = 'ball'", ~BALL), ("field = 'ball'", ~BALL)],
+    "constant": [("value = 2.5", fields.constant(2.5))],
+    "coordinate": [("axis = '-y'\norigin = [1, 2, 3]", fields.coordinate("-y", (1, 2, 3)))],
+    "normal_distance": [("of = 'gyroid'", fields.normal_distance(GYROID))],
+    "bspline_unit": [("coefficients = [[[1, 2], [3, 4]]]\nperiod = 3", fields.bspline_unit([[[1, 2], [3, 4]]], 3.0))],
+    "image_region": [
+        (
+            "mask = [[true, false], [false, true]]\nlo = [0, 0]\nhi = [5, 6]",
+            fields.image_region(np.eye(2) > 0, (0, 0), (5, 6)),
+        )
+    ],
     "mix": [
         (
             "of = ['gyroid', 'ball']\nweight = { kind = 'ramp', by = 'x', span = [0, 9], values = [0, 1] }",
@@ -188,6 +206,9 @@ SAME = {
         ("by = 'ball'\nspan = [-3, 3]\nvalues = [0, 1]", fields.ramp(BALL, (-3, 3), (0, 1))),
         ("by = 'y'\nspan = [-3, 3]\nvalues = [0, 1]\nsmooth = false", fields.ramp("y", (-3, 3), (0, 1), smooth=False)),
     ],
+    "translate": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
+    "rotate": [("field = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
+    "scale": [("of = 'gyroid'\nfactor = 2", fields.scale(GYROID, 2))],
     "translated": [("of = 'gyroid'\nvector = [1, 2, 3]", fields.translate(GYROID, (1, 2, 3)))],
     "rotated": [("of = 'ball'\naxis = 'y'\nangle = 30", fields.rotate(BALL, "y", 30))],
     "scaled": [("of = 'gyroid'\nfactor = 2\ncenter = [1, 0, 0]", fields.scale(GYROID, 2, (1, 0, 0)))],
@@ -202,7 +223,50 @@ def part(folder: Path, field: str) -> fields.Field:
 
 
 def test_every_kind_is_tried() -> None:
-    assert FIELD_KINDS.keys() - SAME.keys() == {"image", "body", *DATA_KINDS}
+    assert field_kinds().keys() - SAME.keys() == {"image", "body", "sampled", "scattered", "expression"}
+
+
+def names_of_fields(kind: type = fields.Field) -> set[str]:
+    return {kind.__name__}.union(*(names_of_fields(inner) for inner in kind.__subclasses__()))
+
+
+def test_every_field_function_whose_arguments_can_be_written_is_a_kind() -> None:
+    functions = [getattr(fields, name) for name in fields.__all__ if callable(getattr(fields, name))]
+    makers = {f for f in functions if inspect.signature(f).return_annotation in names_of_fields()}
+    kinds = {*field_kinds().values(), *(getattr(fields, name) for name in CONVENIENCES.keys() & set(fields.__all__))}
+    assert makers - kinds == {fields.as_field, fields.from_function, fields.warp}
+
+
+def test_a_new_field_function_is_a_kind_by_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    @validate_call()
+    def thicken(
+        phi: Annotated[fields.Field, FIELD, "The field."],
+        width: Annotated[float, POSITIVE, "Width, model units."],
+        center: Annotated[tuple[float, float, float], POINT, "Centre, model units."] = (0.0, 0.0, 0.0),
+    ) -> fields.Field:
+        """Return a field for a test."""
+        return fields.as_field(phi) - width * fields.sphere(center, 1)
+
+    monkeypatch.setattr(fields, "thicken", thicken, raising=False)
+    monkeypatch.setattr(fields, "__all__", [*fields.__all__, "thicken"])
+    field_kinds.cache_clear()
+    try:
+        found = part(tmp_path, "kind = 'thicken'\nof = 'ball'\nwidth = 2")
+        np.testing.assert_array_equal(found(POINTS), thicken(BALL, 2)(POINTS))
+        with pytest.raises(RecipeError, match=r"line 6, field\.width: -2 must be positive"):
+            part(tmp_path, "kind = 'thicken'\nof = 'ball'\nwidth = -2")
+    finally:
+        monkeypatch.undo()
+        field_kinds.cache_clear()
+
+
+@pytest.mark.parametrize("kind", field_kinds())
+def test_the_keys_of_a_kind_are_the_arguments_of_its_function(kind: str) -> None:
+    arguments, keys = arguments_of(field_kinds()[kind]), keys_of(field_kinds()[kind])
+    words = [word for key in keys.values() for word in key.words]
+    assert len(words) == len(set(words))
+    assert keys.keys() <= arguments.keys() <= set(words)
+    assert all(keys[name].argument is arguments[name] for name in keys) or kind in CONVENIENCES
 
 
 @pytest.mark.parametrize(
@@ -304,12 +368,15 @@ WRONG = {
         "line 11, structures[1].surface: unknown surface 'ipw': did",
     ),
     "hi = [6, 9, 9]": ("high = [6, 9, 9]", "line 17, regions[0].high: unknown key; did you mean 'hi'?"),
-    "lo = [6, 0, 0]": ("lo = [6, 0]", "line 20, regions[1].lo: must be 3 numbers, not 2"),
-    "hi = [10, 9, 9]": ("hi = [10, 9, '9']", "line 21, regions[1].hi[2]: must be a number, not '9'"),
+    "lo = [6, 0, 0]": (
+        "lo = [6, 0]",
+        "line 20, regions[1].lo: [6, 0] must be three numbers, which may be infinite, not 2",
+    ),
+    "hi = [10, 9, 9]": ("hi = [10, 9, '9']", "line 21, regions[1].hi[2]: '9' is not a number"),
     "lo = [4, 0, 0]": ("", "line 22, blending_regions[0]: the key 'lo' is missing"),
     "tol = 0.05": ("", "scaffold.toml: the key 'tol' is missing"),
     "tol = ": ("tolerance = ", "line 1, tolerance: unknown key; did you mean 'tol'?"),
-    "[26, 24, 24]": ("[26, 24.5, 24]", "line 2, resolution[1]: must be a whole number, not 24.5"),
+    "[26, 24, 24]": ("[26, 24.5, 24]", "line 2, resolution[1]: 24.5 must be a whole number"),
     'weight = "auto"': ("weight = true", "line 3, weight: must be a table, not true"),
     '"auto"': ('"atuo"', "line 3, weight: 'atuo' is unknown; did you mean 'auto'?"),
     "level = -0.3": (

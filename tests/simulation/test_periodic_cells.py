@@ -12,13 +12,13 @@ from scipy import sparse
 from tests.meshing.test_volume_mesh import block
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.lattices.sources import lattice_source
 from tpmscad.meshing.hexahedra import mesh_hexahedra
 from tpmscad.meshing.volume_mesh import VolumeMesh, sort_nodes
 from tpmscad.simulation import multigrid
 from tpmscad.simulation.multigrid import solve
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
 from tpmscad.simulation.properties import HomogenizedProperties
+from tpmscad.sources.lattice_source import lattice_source
 
 pytest.importorskip("skfem")
 
@@ -61,7 +61,7 @@ def test_a_plate_has_the_stiffness_of_plane_stress(kind: str) -> None:
 def test_hexahedra_of_a_natural_gyroid_agree_with_the_thin_sheet() -> None:
     """Its bulk modulus tends to 2 rho E / (9 (1 - nu)), its conductivity to 2 rho / 3; the constants of the cell are cubic."""
     source = lattice_source("gyroid", "minimal")
-    sheet = source.fit((-0.008, 0.008), 1.0, 1e-3).sheet
+    sheet = source.fit((-0.008, 0.008), 1.0, 1e-3).surfaces
     volumes = source.fill(sheet, (1, 1, 1), np.zeros(3), natural=True)
     found = solve_cell(mesh_hexahedra(volumes, 2, (2, 0)), IsotropicMaterial())
     rho, c = found.volume_fraction, found.stiffness

@@ -13,12 +13,12 @@ import tpmscad
 from tpmscad import fields, surfaces
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.errors import InvalidRequest
-from tpmscad.levelset.periodic import periodic_layers as torus_layers
-from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_torus
+from tpmscad.levelset.periodic import periodic_layers
+from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_periodic_patches
 from tpmscad.levelset.periodic.periodic_layers import fit_periodic_offset, make_periodic_layout
-from tpmscad.levelset.periodic.periodic_mesh import TorusMesh
+from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh
 from tpmscad.requests.lattice_request import read_lattice_request
-from tpmscad.solids.level_set_source import COARSEST_GRIDS, LevelSetSource
+from tpmscad.sources.level_set_source import COARSEST_GRIDS, LevelSetSource
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -30,7 +30,7 @@ def made(name: str, **options: Any) -> Any:
     request = read_lattice_request(name, cell=1.0, tol=1e-3, **options)
     source = LevelSetSource(request.surface, (1.0, 1.0, 1.0), request.levels)
     fit = source.fit(request.layer_offsets, 1.0, request.tol)
-    assembly = source.cover(fit.sheet, request.cells, np.array(request.phase))
+    assembly = source.cover(fit.surfaces, request.cells, np.array(request.phase))
     return trim(assembly.brep, box(np.zeros(3), np.array(request.cells, float))).brep, fit, request
 
 
@@ -62,11 +62,11 @@ def test_an_offset_that_the_coarsest_grid_cannot_fit_is_fitted_on_a_finer_one(mo
     field, coarsest = fields.tpms("split_p", 1.0), COARSEST_GRIDS["split_p"]
     n_coarse = len(make_periodic_layout(field, coarsest).mesh.corners)
 
-    def miss_on_coarsest(of: fields.Field, mesh: TorusMesh, *rest: Any) -> PeriodicFit:
-        fit = fit_torus(of, mesh, *rest)
+    def miss_on_coarsest(of: fields.Field, mesh: PeriodicMesh, *rest: Any) -> PeriodicFit:
+        fit = fit_periodic_patches(of, mesh, *rest)
         return replace(fit, met=fit.met and len(mesh.corners) > n_coarse)
 
-    monkeypatch.setattr(torus_layers, "fit_torus", miss_on_coarsest)
+    monkeypatch.setattr(periodic_layers, "fit_periodic_patches", miss_on_coarsest)
     fit = fit_periodic_offset(field, -0.04, 0.0049, coarsest)
     assert fit.met
     assert len(fit.mesh.corners) > n_coarse

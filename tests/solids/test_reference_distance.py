@@ -8,12 +8,10 @@ import pytest
 from tpmscad import fields, maps, surfaces
 from tpmscad.requests.lattice_request import LatticeRequest, read_lattice_request
 from tpmscad.solids.reference_distance import (
-    LevelSetReference,
-    PatchedReference,
-    _mid_surface,
     field_distance,
     lattice_distance,
 )
+from tpmscad.sources.patched_surface import PatchedSurface
 
 TURN = np.array([[0.0, -1.0, 0.0], [0.8, 0.0, -0.6], [0.6, 0.0, 0.8]])
 """A proper rotation."""
@@ -50,13 +48,13 @@ def test_the_distance_is_that_from_the_nearer_offset_surface_in_every_cell(surfa
 
 def test_patches_and_level_set_give_the_same_distance() -> None:
     asked = request("gyroid", "nodal", phase=(0, 0, 0))
-    patched = _mid_surface(asked, None)
-    assert isinstance(patched, PatchedReference)
+    patched = asked.source.mid_surface(asked.cell, asked.cells, np.zeros(3), None)
+    assert isinstance(patched, PatchedSurface)
     points = np.random.default_rng(2).uniform(0, 10, (4000, 3))
     phi = fields.tpms("gyroid", 10.0)
     points = points[np.abs(phi(points)) < 0.4]
-    level_set = LevelSetReference(phi).signed_distance(points)
-    np.testing.assert_allclose(patched.signed_distance(points), level_set, atol=1e-6)
+    level_set = fields.normal_distance(phi)(points)
+    np.testing.assert_allclose(patched(points), level_set, atol=1e-6)
     assert (np.sign(level_set) == np.sign(phi(points))).all()
 
 

@@ -56,7 +56,7 @@ def test_numbers_that_differ_lead_to_a_second_look_and_a_shortfall(monkeypatch: 
     assert found.properties.betti == (1, 0, 0)
     assert failed(found) == [
         "Betti numbers (1, 0, 0) differ from the field's, (2, 0, 0): use a finer `tol`; "
-        "of a blend, specks=True removes isolated parts that lie between its samples"
+        "of a blend, subgrid_check=True removes isolated parts that lie between its samples"
     ]
 
 

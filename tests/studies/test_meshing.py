@@ -18,9 +18,10 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.meshing.facet_search import interior_facets
-from tpmscad.meshing.tetrahedra import MeshRequest
 from tpmscad.meshing.volume_mesh import VolumeMesh
-from tpmscad.studies.volume_meshing import mesh_named_solids, mesh_step
+from tpmscad.requests.study_options import MeshOptions
+from tpmscad.studies._mesh_step import mesh_step
+from tpmscad.studies.volume_meshing import mesh_named_solids
 
 pytest.importorskip("gmsh")
 skfem = pytest.importorskip("skfem")
@@ -75,7 +76,7 @@ def test_sides_that_differ_are_not_taken_for_periodic() -> None:
     shape = bd.Box(4, 4, 4) - bd.Pos(0, 0, 2) * bd.Cylinder(1, 2)
     with pytest.raises(InvalidRequest, match="faces at one side along z"):
         mesh_named_solids(
-            name_solids(shape, "box"), ["body"], ((-2, -2, -2), (2, 2, 2)), MeshRequest(1.5, periodic=True), name="box"
+            name_solids(shape, "box"), ["body"], ((-2, -2, -2), (2, 2, 2)), MeshOptions(1.5, periodic=True), name="box"
         )
 
 
@@ -83,7 +84,7 @@ def test_curvature_refines_where_it_is_asked_for() -> None:
     shape = bd.Pos(5, 0, 0) * bd.Box(10, 4, 4) - bd.Pos(2, 0, 0) * bd.Cylinder(0.5, 4)
     bounds = ((0, -2, -2), (10, 2, 2))
     even, fine = (
-        mesh_named_solids(name_solids(shape, "bar"), ["body"], bounds, MeshRequest(3.0, per_turn=n), name="bar")
+        mesh_named_solids(name_solids(shape, "bar"), ["body"], bounds, MeshOptions(3.0, per_turn=n), name="bar")
         for n in (None, 16)
     )
     assert fine.n_cells > 2 * even.n_cells
@@ -108,7 +109,7 @@ def test_a_model_of_the_caller_in_gmsh_is_left_alone() -> None:
         gmsh.model.occ.synchronize()
         size = gmsh.option.getNumber("Mesh.MeshSizeMax")
         box = name_solids(bd.Pos(1, 1, 1) * bd.Box(2, 2, 2), "box")
-        mesh = mesh_named_solids(box, ["body"], ((0, 0, 0), (2, 2, 2)), MeshRequest(1.5, 1), name="box")
+        mesh = mesh_named_solids(box, ["body"], ((0, 0, 0), (2, 2, 2)), MeshOptions(1.5, 1), name="box")
         assert list(mesh.cells) == ["tetra"]
         assert mesh.volume == pytest.approx(8.0)
         assert not mesh.periodic

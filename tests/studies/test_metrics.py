@@ -16,6 +16,7 @@ from tpmscad import cli
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure import shape_sampling
 from tpmscad.kernel.occt.exploration import faces_of
+from tpmscad.studies import _measure
 from tpmscad.studies._measure import Metrics, measure
 
 pytestmark = pytest.mark.kernel
@@ -190,5 +191,5 @@ def test_a_face_too_narrow_for_any_sample_counts_as_wetted(monkeypatch: pytest.M
         return shape_sampling.FaceSamples(found.points[kept], found.normals[kept], found.face[kept])
 
     assert measure(box).wetted_area == 0.0
-    monkeypatch.setattr(tpmscad.kernel, "sample_faces", leave_one_out)
+    monkeypatch.setattr(_measure, "sample_faces", leave_one_out)
     assert measure(box).wetted_area == pytest.approx(bd.Face(faces_of(box)[2]).area, rel=1e-9)

@@ -126,14 +126,8 @@ def constants(name: str) -> tuple[mp.mpc, mp.mpf, mp.matrix]:
 
 
 def nodal_function(name: str, p: mp.matrix) -> mp.mpf:
-    functions = {"sin": mp.sin, "cos": mp.cos}
-    trig = {f"{f} {c}": functions[f](2 * mp.pi * x) for c, x in zip("xyz", p, strict=True) for f in functions}
-    terms = surfaces.CATALOGUE[name].formula.split(" + ")
-    total = mp.mpf(0)
-    for term in terms:
-        words = term.split()
-        total += mp.fprod(trig[f"{f} {c}"] for f, c in zip(words[::2], words[1::2], strict=True))
-    return total
+    angles = {c: 2 * mp.pi * x for c, x in zip("xyz", p, strict=True)}
+    return eval(surfaces.CATALOGUE[name].formula, {"sin": mp.sin, "cos": mp.cos} | angles)
 
 
 def exact(name: str, reference: str, u: mp.mpf, v: mp.mpf, offset: mp.mpf) -> mp.matrix:

@@ -7,8 +7,8 @@ import pytest
 
 from tpmscad.brep.carriers import Carrier, ConicalSurface, CylindricalSurface, Plane, SphericalSurface, ToroidalSurface
 from tpmscad.brep.conics import Circle, Ellipse
+from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.trimming.intersect.body_edges import project_to_curve
 from tpmscad.trimming.operands.quadric_table import build_implicit_surfaces, compose_with_patch, evaluate_second_jet
 
 ORIGIN, X, Z = np.array([0.3, -0.2, 0.1]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.6, 0.8])

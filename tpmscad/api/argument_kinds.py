@@ -25,7 +25,12 @@ MAX_SHOWN = 60
 
 
 class InvalidValue(Exception):
-    """Why a value is not of a kind; the door adds the argument and the value."""
+    """Why a value is not of a kind; the door adds the argument and the value.
+
+    `place` leads to the part of a sequence or table that the reason is about: index or key, from the outside inwards.
+    """
+
+    place: tuple[int | str, ...] = ()
 
 
 class WrongType(InvalidValue):
@@ -131,6 +136,15 @@ def read_items(value: Any) -> list[Any]:
     return list(value)
 
 
+def read_part(reader: Callable[[Any], Any], value: Any, place: int | str) -> Any:
+    """The part at a place of a sequence or table, which the reason names if it is not of the kind."""
+    try:
+        return reader(value)
+    except InvalidValue as reason:
+        reason.place = (place, *reason.place)
+        raise
+
+
 def tuple_of(reader: Callable[[Any], Any], count: int, words: str, example: str) -> ArgumentKind:
     """A tuple of `count` values that are read by one reader; `words` says what they are."""
 
@@ -140,7 +154,7 @@ def tuple_of(reader: Callable[[Any], Any], count: int, words: str, example: str)
         items = read_items(value)
         if len(items) != count:
             raise InvalidValue(f"must be {words}, not {len(items)}")
-        return tuple(map(reader, items))
+        return tuple(read_part(reader, item, k) for k, item in enumerate(items))
 
     return ArgumentKind(words, example, read)
 
@@ -157,7 +171,7 @@ def one_or_three(reader: Callable[[Any], Any], one: str, example: str) -> Argume
 
 def read_corners(value: Any) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Two corners of a box, each coordinate of the first below that of the second."""
-    low, high = tuple_of(POINT.read, 2, "two corners, ((x0, y0, z0), (x1, y1, z1))", "").read(value)
+    low, high = tuple_of(POINT.read, 2, "two corners ((x0, y0, z0), (x1, y1, z1))", "").read(value)
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise InvalidValue("is empty: each coordinate of the first corner must be below the second's")
     return low, high
@@ -253,7 +267,11 @@ def read_field(value: Any) -> Any:
 
 def sequence_of(reader: Callable[[Any], Any], words: str, example: str) -> ArgumentKind:
     """A list of values that are read by one reader."""
-    return ArgumentKind(words, example, lambda value: [reader(item) for item in read_items(value)])
+
+    def read(value: Any) -> list[Any]:
+        return [read_part(reader, item, k) for k, item in enumerate(read_items(value))]
+
+    return ArgumentKind(words, example, read)
 
 
 def read_path(value: Any) -> str | os.PathLike[str]:

@@ -18,7 +18,7 @@ import ast
 import sys
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from inspect import Parameter, cleandoc, signature, unwrap
 from typing import Any
 
@@ -115,3 +115,9 @@ def document_arguments(doc: str | None, arguments: Mapping[str, Argument]) -> st
     ]
     section = "\n".join(["Parameters", "----------", *entries])
     return "\n\n".join(part for part in (head.rstrip(), section, rest) if part) + "\n"
+
+
+def select_arguments(given: Any, options: type) -> dict[str, Any]:
+    """The values that a dataclass of arguments and the class `options` have in common, by name."""
+    shared = {field.name for field in fields(options)}
+    return {field.name: getattr(given, field.name) for field in fields(given) if field.name in shared}

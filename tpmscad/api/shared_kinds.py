@@ -6,9 +6,9 @@ An argument is declared as the annotation of a parameter, `radius: Annotated[flo
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
 
 from tpmscad.api.argument_kinds import (
+    POINT,
     ArgumentKind,
     InvalidValue,
     WrongType,
@@ -161,8 +161,18 @@ FUNCTION_OF_POINTS_OR_XYZ = ArgumentKind(
 NAME_OR_FIELD = TEXT.or_else(ArgumentKind("a field or a function of points", "", read_callable))
 MAP = ArgumentKind("one of tpmscad.maps or a function of points", "maps.cylinder(20)", read_callable)
 FACES = ArgumentKind("faces, their numbers, or text such as '>Z'", '">Z"', read_iterable)
+VIEW = TEXT.or_else(POINT).described_as(example='"iso"')
 TEXTS = TEXT.or_else(sequence_of(TEXT.read, "several", ""))
 FLOW = ArgumentKind("sides by the names of groups", '{"channel +": "X+"}', _read_flow)
 RECORD = ArgumentKind("a record of the catalogue", "fields.TPMS['gyroid']", _read_record)
 PROGRESS = FLAG.or_else(ArgumentKind("a function of a stage and a fraction", "", read_callable))
-EXECUTOR = instance_of("an executor of concurrent.futures", "ProcessPoolExecutor(4)", Executor)
+
+
+def _read_executor(value: object) -> object:
+    """An executor of concurrent.futures, known by what it does; Dask's is another class."""
+    if not callable(getattr(value, "submit", None)) or not callable(getattr(value, "shutdown", None)):
+        raise WrongType("must be an executor of concurrent.futures")
+    return value
+
+
+EXECUTOR = ArgumentKind("an executor of concurrent.futures", "ProcessPoolExecutor(4)", _read_executor)

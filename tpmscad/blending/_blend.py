@@ -36,7 +36,7 @@ from tpmscad.api.shared_kinds import (
 )
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.initial_weights import WEIGHTS, WeightSpec, expand_weight_specs, make_initial_weight
-from tpmscad.blending.input_defects import remove_input_defects
+from tpmscad.blending.input_defects import repair_input_defects
 from tpmscad.blending.optimise.blend_state import (
     BlendProblem,
     OptimisationOutcome,
@@ -135,14 +135,14 @@ def blend(
         "Fraction of the field's rms (such as 0.06) by which the level may be shifted without isolating parts, as far "
         "as a few rounds reach. For solids that are made with a tolerance.",
     ] = 0.0,
-    drop_intrinsic: Annotated[
+    remove_input_defects: Annotated[
         bool,
         FLAG,
         "Remove the isolated components and fill the cavities that the structures bring with them, such as chips at "
         "the skin of a trimmed model. Only within a few samples of these does the field then differ from its "
         "structures.",
     ] = False,
-    specks: Annotated[
+    subgrid_check: Annotated[
         bool | None,
         FLAG,
         "Search also between the samples for isolated parts, and remove them. By default they are searched for only "
@@ -199,7 +199,7 @@ def blend(
             problem = problem.with_level_shifts(shifts)
         start = evaluate_weights(problem.compositions, start_weights)
     outcome = OptimisationOutcome(start)
-    passes = _choose_passes(method, level_margin, specks, minimum_neck)
+    passes = _choose_passes(method, level_margin, subgrid_check, minimum_neck)
     if keep_fraction:
         passes.append(("volume fraction", partial(report_fractions, start=start_weights)))
     for name, run_pass in passes:
@@ -209,7 +209,7 @@ def blend(
         before, after = (evaluate_all_grids(problem.compositions, state) for state in (start, outcome.state))
     blended = problem.field.with_weights(outcome.state.weights)
     result = assemble_result(blended, method, grids, before, after, outcome, timer.seconds)
-    return remove_input_defects(result, blended, after[-1], grids) if drop_intrinsic else result
+    return repair_input_defects(result, blended, after[-1], grids) if remove_input_defects else result
 
 
 def sample_problem(
@@ -245,17 +245,17 @@ def _make_start_weights(specs: Sequence[WeightSpec], problem: BlendProblem, max_
 
 
 def _choose_passes(
-    method: str, level_margin: float, specks: bool | None, minimum_neck: float | None
+    method: str, level_margin: float, subgrid_check: bool | None, minimum_neck: float | None
 ) -> list[tuple[str, Pass]]:
     """The passes that the options request, in order, with the names under which they are timed."""
     passes: list[tuple[str, Pass]] = [("optimisation", OPTIMISERS[method])]
-    search = choose_subgrid_search(specks)
+    search = choose_subgrid_search(subgrid_check)
     if level_margin > 0:
         passes.append(("level margin", partial(enforce_level_margin, margin_rms=level_margin)))
     if search.is_enabled and method == "topological":
-        passes.append(("specks", partial(remove_subgrid_defects, max_candidates=search.max_candidates)))
+        passes.append(("subgrid defects", partial(remove_subgrid_defects, max_candidates=search.max_candidates)))
     if minimum_neck is not None:
         passes.append(("necks", partial(widen_necks, width=minimum_neck)))
     if search.is_enabled and (method != "topological" or minimum_neck is not None):
-        passes.append(("specks", partial(count_subgrid_defects, max_candidates=search.max_candidates)))
+        passes.append(("subgrid defects", partial(count_subgrid_defects, max_candidates=search.max_candidates)))
     return passes

@@ -74,7 +74,7 @@ def cover_components(
     return PatchedField(field, tuple((cover, sign) for cover, sign in covers if cover is not None))
 
 
-def remove_input_defects(
+def repair_input_defects(
     result: BlendResult, blended: BlendedField, finest: GridDefects, grids: Sequence[SampleGrid]
 ) -> BlendResult:
     """The result without the structures' own components and cavities, as counted on the finest grid, and recounted."""

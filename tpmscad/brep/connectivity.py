@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import IntArray
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.linked_items import label_sharing
 
 
 def count_edge_uses(brep: Brep) -> IntArray:
@@ -42,14 +41,8 @@ def find_broken_loops(brep: Brep) -> IntArray:
 
 def label_shells(brep: Brep) -> tuple[int, IntArray]:
     """The number of shells (edge-connected components), and the shell of each face (F,), numbered by first face."""
-    face = brep.face_of_use
-    n_faces, n_edges = len(brep.faces), len(brep.edges)
-    incidence = coo_array((np.ones(len(face), bool), (face, n_faces + brep.uses.edge)), shape=(n_faces + n_edges,) * 2)
-    _, label = connected_components(incidence, directed=False)
-    _, first, compact = np.unique(label[:n_faces], return_index=True, return_inverse=True)
-    rank = np.empty(len(first), np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))
-    return len(first), rank[compact]
+    label = label_sharing(len(brep.faces), brep.face_of_use, brep.uses.edge)
+    return 1 + int(label.max(initial=-1)), label
 
 
 def euler_characteristic(brep: Brep, shell_of_face: IntArray) -> NDArray[np.int64]:

@@ -1,6 +1,6 @@
 """Two-way deviation of a fitted patch from its reference surface: orthogonal distances on dense grids, in both directions.
 
-The foot point of each sample on the other surface is found by Gauss-Newton iteration, starting at the parameters of the sample.
+The foot point of each sample on the other surface is its orthogonal projection, sought from the parameters of the sample.
 Both directions use the tangents of the fitted patch: those of the reference differ from them by the error that is measured. The
 grid is independent of the samples of the fit, and finer grids around the largest local maxima keep the maximum (the one-sided
 Hausdorff distance) from being missed between samples.
@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, IntArray
+from tpmscad.brep.orthogonal_projection import project_to_patch, project_to_surface
 from tpmscad.splines.bspline import BSplineSurface
 
 ReferenceSurface = Callable[[Array, Array], Array]
@@ -29,14 +30,9 @@ REFINED_PEAKS = 6
 SAMPLES_PER_PEAK_AXIS = 9
 """Samples along each parameter between the neighbours of a local maximum."""
 
-FOOT_PARAMETER_TOL = 1e-10
-"""Parameter step at which a foot point has converged: the tangential residual is then far below any deviation."""
-
 REFERENCE_MARGIN_FRACTION = 0.04
-"""Fraction of the domain by which foot points on the reference may lie outside it; clipping there overestimates a distance."""
-
-MAX_FOOT_ITERATIONS = 8
-"""Gauss-Newton steps: each reduces the error by the relative error of the tangents, 1e-1 at worst on the coarsest fits."""
+"""Fraction of the domain by which foot points on the reference may lie outside it; a foot point that stops there
+overestimates a distance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,54 +101,15 @@ def _distances_to_reference(fitted: BSplineSurface, reference: ReferenceSurface,
     tangents = fitted(u, v, 1, 0), fitted(u, v, 0, 1)
     (u0, u1), (v0, v1) = fitted.domain
     margin_u, margin_v = REFERENCE_MARGIN_FRACTION * (u1 - u0), REFERENCE_MARGIN_FRACTION * (v1 - v0)
-    foot_u, foot_v = u, v
-    for _ in range(MAX_FOOT_ITERATIONS):
-        du, dv = _gauss_newton_step(points - reference(foot_u, foot_v), *tangents)
-        foot_u, foot_v = (
-            np.clip(foot_u + du, u0 - margin_u, u1 + margin_u),
-            np.clip(foot_v + dv, v0 - margin_v, v1 + margin_v),
-        )
-        if max(np.abs(du).max(), np.abs(dv).max()) < FOOT_PARAMETER_TOL:
-            break
+    domain = (u0 - margin_u, u1 + margin_u), (v0 - margin_v, v1 + margin_v)
+
+    def jet(s: Array, t: Array, rows: IntArray) -> Sequence[Array]:
+        return reference(s, t), tangents[0][rows], tangents[1][rows]
+
+    foot_u, foot_v = project_to_surface(jet, points, u, v, domain)
     return np.linalg.norm(points - reference(foot_u, foot_v), axis=-1)
 
 
 def _distances_from_reference(fitted: BSplineSurface, reference: ReferenceSurface, u: Array, v: Array) -> Array:
     """Distances of points of the reference from the fitted patch, an upper bound beyond its sides: (n,)."""
     return project_to_patch(fitted, reference(u, v), u, v)[0]
-
-
-def project_to_patch(fitted: BSplineSurface, points: Array, u: Array, v: Array) -> tuple[Array, Array, Array]:
-    """Orthogonal projection of points (n, 3) on a patch: distances (n,) and parameters (n,), (n,) of the foot points.
-
-    Gauss-Newton iteration from the parameters (u, v); on a side of the patch the foot point slides along the side.
-    """
-    (u0, u1), (v0, v1) = fitted.domain
-    foot_u, foot_v = u, v
-    for _ in range(MAX_FOOT_ITERATIONS):
-        residual, along_u, along_v = (
-            points - fitted(foot_u, foot_v),
-            fitted(foot_u, foot_v, 1, 0),
-            fitted(foot_u, foot_v, 0, 1),
-        )
-        du, dv = _gauss_newton_step(residual, along_u, along_v)
-        leaves_u, leaves_v = (foot_u + du < u0) | (foot_u + du > u1), (foot_v + dv < v0) | (foot_v + dv > v1)
-        dv = np.where(leaves_u, _tangential_step(along_v, residual), dv)
-        du = np.where(leaves_v, _tangential_step(along_u, residual), du)
-        foot_u, foot_v = np.clip(foot_u + du, u0, u1), np.clip(foot_v + dv, v0, v1)
-        if max(np.abs(du).max(), np.abs(dv).max()) < FOOT_PARAMETER_TOL:
-            break
-    return np.linalg.norm(points - fitted(foot_u, foot_v), axis=-1), foot_u, foot_v
-
-
-def _tangential_step(tangent: Array, residual: Array) -> Array:
-    """The step along one parameter that cancels the component of the residual along its tangent."""
-    return np.einsum("ni,ni->n", tangent, residual) / np.einsum("ni,ni->n", tangent, tangent)
-
-
-def _gauss_newton_step(residual: Array, tangent_u: Array, tangent_v: Array) -> tuple[Array, Array]:
-    """The parameter step that cancels the tangential component of the residual."""
-    uu, uv, vv = (np.einsum("ni,ni->n", p, q) for p, q in ((tangent_u,) * 2, (tangent_u, tangent_v), (tangent_v,) * 2))
-    ru, rv = np.einsum("ni,ni->n", tangent_u, residual), np.einsum("ni,ni->n", tangent_v, residual)
-    determinant = uu * vv - uv**2
-    return (vv * ru - uv * rv) / determinant, (uu * rv - uv * ru) / determinant

@@ -11,12 +11,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -39,13 +38,8 @@ class SideMismatch(ValueError):
 def cluster_points(points: Array, radius: float) -> tuple[IntArray, IntArray]:
     """Single-linkage clusters of points (n, 3): the label of each point (n,), and the first point of each cluster."""
     pairs = cKDTree(points).query_pairs(radius, output_type="ndarray")
-    links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], pairs[:, 1])), shape=(len(points),) * 2)
-    _, labels = connected_components(links, directed=False)
-    _, first, ordered = np.unique(labels, return_index=True, return_inverse=True)
-    order = np.argsort(first)  # number the clusters by first appearance, so that the result does not depend on the tree
-    rank = np.empty_like(order)
-    rank[order] = np.arange(len(order))
-    return rank[ordered], first[order]
+    label = label_linked(len(points), pairs)
+    return label, np.unique(label, return_index=True)[1]
 
 
 def roll_up(points: Array, periods: Sequence[float]) -> Array:

@@ -9,23 +9,17 @@ Commands import what they call at their first use, so help does not wait for the
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from importlib import import_module
 from typing import Annotated, NoReturn
 
 import typer
 
 from tpmscad import __version__
-from tpmscad.cli import (
-    infill_command,
-    lattice_command,
-    recipe_commands,
-    reference_commands,
-    simulation_commands,
-    step_file_commands,
-    sweep_command,
-)
 from tpmscad.cli.option_language import in_option_language
 from tpmscad.errors import InvalidRequest, TpmscadError
 
@@ -37,23 +31,35 @@ EXIT_STATUS_HELP = """Lengths are in mm, angles in degrees; several numbers are 
 Exit status: 0 if the result was made as requested; 1 if it could not be made or misses the request (nothing is written);
 2 if the request cannot be carried out as written."""
 
-app = typer.Typer(
-    name="tpmscad",
-    help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids.",
-    no_args_is_help=True,
-    epilog=EXIT_STATUS_HELP,
-    rich_markup_mode="rich",
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
 MAKE, RECIPES, LOOK = "Make solids", "Solids of fields", "Look at results and at what there is"
 SIMULATE = "Simulate"
 
-COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
-    (
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A command: the panel of the help, module and function, its help in a line, and examples."""
+
+    panel: str
+    home: str
+    short_help: str
+    examples: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """The word on the command line; slice is the function slice_file, as slice is a builtin."""
+        return self.home.partition(".")[2].removesuffix("_file").replace("_", "-")
+
+    def load(self) -> Callable[..., None]:
+        """The function, whose options follow from the arguments of what it calls."""
+        module, _, function = self.home.partition(".")
+        command: Callable[..., None] = getattr(import_module(f"tpmscad.cli.{module}"), function)
+        return command
+
+
+COMMANDS = (
+    Command(
         MAKE,
-        lattice_command.lattice,
+        "lattice_command.lattice",
         "Make a lattice of a minimal surface in a box, or wrapped.",
         (
             "lattice gyroid --cell 10 --cells 2,2,2 --thickness 1 -o gyroid.step",
@@ -64,24 +70,24 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "lattice gyroid --cell 10 --cells 20,20,20 --thickness 1 --slab 1 --jobs 2 -o gyroid_{:03d}.step",
         ),
     ),
-    (
+    Command(
         MAKE,
-        infill_command.infill,
+        "infill_command.infill",
         "Fill the solid in a STEP file with a lattice.",
         (
             "infill bracket.step gyroid --cell 8 --thickness 0.8 -o filled.step",
             'infill bracket.step P --cell 8 --thickness 1 --skin 2 --open-faces ">Z" -o filled.step',
         ),
     ),
-    (
+    Command(
         MAKE,
-        infill_command.domains,
+        "infill_command.domains",
         "Divide a body into the wall and two channels of a heat exchanger.",
         ("domains body.step gyroid --cell 8 --thickness 0.8 -o exchanger.step",),
     ),
-    (
+    Command(
         MAKE,
-        sweep_command.sweep,
+        "sweep_command.sweep",
         "Make and measure every design of a table.",
         (
             "template sweep > designs.csv",
@@ -89,69 +95,69 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "sweep designs.csv --jobs 2 --metrics -o results.csv",
         ),
     ),
-    (
+    Command(
         RECIPES,
-        recipe_commands.solidify,
+        "recipe_commands.solidify",
         "Make the solid of a field in a TOML recipe, or of an array.",
         (
             "solidify examples/graded.toml -o graded.step --report graded.json",
             "solidify density.npy --level 0.5 --spacing 0.5 -o part.step",
         ),
     ),
-    (
+    Command(
         RECIPES,
-        recipe_commands.blend,
+        "recipe_commands.blend",
         "Join porous structures as a TOML recipe describes.",
         ("blend examples/scaffold.toml --dry-run", "blend examples/scaffold.toml -o scaffold.step"),
     ),
-    (
+    Command(
         RECIPES,
-        reference_commands.template,
+        "reference_commands.template",
         "Print a commented recipe, or a table, to start from.",
         ("template solidify > my.toml", "template sweep > designs.csv"),
     ),
-    (
+    Command(
         RECIPES,
-        reference_commands.recipe_keys,
+        "reference_commands.recipe_keys",
         "List what recipes may hold: kinds of fields and their keys.",
         ("recipe-keys", "recipe-keys rod"),
     ),
-    (
+    Command(
         LOOK,
-        step_file_commands.check,
+        "step_file_commands.check",
         "Read a STEP file and report its content.",
         ("check gyroid.step", "check filled.step --metrics --within bracket.step --report filled.json"),
     ),
-    (
+    Command(
         LOOK,
-        step_file_commands.render,
+        "step_file_commands.render",
         "Draw a STEP file as a PNG picture.",
         (
             "render gyroid.step -o gyroid.png",
             "render exchanger.step --section z=5 --color-by piece --size 1600x1200 -o exchanger.png",
         ),
     ),
-    (
+    Command(
         LOOK,
-        step_file_commands.slice_file,
+        "step_file_commands.slice_file",
         "Slice a STEP file into layers for printing.",
         (
             "slice gyroid.step --height 0.05 -o gyroid.cli",
             "slice exchanger.step --height 0.03 --chord-error 0.005 -o exchanger.3mf",
         ),
     ),
-    (
+    Command(
         SIMULATE,
-        simulation_commands.mesh,
+        "simulation_commands.mesh",
         "Mesh a STEP file with tetrahedra.",
         (
             "mesh gyroid.step --size 0.5 --periodic -o gyroid.msh",
             "mesh bracket.step --size 1 --order 1 -o bracket.inp",
         ),
     ),
-    (
+    Command(
         SIMULATE,
-        simulation_commands.homogenize,
+        "simulation_commands.homogenize",
         "Compute stiffness and conductivity of a lattice.",
         (
             "homogenize gyroid --volume-fraction 0.2",
@@ -159,18 +165,18 @@ COMMANDS: tuple[tuple[str, Callable[..., None], str, tuple[str, ...]], ...] = (
             "homogenize P --volume-fraction 0.3 --youngs-modulus 210e3 -o p.inp",
         ),
     ),
-    (
+    Command(
         SIMULATE,
-        simulation_commands.permeability,
+        "simulation_commands.permeability",
         "Compute the permeability of a channel of a lattice.",
         (
             "permeability gyroid --porosity 0.4",
             "permeability P --cell 8 --thickness 0.8 --side + --report p.json",
         ),
     ),
-    (LOOK, reference_commands.surfaces, "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
+    Command(LOOK, "reference_commands.surfaces", "List the catalogue of surfaces.", ("surfaces", "surfaces --json")),
 )
-"""The commands in the order of the help: panel, function, short help, examples."""
+"""The commands in the order of the help."""
 
 
 def format_examples(lines: Sequence[str]) -> str:
@@ -178,17 +184,40 @@ def format_examples(lines: Sequence[str]) -> str:
     return "\n".join(["Examples:", *(f"  tpmscad {line}" for line in lines)])
 
 
-for panel, command, short, lines in COMMANDS:
-    name = command.__name__.removesuffix("_file").replace("_", "-")  # slice_file, as slice is a builtin
-    app.command(name, short_help=short, epilog=format_examples(lines), rich_help_panel=panel)(
-        in_option_language(command)
+def make_app(only: str | None = None) -> typer.Typer:
+    """The program with all commands; with the options of one only, so that the others need not be loaded."""
+    app = typer.Typer(
+        name="tpmscad",
+        help="Triply periodic minimal surfaces and porous fields as exact, certified NURBS solids.",
+        no_args_is_help=True,
+        epilog=EXIT_STATUS_HELP,
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
+    app.callback()(_declare_global_options)
+    for command in COMMANDS:
+        add = app.command(
+            command.name,
+            short_help=command.short_help,
+            epilog=format_examples(command.examples),
+            rich_help_panel=command.panel,
+        )
+        add(in_option_language(command.load()) if only in (None, command.name) else _stand_in)
+    return app
+
+
+def _stand_in() -> None:
+    """A command that is listed only."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line on `arguments` (default: those of the process); it ends in SystemExit."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    completing = any(name.startswith("_TPMSCAD") for name in os.environ)
+    app = make_app(None if completing else next((word for word in words if not word.startswith("-")), ""))
     try:
-        status = app(None if arguments is None else list(arguments), prog_name="tpmscad", standalone_mode=False)
+        status = app(words, prog_name="tpmscad", standalone_mode=False)
     except InvalidRequest as error:
         _exit_with_error(str(error), 2)
     except (TpmscadError, OSError) as error:
@@ -230,7 +259,6 @@ def _show_version(show: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _declare_global_options(
     show_version: Annotated[
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")

@@ -16,10 +16,42 @@ import typer
 
 from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.arguments import Argument, arguments_of
-from tpmscad.api.shared_kinds import CELL_COUNTS, FACES, FRACTION, LENGTHS, OFFSET, POSITIVE, TEXT, WALL_THICKNESS
+from tpmscad.api.shared_kinds import (
+    ANYTHING,
+    CELL_COUNTS,
+    COUNT,
+    DIRECTION,
+    FACES,
+    FLAG,
+    FRACTION,
+    LENGTHS,
+    NOT_NEGATIVE,
+    OFFSET,
+    OVERHANG,
+    PICTURE_SIZE,
+    POSITIVE,
+    TEXT,
+    TEXTS,
+    VIEW,
+    WALL_THICKNESS,
+)
 from tpmscad.catalogue import CATALOGUE, find_surface
 from tpmscad.cli.option_language import speak_in_options
-from tpmscad.cli.options import OUTPUT_PANEL, BodyArgument, KeepLooseOption, parse_numbers
+from tpmscad.cli.options import (
+    OUTPUT_PANEL,
+    BodyArgument,
+    DeviationOption,
+    KeepLooseOption,
+    OptionalOutputOption,
+    OutputOption,
+    QuietOption,
+    ReportOption,
+    SchemaOption,
+    VerboseOption,
+    VerifyOption,
+    parse_numbers,
+)
+from tpmscad.cli.output import MODEL_SUFFIXES, OutputRequest
 
 CELL_PANEL = "Cell and position"
 WALL_PANEL = "Wall: give one of --thickness, --offset, --volume-fraction, --porosity"
@@ -52,6 +84,22 @@ def parse_faces(text: str) -> tuple[str | int, ...]:
     return tuple(int(part) if part.isdigit() else part for part in text.replace(" ", "").split(","))
 
 
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height in pixels of a text such as 1600x1200."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise typer.BadParameter(f"{text!r} is no size in pixels: write 1600x1200")
+    return int(width), int(height)
+
+
+def parse_direction(text: str) -> str | tuple[float, ...]:
+    """An axis such as -x, or the numbers of a vector."""
+    if "," not in text:
+        return text
+    vector = parse_numbers(text)
+    return vector if isinstance(vector, tuple) else text
+
+
 SurfaceArgument = Annotated[
     str,
     typer.Argument(
@@ -73,35 +121,83 @@ WRITTEN: Mapping[Any, tuple[Any, dict[str, Any]]] = {
     OFFSET.read: (Any, {"metavar": "LO,HI", "parser": parse_numbers}),
     POINT.read: (Any, {"metavar": "X,Y,Z", "parser": parse_numbers}),
     FACES.read: (Any, {"metavar": "FACES", "parser": parse_faces}),
+    FLAG.read: (bool, {}),
+    COUNT.read: (int | None, {"metavar": "N"}),
+    NOT_NEGATIVE.read: (float | None, {"metavar": "NUMBER"}),
+    OVERHANG.read: (float | None, {"metavar": "DEGREES"}),
+    DIRECTION.read: (Any, {"metavar": "AXIS|X,Y,Z", "parser": parse_direction}),
+    VIEW.read: (str | None, {"metavar": "NAME|X,Y,Z"}),
+    ANYTHING.read: (str | None, {}),
+    PICTURE_SIZE.read: (Any, {"metavar": "WxH", "parser": parse_size}),
+    TEXTS.read: (list[str] | None, {"metavar": "NAME"}),
 }
 """How a command line writes a kind of argument: the type of the option, its placeholder, and how its text is read."""
 
-NOT_OPTIONS = ("map", "progress")
-"""Arguments that take functions only."""
+NOT_OPTIONS = ("map", "progress", "executor", "path", "picture", "source")
+"""Arguments that take functions only, and those that commands declare as operands of their own."""
 
 
-def make_option(argument: Argument) -> Any:
-    """The annotation of the option that stands for an argument; all are None unless they are given."""
+def make_option(argument: Argument, panel: str | None) -> Parameter:
+    """The option that stands for an argument; one that may be left out is None, or False, unless it is given."""
     known = {name: f"--{name.replace('_', '-')}" for name in PANELS}
-    meaning = speak_in_options(argument.meaning.replace("``", "`"), known)
     default = argument.default
-    shown = ",".join(f"{x:g}" for x in default) if isinstance(default, tuple) and default else default
+    shown = default
+    if isinstance(default, tuple):
+        shown = ("x" if argument.kind.read is PICTURE_SIZE.read else ",").join(f"{x:g}" for x in default)
     static, written = WRITTEN.get(argument.kind.read, (None, {}))
     if argument.kind.choices:
         static = Literal[argument.kind.choices] | None
-    return Annotated[
-        static,
-        typer.Option(
-            help=meaning,
-            rich_help_panel=PANELS.get(argument.name),
-            show_default=str(shown) if shown not in (None, ()) else False,
-            **written,
-        ),
-    ]
+    option = typer.Option(
+        f"--{argument.name.replace('_', '-')}",
+        help=speak_in_options(argument.meaning.replace("``", "`"), known),
+        rich_help_panel=panel or PANELS.get(argument.name),
+        show_default=str(shown) if shown not in (None, "", False, Parameter.empty) else False,
+        **written,
+    )
+    absent = Parameter.empty if argument.is_required else False if static is bool else None
+    return Parameter(argument.name, Parameter.KEYWORD_ONLY, default=absent, annotation=Annotated[static, option])
+
+
+OUTPUT_OPTIONS: Mapping[str, tuple[Any, Any]] = {
+    "output": (OutputOption, Parameter.empty),
+    "deviation": (DeviationOption, None),
+    "schema": (SchemaOption, "ap242"),
+    "verify": (VerifyOption, None),
+    "report": (ReportOption, None),
+    "verbose": (VerboseOption, False),
+    "quiet": (QuietOption, False),
+}
+"""The options of every command that writes a model: annotation and default."""
+
+
+def take_output(
+    output: Any = OutputOption, *, suffixes: tuple[str, ...] = MODEL_SUFFIXES, leave_out: tuple[str, ...] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorator of commands: where the result goes and how comes as the last argument, `writing`, an `OutputRequest`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        *own, _ = inspect.signature(command, eval_str=True).parameters.values()
+        options = {name: option for name, option in OUTPUT_OPTIONS.items() if name not in leave_out}
+        options["output"] = (output, Parameter.empty if output is not OptionalOutputOption else None)
+
+        @functools.wraps(command)
+        def run(*operands: Any, **given: Any) -> None:
+            writing = OutputRequest(**{name: given.pop(name) for name in options}, suffixes=suffixes)
+            command(*operands, **given, writing=writing)
+
+        shown = [
+            *own,
+            *(Parameter(n, Parameter.KEYWORD_ONLY, default=d, annotation=a) for n, (a, d) in options.items()),
+        ]
+        run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
+        run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}
+        return run
+
+    return decorate
 
 
 def take_options_of(
-    options: type, *, leave_out: tuple[str, ...] = ()
+    options: type, *, leave_out: tuple[str, ...] = (), panel: str | None = None
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorator of commands: the arguments that are given come as the dictionary `request`, before the options of its own.
 
@@ -112,25 +208,25 @@ def take_options_of(
         derived = [a for a in arguments_of(options).values() if a.name not in (*NOT_OPTIONS, *leave_out)]
         names = [a.name for a in derived if a.name != "loose"]
         own = list(inspect.signature(command, eval_str=True).parameters.values())[1:]
+        own = [p.replace(kind=Parameter.KEYWORD_ONLY) for p in own]
         shown = [
-            Parameter(name, Parameter.POSITIONAL_OR_KEYWORD, annotation=note)
-            for name, note in OPERANDS.items()
-            if name in names
+            Parameter(name, Parameter.KEYWORD_ONLY, annotation=note) for name, note in OPERANDS.items() if name in names
         ]
+        operands = [p for p in own if type(p.annotation.__metadata__[0]).__name__ == "ArgumentInfo"]
         shown += [
-            Parameter(a.name, Parameter.KEYWORD_ONLY, default=None, annotation=make_option(a))
-            for a in derived
-            if a.name in names and a.name not in OPERANDS
+            *operands,
+            *(make_option(a, panel) for a in derived if a.name in names and a.name not in OPERANDS),
+            *(p for p in own if p not in operands),
         ]
-        keep_loose = Parameter("keep_loose", Parameter.KEYWORD_ONLY, default=False, annotation=KeepLooseOption)
-        shown += [*own, keep_loose] if len(names) < len(derived) else own
+        if len(names) < len(derived):
+            shown.append(Parameter("keep_loose", Parameter.KEYWORD_ONLY, default=False, annotation=KeepLooseOption))
 
         @functools.wraps(command)
         def run(**given: Any) -> None:
             request = {name: given.pop(name) for name in names}
             if given.pop("keep_loose", False):
                 request["loose"] = "keep"
-            command({name: value for name, value in request.items() if value is not None}, **given)
+            command({name: v for name, v in request.items() if v is not None and v is not False and v != []}, **given)
 
         run.__signature__ = inspect.Signature(shown)  # type: ignore[attr-defined]
         run.__annotations__ = {parameter.name: parameter.annotation for parameter in shown}

@@ -4,27 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 import tpmscad
-from tpmscad.cli.derived_options import CELL_PANEL, Request, take_options_of
+from tpmscad.cli.derived_options import CELL_PANEL, Request, take_options_of, take_output
 from tpmscad.cli.option_language import RENAMED_KEYWORDS, speak_in_options
-from tpmscad.cli.options import (
-    DeviationOption,
-    InstancedOption,
-    JobsOption,
-    OutputOption,
-    QuietOption,
-    ReportOption,
-    SchemaOption,
-    SlabOption,
-    VerboseOption,
-    VerifyOption,
-)
+from tpmscad.cli.options import InstancedOption, JobsOption, SlabOption
 from tpmscad.cli.output import (
-    Writing,
+    OutputRequest,
     make_and_write,
     progress_bar,
     report_unmet_request,
@@ -48,29 +39,22 @@ MapOption = Annotated[
 
 
 @take_options_of(LatticeOptions)
+@take_output()
 def lattice(
     request: Request,
     *,
     map: MapOption = None,
-    output: OutputOption,
-    deviation: DeviationOption = None,
     instanced: InstancedOption = False,
-    schema: SchemaOption = "ap242",
-    verify: VerifyOption = None,
     slab: SlabOption = None,
     jobs: JobsOption = 1,
-    report: ReportOption = None,
-    verbose: VerboseOption = False,
-    quiet: QuietOption = False,
+    writing: OutputRequest,
 ) -> None:
     """Make a lattice of a minimal surface that fills the box from the origin to CELLS x CELL."""
     if map is not None:
         wrap = read_map(map, request.get("cell"), request.get("cells", 1))
         request = {"boundary": "natural", **request, "map": wrap}
     surface = request.pop("surface")
-    writing = Writing(
-        output, report, quiet, verbose, deviation=deviation, schema=schema, instanced=instanced, verify=verify
-    )
+    writing = replace(writing, instanced=instanced)
     if slab is not None:
         make_slabs(surface, request, writing, slab, jobs)
         return
@@ -86,7 +70,7 @@ def lattice(
     )
 
 
-def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab: Any, jobs: int) -> None:
+def make_slabs(surface: str, request: Mapping[str, Any], writing: OutputRequest, slab: Any, jobs: int) -> None:
     """Write a lattice in slabs and the table of the files as JSON, and print it."""
     from tpmscad.parallel import start_processes  # loads NumPy
 
@@ -103,7 +87,7 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
     ):
         files = tpmscad.export_slabs(
             surface,
-            writing.output,
+            writing.output or Path(),
             slab=slab,
             executor=executor,
             schema=writing.schema,
@@ -115,11 +99,16 @@ def make_slabs(surface: str, request: Mapping[str, Any], writing: Writing, slab:
         print(files)
 
 
-def make_copies(surface: str, request: Mapping[str, Any], writing: Writing) -> None:
+def make_copies(surface: str, request: Mapping[str, Any], writing: OutputRequest) -> None:
     """Write a lattice as copies of one cell, and the certificate of the cell as JSON, and print both."""
     with report_unmet_request(writing.report), progress_bar(f"{surface} cell", writing.quiet) as progress:
         file = tpmscad.export_instances(
-            surface, writing.output, schema=writing.schema, verify=writing.verify, progress=progress, **request
+            surface,
+            writing.output or Path(),
+            schema=writing.schema,
+            verify=writing.verify,
+            progress=progress,
+            **request,
         )
     write_report(writing.report, file.to_dict())
     if not writing.quiet:

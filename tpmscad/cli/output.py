@@ -30,10 +30,10 @@ DOMAIN_SUFFIXES = tuple(suffix for suffix in MODEL_SUFFIXES if suffix != ".stl")
 
 
 @dataclass(frozen=True, slots=True)
-class Writing:
-    """Where a result goes and how: the file, the report, what is said, and the options of the format (None: its default)."""
+class OutputRequest:
+    """Where a result goes and how: the file (None: nowhere), the report, what is said, and the options of the format."""
 
-    output: Path
+    output: Path | None
     report: Path | None = None
     quiet: bool = False
     verbose: bool = False
@@ -44,8 +44,10 @@ class Writing:
     suffixes: tuple[str, ...] = MODEL_SUFFIXES
 
     def __post_init__(self) -> None:
-        validate_output_path(self.output, self.suffixes)
         check_report(self.report)
+        if self.output is None:
+            return
+        validate_output_path(self.output, self.suffixes)
         suffix = self.output.suffix.lower()
         if self.deviation is not None and suffix not in MESH_SUFFIXES:
             raise InvalidRequest(
@@ -118,7 +120,7 @@ def report_unmet_request(report: Path | None) -> Iterator[None]:
         raise
 
 
-def write_model(model: Any, writing: Writing, progress: Progress) -> None:
+def write_model(model: Any, writing: OutputRequest, progress: Progress) -> None:
     """Write a model in the format of the file's suffix; NotMet if it misses the request."""
     certificate = model.certificate
     if not certificate.met:
@@ -128,7 +130,7 @@ def write_model(model: Any, writing: Writing, progress: Progress) -> None:
     model.export(writing.output, **writing.format_options)
 
 
-def make_and_write(title: str, make: Callable[[Progress], Any], writing: Writing) -> None:
+def make_and_write(title: str, make: Callable[[Progress], Any], writing: OutputRequest) -> None:
     """Make a model, write it and its certificate as JSON, and print its summary."""
     with report_unmet_request(writing.report):
         with progress_bar(title, writing.quiet) as progress:

@@ -3,30 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tpmscad.cli.derived_options import take_output
 from tpmscad.cli.options import (
     AllowErrorsOption,
     ArrayTolOption,
-    DeviationOption,
     DryRunOption,
     FieldFileArgument,
     KeepLooseOption,
     LevelOption,
     OptionalOutputOption,
     OriginOption,
-    QuietOption,
     RecipeArgument,
-    ReportOption,
-    SchemaOption,
     SpacingOption,
-    VerboseOption,
-    VerifyOption,
 )
 from tpmscad.cli.output import (
-    Writing,
-    check_report,
+    OutputRequest,
     progress_bar,
     report_unmet_request,
     summarise,
@@ -50,18 +43,14 @@ INPUTS_OF_OTHER_COMMANDS = {
 ReadRun = Callable[["Progress"], "RecipeRun"]
 
 
+@take_output(OptionalOutputOption)
 def blend(
     recipe: RecipeArgument,
-    output: OptionalOutputOption = None,
+    *,
     dry_run: DryRunOption = False,
     allow_errors: AllowErrorsOption = False,
     keep_loose: KeepLooseOption = False,
-    deviation: DeviationOption = None,
-    schema: SchemaOption = "ap242",
-    verify: VerifyOption = None,
-    report: ReportOption = None,
-    verbose: VerboseOption = False,
-    quiet: QuietOption = False,
+    writing: OutputRequest,
 ) -> None:
     """Join porous structures as a TOML file describes, without isolated pieces or cavities, and write the solid."""
 
@@ -70,25 +59,20 @@ def blend(
 
         return BlendRun.read(recipe, allow_errors=allow_errors, keep_loose=keep_loose, progress=progress)
 
-    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
-    _run(f"blending {recipe.name}", read, writing, report, quiet)
+    _run(f"blending {recipe.name}", read, writing, dry_run)
 
 
+@take_output(OptionalOutputOption)
 def solidify(
     file: FieldFileArgument,
+    *,
     level: LevelOption = None,
     spacing: SpacingOption = None,
     origin: OriginOption = None,
     tol: ArrayTolOption = None,
-    output: OptionalOutputOption = None,
     dry_run: DryRunOption = False,
     keep_loose: KeepLooseOption = False,
-    deviation: DeviationOption = None,
-    schema: SchemaOption = "ap242",
-    verify: VerifyOption = None,
-    report: ReportOption = None,
-    verbose: VerboseOption = False,
-    quiet: QuietOption = False,
+    writing: OutputRequest,
 ) -> None:
     """Make the solid of a field: one that a TOML file describes (graded, thresholded, mixed, mapped), or an array of numbers."""
 
@@ -111,39 +95,21 @@ def solidify(
             )
         return SolidRun.sample(file, level=level, spacing=spacing, origin=origin, tol=tol, keep_loose=keep_loose)
 
-    writing = _prepare_writing(output, dry_run, report, quiet, verbose, deviation, schema, verify)
-    _run(f"making {file.name}", read, writing, report, quiet)
+    _run(f"making {file.name}", read, writing, dry_run)
 
 
-def _prepare_writing(
-    output: Path | None,
-    dry_run: bool,
-    report: Path | None,
-    quiet: bool,
-    verbose: bool,
-    deviation: float | None,
-    schema: str,
-    verify: str | None,
-) -> Writing | None:
-    """Where the solid goes; None for a dry run."""
-    if dry_run == (output is not None):
-        raise InvalidRequest("give either `output`, the file to write, or `dry_run`, which makes no solid")
-    check_report(report)
-    if output is None:
-        return None
-    return Writing(output, report, quiet, verbose, deviation=deviation, schema=schema, verify=verify)
-
-
-def _run(title: str, read: ReadRun, writing: Writing | None, report: Path | None, quiet: bool) -> None:
+def _run(title: str, read: ReadRun, writing: OutputRequest, dry_run: bool) -> None:
     """Read a recipe and make its solid, or describe it in a dry run."""
-    with report_unmet_request(report), progress_bar(title, quiet) as progress:
+    if dry_run == (writing.output is not None):
+        raise InvalidRequest("give either `output`, the file to write, or `dry_run`, which makes no solid")
+    with report_unmet_request(writing.report), progress_bar(title, writing.quiet) as progress:
         run = read(progress)
-        if writing is None:
+        if dry_run:
             text, content = run.describe()
         else:
             model, content = run.make(progress)
             write_model(model, writing, progress)
             text = summarise(model, verbose=writing.verbose)
-        write_report(report, content)
-    if not quiet:
+        write_report(writing.report, content)
+    if not writing.quiet:
         print(text)

@@ -10,28 +10,12 @@ import typer
 
 import tpmscad
 from tpmscad.atomic_file import validate_output_path
-from tpmscad.cli.derived_options import SurfaceArgument
+from tpmscad.cli.derived_options import Request, SurfaceArgument, take_options_of
 from tpmscad.cli.options import OUTPUT_PANEL, QuietOption, ReportOption, StepFileArgument
 from tpmscad.cli.output import check_report, progress_bar, report_unmet_request, write_report
 from tpmscad.errors import InvalidRequest
+from tpmscad.requests.study_options import HomogenizeOptions, MeshStepOptions
 
-ElementSizeOption = Annotated[
-    float, typer.Option("--size", metavar="MM", help="Mean length of the elements' edges, mm.")
-]
-OrderOption = Annotated[
-    int, typer.Option(metavar="1|2", help="1: straight edges; 2: curved ones, with a node in their middle.")
-]
-PeriodicOption = Annotated[
-    bool, typer.Option("--periodic", help="Give opposite sides of the box around the solid the same nodes.")
-]
-PerTurnOption = Annotated[
-    int | None,
-    typer.Option(
-        metavar="N",
-        help="Elements along a full turn of curvature at least.",
-        show_default="the same size everywhere",
-    ),
-]
 VersionOption = Annotated[
     Literal["4.1", "2.2"],
     typer.Option("--msh-version", help="Version of gmsh's format .msh.", rich_help_panel=OUTPUT_PANEL),
@@ -46,41 +30,13 @@ MeshFileOption = Annotated[
         rich_help_panel=OUTPUT_PANEL,
     ),
 ]
-FractionOption = Annotated[
-    float | None,
-    typer.Option(
-        "--volume-fraction",
-        metavar="0..1",
-        help="Volume of the solid over that of the cell. Required, unless --porosity is given.",
-    ),
-]
 VoidFractionOption = Annotated[
     float | None, typer.Option("--porosity", metavar="0..1", help="Void fraction: 1 - the volume fraction.")
-]
-KindOption = Annotated[
-    Literal["sheet", "skeletal"], typer.Option(help="A wall, or the solid on one side of the surface.")
 ]
 ReferenceOption = Annotated[
     str | None,
     typer.Option(
         metavar="NAME", help="The minimal surface, or the nodal one.", show_default="minimal where there is one"
-    ),
-]
-YoungsModulusOption = Annotated[float, typer.Option(metavar="E", help="Young's modulus of the solid, in any unit.")]
-PoissonRatioOption = Annotated[float, typer.Option(metavar="NU", help="Poisson's ratio of the solid, 0 to 0.49.")]
-ElementsOption = Annotated[
-    Literal["hexahedra", "tetrahedra"] | None,
-    typer.Option(
-        help="Hexahedra straight from the patches, or tetrahedra of gmsh.", show_default="hexahedra where possible"
-    ),
-]
-CellElementSizeOption = Annotated[
-    float | None,
-    typer.Option(
-        "--size",
-        metavar="L",
-        help="Mean edge length of the tetrahedra of the finer mesh, in cells.",
-        show_default="0.8 of the wall",
     ),
 ]
 ChannelPorosityOption = Annotated[
@@ -124,13 +80,11 @@ CardOption = Annotated[
 ]
 
 
+@take_options_of(MeshStepOptions)
 def mesh(
+    request: Request,
     file: StepFileArgument,
-    size: ElementSizeOption,
     output: MeshFileOption,
-    order: OrderOption = 2,
-    periodic: PeriodicOption = False,
-    per_turn: PerTurnOption = None,
     version: VersionOption = "4.1",
     report: ReportOption = None,
     quiet: QuietOption = False,
@@ -145,7 +99,7 @@ def mesh(
         with progress_bar(f"meshing {file.name}", quiet):
             from tpmscad.studies._mesh_step import mesh_step  # loads the kernel
 
-            found = mesh_step(file, size, order, periodic, per_turn=per_turn, progress=False)
+            found = mesh_step(file, **request, progress=False)
             found.write(output, version=version)
         quality = found.quality
         write_report(
@@ -172,41 +126,26 @@ def mesh(
             )
 
 
+@take_options_of(HomogenizeOptions, panel="Lattice and material")
 def homogenize(
-    surface: SurfaceArgument,
-    volume_fraction: FractionOption = None,
+    request: Request,
     porosity: VoidFractionOption = None,
-    kind: KindOption = "sheet",
-    reference: ReferenceOption = None,
-    youngs_modulus: YoungsModulusOption = 1.0,
-    poisson_ratio: PoissonRatioOption = 0.3,
-    elements: ElementsOption = None,
-    size: CellElementSizeOption = None,
     output: CardOption = None,
     report: ReportOption = None,
     quiet: QuietOption = False,
 ) -> None:
     """Compute stiffness and conductivity of a lattice that repeats, with an error by refinement; needs scikit-fem."""
-    if (volume_fraction is None) == (porosity is None):
+    if ("volume_fraction" in request) == (porosity is not None):
         here = "none of them" if porosity is None else "both"
         raise InvalidRequest(f"give exactly one of --volume-fraction, --porosity; here: {here}")
-    fraction = volume_fraction if porosity is None else 1.0 - porosity
+    if porosity is not None:
+        request["volume_fraction"] = 1.0 - porosity
     if output is not None:
         validate_output_path(output, (".inp", ".csv"))
     check_report(report)
     with report_unmet_request(report):
-        with progress_bar(f"homogenising {surface}", quiet) as progress:
-            found = tpmscad.homogenize(
-                surface,
-                volume_fraction=fraction,
-                kind=kind,
-                reference=reference,
-                youngs_modulus=youngs_modulus,
-                poisson_ratio=poisson_ratio,
-                elements=elements,
-                size=size,
-                progress=progress,
-            )
+        with progress_bar(f"homogenising {request['surface']}", quiet) as progress:
+            found = tpmscad.homogenize(request.pop("surface"), **request, progress=progress)
         if output is not None:
             found.write(output)
         write_report(report, found.to_dict())

@@ -1,8 +1,8 @@
 """Fields: functions f(points (..., 3)) -> (...) of model coordinates with their exact gradient; f < 0 is solid.
 
 A class of fields states its formula once, in `trace(x, y, z)`, on the nodes of a tape (`tape_nodes.py`); values, exact gradients,
-and their compiled evaluation on points and grids follow from it (`field_tape.py`). What no tape can hold, a function of the user,
-an image or an iteration, implements `at(x, y, z)` for values and `jet(x, y, z)` for values and the three partial derivatives, on
+and their compiled evaluation on points and grids follow from it (`field_tape.py`). What no tape can hold, a function of the user
+or an iteration, implements `at(x, y, z)` for values and `jet(x, y, z)` for values and the three partial derivatives, on
 coordinate arrays that broadcast; it is an input of the tapes that use it. Only elementwise operations in a fixed order are used:
 points and grids give the same bits, and the value of a point does not depend on the other points of the call. Foreign functions
 (`FunctionField`) cannot guarantee this.
@@ -179,6 +179,13 @@ class MinMaxField(BinaryField):
     def trace(self, x: Node, y: Node, z: Node) -> Node:
         """The formula on the nodes of a tape."""
         return choose_extreme(self.sign, self.first.trace(x, y, z), self.second.trace(x, y, z))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompositeField(Field):
+    """Base class of fields that select and mix the values of `structures`, whose edges are then edges of the solid."""
+
+    structures: tuple[Field, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,10 +6,13 @@ Every file is written under a temporary name, read back and compared with the so
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from tpmscad._typing import BoxCorners
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.export.brep_file import write_brep_file
@@ -19,8 +22,10 @@ from tpmscad.kernel.export.solid_mesh import mesh_solids
 from tpmscad.kernel.export.stl_file import write_stl
 from tpmscad.kernel.export.threemf_file import write_3mf
 from tpmscad.kernel.occt.construction import make_compound
+from tpmscad.kernel.step.face_labels import NamedSolid
+from tpmscad.requests.study_options import ExportOptions
+from tpmscad.results.certificate import Certificate
 from tpmscad.results.result_summary import measure_diagonal
-from tpmscad.results.solid_result import SolidResult
 
 STEP_SUFFIXES = (".step", ".stp")
 MESH_SUFFIXES = (".stl", ".3mf", ".glb")
@@ -42,36 +47,53 @@ def find_suffix(path: str | Path, only: Sequence[str] = SUFFIXES) -> str:
     return suffix
 
 
-def check_options(
-    suffix: str,
-    *,
-    deviation: float | None,
-    angle: float | None,
-    schema: str = "ap242",
-    instanced: bool = False,
-    verify: str | None = None,
-) -> None:
-    """InvalidRequest for options that a format does not have, and for deviations and angles that are not positive."""
-    if suffix not in MESH_SUFFIXES and (deviation is not None or angle is not None):
+def check_export(options: ExportOptions) -> str:
+    """The suffix of the file; InvalidRequest for options that its format does not have, or that are not positive."""
+    suffix = find_suffix(options.path)
+    if suffix not in MESH_SUFFIXES and (options.deviation is not None or options.angle is not None):
         raise InvalidRequest(
             f"a {suffix} file is exact: leave deviation and angle out, or write {', '.join(MESH_SUFFIXES)}"
         )
-    if suffix not in STEP_SUFFIXES and (instanced or schema != "ap242" or verify is not None):
+    given = {field.name for field in fields(options) if getattr(options, field.name) != field.default}
+    if suffix not in STEP_SUFFIXES and given & {"schema", "instanced", "verify"}:
         raise InvalidRequest(f"schema, instanced and verify are for STEP files: leave them out of a {suffix} file")
-    for name, value, most in (("deviation", deviation, np.inf), ("angle", angle, 90.0)):
+    for name, value, most in (("deviation", options.deviation, np.inf), ("angle", options.angle, 90.0)):
         if value is not None and not 0.0 < value < most:
             limit = "" if most == np.inf else f" and less than {most:g} degrees"
             raise InvalidRequest(f"{name} = {value!r} must be greater than 0{limit}")
+    return suffix
 
 
-def write_mesh_or_brep_file(
-    result: SolidResult, path: str | Path, *, deviation: float | None, angle: float | None
-) -> None:
-    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path.
+class SolidResult(Protocol):
+    """What a result offers to be written to a file: a model, or the domains of an exchanger."""
 
-    `deviation` is the greatest distance between mesh and solid, by default the greater of the certificate's tolerance and
-    DEVIATION_FRACTION of the diagonal; `angle` the turn between facets in degrees.
-    """
+    @property
+    def name(self) -> str:
+        """Name of the whole."""
+
+    @property
+    def volume(self) -> float:
+        """Volume of all solids."""
+
+    @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate, whose tolerance meshes keep to by default."""
+
+    @property
+    def wrapped(self) -> Any:
+        """The TopoDS shape of all solids."""
+
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with their names and the labels of their faces."""
+
+
+def write_mesh_or_brep_file(result: SolidResult, options: ExportOptions) -> None:
+    """Write a result as a mesh (STL, 3MF, GLB) or as OCCT's own BREP, by the suffix of the path."""
+    path, deviation = options.path, options.deviation
     suffix = find_suffix(path, (*MESH_SUFFIXES, BREP_SUFFIX))
     if suffix == BREP_SUFFIX:
         write_brep_file(result.wrapped, validate_output_path(path, (BREP_SUFFIX,)), result.volume)
@@ -79,7 +101,7 @@ def write_mesh_or_brep_file(
     target = validate_output_path(path, MESH_SUFFIXES)
     if deviation is None:
         deviation = max(result.certificate.tol, DEVIATION_FRACTION * measure_diagonal(result.bounding_box))
-    angle = DEFAULT_ANGLE_DEG if angle is None else angle
+    angle = DEFAULT_ANGLE_DEG if options.angle is None else options.angle
     solids, volume = result.named_solids(), result.volume
     meshes = mesh_solids(make_compound(of.solid for of in solids), deviation, float(np.radians(angle)))
     parts = [group_faces(of.name, mesh, of.labels, of.colour_of) for of, mesh in zip(solids, meshes, strict=True)]

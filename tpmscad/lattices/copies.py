@@ -41,15 +41,19 @@ def cover_box(symmetry: PatchSymmetry, offsets: OffsetSurfaces, cells: tuple[int
     along their midlines: whole quarters end in the plane, and nothing needs to be cut there.
     """
     faces = _place_layers(symmetry, offsets, _copies_around_box(symmetry.cell_motions, cells, phase))
-    primitives = offsets.primitives
-    if midlines_in_box_planes(primitives, faces, cells):
-        primitives = tuple(quarter for primitive in primitives for quarter in quarter_patch(primitive))
+    return weld_in_box(offsets.primitives, faces, np.array(cells, float))
+
+
+def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> Brep:
+    """The faces with a part inside the box [0, size], in quarters if the midline of one lies in a plane of the box."""
+    if midlines_in_box_planes(primitives, faces, size):
+        primitives = [quarter for primitive in primitives for quarter in quarter_patch(primitive)]
         faces = faces[np.repeat(np.arange(len(faces.carrier)), 4)]
         faces = replace(faces, carrier=4 * faces.carrier + np.tile(np.arange(4), len(faces.carrier) // 4))
     inside = np.zeros(len(faces.carrier), bool)
     for index, primitive in enumerate(primitives):
         at = np.flatnonzero(faces.carrier == index)
-        inside[at] = _reaches_into_box(faces.motion[at, None].apply(primitive.poles.reshape(-1, 3)), cells)
+        inside[at] = _reaches_into_box(faces.motion[at, None].apply(primitive.poles.reshape(-1, 3)), size)
     return faces[inside].weld(primitives)
 
 
@@ -79,7 +83,7 @@ def place_pieces(symmetry: MirrorSymmetry, cells: tuple[int, int, int], phase: A
     """Motions of the piece into every tetrahedron with a part inside the box; with `natural` the box moves with the phase."""
     shift, phase = (phase, 0 * phase) if natural else (0 * phase, phase)
     motion = _copies_around_box(symmetry.motions, cells, phase)
-    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), cells)]
+    motion = motion[_reaches_into_box(motion[:, None].apply(symmetry.edges.reshape(4, 3)), np.array(cells))]
     return Motion(motion.rotation, motion.translation + shift)
 
 
@@ -177,21 +181,19 @@ def _copies_around_box(motions: Motion, cells: tuple[int, int, int], phase: Arra
     return translate_motions(motions, cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase)))
 
 
-def _reaches_into_box(points: Array, cells: tuple[int, int, int]) -> BoolArray:
-    """Whether the bounding box of each point set (n, m, 3) overlaps the box: (n,)."""
+def _reaches_into_box(points: Array, size: Array) -> BoolArray:
+    """Whether the bounding box of each point set (n, m, 3) overlaps the box [0, size]: (n,)."""
     low, high = points.min(axis=1), points.max(axis=1)
-    return np.asarray(((high > TOUCH_TOL_CELLS) & (low < np.array(cells) - TOUCH_TOL_CELLS)).all(axis=1))
+    return np.asarray(((high > TOUCH_TOL_CELLS) & (low < size - TOUCH_TOL_CELLS)).all(axis=1))
 
 
-def midlines_in_box_planes(
-    primitives: tuple[BSplineSurface, ...], faces: PlacedFaces, cells: Array | tuple[int, int, int]
-) -> bool:
-    """Whether a midline of some patch lies in a plane of the box."""
+def midlines_in_box_planes(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> bool:
+    """Whether a midline of some patch lies in a plane of the box [0, size]."""
     t = np.linspace(0.0, 1.0, 5)
     half = np.full(5, 0.5)
     lines = np.stack([[s(half, t), s(t, half)] for s in primitives])[faces.carrier]  # (F, 2, 5, 3)
     placed = faces.motion[:, None, None].apply(lines)
-    planes = np.array([np.zeros(3), np.array(cells)])[:, None, None]  # (2, 1, 1, 3)
+    planes = np.array([np.zeros(3), size])[:, None, None]  # (2, 1, 1, 3)
     return bool((np.abs(placed[None] - planes[:, None]).max(axis=3) < TOUCH_TOL_CELLS).any())
 
 

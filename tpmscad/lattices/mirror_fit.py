@@ -25,7 +25,8 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
-from tpmscad.brep.deviation import Deviation, combine_deviations, mean_square, project_to_patch, sample_around_peaks
+from tpmscad.brep.deviation import Deviation, combine_deviations, mean_square, sample_around_peaks
+from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import NoFoot
 from tpmscad.lattices.harmonic_chart import HarmonicChart, compute_harmonic_chart
 from tpmscad.lattices.mirror_continuity import mirror_conditions

@@ -6,22 +6,49 @@ the gradient of its nodal function: the lower surface has the smaller signed dis
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 
-from tpmscad._typing import BoolArray, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.welding import weld_patches
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
+from tpmscad.splines.cpia import NetConvergence
 
 LATTICE_TAGS = ("offset+", "offset-", "gap")
 """Tags of faces: the upper surface, the lower surface, and the ruled faces between them along a natural boundary."""
 
 TOUCH_TOL_CELLS = 1e-9
 """A patch that reaches into a box by less does not count as inside: far above round-off, far below any tolerance."""
+
+
+Layers = tuple[float | None, float | None]
+"""Signed normal distances of the lower and the upper surface in model units; None where there is no surface."""
+
+S = TypeVar("S")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LayersFit(Generic[S]):
+    """Fitted surfaces of a wall; their deviation, rigorous bounds on it and the nets' `convergence` in model units."""
+
+    surfaces: S
+    deviation: Deviation
+    bounds: Mapping[str, float] = field(default_factory=dict)
+    convergence: NetConvergence = field(default_factory=lambda: NetConvergence(0, 0.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchAssembly:
+    """Placed patches, in cells, and the lower corner (3,) of the box that is to trim them; None if they are closed."""
+
+    brep: Brep
+    trim_corner: Array | None
 
 
 @dataclass(frozen=True, slots=True)

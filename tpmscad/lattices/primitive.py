@@ -10,15 +10,13 @@ Surfaces bounded by mirror planes are fitted in `mirror_fit`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
-from tpmscad.lattices.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.offset_surfaces import LayersFit, OffsetSurfaces
 from tpmscad.splines import error_bounds
 from tpmscad.splines.adaptive_fit import AdaptiveFit, GridEvaluator, SplineSpace, fit_in_space, fit_to_tolerance
 from tpmscad.splines.bspline import BSplineSurface
@@ -36,19 +34,9 @@ BOUND_SAMPLES_PER_PARAMETER = 65
 """Vertices along each parameter of the mesh between the surfaces in the a-priori bounds."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OffsetSurfacesFit:
-    """Fitted offset surfaces in cells; their deviation, rigorous bounds and the net's `convergence` in model units."""
-
-    sheet: OffsetSurfaces
-    deviation: Deviation
-    bounds: Mapping[str, float]
-    convergence: NetConvergence
-
-
 def fit_offset_surfaces(
     name: str, reference: str, layers: tuple[float | None, float | None], cell: float, tol: float
-) -> OffsetSurfacesFit:
+) -> LayersFit[OffsetSurfaces]:
     """Fit the lower and upper surface at their normal offsets (model units; None: no surface) to within `tol`.
 
     Where no candidate meets `tol` the best one is returned: compare the deviation.
@@ -67,7 +55,7 @@ def fit_offset_surfaces(
         _measure_offset_deviation(name, reference, size, p) for size, p in zip(sizes, primitives, strict=True)
     ]
     bounds = [_rigorous_bounds(name, reference, size, p) for size, p in zip(sizes, primitives, strict=True)]
-    return OffsetSurfacesFit(
+    return LayersFit(
         OffsetSurfaces(primitives, lower, upper),
         combine_deviations(deviations).scaled(cell),
         {label: cell * max(b[label] for b in bounds) for label in bounds[0]},

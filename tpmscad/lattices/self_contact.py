@@ -13,12 +13,14 @@ deepest of them are sought between the samples, so that contacts much smaller th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 
@@ -48,7 +50,13 @@ MAX_REFINEMENTS = 7
 """Most rounds of refinement; each divides the spacing by four, until an eighth of the wall is resolved."""
 
 FOOT_STEPS = 8
-"""Newton steps to a foot; one reduces the error by the ratio of distance and radius of curvature at least."""
+"""Newton steps to the point that the map takes to the same place."""
+
+AXIS_RTOL = 1e-6
+"""Relative deviation from an axis up to which a step between two points of one image is a period of the map along it."""
+
+UNIT_SQUARE = (0.0, 1.0), (0.0, 1.0)
+"""The parameters of every patch."""
 
 TOUCH_FRACTION = 1e-6
 """Walls that go into each other by less than this fraction of the cell touch by round-off."""
@@ -195,12 +203,12 @@ def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, fl
     """The pairs with exact feet and depths; those without a foot on the other patch, or whose foot is their own, are left out."""
     own = mapped.points_at(pairs.patch, *pairs.own.T)
     points = own.position + (pairs.height * mapped.distance_unit(own.position))[:, None] * own.normal
-    sides = pairs.foot
-    for _ in range(FOOT_STEPS):
-        at = mapped.points_at(pairs.other, *sides.T)
-        frame = np.stack([at.du, at.dv, at.normal], axis=-1)
-        step = np.linalg.solve(frame, (points - at.position)[..., None])[..., 0]
-        sides = np.clip(sides + step[:, :2], 0.0, 1.0)
+
+    def jet(u: Array, v: Array, rows: IntArray) -> Sequence[Array]:
+        at = mapped.points_at(pairs.other[rows], u, v)
+        return at.position, at.du, at.dv
+
+    sides = np.stack(project_to_surface(jet, points, pairs.foot[:, 0], pairs.foot[:, 1], UNIT_SQUARE), axis=1)
     at = mapped.points_at(pairs.other, *sides.T)
     apart = points - at.position
     distance = np.einsum("ni,ni->n", apart, at.normal)
@@ -254,7 +262,7 @@ def _find_repeat(mapped: MappedSurface, p: Array, q: Array) -> tuple[int, float]
     axis = int(np.argmax(np.abs(step)))
     length = float(abs(step[axis]))
     along = length * np.eye(3)[axis]
-    if np.abs(np.abs(step) - along).max() > 1e-6 * length:
+    if np.abs(np.abs(step) - along).max() > AXIS_RTOL * length:
         return None
     points = mapped.cell * np.random.default_rng(0).random((20, 3)) + p - (along if step[axis] < 0 else 0.0)
     return (axis, length) if repeats_after(mapped.map, along, points) else None

@@ -39,6 +39,9 @@ STARTS_PER_SAMPLE = 2
 NEWTON_STEPS = 8
 """Newton steps to a preimage."""
 
+SAME_IMAGE_FRACTION = 1e-6
+"""Distance, in extents of the image, within which a preimage has converged."""
+
 SAME_PREIMAGE_FRACTION = 1e-3
 """Preimages nearer than this fraction of the domain are one; its boundary may touch itself within this fraction."""
 
@@ -256,7 +259,9 @@ def _require_one_to_one(map: SplineMap) -> None:
     step = np.where(open_axes, step, np.abs(step - np.rint(step)))
     other = inside & (step.max(axis=1) > 10 * SAME_PREIMAGE_FRACTION)
     hit = np.zeros(len(other), bool)
-    hit[other] = np.linalg.norm(volume.images(preimage[other])[0] - target[other], axis=1) < 1e-6 * np.ptp(images)
+    hit[other] = np.linalg.norm(
+        volume.images(preimage[other])[0] - target[other], axis=1
+    ) < SAME_IMAGE_FRACTION * np.ptp(images)
     if hit.any():
         k = int(np.flatnonzero(hit)[0])
         raise InvalidRequest(

@@ -8,7 +8,7 @@
 4. `level_set_fit`: one mesh fitted and measured; `adaptive_search`: the octree refined where patches fail, until all pass;
    `fit_simplification`: the mesh of a fit that passes, with fewer patches.
 5. `caps`, `brep_assembly`: planar caps in the faces of the box, and the boundary representation of it all.
-6. `torus_mesh`, `torus_fit`, `torus_layers`: the level set of a periodic field and its normal offsets on one period without a
+6. `periodic`: the level set of a periodic field and its normal offsets on one period without a
    box, one patch for each orbit of the field's isometries, and the copies that cover a box.
 
 `field_solid` is the entry: a FieldSolid that was measured, or a LevelSetError that names the place and the cause.

@@ -84,7 +84,10 @@ SINGULAR_SLOPE_FRACTION = 0.15
 N_PLACES_REPORTED = 3
 
 COUNT_TOL = 1e-6
+"""Leaves by which a length may exceed a whole number of them without another: round-off of the quotient."""
+
 MIN_LEAVES_PER_AXIS = 2
+"""Least number of leaves along an axis of the box: the dual mesh has vertices in inner leaves and in border leaves."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

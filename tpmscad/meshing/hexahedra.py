@@ -14,10 +14,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.lattices.spline_volumes import SideConnectivity, SplineVolumes
 from tpmscad.meshing.element_shapes import SHAPES
 from tpmscad.meshing.volume_mesh import VolumeMesh, name_translation, sort_nodes
@@ -209,7 +208,7 @@ def _pair_nodes(volumes: SplineVolumes, grid: NodeGrid) -> dict[str, IntArray]:
                 pairs.setdefault(name_translation(step[1:]), []).append((own, node_at[image]))
     n = len(grid.points)
     tied = np.array([pair for found in pairs.values() for pair in found], np.int64).reshape(-1, 2)
-    _, part = connected_components(coo_array((np.ones(len(tied)), tuple(tied.T)), shape=(n, n)), directed=False)
+    part = label_linked(n, tied)
     seen = set(part[first].tolist())
     for own, origin, translation in zip(repeated.tolist(), first.tolist(), place[:, 1:], strict=True):
         if part[own] not in seen:

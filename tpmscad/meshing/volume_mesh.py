@@ -10,8 +10,6 @@ from types import MappingProxyType
 from typing import Annotated, Any
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, BoolArray, IntArray
@@ -19,6 +17,7 @@ from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import FLOW, PATH, POSITIVE
 from tpmscad.atomic_file import validate_output_path
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import (
     SHAPES,
@@ -195,9 +194,8 @@ class VolumeMesh:
         """For each node the node that it repeats (n,), itself if none, and by how many periods (n, 3) it lies from that node."""
         n = len(self.points)
         pairs = np.concatenate([np.zeros((0, 2), np.int64), *self.periodic.values()])
-        _, label = connected_components(coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(n, n)), directed=False)
-        _, first = np.unique(label, return_index=True)
-        repeated = first[label]
+        label = label_linked(n, pairs)
+        repeated = np.unique(label, return_index=True)[1][label]
         gap = (self.points - self.points[repeated]) / self.periods
         return repeated, np.rint(np.nan_to_num(gap)).astype(np.int64)
 

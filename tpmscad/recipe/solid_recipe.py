@@ -18,19 +18,36 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from tpmscad._typing import BoxCorners
+from tpmscad.api.arguments import Argument
+from tpmscad.api.shared_kinds import BOX, FIELD, POSITIVE
 from tpmscad.errors import InvalidRequest, LevelSetError, RecipeError
 from tpmscad.fields import Field
-from tpmscad.recipe.field_kind import Key, KeyTable
-from tpmscad.recipe.field_reader import FIELDS_KEY, make_field_reader
-from tpmscad.recipe.region_fields import REGION_KINDS
+from tpmscad.recipe.field_reader import FIELDS_ARGUMENT, read_field_entry, read_table, read_value
+from tpmscad.recipe.recipe_keys import make_table
 from tpmscad.recipe.toml_entry import Entry, read_document
-from tpmscad.recipe.value_types import FIELD, POSITIVE, ReadField, RecipeBox, ValueType, read_box_corners
 
 BODY_KINDS = ("box", "cylinder", "sphere")
 """Kinds of regions that may be a domain, as exact bodies."""
 
-SolidDomain = RecipeBox | Path | Field
+SolidDomain = BoxCorners | Path | Field
 """What a field is made a solid in: a box, the solid of a STEP file, or a primitive region as a body."""
+
+SOLID_KEYS = make_table(
+    (
+        Argument("field", Field, FIELD, "The solid is where this field is negative: [field]."),
+        Argument(
+            "domain",
+            SolidDomain,
+            BOX.described_as("two corners, the name of a file, or a table"),
+            "The box [[x0, y0, z0], [x1, y1, z1]], mm; or a body, whose faces stay exact: a STEP file with one solid, or a table "
+            f"of kind {', '.join(BODY_KINDS)}.",
+        ),
+        Argument("tol", float, POSITIVE, "Greatest deviation of the solid from the field, mm."),
+        FIELDS_ARGUMENT,
+    )
+)
+"""The keys of a recipe for `tpmscad solidify`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,37 +72,24 @@ class SolidRecipe:
             raise LevelSetError(str(self.recipe["field"].error(str(error)))) from error
 
 
-def read_solid_domain(entry: Entry, read: ReadField) -> SolidDomain:
-    """Two corners of a box, the path of a STEP file, or a primitive body."""
-    if isinstance(entry.value, dict):
-        body = REGION_KINDS[entry["kind"].string(BODY_KINDS)].read(entry, read)
-        if getattr(body, "height", 0.0) is None:
-            raise entry.error("a cylinder that is filled needs ends: give its height")
-        return body
-    return entry.sibling_file() if isinstance(entry.value, str) else read_box_corners(entry)
-
-
-SOLID_KEYS = KeyTable(
-    (
-        Key("field", FIELD, "the solid is where this field is negative: [field]"),
-        Key(
-            "domain",
-            ValueType("2 corners, file name or table", read_solid_domain),
-            "the box [[x0, y0, z0], [x1, y1, z1]]; or a body, whose faces stay exact: a STEP file with one solid, or a table of "
-            f"kind {', '.join(BODY_KINDS)}",
-            "mm",
-        ),
-        Key("tol", POSITIVE, "greatest deviation of the solid from the field", "mm"),
-        FIELDS_KEY,
-    )
-)
-"""The keys of a recipe for `tpmscad solidify`."""
-
-
 def read_solid_recipe(path: Path, changes: Mapping[str, Any] | None = None) -> SolidRecipe:
     """The recipe of a TOML file, with other values for some keys; RecipeError with the line of what is invalid."""
     recipe = read_document(path, changes)
     if "structures" in recipe.value and "field" not in recipe.value:
         raise recipe.error("this recipe joins structures: hand it to `tpmscad blend`")
-    values: dict[str, Any] = SOLID_KEYS.read(recipe, make_field_reader(recipe))
+    values = read_table(recipe, SOLID_KEYS, {"domain": read_solid_domain})
     return SolidRecipe(recipe, values["field"], values["domain"], values["tol"])
+
+
+def read_solid_domain(entry: Entry) -> SolidDomain:
+    """Two corners of a box, the path of a STEP file, or a primitive body."""
+    if isinstance(entry.value, str):
+        return entry.sibling_file()
+    if not isinstance(entry.value, dict):
+        corners: BoxCorners = read_value(BOX, entry)
+        return corners
+    entry["kind"].word(BODY_KINDS)
+    body = read_field_entry(entry)
+    if getattr(body, "height", 0.0) is None:
+        raise entry.error("a cylinder that is filled needs ends: give its height")
+    return body

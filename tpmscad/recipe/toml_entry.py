@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from tpmscad.api.argument_kinds import GREATEST, show_value
+from tpmscad.api.argument_kinds import show_value
 from tpmscad.errors import RecipeError
 from tpmscad.recipe.key_changes import replace_values
 from tpmscad.recipe.key_lines import KeyPath, find_key_lines
@@ -20,32 +20,49 @@ SUGGESTION_CUTOFF = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
-    """A value of the document (a table, an array, a string, a number or a boolean), its key path and the line of every key."""
+class Document:
+    """A TOML file: its values, and the line of every key."""
 
     file: Path
-    lines: dict[KeyPath, int]
+    lines: Mapping[KeyPath, int]
+    values: dict[str, Any]
+
+    @property
+    def top(self) -> Entry:
+        """The top table."""
+        return Entry(self, (), self.values)
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A value of a document (a table, an array, a string, a number or a boolean) and its key path.
+
+    `active_names` are the fields under `[fields.NAME]` that are being read when this entry is.
+    """
+
+    document: Document
     path: KeyPath
     value: Any
+    active_names: tuple[str, ...] = ()
 
     def __getitem__(self, key: str) -> Entry:
         """The entry of a key of this table; RecipeError if the key is missing."""
-        found = self.get(key)
-        if found is None:
-            raise self.error(f"the key {key!r} is missing")
-        return found
-
-    def get(self, key: str) -> Entry | None:
-        """The entry of a key of this table, or None."""
         if key not in self.value:
-            return None
-        return replace(self, path=(*self.path, key), value=self.value[key])
+            raise self.error(f"the key {key!r} is missing")
+        return self.part(key)
+
+    def part(self, *place: str | int) -> Entry:
+        """The entry at keys and indices below this one, which must be there."""
+        inner = self.value
+        for key in place:
+            inner = inner[key]
+        return replace(self, path=(*self.path, *place), value=inner)
 
     def items(self) -> list[Entry]:
         """The entries of an array."""
         if not isinstance(self.value, list):
             raise self.error(f"must be an array [...], not {self.value_text}")
-        return [replace(self, path=(*self.path, k), value=value) for k, value in enumerate(self.value)]
+        return [self.part(k) for k in range(len(self.value))]
 
     def table(self, *known: str) -> Entry:
         """This entry; RecipeError unless it is a table without other keys than `known` (any keys if there are none)."""
@@ -53,74 +70,30 @@ class Entry:
             raise self.error(f"must be a table, not {self.value_text}")
         for key in self.value:
             if known and key not in known:
-                wrong = replace(self, path=(*self.path, key))
-                raise wrong.error(f"unknown key; {suggest_word(key, known)}")
+                raise self.part(key).error(f"unknown key; {suggest_word(key, known)}")
         return self
 
-    def number(self) -> float:
-        """The value as a float; RecipeError if it is not a finite number."""
-        if isinstance(self.value, bool) or not isinstance(self.value, int | float):
-            raise self.error(f"must be a number, not {self.value_text}")
-        if isinstance(self.value, float) and not math.isfinite(self.value):
-            raise self.error(f"{self.value} must be finite")
-        if abs(self.value) > GREATEST:
-            raise self.error(f"{show_value(self.value)} is beyond {GREATEST:g}, the greatest number taken")
-        return float(self.value)
-
-    def positive(self) -> float:
-        """The value as a float; RecipeError if it is not a positive number."""
-        if self.number() <= 0:
-            raise self.error(f"{self.value:g} must be positive")
-        return self.number()
-
-    def integer(self, least: int = 1) -> int:
-        """The value; RecipeError if it is not an integer of at least `least`."""
-        if isinstance(self.value, bool) or not isinstance(self.value, int):
-            raise self.error(f"must be a whole number, not {self.value_text}")
-        if self.value < least:
-            raise self.error(f"{self.value} must be at least {least}")
-        return self.value
-
-    def boolean(self) -> bool:
-        """The value; RecipeError if it is not true or false."""
-        if not isinstance(self.value, bool):
-            raise self.error(f"must be true or false, not {self.value_text}")
-        return self.value
-
-    def string(self, choices: Sequence[str] = ()) -> str:
-        """The value; RecipeError if it is not a string, or not one of `choices` if there are any."""
+    def word(self, known: Sequence[str]) -> str:
+        """The value; RecipeError if it is not one of the known words."""
         if not isinstance(self.value, str):
             raise self.error(f"must be a string, not {self.value_text}")
-        if choices and self.value not in choices:
-            raise self.error(f"{self.value!r} is unknown; {suggest_word(self.value, choices)}")
+        if self.value not in known:
+            raise self.error(f"{self.value!r} is unknown; {suggest_word(self.value, known)}")
         return self.value
-
-    def numbers(self, count: int) -> tuple[float, ...]:
-        """The values of an array of `count` finite numbers."""
-        return tuple(item.number() for item in self.array_of_length(count, "numbers"))
-
-    def array_of_length(self, count: int, what: str) -> list[Entry]:
-        """The entries of an array of length `count`; `what` names them in the error."""
-        items = self.items()
-        if len(items) != count:
-            raise self.error(f"must be {count} {what}, not {len(items)}")
-        return items
 
     def sibling_file(self) -> Path:
         """The path of an existing file, which this string gives relative to the folder of the document."""
-        named = self.file.parent / self.string()
+        named = self.document.file.parent / self.value
         if not named.is_file():
             raise self.error(f"there is no file {named}")
         return named
 
     @property
     def value_text(self) -> str:
-        """A short description of the value, for messages."""
+        """The value in one line, for messages."""
         if isinstance(self.value, dict):
             return "a table"
-        if isinstance(self.value, list):
-            return f"an array of {len(self.value)}"
-        return f"{str(self.value).lower()}" if isinstance(self.value, bool) else f"{self.value!r}"
+        return str(self.value).lower() if isinstance(self.value, bool) else show_value(self.value)
 
     @property
     def key(self) -> str:
@@ -130,16 +103,23 @@ class Entry:
 
     def error(self, message: str) -> RecipeError:
         """A RecipeError with the file, the line and the key of this entry before `message`."""
-        known = self.path
-        while known and known not in self.lines:
+        name, lines, known = self.document.file.name, self.document.lines, self.path
+        while known and known not in lines:
             known = known[:-1]
-        where = f"{self.file.name}, line {self.lines[known]}" if known else self.file.name
+        where = f"{name}, line {lines[known]}" if known else name
         return RecipeError(f"{where}, {self.key}: {message}" if self.key else f"{where}: {message}")
 
-    def locate(self, message: str) -> RecipeError:
-        """The error with the line of the key of this table that the message begins with, or that of the table."""
-        first = message.split(" ", 1)[0].strip("`:'=")
-        return (self[first] if first in self.value else self).error(message)
+    def locate(self, message: str, given: Mapping[str, Entry] | None = None) -> RecipeError:
+        """The error with the line of the entry that the message is about, or that of this table.
+
+        This is the entry whose name begins the message, or the last one whose name or text it quotes. `given` are the entries by
+        the names that messages use, by default those of this table.
+        """
+        given = {key: self.part(key) for key in self.value} if given is None else given
+        quoted = re.findall(r"'([^']+)'", message)[::-1]
+        about = [given[word] for word in (re.split(r"[ `:'=\[]", message.lstrip("`'"))[0], *quoted) if word in given]
+        about += [entry for word in quoted for entry in given.values() if entry.value == word]
+        return (about[0] if about else self).error(message)
 
 
 def suggest_word(word: str, known: Sequence[str]) -> str:
@@ -153,7 +133,7 @@ def read_document(file: Path, changes: Mapping[str, Any] | None = None) -> Entry
     try:
         text = file.read_text("utf-8-sig")  # editors of Windows begin a file with a byte order mark
         values = tomllib.loads(text)
-        lines = dict(find_key_lines(text))
+        lines = find_key_lines(text)
     except tomllib.TOMLDecodeError as error:
         raise RecipeError(f"{file.name} is not TOML: {error}") from error
     except UnicodeDecodeError as error:
@@ -162,4 +142,4 @@ def read_document(file: Path, changes: Mapping[str, Any] | None = None) -> Entry
         raise RecipeError(f"{file.name} has arrays or tables nested too deeply: a recipe needs a few levels") from None
     except ValueError as error:  # such as a whole number of more digits than Python reads
         raise RecipeError(f"{file.name} holds a value that cannot be read: {error}") from error
-    return Entry(file, lines, (), replace_values(values, changes) if changes else values)
+    return Document(file, lines, replace_values(values, changes) if changes else values).top

@@ -7,8 +7,8 @@ together is resolved in `lattice_request`. The command line reads this module fo
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import KW_ONLY, dataclass, fields
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from dataclasses import KW_ONLY, dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tpmscad.api.argument_kinds import POINT, choice_of
 from tpmscad.api.shared_kinds import (
@@ -190,12 +190,3 @@ class InfillOptions(SolidOptions, BodyOptions):
         "that very shape, their numbers in its order, or '>Z' and the like for the faces at one end of an axis; a single one "
         "may stand alone.",
     ] = ()
-
-
-Options = TypeVar("Options", bound=WallOptions)
-
-
-def select_options(given: WallOptions, options: type[Options]) -> dict[str, Any]:
-    """The values of the arguments that `given` and the class `options` have in common, by name."""
-    shared = {field.name for field in fields(options)}
-    return {field.name: getattr(given, field.name) for field in fields(given) if field.name in shared}

@@ -15,12 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
 from tpmscad._typing import Array
+from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
-from tpmscad.lattices.sources import lattice_source
-from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions, select_options
+from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
 from tpmscad.requests.pore_request import solve_cell
 from tpmscad.requests.wall_request import resolve_wall
+from tpmscad.sources.lattice_source import LatticeSource, lattice_source
+from tpmscad.sources.level_set_source import LevelSetSource
 
 MIN_TOL = 2e-7
 """Model units: twice the distance of 1e-7 below which the kernel merges points."""
@@ -63,6 +65,11 @@ class LatticeRequest:
     thickness: Callable[[Array], Array] | None = None
 
     @property
+    def source(self) -> LatticeSource[Any]:
+        """What the lattice is made of."""
+        return lattice_source(self.surface, self.reference, self.cell, self.levels)
+
+    @property
     def layer_offsets(self) -> tuple[float | None, float | None]:
         """Normal distances of the lower and the upper bounding surface; None where the solid has no wall on that side.
 
@@ -98,9 +105,10 @@ def resolve_lattice_request(options: LatticeOptions) -> LatticeRequest:
         raise InvalidRequest(f"a lattice of the {name} needs cell=, the edge length of its cell, or pore_size=")
     edges, counts = as_triple(cell), as_triple(options.cells)
     has_mapping = options.map is not None or len(set(edges)) > 1
-    if info.primitives == "level set":
+    source = lattice_source(name, reference, edges)
+    if isinstance(source, LevelSetSource):
         _check_level_set_request(info.title, options.boundary, options.map)
-    elif has_mapping and not lattice_source(name, reference).can_be_mapped:
+    elif has_mapping and not source.can_be_mapped:
         raise InvalidRequest(
             f"a map or unequal cell edges {list(edges)} bend the mirror planes of the {info.title}, between which its patches "
             "are made: give one cell edge and no map, or make a solid of the mapped field with tpmscad.solidify"
@@ -141,7 +149,7 @@ read_lattice_request = validate_options(LatticeOptions, 'lattice("gyroid", cell=
 
 def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOptions:
     """The lattice that fills a body, anchored at the origin of its coordinates."""
-    given = select_options(options, LatticeOptions)
+    given = select_arguments(options, LatticeOptions)
     return LatticeOptions(**given | {"phase": options.phase or (0.0, 0.0, 0.0)})
 
 

@@ -3,49 +3,16 @@
 The pore size is the diameter of the largest sphere in the void of the infinite lattice. Its centre is the point that lies deepest
 in the void, at the distance R from the mid surface; a wall that reaches the distance h from the mid surface on that side leaves
 a sphere of the radius R - h. So R, in cells, is found once for either side of a surface, and the cell follows in closed form.
-
-R is the maximum over the cell of the distance to a dense sample of the surface, by a search along coordinate directions and
-diagonals (compass search; Kolda, Lewis and Torczon, "Optimization by direct search", 2003) from the deepest points of a grid.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
-from itertools import product
+from dataclasses import replace
 
-import numpy as np
-from scipy.spatial import cKDTree
-
-from tpmscad import fields, surfaces
-from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.wall_request import Wall, resolve_wall
-
-SAMPLES_PER_CELL = 48
-"""Crossings of the surface with a grid of this spacing are its sample; spheres come out too large by 1e-3 at most."""
-
-SAMPLES_PER_PATCH = 32
-"""Samples along each parameter of an exact patch."""
-
-GRID_PER_CELL = 20
-N_STARTS = 6
-"""Grid whose deepest points on either side are the starts of the search, and the number of starts on each side."""
-
-MIN_SEARCH_STEP_CELLS = 1e-5
-
-DIRECTIONS = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
-
-PROJECTION_STEPS = 6
-
-
-@dataclass(frozen=True, slots=True)
-class PoreRadii:
-    """Greatest distance from the surface, in cells, of points where the nodal function is below, and above its values there."""
-
-    minus: float
-    plus: float
+from tpmscad.sources.pore_radii import PoreRadii, find_level_pore_radii, find_pore_radii
 
 
 def solve_cell(options: LatticeOptions) -> tuple[float, tuple[str, ...]]:
@@ -85,74 +52,3 @@ def _note_pores(radii: PoreRadii, wall: Wall, options: LatticeOptions, cell: flo
     if options.kind == "skeletal":
         return (f"the largest sphere in the void has the diameter {plus if options.side == '-' else minus:.4g}",)
     return (f"the largest spheres in the void have the diameters {minus:.4g} (channel -) and {plus:.4g} (channel +)",)
-
-
-@lru_cache(maxsize=64)
-def find_pore_radii(name: str, reference: str) -> PoreRadii:
-    """The greatest distances from a surface on either side of it, in cells."""
-    points = _sample_exact_surface(name) if reference == "minimal" else _sample_nodal_level(name, 0.0)
-    return PoreRadii(*(_deepest(name, points, (0.0, 0.0), sign) for sign in (-1, 1)))
-
-
-@lru_cache(maxsize=64)
-def find_level_pore_radii(name: str, levels: tuple[float, float]) -> PoreRadii:
-    """The greatest distances from the two levels that bound a wall on the void side of each, in cells."""
-    points = np.concatenate([_sample_nodal_level(name, level) for level in levels])
-    return PoreRadii(*(_deepest(name, points, levels, sign) for sign in (-1, 1)))
-
-
-def _sample_exact_surface(name: str) -> Array:
-    """Points (n, 3) of the exact minimal surface in one cell."""
-    t = np.linspace(0.0, 1.0, SAMPLES_PER_PATCH)
-    patch, symmetry = surfaces.primitive_patch(name, "minimal"), surfaces.patch_symmetry(name)
-    points = patch.jet(t[:, None], t[None, :]).position.reshape(-1, 3)
-    return np.asarray(np.mod(symmetry.cell_motions[:, None].apply(points).reshape(-1, 3), 1.0))
-
-
-def _sample_nodal_level(name: str, level: float) -> Array:
-    """Points (n, 3) of a level of the nodal function in one cell, near its crossings with the lines of a grid."""
-    phi = fields.tpms(name, 1.0)
-    t = (np.arange(SAMPLES_PER_CELL) + 0.5) / SAMPLES_PER_CELL
-    values = phi.on_grid(t, t, t) - level
-    parts = []
-    for axis in range(3):
-        after = np.roll(values, -1, axis)
-        at = np.argwhere((values < 0) != (after < 0))
-        v, w = values[tuple(at.T)], after[tuple(at.T)]
-        points = (at + 0.5) / SAMPLES_PER_CELL
-        points[:, axis] += v / (v - w) / SAMPLES_PER_CELL
-        parts.append(points)
-    points = np.concatenate(parts)
-    for _ in range(PROJECTION_STEPS):
-        value, gradient = phi.value_and_gradient(points)
-        points = points - ((value - level) / np.einsum("ni,ni->n", gradient, gradient))[:, None] * gradient
-    return np.asarray(np.mod(points, 1.0))
-
-
-def _deepest(name: str, points: Array, levels: tuple[float, float], sign: int) -> float:
-    """The greatest distance from points (n, 3) of one cell where the nodal function is below (-1) or above (+1) the levels."""
-    phi = fields.tpms(name, 1.0)
-    tree = cKDTree(np.minimum(points, np.nextafter(1.0, 0.0)), boxsize=1.0)
-
-    def depth(x: Array) -> Array:
-        value = phi(x)
-        outside = value < levels[0] if sign < 0 else value > levels[1]
-        wrapped = np.minimum(np.mod(x, 1.0), np.nextafter(1.0, 0.0))
-        return np.where(outside, tree.query(wrapped)[0], -1.0)
-
-    t = np.arange(GRID_PER_CELL) / GRID_PER_CELL
-    grid = np.stack(np.meshgrid(t, t, t, indexing="ij"), axis=-1).reshape(-1, 3)
-    depths = depth(grid)
-    chosen = np.argsort(-depths, kind="stable")[:N_STARTS]
-    best, depths, step = grid[chosen], depths[chosen], 0.5 / GRID_PER_CELL
-    while step > MIN_SEARCH_STEP_CELLS:
-        trial = best[:, None] + step * DIRECTIONS
-        values = depth(trial.reshape(-1, 3)).reshape(trial.shape[:2])
-        way = values.argmax(axis=1)
-        rows = np.arange(len(best))
-        better = values[rows, way] > depths
-        best = np.where(better[:, None], trial[rows, way], best)
-        depths = np.where(better, values[rows, way], depths)
-        if not better.any():
-            step /= 2
-    return float(depths.max())

@@ -6,14 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import Schema
-from tpmscad.api.shared_kinds import COUNT, NUMBER, PATH, POSITIVE, PROGRESS, TEXT
+from tpmscad._typing import BoxCorners
+from tpmscad.api.public_calls import validate_call, validate_method_options
+from tpmscad.api.shared_kinds import PATH, TEXT
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.construction import make_compound
@@ -21,13 +20,11 @@ from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.kernel.step.product_entities import Colour
+from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.requests.study_options import DomainsMeshOptions, DomainsPictureOptions, ExportOptions
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.model import Model
-from tpmscad.results.result_summary import count_pieces, format_size
-from tpmscad.results.solid_result import ResultMethods
-
-if TYPE_CHECKING:
-    from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.results.result_summary import count_pieces, format_html, format_size
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
@@ -45,7 +42,7 @@ class FaceContact:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FluidDomains(ResultMethods):
+class FluidDomains:
     """The wall and the two channels as conformal solids: adjacent domains share TopoDS faces, edges and vertices.
 
     Attributes
@@ -95,29 +92,8 @@ class FluidDomains(ResultMethods):
         (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
         return (x0, y0, z0), (x1, y1, z1)
 
-    @validate_call()
-    def export(
-        self,
-        path: Annotated[
-            str | Path,
-            PATH,
-            "The file to write, complete and verified, or absent: ``.step``, ``.stp``, ``.brep``, ``.3mf`` or "
-            "``.glb``.",
-        ],
-        *,
-        deviation: Annotated[
-            float | None,
-            NUMBER.described_as(example="0.02"),
-            "Greatest distance between a mesh and the solids, model units; by default the certificate's `tol`, or "
-            "1/5000 of the diagonal if that is more.",
-        ] = None,
-        angle: Annotated[
-            float | None,
-            NUMBER.described_as(example="20"),
-            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
-        ] = None,
-        schema: Schema = "ap242",
-    ) -> None:
+    @validate_method_options(ExportOptions, 'export("exchanger.step")')
+    def export(self, options: ExportOptions) -> None:
         """Write the named solids to a file whose suffix says the format; the file is read back and compared with them.
 
         Raises
@@ -138,9 +114,15 @@ class FluidDomains(ResultMethods):
         --------
         >>> parts.export("exchanger.brep")
         """
-        if Path(path).suffix.lower() == ".stl":
+        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
+
+        suffix = check_export(options)
+        if suffix in STEP_SUFFIXES:
+            self.export_step(options.path, schema=options.schema)
+        elif suffix == ".stl":
             raise InvalidRequest("an STL file holds one body: write the domains one by one, or as .3mf")
-        self._export(path, deviation, angle, schema=schema)
+        else:
+            write_mesh_or_brep_file(self, options)
 
     @validate_call()
     def export_step(
@@ -161,15 +143,21 @@ class FluidDomains(ResultMethods):
         solids = self.named_solids()
         write_checked_solids(solids, path, schema=schema, name=self.name, volume=self.volume, assembly=True)
 
-    @validate_call()
-    def mesh(
-        self,
-        size: Annotated[float, POSITIVE.described_as(example="0.5"), "As in `Model.mesh`."],
-        order: Annotated[int, COUNT, "As in `Model.mesh`."] = 2,
-        *,
-        per_turn: Annotated[int | None, COUNT.described_as(example="12"), "As in `Model.mesh`."] = None,
-        progress: Annotated[ProgressOption, PROGRESS, "As in `Model.mesh`."] = None,
-    ) -> VolumeMesh:
+    @validate_method_options(DomainsPictureOptions, 'render("exchanger.png", section="z")')
+    def render(self, options: DomainsPictureOptions) -> None:
+        """Draw the domains, each in its colour, as a PNG picture, without a display.
+
+        Examples
+        --------
+        >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
+        >>> parts.render("exchanger.png", section="x,y", hide="channel +")  # doctest: +SKIP
+        """
+        from tpmscad.studies._render import render
+
+        render(self, **vars(options))
+
+    @validate_method_options(DomainsMeshOptions, "mesh(0.5)")
+    def mesh(self, options: DomainsMeshOptions) -> VolumeMesh:
         """Tetrahedra in wall and channels, which share the nodes of the faces between them; by gmsh.
 
         Returns
@@ -190,13 +178,10 @@ class FluidDomains(ResultMethods):
         >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
         >>> parts.mesh(0.8).write("exchanger.msh")  # doctest: +SKIP
         """
-        from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+        from tpmscad.studies.volume_meshing import mesh_named_solids
 
         regions = [name for name, model in self.domains.items() for _ in model.built.solids]
-        request = read_request(size, order, False, per_turn)
-        return mesh_named_solids(
-            self.named_solids(), regions, self.bounding_box, request, name=self.name, progress=progress
-        )
+        return mesh_named_solids(self.named_solids(), regions, self.bounding_box, options, name=self.name)
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names, colours and the labels of their faces, as files store them.
@@ -279,6 +264,12 @@ class FluidDomains(ResultMethods):
             "  met" if not shortfalls else f"  NOT met {shortfalls[0]}" + (" ..." if len(shortfalls) > 1 else "")
         )
         return "\n".join(lines)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
 
 
 def _restore_domains(

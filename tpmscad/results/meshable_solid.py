@@ -4,39 +4,45 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import Annotated, Protocol
 
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ProgressKeyword
-from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, POSITIVE, REFINEMENT
+from tpmscad._typing import BoxCorners
+from tpmscad.api.public_calls import validate_call, validate_method_options
+from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, REFINEMENT
+from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.lattices.spline_volumes import SplineVolumes
-from tpmscad.results.solid_result import ResultMethods, SolidResult
-
-if TYPE_CHECKING:
-    from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.requests.study_options import MeshOptions
 
 BODY_REGION = "body"
 """Group of a mesh's elements."""
 
 
-class WallSplines(Protocol):
-    """What hexahedra and splines are made of."""
+class MeshedResult(Protocol):
+    """What meshes are made of."""
 
     @property
     def name(self) -> str:
         """Name of the product."""
 
     @property
+    def bounding_box(self) -> BoxCorners:
+        """Corners of the box around the solids."""
+
+    @property
     def make_spline_volumes(self) -> Callable[[], SplineVolumes | None] | None:
         """Makes the trivariate splines that fill the solid; it, or what it makes, is None if there are no whole walls."""
 
+    def named_solids(self) -> tuple[NamedSolid, ...]:
+        """The solids with the labels of their faces."""
 
-class MeshableSolid(ResultMethods):
+
+class MeshableSolid:
     """The methods of a model that make meshes and splines for simulation."""
 
     @validate_call()
     def hexahedra(
-        self: WallSplines,
+        self: MeshedResult,
         order: Annotated[
             int,
             COUNT,
@@ -81,7 +87,7 @@ class MeshableSolid(ResultMethods):
 
     @validate_call()
     def export_splines(
-        self: WallSplines,
+        self: MeshedResult,
         path: Annotated[
             str | Path,
             PATH,
@@ -106,33 +112,8 @@ class MeshableSolid(ResultMethods):
 
         write_splines(self.make_spline_volumes, self.name, path)
 
-    @validate_call()
-    def mesh(
-        self: SolidResult,
-        size: Annotated[
-            float,
-            POSITIVE.described_as(example="0.5"),
-            "Mean length of the elements' edges in mm: the same everywhere, but shorter where faces or edges are "
-            "shorter, and where `per_turn` asks for it.",
-        ],
-        order: Annotated[
-            int, COUNT, "2: elements of 10 nodes with curved edges; 1: of 4 nodes with straight ones."
-        ] = 2,
-        periodic: Annotated[
-            bool,
-            FLAG,
-            "Whether opposite sides of the model's box have the same nodes, to the last bit. The box has to cut the "
-            "same faces on both sides, as around whole cells of a lattice.",
-        ] = False,
-        *,
-        per_turn: Annotated[
-            int | None,
-            COUNT.described_as(example="12"),
-            "Elements along a full turn of curvature at least: elements are smaller than `size` where the surface "
-            "curves more.",
-        ] = None,
-        progress: ProgressKeyword = None,
-    ) -> VolumeMesh:
+    @validate_method_options(MeshOptions, "mesh(0.5)")
+    def mesh(self: MeshedResult, options: MeshOptions) -> VolumeMesh:
         """Tetrahedra in the solid, with corners and middles of edges on its exact faces; by gmsh (pip install "tpmscad[mesh]").
 
         Returns
@@ -153,9 +134,7 @@ class MeshableSolid(ResultMethods):
         >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8, periodic=True)  # doctest: +SKIP
         >>> mesh.write("gyroid.inp")  # doctest: +SKIP
         """
-        from tpmscad.studies.volume_meshing import mesh_named_solids, read_request
+        from tpmscad.studies.volume_meshing import mesh_named_solids
 
         solids = self.named_solids()
-        request = read_request(size, order, periodic, per_turn)
-        regions = [BODY_REGION] * len(solids)
-        return mesh_named_solids(solids, regions, self.bounding_box, request, name=self.name, progress=progress)
+        return mesh_named_solids(solids, [BODY_REGION] * len(solids), self.bounding_box, options, name=self.name)

@@ -3,26 +3,15 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from tpmscad._typing import Array, BoxCorners
-from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import Schema
-from tpmscad.api.shared_kinds import (
-    DIRECTION,
-    EXECUTOR,
-    FLAG,
-    NUMBER,
-    OVERHANG,
-    PATH,
-    POSITIVE,
-)
+from tpmscad.api.arguments import select_arguments
+from tpmscad.api.public_calls import validate_method_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
@@ -34,9 +23,16 @@ from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
 from tpmscad.lattices.spline_volumes import SplineVolumes
+from tpmscad.requests.study_options import (
+    ModelExportOptions,
+    ModelPictureOptions,
+    ModelSliceOptions,
+    PrintOptions,
+    StepExportOptions,
+)
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.meshable_solid import MeshableSolid
-from tpmscad.results.result_summary import format_summary
+from tpmscad.results.result_summary import format_html, format_summary
 
 if TYPE_CHECKING:
     from tpmscad.studies._check_print import PrintReport
@@ -127,38 +123,8 @@ class Model(MeshableSolid):
         (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
         return (x0, y0, z0), (x1, y1, z1)
 
-    @validate_call()
-    def export(
-        self,
-        path: Annotated[
-            str | Path,
-            PATH,
-            "The file to write, complete and verified, or absent. ``.step`` and ``.stp``: exact, with names, colours, "
-            "units and validation properties. ``.brep``: exact, OCCT's own. ``.stl``, ``.3mf``, ``.glb``: a closed "
-            "triangle mesh for each solid; 3MF and GLB with names and colours. GLB is in metres with y up, as glTF "
-            "demands; the others are in mm.",
-        ],
-        *,
-        deviation: Annotated[
-            float | None,
-            NUMBER.described_as(example="0.02"),
-            "Greatest distance between a mesh and the solid, model units; by default the certificate's `tol`, or "
-            "1/5000 of the diagonal if that is more.",
-        ] = None,
-        angle: Annotated[
-            float | None,
-            NUMBER.described_as(example="20"),
-            "Greatest angle between neighbouring facets of a mesh, degrees; 20 by default.",
-        ] = None,
-        schema: Schema = "ap242",
-        instanced: Annotated[
-            bool,
-            FLAG,
-            "Of STEP: store one cell and place it once for each cell of the lattice, as touching solids of an "
-            "assembly.",
-        ] = False,
-        verify: Annotated[str | None, choice_of("kernel"), "Of STEP: as in `export_step`."] = None,
-    ) -> None:
+    @validate_method_options(ModelExportOptions, 'export("part.step")')
+    def export(self, options: ModelExportOptions) -> None:
         """Write the model to a file whose suffix says the format; the file is read back and compared with the solid.
 
         Raises
@@ -173,29 +139,15 @@ class Model(MeshableSolid):
         >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1)
         >>> model.export("gyroid.3mf", deviation=0.02)
         """
-        self._export(path, deviation, angle, instanced=instanced, schema=schema, verify=verify)
+        from tpmscad.files.file_formats import STEP_SUFFIXES, check_export, write_mesh_or_brep_file
 
-    @validate_call()
-    def export_step(
-        self,
-        path: Annotated[str | Path, PATH, "The file to write. It is complete and verified, or absent."],
-        *,
-        instanced: Annotated[
-            bool,
-            FLAG,
-            "Store one cell and place it once for each cell of the lattice, as touching solids of an assembly; more "
-            "than 64 come in rows, layers and a block. `tpmscad.export_instances` writes such a file without making "
-            "the whole lattice.",
-        ] = False,
-        schema: Schema = "ap242",
-        verify: Annotated[
-            str | None,
-            choice_of("kernel"),
-            "Let the kernel read the whole file and check every face of it, however large; without it, a large file's "
-            "text is compared number for number with the solid, and the kernel reads a face of each class of "
-            "congruent faces.",
-        ] = None,
-    ) -> None:
+        if check_export(options) in STEP_SUFFIXES:
+            self.export_step(**select_arguments(options, StepExportOptions))
+        else:
+            write_mesh_or_brep_file(self, options)
+
+    @validate_method_options(StepExportOptions, 'export_step("part.step")')
+    def export_step(self, options: StepExportOptions) -> None:
         """Write the model as a STEP file, read it back and compare it with the solid.
 
         Raises
@@ -215,56 +167,59 @@ class Model(MeshableSolid):
             REREAD_VOLUME_RTOL_OF_BODIES,
             write_checked_brep,
             write_checked_solids,
-            write_copies_of_cell,
         )
 
-        if instanced:
-            if self.unit_cell is None:
-                raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
-            write_copies_of_cell(
-                self.unit_cell.make(),
-                path,
-                name=self.name,
-                edges=self.unit_cell.edges,
-                counts=self.unit_cell.counts,
-                outer_faces=self.outer_faces,
-                schema=schema,
-                verify=verify,
-            )
+        path, schema, verify = options.path, options.schema, options.verify
+        if options.instanced:
+            self._export_instances(path, schema, verify)
         elif isinstance(self.built, BrepSolids):
+            rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
+            labels = label_faces(self.patches, self.outer_faces)
             write_checked_brep(
                 self.patches,
                 self.built.nesting,
                 path,
                 schema=schema,
                 name=self.name,
-                rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
-                labels=label_faces(self.patches, self.outer_faces),
+                rtol=rtol,
+                labels=labels,
                 verify=verify,
             )
         else:
             write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
 
-    @validate_call()
-    def slices(
-        self,
-        height: Annotated[
-            float,
-            POSITIVE,
-            "Height of a layer in mm; layers begin at the lowest point of the model and are cut in their middle.",
-        ],
-        chord_error: Annotated[
-            float | None,
-            POSITIVE.described_as(example="0.01"),
-            "Greatest distance of a chord from the exact contour in mm; by default a quarter of the height.",
-        ] = None,
-        executor: Annotated[
-            Executor | None,
-            EXECUTOR,
-            "Cuts batches of 125 layers; by default a process for each core from eight batches on. The result is the "
-            "same.",
-        ] = None,
-    ) -> Slices:
+    def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
+        """Write the unit cell once and place it as often as the solid repeats it."""
+        from tpmscad.files.checked_write import write_copies_of_cell
+
+        if self.unit_cell is None:
+            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
+        write_copies_of_cell(
+            self.unit_cell.make(),
+            path,
+            name=self.name,
+            edges=self.unit_cell.edges,
+            counts=self.unit_cell.counts,
+            outer_faces=self.outer_faces,
+            schema=schema,
+            verify=verify,
+        )
+
+    @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')
+    def render(self, options: ModelPictureOptions) -> None:
+        """Draw the model as a PNG picture, without a display.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, cells=(2, 2, 2), thickness=1)  # doctest: +SKIP
+        >>> model.render("gyroid.png", section="z=5", color_by="deviation")  # doctest: +SKIP
+        """
+        from tpmscad.studies._render import render
+
+        render(self, **vars(options))
+
+    @validate_method_options(ModelSliceOptions, "slices(0.05)")
+    def slices(self, options: ModelSliceOptions) -> Slices:
         """Contours of every layer for layered manufacturing, straight from the exact faces.
 
         Returns
@@ -286,23 +241,11 @@ class Model(MeshableSolid):
         """
         from tpmscad.studies.layer_slices import slice_shape
 
-        return slice_shape(self.wrapped, self.name, height, chord_error, [z for *_, z in self.bounding_box], executor)
+        heights = [z for *_, z in self.bounding_box]
+        return slice_shape(self.wrapped, self.name, options.height, options.chord_error, heights, options.executor)
 
-    @validate_call()
-    def check_print(
-        self,
-        *,
-        min_wall: Annotated[
-            float | None,
-            POSITIVE.described_as(example="0.3"),
-            "Least wall and least gap in mm. Without a limit, a figure is measured but not judged.",
-        ] = None,
-        min_gap: Annotated[float | None, POSITIVE.described_as(example="0.3"), "As `min_wall`."] = None,
-        max_overhang: Annotated[
-            float | None, OVERHANG, "Greatest overhang in degrees from the build direction."
-        ] = None,
-        build_direction: Annotated[str | Sequence[float], DIRECTION, "As in `tpmscad.check_print`."] = "z",
-    ) -> PrintReport:
+    @validate_method_options(PrintOptions, "check_print(min_wall=0.3)")
+    def check_print(self, options: PrintOptions) -> PrintReport:
         """Check the model before printing: smallest wall, smallest gap, overhang and closed cavities.
 
         Returns
@@ -321,13 +264,7 @@ class Model(MeshableSolid):
         """
         from tpmscad.studies._check_print import check_print
 
-        return check_print(
-            self.built.shape,
-            min_wall=min_wall,
-            min_gap=min_gap,
-            max_overhang=max_overhang,
-            build_direction=build_direction,
-        )
+        return check_print(self.built.shape, **vars(options))
 
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.
@@ -365,6 +302,12 @@ class Model(MeshableSolid):
 
     def __repr__(self) -> str:
         return format_summary(self.name, self.bounding_box, self.certificate)
+
+    def _repr_html_(self) -> str:
+        return format_html(self, self.name, self.bounding_box, self.certificate)
+
+    def __dir__(self) -> list[str]:
+        return sorted(name for name in object.__dir__(self) if not name.startswith("_"))
 
 
 def _portable(value: Any) -> Any:

@@ -25,6 +25,7 @@ TOLERANCE = 1e-8
 """Relative residual of the pressure; the error of the permeability is of its square."""
 
 MAX_ITERATIONS = 300
+"""Iterations of the pressure: several times as many as porous cells need, so that a solve that does not converge is told."""
 
 
 def permeability(mesh: VolumeMesh) -> Array:

@@ -27,7 +27,6 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
 from tpmscad.lattices.self_contact import require_no_self_contact
-from tpmscad.lattices.sources import lattice_source
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -36,8 +35,7 @@ from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
 from tpmscad.solids.lattice_block import find_trim_tolerance
-from tpmscad.solids.level_set_source import is_level_set_surface, resolve_source
-from tpmscad.solids.mapped_block import cover_mapped_lattice
+from tpmscad.solids.mapped_block import cover_mapped_lattice, exact_source
 from tpmscad.solids.patch_measures import measure_lattice_patches
 from tpmscad.solids.reference_distance import lattice_distance
 from tpmscad.splines.cpia import NetConvergence
@@ -162,7 +160,7 @@ class LatticePatches:
 def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | None) -> Map | None:
     """The map from cubic lattice coordinates (cell = the first edge) to the model; None if it is the identity."""
     stretch = None
-    if len(set(request.cell)) > 1 and not is_level_set_surface(request.surface):
+    if len(set(request.cell)) > 1 and not request.source.follows_cell_edges:
         stretch = stretching(tuple(edge / request.cell[0] for edge in request.cell))
     if map is None:
         return stretch
@@ -188,43 +186,36 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
 
     def fit_and_copy(tol: float) -> LatticePatches:
         with stages("fit"):
-            source = resolve_source(request)
-            fit = source.fit(request.layer_offsets, cell, tol)
-        brep, notes = _copy_primitives(request, fit.sheet, request.cells, stages)
-        unit_cell = UnitCell(partial(_copy_one_cell, request, fit.sheet), request.cell, request.cells)
-        fill = partial(_fill_cells, request, fit.sheet) if _has_patches_on_both_sides(request) and not notes else None
+            fit = request.source.fit(request.layer_offsets, cell, tol)
+        brep, notes = _copy_primitives(request, fit.surfaces, request.cells, stages)
+        unit_cell = UnitCell(partial(_copy_one_cell, request, fit.surfaces), request.cell, request.cells)
+        is_filled = request.kind == "sheet" and request.source.has_facing_patches and not notes
+        fill = partial(_fill_cells, request, fit.surfaces) if is_filled else None
         return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
 
     return _fit_until_traced(request, fit_and_copy)
 
 
-def _has_patches_on_both_sides(request: LatticeRequest) -> bool:
-    """Whether the solid lies between copies of two patches, so that trivariate splines may fill it."""
-    return request.kind == "sheet" and not is_level_set_surface(request.surface)
-
-
-def _fill_cells(request: LatticeRequest, sheet: Any) -> SplineVolumes | None:
+def _fill_cells(request: LatticeRequest, fitted: Any) -> SplineVolumes | None:
     """The trivariate splines of a lattice, in model units; None if its boundary cuts walls."""
-    source = lattice_source(request.surface, request.reference)
     natural = request.boundary == "natural"
-    volumes = source.fill(sheet, request.cells, np.array(request.phase), natural=natural)
+    volumes = request.source.fill(fitted, request.cells, np.array(request.phase), natural=natural)
     return None if volumes is None else volumes.scaled(request.cell[0])
 
 
-def _copy_one_cell(request: LatticeRequest, sheet: Any) -> Brep:
+def _copy_one_cell(request: LatticeRequest, fitted: Any) -> Brep:
     """The boundary representation of one cell."""
-    return _copy_primitives(request, sheet, (1, 1, 1), StageTimer(None))[0]
+    return _copy_primitives(request, fitted, (1, 1, 1), StageTimer(None))[0]
 
 
 def _copy_primitives(
-    request: LatticeRequest, sheet: Any, cells: tuple[int, int, int], stages: StageTimer
+    request: LatticeRequest, fitted: Any, cells: tuple[int, int, int], stages: StageTimer
 ) -> tuple[Brep, tuple[str, ...]]:
     """The boundary representation of the copies of the fitted primitives, in model units, and notes on it."""
     cell, phase = request.cell[0], np.array(request.phase)
-    source = resolve_source(request)
     with stages("assemble"):
-        assemble = source.natural if request.boundary == "natural" else source.cover
-        assembly = assemble(sheet, cells, phase)
+        assemble = request.source.natural if request.boundary == "natural" else request.source.cover
+        assembly = assemble(fitted, cells, phase)
         brep = scale_brep(assembly.brep, cell)
     if assembly.trim_corner is None:
         return brep, ()
@@ -236,11 +227,11 @@ def _copy_primitives(
 def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTimer) -> LatticePatches:
     """Patches fitted one by one to the mapped surface."""
     cell, name = request.cell[0], request.surface
-    patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
+    source = exact_source(request)
     with stages("fit"):
         cover = cover_mapped_lattice(request, mapping)
         surface = mapped_surface.MappedSurface(
-            patch, symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
+            source.patch, source.symmetry, cover.placements, mapping, cell, cover.periods, request.thickness
         )
         surface.orientation()
         mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"mapped {name}")

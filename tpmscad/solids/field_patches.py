@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.blending.edge_rounding import round_edges
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
@@ -33,6 +32,7 @@ from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_be
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
 from tpmscad.levelset import field_solid
+from tpmscad.levelset.edge_rounding import round_edges
 from tpmscad.levelset.field_solid import (
     FieldFit,
     FieldSolid,

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad import surfaces
 from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import (
     Brep,
@@ -42,7 +41,7 @@ from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures, require
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.field_patches import fit_field_patches
-from tpmscad.solids.level_set_source import is_level_set_surface, resolve_source
+from tpmscad.solids.mapped_block import exact_source
 from tpmscad.solids.patch_measures import measure_field_patches, measure_lattice_patches
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
@@ -102,11 +101,10 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Fracti
         )
     cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
     mapping = None
-    if len(set(request.cell)) == 1 or is_level_set_surface(request.surface):
+    if len(set(request.cell)) == 1 or request.source.follows_cell_edges:
         cell = request.cell[0]
-        source = resolve_source(request)
-        fit = source.fit(request.layer_offsets, cell, request.tol)
-        patches = scale_brep(source.cover(fit.sheet, cells, phase).brep, cell)
+        fit = request.source.fit(request.layer_offsets, cell, request.tol)
+        patches = scale_brep(request.source.cover(fit.surfaces, cells, phase).brep, cell)
         deviation, bounds, convergence = fit.deviation, fit.bounds, fit.convergence
     else:
         mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
@@ -119,15 +117,14 @@ def _fit_stretched_patches(
     request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
 ) -> tuple[Brep, MappedFit]:
     """Patches of a lattice whose cell has unequal edges, fitted class by class, and their fit."""
-    cell, name = request.cell[0], request.surface
-    patch, symmetry = surfaces.primitive_patch(name, request.reference), surfaces.patch_symmetry(name)
+    cell, source = request.cell[0], exact_source(request)
     bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
     max_offset = float(np.abs(request.offset).max())
     placements = mapped_lattice.select_placements_near_box(
-        patch, symmetry, mapping, bounds, cells, phase, cell, max_offset
+        source.patch, source.symmetry, mapping, bounds, cells, phase, cell, max_offset
     )
-    surface = MappedSurface(patch, symmetry, placements, mapping, cell)
-    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {name}")
+    surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell)
+    mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {source.name}")
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
     return mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=False), fit
 

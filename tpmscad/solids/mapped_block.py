@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad import surfaces
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
@@ -24,7 +23,15 @@ from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.rigid_motion import Motion
+from tpmscad.sources.exact_sources import CopiedPrimitive
 from tpmscad.trimming.operands.polyhedra import box
+
+
+def exact_source(request: LatticeRequest) -> CopiedPrimitive:
+    """The source of a lattice under a map, which only copies of an exact patch can be."""
+    source = request.source
+    assert isinstance(source, CopiedPrimitive)
+    return source
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,8 +56,8 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
         closed = mapped_surface.find_closed_axes(map, request.cells, cell)
         placements = copies.place_whole_cells(request.surface, request.cells, phase, closed)
         return MappedCover(placements, _periods(request, closed), None, None)
-    patch = surfaces.primitive_patch(request.surface, request.reference)
-    symmetry, reach = surfaces.patch_symmetry(request.surface), _greatest_offset(request, map)
+    source, reach = exact_source(request), _greatest_offset(request, map)
+    patch, symmetry = source.patch, source.symmetry
     try:
         bounds = mapped_lattice.map_box(map, size)
     except InvalidRequest:

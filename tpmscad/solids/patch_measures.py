@@ -11,7 +11,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from tpmscad import surfaces
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
@@ -19,6 +18,7 @@ from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
 from tpmscad.solids.field_patches import FieldPatches
+from tpmscad.sources.level_set_source import LevelSetSource
 from tpmscad.splines.cpia import NetConvergence
 
 OFFSET_TAGS = ("offset+", "offset-")
@@ -54,7 +54,7 @@ def measure_lattice_patches(
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
     continuity = measure_edge_continuity(brep, OFFSET_TAGS)
-    if surfaces.find_surface(request.surface).primitives == "level set":
+    if isinstance(request.source, LevelSetSource):
         return _measure_level_set_patches(request, continuity, deviation, notes)
     limits = (
         (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
@@ -113,7 +113,7 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         require(
             found.field_betti in (None, properties.betti),
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
-            "of a blend, specks=True removes isolated parts that lie between its samples",
+            "of a blend, subgrid_check=True removes isolated parts that lie between its samples",
         ),
         Check(
             "volume",

@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import ANYTHING, DIRECTION, OVERHANG, POSITIVE
+from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.periods_and_directions import as_unit_vector
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
@@ -26,6 +25,7 @@ from tpmscad.kernel.occt.exploration import faces_of, require_shape, solids_of
 from tpmscad.kernel.printability.cavities import find_cavities
 from tpmscad.kernel.printability.opposite_sides import SampledSurface, Width, find_least_solid_gap, find_least_width
 from tpmscad.kernel.printability.overhang import measure_overhang
+from tpmscad.requests.study_options import CheckPrintOptions
 
 SAMPLE_SPACING_FRACTION = 0.4
 """Without limits: greatest distance of neighbouring samples, in units of volume / area, which is half the wall of a sheet."""
@@ -150,35 +150,8 @@ class PrintReport:
         )
 
 
-@validate_call()
-def check_print(
-    source: Annotated[
-        Any,
-        ANYTHING,
-        "A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file, with valid "
-        "closed solids.",
-    ],
-    *,
-    min_wall: Annotated[
-        float | None,
-        POSITIVE.described_as(example="0.3"),
-        "Least wall in mm. Without a limit, a figure is measured but not judged.",
-    ] = None,
-    min_gap: Annotated[
-        float | None,
-        POSITIVE.described_as(example="0.3"),
-        "Least gap in mm, between sides of one solid or between two solids.",
-    ] = None,
-    max_overhang: Annotated[
-        float | None,
-        OVERHANG,
-        "Greatest angle in degrees between a face that looks down and the build direction: 0 is a vertical wall, 90 a "
-        "horizontal ceiling.",
-    ] = None,
-    build_direction: Annotated[
-        str | Sequence[float], DIRECTION, '"x", "-x", "y", ..., or a vector, from the build plate upwards.'
-    ] = "z",
-) -> PrintReport:
+@validate_options(CheckPrintOptions, 'check_print("part.step", min_wall=0.3)')
+def check_print(options: CheckPrintOptions) -> PrintReport:
     """Check a part before printing: smallest wall, smallest gap, overhang and closed cavities.
 
     Returns
@@ -205,8 +178,9 @@ def check_print(
     >>> tpmscad.check_print(model, min_wall=0.3, min_gap=0.3, max_overhang=45).met  # doctest: +SKIP
     False
     """
-    shape, report = read_closed_solids(source, "checked before printing")
-    upwards = as_unit_vector(build_direction)
+    min_wall, min_gap, max_overhang = options.min_wall, options.min_gap, options.max_overhang
+    shape, report = read_closed_solids(options.source, "checked before printing")
+    upwards = as_unit_vector(options.build_direction)
     surface, notes = _sample(shape, report, [limit for limit in (min_wall, min_gap) if limit is not None])
     reach = 2.0 * report.volume / report.area
     wall = find_least_width(surface, 1.0, min_wall, reach)

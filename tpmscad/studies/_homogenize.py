@@ -6,16 +6,13 @@ import math
 import time
 from contextlib import suppress
 from functools import partial
-from typing import Annotated
 
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
-from tpmscad.api.argument_kinds import choice_of
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_arguments import ProgressKeyword
-from tpmscad.api.shared_kinds import ANYTHING, FRACTION, NOT_NEGATIVE, POSITIVE, TEXT
+from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
+from tpmscad.requests.study_options import HomogenizeOptions
 from tpmscad.results.model import Model
 from tpmscad.simulation.periodic_cell import CellProperties, IsotropicMaterial, solve_cell
 from tpmscad.simulation.properties import HomogenizedProperties
@@ -41,45 +38,8 @@ POISSON_LIMIT = 0.49
 """Elements of second order lock beyond."""
 
 
-@validate_call()
-def homogenize(
-    surface: Annotated[
-        str | Model,
-        TEXT.or_else(ANYTHING),
-        "A surface of the catalogue, of which a cell of edge 1 is made; or a model whose box repeats, as one of "
-        "``tpmscad.lattice(...)`` with whole cells.",
-    ],
-    *,
-    volume_fraction: Annotated[
-        float | None,
-        FRACTION,
-        "Volume of the solid over that of the cell; needed with a name, and not taken with a model.",
-    ] = None,
-    kind: Annotated[str, choice_of("sheet", "skeletal"), "With a name: as in `tpmscad.lattice`."] = "sheet",
-    reference: Annotated[
-        str | None, TEXT.described_as(example='"nodal"'), "With a name: as in `tpmscad.lattice`."
-    ] = None,
-    youngs_modulus: Annotated[
-        float, POSITIVE.described_as(example="1.0"), "Young's modulus of the solid, in any unit."
-    ] = 1.0,
-    poisson_ratio: Annotated[
-        float, NOT_NEGATIVE.described_as(example="0.3"), "Poisson's ratio of the solid, from 0 to 0.49."
-    ] = 0.3,
-    elements: Annotated[
-        str | None,
-        choice_of("hexahedra", "tetrahedra"),
-        "Hexahedra straight from the patches (see `Model.hexahedra`), which need fewer unknowns, have the symmetry of "
-        "the cell and need no gmsh, where the lattice is one of whole walls; tetrahedra of gmsh else. By default "
-        "hexahedra where possible.",
-    ] = None,
-    size: Annotated[
-        float | None,
-        POSITIVE.described_as(example="0.05"),
-        "Mean edge length of the tetrahedra of the finer mesh, model units; the coarser has 1.35 times as long ones. "
-        "By default 0.8 of the mean thickness of the wall, and at most 0.09 of the cell.",
-    ] = None,
-    progress: ProgressKeyword = None,
-) -> HomogenizedProperties:
+@validate_options(HomogenizeOptions, 'homogenize("gyroid", volume_fraction=0.2)')
+def homogenize(options: HomogenizeOptions) -> HomogenizedProperties:
     """Stiffness and conductivity of a lattice that repeats for ever, on meshes of the exact cell that are refined.
 
     Returns
@@ -106,21 +66,22 @@ def homogenize(
     """
     begun = time.process_time()
     import_extra("skfem", "homogenised properties", "simulation")
-    if not 0.0 <= poisson_ratio <= POISSON_LIMIT:
-        raise InvalidRequest(f"poisson_ratio = {poisson_ratio:g}: it must lie from 0 to {POISSON_LIMIT}")
-    stages, material = StageTimer(progress), IsotropicMaterial(youngs_modulus, poisson_ratio)
+    if not 0.0 <= options.poisson_ratio <= POISSON_LIMIT:
+        raise InvalidRequest(f"poisson_ratio = {options.poisson_ratio:g}: it must lie from 0 to {POISSON_LIMIT}")
+    surface, elements, size = options.surface, options.elements, options.size
+    stages, material = StageTimer(options.progress), IsotropicMaterial(options.youngs_modulus, options.poisson_ratio)
     if size is not None and elements == "hexahedra":
         raise InvalidRequest("size is that of tetrahedra: leave it out, or elements")
     wants_tetrahedra = elements == "tetrahedra" or size is not None
     if isinstance(surface, Model):
-        if volume_fraction is not None or kind != "sheet" or reference is not None:
+        if options.volume_fraction is not None or options.kind != "sheet" or options.reference is not None:
             raise InvalidRequest("a model has its own volume_fraction, kind and reference: leave them out")
         model = surface
     else:
-        if volume_fraction is None:
+        if options.volume_fraction is None:
             raise InvalidRequest(f'homogenize("{surface}") needs volume_fraction=, as in volume_fraction=0.2')
         with stages("lattice"):
-            model = _make_cell(surface, volume_fraction, kind, reference, wants_tetrahedra)
+            model = _make_cell(options, wants_tetrahedra)
     if not wants_tetrahedra and (elements == "hexahedra" or _repeats_as_hexahedra(model)):
         meshes = [partial(model.hexahedra, 2, refine) for refine in REFINEMENTS_OF_HEXAHEDRA]
     else:
@@ -147,8 +108,8 @@ def homogenize(
         _compare(coarse, fine),
         coarse.stiffness,
         coarse.conductivity,
-        youngs_modulus,
-        poisson_ratio,
+        options.youngs_modulus,
+        options.poisson_ratio,
         mesh.n_cells,
         fine.unknowns,
         time.process_time() - begun,
@@ -161,12 +122,18 @@ def _compare(coarse: CellProperties, fine: CellProperties) -> float:
     return max(float(np.abs(a - b).max() / np.abs(b).max()) for a, b in pairs)
 
 
-def _make_cell(surface: str, volume_fraction: float, kind: str, reference: str | None, in_box: bool) -> Model:
+def _make_cell(options: HomogenizeOptions, in_box: bool) -> Model:
     """A cell of edge 1: in a box, or with natural boundary where that alone makes hexahedra that repeat."""
     make = partial(
-        lattice, surface, cell=1.0, volume_fraction=volume_fraction, kind=kind, reference=reference, progress=False
+        lattice,
+        str(options.surface),
+        cell=1.0,
+        volume_fraction=options.volume_fraction,
+        kind=options.kind,
+        reference=options.reference,
+        progress=False,
     )
-    if not in_box and kind == "sheet":
+    if not in_box and options.kind == "sheet":
         with suppress(InvalidRequest):  # no natural boundary; what else is wrong is found below
             model = make(boundary="natural")
             if _repeats_as_hexahedra(model):

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.api.argument_kinds import POINT
-from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import ANYTHING, PATH, PICTURE_SIZE, TEXT, TEXTS
+from tpmscad.api.arguments import select_arguments
+from tpmscad.api.public_calls import validate_options
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of
@@ -20,6 +18,7 @@ from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, seque
 from tpmscad.kernel.render.picture import draw_scene, write_picture
 from tpmscad.kernel.render.polar_surface import draw_polar_surface
 from tpmscad.kernel.render.scene import Scene
+from tpmscad.requests.study_options import PiecesPictureOptions, RenderOptions
 from tpmscad.simulation.properties import HomogenizedProperties
 from tpmscad.studies.picture_pieces import PicturePiece, base_names, choose_colours, find_pieces, hide_pieces
 
@@ -45,42 +44,8 @@ CURVATURE_SHARE = 0.99
 Colour = tuple[float, float, float]
 
 
-@validate_call()
-def render(
-    source: Annotated[
-        Any,
-        ANYTHING,
-        "A result of this package, a build123d, CadQuery or TopoDS shape, or the path of a STEP file. Of homogenised "
-        "properties the surface is drawn whose radius along a direction is Young's modulus there.",
-    ],
-    path: Annotated[str | Path, PATH, "The PNG file to write. It is complete or absent."],
-    *,
-    view: Annotated[
-        str | Sequence[float],
-        TEXT.or_else(POINT).described_as(example='"iso"'),
-        '"iso", "front", "back", "left", "right", "top", "bottom", or the direction from the model to the eye, also '
-        'as "x,y,z".',
-    ] = "iso",
-    section: Annotated[
-        Any,
-        ANYTHING,
-        'Planes that cut the model open: "z=5", "z" for the middle, "x=0,y=0" for a quarter, or a point (3,) and the '
-        "normal (3,) of the side that is taken away. Of several planes, what lies in front of all is taken away. Cuts "
-        "through solids are filled.",
-    ] = None,
-    size: Annotated[tuple[int, int], PICTURE_SIZE, "Width and height in pixels."] = (1200, 900),
-    color_by: Annotated[
-        str | None,
-        TEXT.described_as(example='"piece"'),
-        "A colour for each solid or domain; for each group of faces (surface +, surface -, cap, body); the orthogonal "
-        "distance to the reference surface, as the certificate measures it; or the mean curvature, half the sum of "
-        "the principal curvatures, positive where the solid is convex. By default the domains of an exchanger have "
-        "their colours, a STEP file has those that it holds, and anything else has one.",
-    ] = None,
-    hide: Annotated[
-        str | Sequence[str], TEXTS.described_as(example='"skin"'), 'Names of pieces to leave out, such as "wall".'
-    ] = (),
-) -> None:
+@validate_options(RenderOptions, 'render(model, "part.png", section="z")')
+def render(options: RenderOptions) -> None:
     """Draw a model, a shape or a STEP file as a PNG picture, without a display.
 
     Raises
@@ -95,22 +60,18 @@ def render(
     >>> parts = tpmscad.fluid_domains(body, "gyroid", cell=10, thickness=1)  # doctest: +SKIP
     >>> render(parts, "exchanger.png", section="z=2", hide="channel +")  # doctest: +SKIP
     """
-    target = validate_output_path(path, (".png",))
-    picture = render_bytes(source, view=view, section=section, size=size, color_by=color_by, hide=hide)
-    write_picture(picture, target)
+    target = validate_output_path(options.path, (".png",))
+    write_picture(render_bytes(options.source, **select_arguments(options, PiecesPictureOptions)), target)
 
 
-@validate_call()
-def render_bytes(
-    source: Annotated[Any, ANYTHING, "TODO."],
-    *,
-    view: Annotated[str | Sequence[float], TEXT.or_else(POINT).described_as(example='"iso"'), "TODO."] = "iso",
-    section: Annotated[Any, ANYTHING, "TODO."] = None,
-    size: Annotated[tuple[int, int], PICTURE_SIZE, "TODO."] = (1200, 900),
-    color_by: Annotated[str | None, TEXT.described_as(example='"piece"'), "TODO."] = None,
-    hide: Annotated[str | Sequence[str], TEXTS.described_as(example='"skin"'), "TODO."] = (),
-) -> bytes:
-    """The bytes of the PNG picture that `render` writes, for notebooks; arguments and errors are those of `render`."""
+def render_bytes(source: Any, **picture: Any) -> bytes:
+    """The bytes of the PNG picture that `render` writes, for notebooks; keywords are those of `PiecesPictureOptions`."""
+    return _draw(source, PiecesPictureOptions(**picture))
+
+
+def _draw(source: Any, options: PiecesPictureOptions) -> bytes:
+    """The bytes of the PNG picture of a result, a shape or a file."""
+    view, section, size, color_by, hide = options.view, options.section, options.size, options.color_by, options.hide
     if color_by is not None and color_by not in COLOURINGS:
         raise InvalidRequest(
             f"color_by {color_by!r} is unknown; choose one of {', '.join(map(repr, COLOURINGS))}, or None"

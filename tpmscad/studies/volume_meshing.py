@@ -9,12 +9,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from tpmscad._lazy_import import import_extra
-from tpmscad._typing import BoxCorners, ProgressOption
+from tpmscad._typing import BoxCorners
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.export.shared_faces import number_distinct_faces, write_plain_brep
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.meshing.tetrahedra import MeshRequest, SolidFaces, mesh_tetrahedra
 from tpmscad.meshing.volume_mesh import VolumeMesh
+from tpmscad.requests.study_options import MeshOptions
 from tpmscad.stage_timer import StageTimer
 
 MAX_ELEMENTS = 50_000_000
@@ -28,10 +29,9 @@ def mesh_named_solids(
     solids: Sequence[NamedSolid],
     regions: Sequence[str],
     bounds: BoxCorners,
-    request: MeshRequest,
+    options: MeshOptions,
     *,
     name: str,
-    progress: ProgressOption = None,
 ) -> VolumeMesh:
     """Mesh solids; those that share faces share the nodes there.
 
@@ -39,6 +39,7 @@ def mesh_named_solids(
     regions "REGION: LABEL"; facets between two regions are the group "REGION | REGION", the first named first. Raises as
     `Model.mesh`.
     """
+    request = _read_request(options)
     import_extra("gmsh", "meshes of tetrahedra", "mesh")  # before the work
     low, high = np.asarray(bounds, float)
     volume = float(np.prod(high - low))
@@ -48,7 +49,7 @@ def mesh_named_solids(
             f"size = {request.size:g} makes about {count:.2g} elements in a box of {volume:.3g} mm3; {MAX_ELEMENTS:.0e} is the "
             "limit: the size is the length of an edge in mm"
         )
-    stages = StageTimer(progress)
+    stages = StageTimer(options.progress)
     numbers, places = number_distinct_faces([of.solid for of in solids])
     labels: list[list[tuple[str, str]]] = [[] for _ in places]
     for own, of, region in zip(numbers, solids, regions, strict=True):
@@ -70,8 +71,10 @@ def _face_groups(uses: Sequence[tuple[str, str]], several: bool) -> tuple[str, .
     return tuple(dict.fromkeys(f"{region}: {label}" if several else label for region, label in uses))
 
 
-def read_request(size: float, order: int, periodic: bool, per_turn: int | None) -> MeshRequest:
+def _read_request(options: MeshOptions) -> MeshRequest:
     """The request of a call; InvalidRequest for an order that is neither 1 nor 2."""
-    if order not in (1, 2):
-        raise InvalidRequest(f"order = {order} is neither 1 nor 2, the orders of tetrahedra that gmsh curves reliably")
-    return MeshRequest(size, order, periodic, per_turn)
+    if options.order not in (1, 2):
+        raise InvalidRequest(
+            f"order = {options.order} is neither 1 nor 2, the orders of tetrahedra that gmsh curves reliably"
+        )
+    return MeshRequest(options.size, options.order, options.periodic, options.per_turn)

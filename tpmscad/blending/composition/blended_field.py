@@ -20,12 +20,12 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.blending.weights.weight_protocol import WeightFunction, trace_weight
 from tpmscad.fields import Field
 from tpmscad.fields.data.sample_grid import BoxBounds
-from tpmscad.fields.field import ConstantField
+from tpmscad.fields.field import CompositeField, ConstantField
 from tpmscad.fields.tape.tape_nodes import Node, clamp, select
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BlendedField(Field):
+class BlendedField(CompositeField):
     """A blend as a field: f(points (..., 3)) -> (...), solid where f < 0, with its exact gradient (..., 3).
 
     Outside the blending regions the values are those of the region's structure, bit for bit: every structure is evaluated at the
@@ -36,7 +36,6 @@ class BlendedField(Field):
     `level_shifts` holds a function for each stage, or None, that is added to the field where the stage mixes; empty for none.
     """
 
-    structures: tuple[Field, ...]
     regions: tuple[Field, ...]
     blending_regions: tuple[Field, ...]
     weights: tuple[WeightFunction, ...]

@@ -70,11 +70,11 @@ class SubgridSearch:
     max_candidates: int | None = None
 
 
-def choose_subgrid_search(specks: bool | None) -> SubgridSearch:
-    """The search that the option `specks` of `blend` stands for; None searches where that is quick."""
-    if specks is None:
+def choose_subgrid_search(subgrid_check: bool | None) -> SubgridSearch:
+    """The search that the option `subgrid_check` of `blend` stands for; None searches where that is quick."""
+    if subgrid_check is None:
         return SubgridSearch(True, MAX_QUICK_CANDIDATES)
-    return SubgridSearch(specks)
+    return SubgridSearch(subgrid_check)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

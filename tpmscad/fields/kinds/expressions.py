@@ -183,18 +183,27 @@ def expression(
     >>> bool(abs(gyroid((1.0, 2.0, 3.0)) - fields.tpms("gyroid", 10.0)((1.0, 2.0, 3.0))) < 1e-14)
     True
     """
-    if len(formula) > MAX_CHARACTERS:
-        raise InvalidRequest(
-            f"the formula has {len(formula)} characters, more than {MAX_CHARACTERS}: compose fields instead"
-        )
     rate = 1.0 if period is None else 2 * math.pi / period
     names: dict[str, Field] = {name: ConstantField(value) for name, value in CONSTANTS.items()}
-    names |= {name: CoordinateField(axis, rate) for axis, name in enumerate("xyz")}
-    names |= {name: CoordinateField(axis, 1.0) for axis, name in enumerate("XYZ")}
+    names |= coordinates_by_name("xyz", rate) | coordinates_by_name("XYZ", 1.0)
     taken = [name for name in named if name in names or name in FUNCTIONS]
     if taken:
         raise InvalidRequest(f"{taken[0]!r} has a meaning in every formula: give the field another name")
     names |= {name: as_field(value) for name, value in named.items()}
+    return ExpressionField(formula, read_formula(formula, names))
+
+
+def coordinates_by_name(letters: str, rate: float) -> dict[str, Field]:
+    """The coordinates times a rate, by their letters."""
+    return {name: CoordinateField(axis, rate) for axis, name in enumerate(letters)}
+
+
+def read_formula(formula: str, names: Mapping[str, Field]) -> Field:
+    """The field of a formula of numbers, functions and named fields; InvalidRequest for anything else."""
+    if len(formula) > MAX_CHARACTERS:
+        raise InvalidRequest(
+            f"the formula has {len(formula)} characters, more than {MAX_CHARACTERS}: compose fields instead"
+        )
     try:
         root = ast.parse(formula.strip().replace("^", "**"), mode="eval").body
         depth = _depth(root)
@@ -203,7 +212,7 @@ def expression(
         raise InvalidRequest(f"the formula {_shorten(formula)!r} cannot be read{place}: {error.args[0]}") from None
     if depth > MAX_DEPTH:
         raise InvalidRequest(f"the formula nests {depth} deep, more than {MAX_DEPTH}: compose fields instead")
-    return ExpressionField(formula, _Reader(formula, names).read(root))
+    return _Reader(formula, names).read(root)
 
 
 def linear_rates(field: Field) -> Triple | None:

@@ -15,9 +15,9 @@ from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import MASK, PAIR_OR_TRIPLE
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data import stencil
 from tpmscad.fields.field import Field
-from tpmscad.fields.tape.evaluation import FieldJet, Triple
+from tpmscad.fields.tape.evaluation import Triple
+from tpmscad.fields.tape.tape_nodes import Node, clamp, tensor_spline
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,19 +31,16 @@ class ImageRegion(Field):
     first: Triple
     pixel: Triple
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return stencil.contract_table(self.distances, self._stencils(x, y, z), (x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        return stencil.contract_table_jet(self.distances, self._stencils(x, y, z), (x, y, z))
-
-    def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
-        return [
-            _linear_stencil(t, count, first, pixel)
-            for t, count, first, pixel in zip(coordinates, self.distances.shape, self.first, self.pixel, strict=True)
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        counts = self.distances.shape
+        steps = [
+            clamp((t - first) / pixel, 0.0, n - 1.0)
+            for t, n, first, pixel in zip((x, y, z), counts, self.first, self.pixel, strict=True)
         ]
+        degrees = [min(1, n - 1) for n in counts]  # an axis of one pixel is one of extrusion
+        knots = [np.pad(np.arange(max(n, 2.0)), degree, mode="edge") for n, degree in zip(counts, degrees, strict=True)]
+        return tensor_spline(knots, degrees, self.distances, (steps[0], steps[1], steps[2]))
 
 
 @validate_call()
@@ -114,17 +111,3 @@ def _as_corner(value: Sequence[float], count: int, name: str) -> Array:
     if corner.shape != (count,) or not np.isfinite(corner).all():
         raise InvalidRequest(f"{name} {value!r} must be {count} finite numbers for a mask of {count} dimensions")
     return corner
-
-
-def _linear_stencil(t: Array, count: int, first: float, pixel: float) -> stencil.Stencil:
-    """Hat functions on `count` centers, clamped at the outermost ones."""
-    if count == 1:
-        entry = np.zeros(t.shape, np.int64)
-        return stencil.Stencil([entry], [np.ones(t.shape)], [np.zeros(t.shape)])
-    u = (t - first) / pixel
-    clamped = np.minimum(np.maximum(u, 0.0), count - 1.0)
-    base = np.minimum(np.floor(clamped), count - 2.0)
-    r = clamped - base
-    rate = np.where((u >= 0) & (u <= count - 1), 1.0 / pixel, 0.0)
-    entry = base.astype(np.int64)
-    return stencil.Stencil([entry, entry + 1], [1.0 - r, r], [-rate, rate])

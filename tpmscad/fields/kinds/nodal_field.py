@@ -13,15 +13,15 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import LENGTHS, TEXT
 from tpmscad.catalogue import CATALOGUE, SurfaceRecord, find_surface
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.trigonometric_polynomials import TrigonometricPolynomial, parse_formula
+from tpmscad.fields.kinds.expressions import coordinates_by_name, read_formula
 from tpmscad.fields.periods_and_directions import choose_periods
 from tpmscad.fields.tape.evaluation import Triple
 from tpmscad.fields.tape.tape_nodes import Node
 
-POLYNOMIALS: Mapping[str, TrigonometricPolynomial] = MappingProxyType(
-    {name: parse_formula(record.formula) for name, record in CATALOGUE.items()}
+FORMULAS: Mapping[str, Field] = MappingProxyType(
+    {name: read_formula(record.formula, coordinates_by_name("xyz", 1.0)) for name, record in CATALOGUE.items()}
 )
-"""The parsed formulas of the catalogue, so that what is printed is what is evaluated."""
+"""The formulas of the catalogue as fields of the angles, so that what is printed is what is evaluated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class NodalField(Field):
             (2 * math.pi / period) * t - 2 * math.pi * shift
             for t, period, shift in zip((x, y, z), self.period, self.phase, strict=True)
         )
-        return POLYNOMIALS[self.name].trace(*angles)
+        return FORMULAS[self.name].trace(*angles)
 
     def periods(self) -> Triple | None:
         """Periods along the axes, or None."""

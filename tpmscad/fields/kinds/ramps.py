@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from tpmscad.api.argument_kinds import POINT
+from tpmscad.api.argument_kinds import AXES, POINT, choice_of
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import DIRECTION, FIELD, FLAG, NUMBER, PAIR, TEXT
+from tpmscad.api.shared_kinds import DIRECTION, FIELD, FLAG, NUMBER, PAIR
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, FieldLike, as_field
 from tpmscad.fields.kinds.primitive_regions import HalfSpaceRegion
@@ -97,7 +97,7 @@ def coordinate(
 def ramp(
     by: Annotated[
         FieldLike | str,
-        TEXT.or_else(FIELD).described_as('"x", "y", "z" or a field', '"x"'),
+        choice_of(*AXES).or_else(FIELD).described_as('"x", "y", "z" or a field', '"x"'),
         "The parameter: a coordinate, a distance or any other field.",
     ],
     span: Annotated[

@@ -23,11 +23,11 @@ from tpmscad.api.argument_kinds import POINT
 from tpmscad.api.public_calls import read_value, validate_call
 from tpmscad.api.shared_kinds import ARRAY_OR_PATH, LENGTHS, NUMBER, VALUES
 from tpmscad.errors import InvalidRequest
-from tpmscad.fields.data import stencil
 from tpmscad.fields.data.image_files import read_image
 from tpmscad.fields.field import Field
 from tpmscad.fields.periods_and_directions import as_periods
-from tpmscad.fields.tape.evaluation import FieldJet, Triple
+from tpmscad.fields.tape.evaluation import Triple
+from tpmscad.fields.tape.tape_nodes import Node, clamp, root, tensor_spline
 
 MIN_SAMPLES = 4
 """Samples along an axis: a cubic spline with not-a-knot ends needs four."""
@@ -53,26 +53,20 @@ class SampledField(Field):
         last = [o + s * (n - 3) for o, s, n in zip(self.origin, self.spacing, self.coefficients.shape, strict=True)]
         return self.origin, (last[0], last[1], last[2])
 
-    def at(self, x: Array, y: Array, z: Array) -> Array:
-        """Values at coordinates that broadcast."""
-        return stencil.contract_table(self.coefficients, self._stencils(x, y, z), (x, y, z))
-
-    def jet(self, x: Array, y: Array, z: Array) -> FieldJet:
-        """Value and partial derivatives at coordinates that broadcast."""
-        return stencil.contract_table_jet(self.coefficients, self._stencils(x, y, z), (x, y, z))
+    def trace(self, x: Node, y: Node, z: Node) -> Node:
+        """The formula on the nodes of a tape."""
+        counts = self.coefficients.shape
+        steps = [
+            _saturate((t - first) / spacing, n - 3.0)
+            for t, n, first, spacing in zip((x, y, z), counts, self.origin, self.spacing, strict=True)
+        ]
+        knots = [np.arange(-3.0, n + 1.0) for n in counts]
+        return tensor_spline(knots, (3, 3, 3), self.coefficients, (steps[0], steps[1], steps[2]))
 
     def __repr__(self) -> str:
         shape = "x".join(str(n - 2) for n in self.coefficients.shape)
         digest = hashlib.sha256(self.coefficients.tobytes()).hexdigest()[:8]
         return f"SampledField({shape} samples {digest}, spacing={self.spacing}, origin={self.origin})"
-
-    def _stencils(self, *coordinates: Array) -> list[stencil.Stencil]:
-        return [
-            _clamped_cubic_stencil(t, count - 2, first, spacing)
-            for t, count, first, spacing in zip(
-                coordinates, self.coefficients.shape, self.origin, self.spacing, strict=True
-            )
-        ]
 
 
 @validate_call()
@@ -147,9 +141,7 @@ def sampled(
     steps = as_periods(1.0 if spacing is None else spacing)
     for axis in range(3):
         array = _spline_coefficients(array, axis)
-    array = np.ascontiguousarray(array)
-    array.setflags(write=False)
-    return SampledField(array, steps, (0.0, 0.0, 0.0) if origin is None else origin)
+    return SampledField(np.ascontiguousarray(array), steps, (0.0, 0.0, 0.0) if origin is None else origin)
 
 
 def _spline_coefficients(samples: Array, axis: int) -> Array:
@@ -177,15 +169,8 @@ def _spline_coefficients(samples: Array, axis: int) -> Array:
     return np.moveaxis(solver.solve(right).reshape(n + 2, *moved.shape[1:]), 0, axis)
 
 
-def _clamped_cubic_stencil(t: Array, count: int, first: float, spacing: float) -> stencil.Stencil:
-    """Cubic cardinal B-splines of `count` samples, on a coordinate that saturates beyond the outermost ones."""
-    u = (t - first) / spacing
-    inside = np.minimum(np.maximum(u, 0.0), count - 1.0)
-    beyond = (u - inside) / SATURATION_SPACINGS
-    root = np.sqrt(1.0 + beyond * beyond)
-    rate = 1.0 / (spacing * (root * root * root))
-    u = inside + SATURATION_SPACINGS * (beyond / root)
-    base = np.minimum(np.floor(inside), count - 2.0)
-    weights, derivatives = stencil.cubic_weights(u - base, rate)
-    entry = base.astype(np.int64)
-    return stencil.Stencil([entry + step for step in range(4)], weights, derivatives)
+def _saturate(step: Node, last: float) -> Node:
+    """A coordinate in spacings that saturates beyond the outermost samples, at 0 and `last`."""
+    inside = clamp(step, 0.0, last)
+    beyond = (step - inside) / SATURATION_SPACINGS
+    return inside + SATURATION_SPACINGS * (beyond / root(beyond * beyond + 1.0))

@@ -32,16 +32,6 @@ def flatten_points(points: ArrayLike) -> tuple[Array, tuple[int, ...]]:
     return array.reshape(-1, 3), array.shape[:-1]
 
 
-def copy_columns(points: Array) -> tuple[Array, Array, Array]:
-    """Contiguous copies of the columns, for which NumPy runs the same vector code whatever the strides of the points."""
-    return points[:, 0].copy(), points[:, 1].copy(), points[:, 2].copy()
-
-
-def point_batches(count: int) -> Iterator[slice]:
-    """Slices of at most MAX_POINTS_PER_SLAB points that cover `count` points."""
-    return (slice(start, start + MAX_POINTS_PER_SLAB) for start in range(0, count, MAX_POINTS_PER_SLAB))
-
-
 def as_grid_axes(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> tuple[Array, Array, Array]:
     """Axes of a grid as contiguous arrays; InvalidRequest if they are not one-dimensional."""
     a, b, c = (np.ascontiguousarray(read_value(n, GRID_AXIS, axis)) for n, axis in zip("xyz", (x, y, z), strict=True))
@@ -115,10 +105,6 @@ class FieldEvaluation:
             object.__setattr__(self, "_tape", tape)
         return tape
 
-    @property
-    def _is_traced(self) -> bool:
-        return type(self).trace is not FieldEvaluation.trace
-
     def periods(self) -> Triple | None:
         """Return the periods along the axes.
 
@@ -144,12 +130,7 @@ class FieldEvaluation:
             Values, negative in the solid.
         """
         flat, shape = flatten_points(points)
-        if self._is_traced:
-            return self.tape.values_at(flat).reshape(shape)
-        values = np.empty(len(flat))
-        for part in point_batches(len(flat)):
-            values[part] = self.at(*copy_columns(flat[part]))
-        return values.reshape(shape)
+        return self.tape.values_at(flat).reshape(shape)
 
     @translate_errors
     def gradient(self, points: ArrayLike) -> Array:
@@ -184,14 +165,7 @@ class FieldEvaluation:
             Exact gradients.
         """
         flat, shape = flatten_points(points)
-        if self._is_traced:
-            values, gradients = self.tape.jets_at(flat)
-            return values.reshape(shape), gradients.reshape(*shape, 3)
-        values, gradients = np.empty(len(flat)), np.empty((len(flat), 3))
-        for part in point_batches(len(flat)):
-            values[part], gradients[part, 0], gradients[part, 1], gradients[part, 2] = self.jet(
-                *copy_columns(flat[part])
-            )
+        values, gradients = self.tape.jets_at(flat)
         return values.reshape(shape), gradients.reshape(*shape, 3)
 
     @translate_errors
@@ -209,7 +183,7 @@ class FieldEvaluation:
             Values, the same bits as on the points of the grid, at a fraction of the cost.
         """
         axes = as_grid_axes(x, y, z)
-        if self._is_traced and (whole := self.tape.values_on_grid(axes)) is not None:
+        if (whole := self.tape.values_on_grid(axes)) is not None:
             return whole
         values = np.empty(tuple(len(axis) for axis in axes))
         for part, slab in grid_slabs(axes):

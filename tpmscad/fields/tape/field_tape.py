@@ -239,7 +239,9 @@ class _Evaluator:
 
     def _run(self, program: Program, tables: Axes, ends: IntArray, inputs: Array, coordinates: Any) -> Array:
         found = np.empty((len(self.outputs), tables[0].shape[1] * tables[1].shape[1] * tables[2].shape[1]))
-        place, point = run_tape(program.code, program.parameters, program.n_rows, *tables, ends, inputs, found)
+        place, point = run_tape(
+            program.code, program.parameters, program.tables, program.n_rows, *tables, ends, inputs, found
+        )
         if place >= 0:
             shape = [len(axis) for axis in coordinates] if isinstance(coordinates, tuple) else None
             at = (point, point, point) if shape is None else np.unravel_index(point, shape)

@@ -108,26 +108,38 @@ def _list_needed_columns(rows, n, op):  # type: ignore[no-untyped-def]  # pragma
 
 
 @njit_cached
-def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Tensor-product splines; parameters: orders, numbers of coefficients, the polynomials of each axis, the coefficients.
+def _are_on_line(rows, op, columns):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Whether the first two coordinates of a spline are the same in all columns, as along a line of a grid."""
+    for i in range(1, len(columns)):
+        for axis in range(2):
+            if rows[op[5 + axis], columns[i]] != rows[op[5 + axis], columns[0]]:
+                return False
+    return len(columns) > 1
+
+
+@njit_cached
+def _tensor(rows, n, op, p, parameters, tables):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Tensor-product splines; parameters: the place of the table, orders, the numbers in the table, the polynomials of each axis.
 
     The polynomials of an axis are the number of its spans, their ends, the reciprocal of their mean length, and for each span
     the coefficients of the B-splines that are not zero there, those of the highest power first. Orders are rounded up to a whole
-    number of fours by zeros, and the coefficients go on with zeros along each axis.
+    number of fours by zeros, and the table of coefficients goes on with zeros along each axis.
     """
     columns = _list_needed_columns(rows, n, op)
-    n = len(columns)
-    fours = (int(parameters[p]) // 4, int(parameters[p + 1]) // 4, int(parameters[p + 2]) // 4)
-    width = 4 * max(fours)
-    splines, start = np.zeros((n, 6 * width)), np.zeros(n, np.uint64)
-    height, depth = np.uint64(parameters[p + 4]), np.uint64(parameters[p + 5])
+    n, on_line = len(columns), _are_on_line(rows, op, columns)
+    fours = (int(parameters[p + 1]) // 4, int(parameters[p + 2]) // 4, int(parameters[p + 3]) // 4)
+    width, with_slopes = 4 * max(fours), op[2] >= 0 or op[3] >= 0 or op[4] >= 0
+    splines, start = np.zeros((n, (6 if with_slopes else 3) * width)), np.zeros(n, np.uint64)
+    height, depth = np.uint64(parameters[p + 5]), np.uint64(parameters[p + 6])
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
-    place = p + 6
+    place = p + 7
     for axis in range(3):
         order, spans, ends = np.uint64(4 * fours[axis]), int(parameters[place]), np.uint64(place + 1)
         polynomials = place + spans + 3
         low, rate, stride = parameters[place + 1], parameters[polynomials - 1], (one, height, depth)[axis]
-        for i in range(n):
+        if axis == 2 and on_line:
+            start[1:] = start[0]
+        for i in range(1 if axis < 2 and on_line else n):
             t = rows[op[5 + axis], columns[i]]
             guess = (t - low) * rate
             span = np.uint64(min(int(guess), spans - 1) if guess > 0.0 else 0)  # not a number: the first span
@@ -142,32 +154,36 @@ def _tensor(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # prag
                 v0 = v1 = v2 = v3 = s0 = s1 = s2 = s3 = 0.0
                 at = first + np.uint64(4 * four)
                 for _ in range(order):
-                    s0, s1, s2, s3 = s0 * t + v0, s1 * t + v1, s2 * t + v2, s3 * t + v3
+                    if with_slopes:
+                        s0, s1, s2, s3 = s0 * t + v0, s1 * t + v1, s2 * t + v2, s3 * t + v3
                     v0, v1 = v0 * t + parameters[at], v1 * t + parameters[at + one]
                     v2, v3 = v2 * t + parameters[at + two], v3 * t + parameters[at + three]
                     at += order
                 j = axis * width + 4 * four
                 splines[i, j], splines[i, j + 1], splines[i, j + 2], splines[i, j + 3] = v0, v1, v2, v3
-                j += 3 * width
-                splines[i, j], splines[i, j + 1], splines[i, j + 2], splines[i, j + 3] = s0, s1, s2, s3
+                if with_slopes:
+                    j += 3 * width
+                    splines[i, j], splines[i, j + 1], splines[i, j + 2], splines[i, j + 3] = s0, s1, s2, s3
         place = polynomials + spans * (4 * fours[axis]) ** 2
-    start += np.uint64(place)
-    _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, parameters)
+    start += np.uint64(parameters[p])
+    _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, on_line, tables)
 
 
 @njit_cached
-def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Cubic splines on periodic grids; parameters: the numbers of coefficients, the same per unit of length, a table of them.
+def _periodic_spline(rows, n, op, p, parameters, tables):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Cubic splines on periodic grids; parameters: the place of the table, the numbers of coefficients, and per unit of length.
 
     The table goes on for three coefficients beyond the period along each axis, so that those of an interval are consecutive.
     """
     columns = _list_needed_columns(rows, n, op)
-    n = len(columns)
+    n, on_line = len(columns), _are_on_line(rows, op, columns)
     splines, start = np.empty((n, 24)), np.zeros(n, np.uint64)
-    height, depth = np.uint64(parameters[p + 1] + 3.0), np.uint64(parameters[p + 2] + 3.0)
+    height, depth = np.uint64(parameters[p + 2] + 3.0), np.uint64(parameters[p + 3] + 3.0)
     for axis in range(3):
-        count, rate, at = parameters[p + axis], parameters[p + 3 + axis], 4 * axis
-        for i in range(n):
+        count, rate, at = parameters[p + 1 + axis], parameters[p + 4 + axis], 4 * axis
+        if axis == 2 and on_line:
+            start[1:] = start[0]
+        for i in range(1 if axis < 2 and on_line else n):
             u = rows[op[5 + axis], columns[i]] * rate
             base = math.floor(u)
             r = u - base
@@ -184,23 +200,30 @@ def _periodic_spline(rows, n, op, p, parameters):  # type: ignore[no-untyped-def
             # not a number for coordinates that are not finite, whose B-splines are not numbers either
             interval = interval if 0.0 <= interval < count else 0.0
             start[i] = start[i] * (np.uint64(1), height, depth)[axis] + np.uint64(interval)
-    start += np.uint64(p + 6)
-    _sum_tensor_product(rows, columns, op, (1, 1, 1), height, depth, start, splines, parameters)
+    start += np.uint64(parameters[p])
+    _sum_tensor_product(rows, columns, op, (1, 1, 1), height, depth, start, splines, on_line, tables)
 
 
 @njit_cached
-def _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines, on_line, table):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Sums of coefficients times B-splines of three axes, and their derivatives, written to these columns of the result rows.
 
     `splines` (n, 6 w) holds the B-splines along x, y and z, and their slopes. The coefficients of a point begin at `start` of the
     table, with rows of `depth` numbers and planes of `height` rows. They are added four by four by four: loops of fixed length
     over unsigned indices take half the time of general ones.
     """
-    n, width, plane = len(columns), splines.shape[1] // 6, height * depth
+    n, width, plane = len(columns), 4 * max(fours), height * depth
     one, two, three = np.uint64(1), np.uint64(2), np.uint64(3)
     total = np.zeros((4, n))
     with_slopes = op[2] >= 0 or op[3] >= 0 or op[4] >= 0
-    for block in range(fours[0] * fours[1] * fours[2]):
+    is_summed = on_line and start.max() - start.min() < np.uint64(2 * n)
+    if on_line and not is_summed:
+        for first in range(0, splines.shape[1], 3 * width):
+            for j in range(first, first + 2 * width):
+                splines[1:, j] = splines[0, j]
+    if is_summed:
+        _sum_along_line(total, with_slopes, fours, height, depth, start, splines, table)
+    for block in range(0 if is_summed else fours[0] * fours[1] * fours[2]):
         x = 4 * (block // (fours[1] * fours[2]))
         y = 4 * (block // fours[2] % fours[1])
         z = 4 * (block % fours[2])
@@ -240,6 +263,48 @@ def _sum_tensor_product(rows, columns, op, fours, height, depth, start, splines,
 
 
 @njit_cached
+def _sum_along_line(total, with_slopes, fours, height, depth, start, splines, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The same sums in the same order at points of a line along z: those along x and y once for each coefficient of the line."""
+    n, width, row, plane = len(start), 4 * max(fours), np.int64(depth), np.int64(height * depth)
+    low = np.int64(start.min())
+    length = np.int64(start.max()) - low + 4 * fours[2]
+    a, b, c, p, q = np.empty(length), np.empty(length), np.empty(length), np.empty(length), np.empty(length)
+    for block in range(fours[0] * fours[1]):
+        x, y = 4 * (block // fours[1]), 4 * (block % fours[1])
+        a[:], b[:], c[:] = 0.0, 0.0, 0.0
+        for u in range(x, x + 4):
+            p[:], q[:] = 0.0, 0.0
+            for v in range(y, y + 4):
+                line = table[low + u * plane + v * row : low + u * plane + v * row + length]
+                s = splines[0, width + v]
+                for k in range(length):
+                    p[k] += s * line[k]
+                if with_slopes:
+                    t = splines[0, 4 * width + v]
+                    for k in range(length):
+                        q[k] += t * line[k]
+            s = splines[0, u]
+            for k in range(length):
+                a[k] += s * p[k]
+            if with_slopes:
+                t = splines[0, 3 * width + u]
+                for k in range(length):
+                    b[k] += t * p[k]
+                    c[k] += s * q[k]
+        for z in range(2 * width, 2 * width + 4 * fours[2], 4):
+            for i in range(n):
+                k = np.int64(start[i]) - low + z - 2 * width
+                s0, s1, s2, s3 = splines[i, z], splines[i, z + 1], splines[i, z + 2], splines[i, z + 3]
+                total[0, i] += ((s0 * a[k] + s1 * a[k + 1]) + s2 * a[k + 2]) + s3 * a[k + 3]
+                if with_slopes:
+                    total[1, i] += ((s0 * b[k] + s1 * b[k + 1]) + s2 * b[k + 2]) + s3 * b[k + 3]
+                    total[2, i] += ((s0 * c[k] + s1 * c[k + 1]) + s2 * c[k + 2]) + s3 * c[k + 3]
+                    j = z + 3 * width
+                    s0, s1, s2, s3 = splines[i, j], splines[i, j + 1], splines[i, j + 2], splines[i, j + 3]
+                    total[3, i] += ((s0 * a[k] + s1 * a[k + 1]) + s2 * a[k + 2]) + s3 * a[k + 3]
+
+
+@njit_cached
 def _elementary(rows, n, code, d, a, b, number):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Functions of the C library, point by point."""
     for i in range(n):
@@ -269,12 +334,12 @@ def _elementary(rows, n, code, d, a, b, number):  # type: ignore[no-untyped-def]
 
 
 @njit_cached
-def run_tape(code, parameters, n_rows, x_table, y_table, z_table, ends, point_table, found):  # type: ignore[no-untyped-def]  # pragma: no cover
+def run_tape(code, parameters, tables, n_rows, x_table, y_table, z_table, ends, point_table, found):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Run the operations (m, 10) on all points of the grid of the tables' columns, into found (outputs, points).
 
     An operation is its code, the rows of up to four results, the rows of up to three operands, the place of its parameters, and
     the row of the mask of the columns at which it is needed, -1 for all. Only operations that take long look at their mask.
-    Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
+    The coefficients of splines are in `tables`. Blocks begin and end at the columns `ends` of the z table, at most BLOCK apart.
     Returns the parameter place of the first check that failed and the point, at which found[0] is the value checked; or -1, -1.
     """
     nx, ny, nz = x_table.shape[1], y_table.shape[1], z_table.shape[1]
@@ -365,9 +430,9 @@ def run_tape(code, parameters, n_rows, x_table, y_table, z_table, ends, point_ta
                 elif kind == _PIECEWISE:
                     _piecewise(rows, n, d, op[2], a, p, parameters)
                 elif kind == _TENSOR:
-                    _tensor(rows, n, op, p, parameters)
+                    _tensor(rows, n, op, p, parameters, tables)
                 elif kind == _PERIODIC_SPLINE:
-                    _periodic_spline(rows, n, op, p, parameters)
+                    _periodic_spline(rows, n, op, p, parameters, tables)
                 elif kind == _CHECK:
                     low, high = parameters[p], parameters[p + 1]
                     for i in range(n):

@@ -39,6 +39,14 @@ class Region:
     known: dict[Any, Node] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class SplineNumbers:
+    """The numbers of a spline, and its coefficients (l, m, n), which may be many: they are known by their identity."""
+
+    head: Array
+    coefficients: Array
+
+
 class Node:
     """A number at every point: the result of an operation on other nodes."""
 
@@ -343,16 +351,15 @@ def tensor_spline(
     knots: Sequence[Array], degrees: Sequence[int], coefficients: Array, nodes: tuple[Node, Node, Node]
 ) -> Node:
     """The tensor-product B-spline of coefficients (l, m, n) on knot vectors; the nodes lie within the knots."""
-    numbers = np.concatenate([degrees, coefficients.shape, *knots, coefficients.ravel()])
-    return nodes[0].recorder.record("tensor", nodes, numbers)
+    head = np.concatenate([degrees, coefficients.shape, *knots])
+    return nodes[0].recorder.record("tensor", nodes, SplineNumbers(head, coefficients))
 
 
 def periodic_spline(coefficients: Array, period: Sequence[float], nodes: tuple[Node, Node, Node]) -> Node:
     """The cubic B-spline on a uniform periodic grid: coefficient (i, j, k) of (l, m, n) is at (i / l, j / m, k / n) periods."""
     counts = np.array(coefficients.shape)
-    table = np.pad(coefficients, (1, 2), mode="wrap")
-    numbers = np.concatenate([counts, counts / np.array(period), table.ravel()])
-    return nodes[0].recorder.record("periodic_spline", nodes, numbers)
+    head = np.concatenate([counts, counts / np.array(period)])
+    return nodes[0].recorder.record("periodic_spline", nodes, SplineNumbers(head, coefficients))
 
 
 ELEMENTARY_FUNCTIONS = frozenset({"tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "exp", "log"})
@@ -365,4 +372,6 @@ def read_number(value: Node | float) -> float | None:
 
 
 def _hashable(numbers: Any) -> Any:
+    if isinstance(numbers, SplineNumbers):
+        return numbers.head.tobytes(), id(numbers.coefficients)
     return numbers.tobytes() if isinstance(numbers, np.ndarray) else numbers

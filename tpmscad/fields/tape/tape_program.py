@@ -10,7 +10,7 @@ import numpy as np
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.fields.tape.tape_interpreter import CODES
-from tpmscad.fields.tape.tape_nodes import Node, Region, find_ancestors, resolve_alias
+from tpmscad.fields.tape.tape_nodes import Node, Region, SplineNumbers, find_ancestors, resolve_alias
 from tpmscad.splines.basis import span_polynomials
 
 MAX_OUTPUTS, MAX_OPERANDS = 4, 3
@@ -22,15 +22,16 @@ RESULTS_WRITTEN = {"sine_cosine": 2}
 """Results that an operation writes, wanted or not."""
 
 Source = tuple[int, int]
-"""Where a loaded node comes from: the table (`tape_kernel.LOAD_X`, ...) and its row."""
+"""Where a loaded node comes from: the table (`tape_interpreter.LOAD_X`, ...) and its row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Program:
-    """Operations (m, 10), their parameters, the number of rows, and the number of the refusal of each check by its parameters."""
+    """Operations (m, 10), their parameters and tables, the number of rows, and the refusal of each check by its parameters."""
 
     code: IntArray
     parameters: Array
+    tables: Array
     n_rows: int
     refusals: Mapping[int, int]
 
@@ -100,10 +101,10 @@ def _group_results(nodes: Sequence[Node], guarded: bool) -> list[_Step]:
     return steps
 
 
-def _lay_out_tensor(numbers: Array) -> Array:
-    """The degrees, numbers of coefficients, knots and coefficients of a spline in the layout that the interpreter reads."""
-    degrees, counts = numbers[:3].astype(int), numbers[3:6].astype(int)
-    *knots, coefficients = np.split(numbers[6:], np.cumsum(degrees + counts + 1))
+def _lay_out_tensor(head: Array, coefficients: Array) -> tuple[Array, Array]:
+    """The degrees, numbers of coefficients and knots, and the table of a spline, in the layout that the interpreter reads."""
+    degrees, counts = head[:3].astype(int), head[3:6].astype(int)
+    knots = np.split(head[6:], np.cumsum(degrees + counts + 1)[:2])
     orders = 4 * np.ceil((degrees + 1) / 4).astype(int)
     spare = orders - degrees - 1
     axes = []
@@ -112,8 +113,8 @@ def _lay_out_tensor(numbers: Array) -> Array:
         spans = len(polynomials)
         table = np.pad(np.swapaxes(polynomials, 1, 2), ((0, 0), (zeros, 0), (0, zeros)))
         axes += [[spans], ends, [spans / (ends[-1] - ends[0])], table.ravel()]
-    table = np.pad(coefficients.reshape(counts), [(0, zeros) for zeros in spare])
-    return np.concatenate([orders, table.shape, *axes, table.ravel()])
+    table = np.pad(coefficients, [(0, zeros) for zeros in spare]) if spare.any() else coefficients
+    return np.concatenate([orders, table.shape, *axes]), table
 
 
 class _Writer:
@@ -123,6 +124,7 @@ class _Writer:
         self.code: list[list[int]] = []
         self.parameters: list[Array] = [np.zeros(1)]
         self.n_parameters = 1
+        self.tables: list[Array] = []
         self.n_rows = 0
         self.free: list[int] = []
         self.row_of: dict[int, int] = {}
@@ -168,11 +170,22 @@ class _Writer:
         for k in spare:
             results[k] = self.n_rows
             self.n_rows += 1
-        numbers = _lay_out_tensor(node.numbers) if node.name == "tensor" else node.numbers
+        numbers = self.lay_out_spline(node) if isinstance(node.numbers, SplineNumbers) else node.numbers
         self.write(node.name, results, operands, numbers, step.region)
         self.free += [results[k] for k in spare]
         if node.name == "check":
             self.refusals[self.code[-1][PLACE]] = int(node.numbers[2])
+
+    def lay_out_spline(self, node: Node) -> Array:
+        """The parameters of a spline, whose table is appended to those of the program."""
+        head, table = node.numbers.head, node.numbers.coefficients
+        if node.name == "tensor":
+            head, table = _lay_out_tensor(head, table)
+        else:
+            table = np.pad(table, (1, 2), mode="wrap")
+        place = sum(each.size for each in self.tables)
+        self.tables.append(table.reshape(-1))
+        return np.concatenate([[place], head])
 
     def mask_row(self, region: Region) -> int:
         """The row of a region's mask."""
@@ -194,4 +207,6 @@ class _Writer:
     def finish(self) -> Program:
         """The program written."""
         code = np.array(self.code, np.int64).reshape(-1, PLACE + 2)
-        return Program(code, np.concatenate(self.parameters), self.n_rows, self.refusals)
+        tables = self.tables[0] if len(self.tables) == 1 else np.concatenate([np.zeros(0), *self.tables])
+        writable = tables if tables.flags.writeable else tables.copy()  # compiled loops tell arrays apart by it
+        return Program(code, np.concatenate(self.parameters), writable, self.n_rows, self.refusals)

@@ -19,6 +19,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse, Plane, Quadric
+from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, ImportedEdge, ImportedFace, ImportedUse
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import axis_frame
@@ -27,7 +28,6 @@ from tpmscad.kernel.recognise.edge_curves import (
     REFIT_SAMPLES,
     UnsupportedFace,
     fit_intersection_curve,
-    nearest_parameter,
     project_to_carriers,
     recognise_line_or_circle,
 )
@@ -128,7 +128,10 @@ def _exact_edge(
     tol = EXACT_REL_TOL * size
     curve = _occt_conic(adaptor)
     if curve is not None:
-        span = nearest_parameter(curve, start, low), nearest_parameter(curve, end, high)
+        span = (
+            float(project_to_curve(curve, (low, low), start[None])[0][0]),
+            float(project_to_curve(curve, (high, high), end[None])[0][0]),
+        )
         if _max_distance(curve(np.linspace(*span, CHECK_SAMPLES)), carriers) <= tol:
             if isinstance(curve, Circle | Ellipse):
                 return curve, span

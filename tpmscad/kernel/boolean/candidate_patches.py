@@ -11,12 +11,11 @@ from OCP.BRep import BRep_Tool
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_IN
 from OCP.TopoDS import TopoDS_Solid
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep, spline_faces
+from tpmscad.brep.linked_items import label_sharing
 from tpmscad.kernel.measure.shape_sampling import sample_edge, sample_faces
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -98,10 +97,7 @@ def _classify_far_patches(patches: Brep, near: BoolArray, solid: TopoDS_Solid) -
     """
     n, uses, face = len(patches.faces), patches.uses, patches.face_of_use
     far = ~near[face]
-    links = coo_array(
-        (np.ones(int(far.sum()), bool), (face[far], n + uses.edge[far])), shape=(n + len(patches.edges),) * 2
-    )
-    label = connected_components(links, directed=False)[1][:n]
+    label = label_sharing(n, face[far], uses.edge[far])
     first_use = patches.faces.use_start[patches.faces.loop_start[:-1]]
     vertex = patches.edges.start[uses.edge[first_use]]
     classifier = BRepClass3d_SolidClassifier(solid)

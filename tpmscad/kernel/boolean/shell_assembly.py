@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.TopoDS import TopoDS_Face, TopoDS_Solid
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import IntArray
+from tpmscad.brep.linked_items import label_sharing
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.boolean_operations import estimate_volume
 from tpmscad.kernel.build.solids import shell_contains
@@ -41,9 +40,7 @@ def face_components(uses: FaceEdgeUses, barrier: set[int] | frozenset[int] = fro
     pairs = np.array([(f, e) for f, own in enumerate(uses) for e, _ in own if e not in barrier], np.int64).reshape(
         -1, 2
     )
-    n = len(uses) + 1 + int(pairs[:, 1].max(initial=-1))
-    links = coo_array((np.ones(len(pairs), bool), (pairs[:, 0], len(uses) + pairs[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(links, directed=False)[1][: len(uses)])
+    return label_sharing(len(uses), pairs[:, 0], pairs[:, 1])
 
 
 def assemble_solids(faces: Sequence[TopoDS_Face]) -> tuple[tuple[TopoDS_Solid, ...], float]:

@@ -17,10 +17,9 @@ from OCP.BRepBuilderAPI import BRepBuilderAPI_Copy
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.TopLoc import TopLoc_Location
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import may_use_threads
@@ -181,12 +180,8 @@ def _weld_solid(solid: Any) -> ParametricMesh | None:
         segments.append(_find_segments(outward, np.concatenate(ends), np.concatenate(numbers), len(local)))
         owners.append(np.full(len(triples), number))
         count += len(local)
-    one = np.concatenate([np.asarray(a) for a, _ in same])
-    two = np.concatenate([np.asarray(b) for _, b in same])
-    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(count, count))
-    n, label = connected_components(graph, directed=False)
-    label = label.astype(np.int64)
-    welded = np.empty((n, 3))
+    label = label_linked(count, np.concatenate([np.column_stack(pairs) for pairs in same]))
+    welded = np.empty((1 + int(label.max()), 3))
     welded[label] = np.concatenate(points)
     sizes = [len(nodes) - 1 for _, nodes, _ in lines]
     side_ends, at = (

@@ -23,11 +23,10 @@ from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Vec
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from OCP.TopAbs import TopAbs_ON
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
@@ -120,10 +119,8 @@ def find_creases(faces: Sequence[TopoDS_Face], spacing: float) -> Creases:
             sharp.append((points[turned], np.stack([first, second], axis=1)[turned], i, j))
         else:
             smooth.append((i, j))
-    one, two = np.transpose(smooth)
-    graph = coo_matrix((np.ones(len(one)), (one, two)), shape=(len(faces), len(faces)))
     return Creases(
-        connected_components(graph, directed=False)[1].astype(np.int64),
+        label_linked(len(faces), np.array(smooth)),
         np.concatenate([points for points, *_ in sharp]),
         np.concatenate([np.tile([i, j], (len(points), 1)) for points, _, i, j in sharp]),
         np.concatenate([normals for _, normals, *_ in sharp]),

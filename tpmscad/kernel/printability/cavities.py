@@ -15,11 +15,10 @@ from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.TopAbs import TopAbs_IN
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shell, TopoDS_Solid
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.local_thickness import shrink_tangent_balls
 from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.measure.shape_sampling import sample_faces
@@ -65,10 +64,10 @@ def _closed_surfaces(solid: TopoDS_Solid) -> list[list[TopoDS_Face]]:
     faces = faces_of(solid)
     first: dict[ShapeKey, int] = {}
     links = [(i, first.setdefault(ShapeKey(edge), i)) for i, face in enumerate(faces) for edge in edges_of(face)]
-    one, two = np.transpose(links)
-    graph = coo_matrix((np.ones(len(one), bool), (one, two)), shape=(len(faces), len(faces)))
-    count, label = connected_components(graph, directed=False)
-    return [[face for face, own in zip(faces, label.tolist(), strict=True) if own == i] for i in range(count)]
+    surfaces: dict[int, list[TopoDS_Face]] = {}
+    for face, label in zip(faces, label_linked(len(faces), np.array(links)).tolist(), strict=True):
+        surfaces.setdefault(label, []).append(face)
+    return list(surfaces.values())
 
 
 class _Region:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from tpmscad._typing import Array
-from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Ellipse, Plane, Quadric, SphericalSurface
-from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.carriers import Circle, ConicalSurface, EdgeCurve, Plane, Quadric, SphericalSurface
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, line_segment
 from tpmscad.splines.quadrature import gauss_legendre
@@ -258,15 +257,3 @@ def recognise_line_or_circle(points: Array, tol: float) -> tuple[EdgeCurve, tupl
         return None
     angle = np.unwrap(np.arctan2(out @ circle.y_axis, out @ circle.x_axis))
     return (circle, (0.0, float(angle[-1]))) if (np.diff(angle) > 0).all() else None
-
-
-def nearest_parameter(curve: EdgeCurve, point: Array, guess: float) -> float:
-    """Parameter close to `guess` at which the curve is closest to a nearby point."""
-    if isinstance(curve, BSplineCurve):
-        slope = curve(guess, 1)
-        return guess + float((point - curve(guess)) @ slope / (slope @ slope))
-    x, y = (point - curve.origin) @ curve.x_axis, (point - curve.origin) @ curve.y_axis
-    if isinstance(curve, Ellipse):
-        x, y = x / curve.major, y / curve.minor
-    angle = float(np.arctan2(y, x))
-    return angle + TWO_PI * round((guess - angle) / TWO_PI)

@@ -23,6 +23,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.carriers import Plane
+from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, orientation_sign
 from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.splines.bspline import BSplineSurface
@@ -141,10 +142,6 @@ def label_shape_faces(shape: Any, patches: Brep, outer: str = "body") -> tuple[s
 NODES_PER_DIRECTION = 7
 """Nodes of every patch along u and v from which the foot point of a point is sought."""
 
-FOOT_POINT_STEPS = 8
-DAMPING = 1e-9
-"""Relative damping of the steps, for patches with a corner where their sides are tangent."""
-
 ON_PATCH_REL_TOL = 1e-6
 """In sizes of the largest patch: distance at which a point lies on a patch."""
 
@@ -168,22 +165,7 @@ def find_patch_tags(patches: Brep, points: Array) -> list[str | None]:
     near = np.full(len(points), False)
     for index in np.unique(faces.carrier[face]).tolist():
         at = np.flatnonzero(faces.carrier[face] == index)
-        local = faces.motion[face[at]].apply_inverse(points[at])
-        near[at] = _distances(patches.carriers[index], local, start[at]) < ON_PATCH_REL_TOL * size
+        patch, local = patches.carriers[index], faces.motion[face[at]].apply_inverse(points[at])
+        assert isinstance(patch, BSplineSurface)
+        near[at] = project_to_patch(patch, local, *start[at].T)[0] < ON_PATCH_REL_TOL * size
     return [patches.tags[int(faces.tag[f])] if on else None for f, on in zip(face, near, strict=True)]
-
-
-def _distances(surface: Any, points: Array, start: Array) -> Array:
-    """Distances (n,) of points (n, 3) from a B-spline surface, by Gauss-Newton steps from parameters (n, 2) inside its domain."""
-    assert isinstance(surface, BSplineSurface)
-    low, high = np.transpose(surface.domain)
-    uv = start
-    for _ in range(FOOT_POINT_STEPS):
-        u, v = uv.T
-        off = points - surface(u, v)
-        slopes = np.stack([surface(u, v, 1, 0), surface(u, v, 0, 1)], axis=2)
-        normal = np.einsum("nki,nkj->nij", slopes, slopes)
-        normal += DAMPING * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(2)
-        step = np.linalg.solve(normal, np.einsum("nki,nk->ni", slopes, off)[..., None])[..., 0]
-        uv = np.clip(uv + step, low, high)
-    return np.linalg.norm(points - surface(*uv.T), axis=1)

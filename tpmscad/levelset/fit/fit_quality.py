@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension
-from tpmscad.levelset.fit.foot_points import foot_point_distances
+from tpmscad.levelset.fit.foot_points import foot_point_distances, least_foot_distances
 from tpmscad.levelset.fit.network_fit import ITEMS_PER_TASK, NetworkFit
 from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples
 from tpmscad.levelset.quadmesh.patch_network import WHOLE, PatchNetwork
@@ -47,9 +47,6 @@ samples may all belong to the neighbouring patch."""
 
 TREE_LEAF_SAMPLES = 32
 """Patch samples in a leaf of the tree in which the nearest ones are found."""
-
-RETRY_FRACTION = 0.5
-"""Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,19 +196,19 @@ def measure_distances_to_patches(fit: NetworkFit, points: Array, tol: float) -> 
     u, v = (np.tile(g.ravel(), len(fit.patches)) for g in np.meshgrid(t, t, indexing="ij"))
     # the samples are searched once: a tree that is built three times faster is worth more than one that is searched faster
     tree = cKDTree(np.concatenate(samples), leafsize=TREE_LEAF_SAMPLES, compact_nodes=False, balanced_tree=False)
-    best = np.full(len(points), np.inf)
-    for count in NEAREST_SAMPLES:
-        chosen = np.flatnonzero(best > RETRY_FRACTION * tol)
-        if not len(chosen):
-            break
-        _, nearest = tree.query(points[chosen], k=count)
-        for start in nearest.T:
-            for k, poles in enumerate(poles_of_group):
-                rows = np.flatnonzero(group[patch[start]] == k)
-                at = start[rows]
-                distance = foot_point_distances(poles, row[patch[at]], points[chosen[rows]], u[at], v[at])
-                best[chosen[rows]] = np.minimum(best[chosen[rows]], distance)
-    return best
+
+    def measure(chosen: IntArray, start: IntArray) -> Array:
+        distance = np.empty(len(chosen))
+        for k, poles in enumerate(poles_of_group):
+            rows = np.flatnonzero(group[patch[start]] == k)
+            at = start[rows]
+            distance[rows] = foot_point_distances(poles, row[patch[at]], points[chosen[rows]], u[at], v[at])
+        return distance
+
+    def nearest(chosen: IntArray, k: int) -> IntArray:
+        return np.asarray(tree.query(points[chosen], k=k)[1])
+
+    return least_foot_distances(len(points), tol, NEAREST_SAMPLES, nearest, measure)
 
 
 def _empty_samples(count: int) -> PatchSamples:

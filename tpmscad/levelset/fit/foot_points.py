@@ -6,6 +6,8 @@ and the other takes its own best step.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
@@ -19,6 +21,33 @@ REST_STEP = 1e-7
 
 LEAST_DIVISOR = 1e-300
 """Least divisor of a step: a derivative of length zero moves nothing."""
+
+
+RETRY_FRACTION = 0.5
+"""Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
+
+
+def least_foot_distances(
+    count: int,
+    tol: float,
+    starts: Sequence[int],
+    nearest: Callable[[IntArray, int], IntArray],
+    measure: Callable[[IntArray, IntArray], Array],
+) -> Array:
+    """Distances (count,) of points from the patches near them, exact where they are below half of `tol`.
+
+    `starts`: from how many samples of the patches a foot point is sought, first try and retry. `nearest(points, k)` numbers the k
+    samples (n, k) that are nearest to points of these numbers (n,), and `measure(points, samples)` gives the distances (n,) to
+    the foot points that are found from one sample for each point.
+    """
+    best = np.full(count, np.inf)
+    for number in starts:
+        chosen = np.flatnonzero(best > RETRY_FRACTION * tol)
+        if not len(chosen):
+            break
+        for samples in nearest(chosen, number).T:
+            best[chosen] = np.minimum(best[chosen], measure(chosen, samples))
+    return best
 
 
 def foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array, v: Array) -> Array:

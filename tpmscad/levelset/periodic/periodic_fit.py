@@ -1,6 +1,6 @@
 """Bezier patches of a periodic level set, or of its normal offset: one patch of each orbit, fitted and measured.
 
-The patches lie over the polygons of a `TorusMesh`. All curves and patches have one degree, the lowest at which every patch is
+The patches lie over the polygons of a `PeriodicMesh`. All curves and patches have one degree, the lowest at which every patch is
 within the tolerance. Curves, the normals along them, and patches that an isometry maps to themselves are given that symmetry to
 the last bits, so that copies meet to round-off. Conditions of tangent continuity (`fit.joint_normals`) hold for means of patches
 that meet them, and the isometries keep the gradient's side, so that a normal moves with its curve.
@@ -18,11 +18,11 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.levelset.fit.fit_quality import PatchSamples, sample_patches
-from tpmscad.levelset.fit.foot_points import foot_point_distances
+from tpmscad.levelset.fit.foot_points import foot_point_distances, least_foot_distances
 from tpmscad.levelset.fit.joint_normals import EndShapes, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.network_fit import fit_patches
-from tpmscad.levelset.periodic.periodic_mesh import TorusMesh
+from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh
 from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
@@ -41,8 +41,9 @@ NEAREST_PATCHES = (4, 24)
 """Samples along each parameter of the patches, and the numbers of those nearest to a point from which its foot point is sought,
 first try and retry."""
 
-RETRY_FRACTION = 0.5
-"""Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
+SAME_PLACE_TOL = 1e-6
+"""Distance, in the least period, within which images of a curve or patch by isometries are the same one, and relative difference
+of the squares of their lengths: far above the round-off of a fit, far below a side."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +54,7 @@ class PeriodicFit:
     representatives, `min_normal_cosine` that of any patch. `met` says whether all limits hold.
     """
 
-    mesh: TorusMesh
+    mesh: PeriodicMesh
     poles: Array
     deviation: Deviation
     tangent_jump_deg: Array
@@ -80,8 +81,8 @@ class _Sides:
     sense: IntArray
 
 
-def fit_torus(
-    field: Field, mesh: TorusMesh, isometries: Motion, offset: float, samples: Array, tol: float
+def fit_periodic_patches(
+    field: Field, mesh: PeriodicMesh, isometries: Motion, offset: float, samples: Array, tol: float
 ) -> PeriodicFit:
     """The patches of the surface at the normal `offset` from {field = 0}, with the lowest degree that meets `tol`.
 
@@ -116,7 +117,7 @@ def offset_points(field: Field, points: Array, offset: float) -> Array:
     return np.asarray(points + offset * normalize(field.gradient(points)))
 
 
-def _reduce_sides(mesh: TorusMesh, isometries: Motion) -> _Sides:
+def _reduce_sides(mesh: PeriodicMesh, isometries: Motion) -> _Sides:
     """One curve for each orbit of sides, found by the middles of the sides' chords and the direction of the sides."""
     polygons = np.arange(len(mesh.corners))
     points = mesh.corner_points(polygons)
@@ -125,7 +126,7 @@ def _reduce_sides(mesh: TorusMesh, isometries: Motion) -> _Sides:
     period = mesh.period
     reduced = np.mod(middle, period)
     tree = cKDTree(np.minimum(reduced, np.nextafter(period, 0)), boxsize=period)
-    tolerance = 1e-6 * float(period.min())
+    tolerance = SAME_PLACE_TOL * float(period.min())
     n = len(middle)
     curve, sense = np.full(n, -1), np.zeros(n, np.int64)
     rotation, translation = np.zeros((n, 3, 3)), np.zeros((n, 3))
@@ -142,7 +143,7 @@ def _reduce_sides(mesh: TorusMesh, isometries: Motion) -> _Sides:
                 if curve[j] >= 0:
                     continue
                 along = float(directions[g] @ chord[j])
-                if abs(abs(along) - float(chord[k] @ chord[k])) > 1e-6 * float(chord[k] @ chord[k]):
+                if abs(abs(along) - float(chord[k] @ chord[k])) > SAME_PLACE_TOL * float(chord[k] @ chord[k]):
                     continue
                 curve[j], sense[j] = len(ends), 1 if along > 0 else -1
                 rotation[j] = isometries.rotation[g]
@@ -158,7 +159,7 @@ def _reduce_sides(mesh: TorusMesh, isometries: Motion) -> _Sides:
 
 
 def _fit_poles(
-    distance: Field, field: Field, mesh: TorusMesh, isometries: Motion, sides: _Sides, offset: float, degree: int
+    distance: Field, field: Field, mesh: PeriodicMesh, isometries: Motion, sides: _Sides, offset: float, degree: int
 ) -> Array:
     """Poles of the patches over the representatives of the mesh."""
     ends = offset_points(field, sides.ends, offset)
@@ -181,7 +182,7 @@ def _fit_poles(
 
 def _symmetrise_curves(curves: Array, normals: Array, isometries: Motion, period: Array) -> tuple[Array, Array]:
     """Curves and normals along them (C, p + 1, 3) averaged over the isometries that map a curve to itself, either way round."""
-    tolerance = 1e-6 * float(period.min())
+    tolerance = SAME_PLACE_TOL * float(period.min())
     result = np.zeros((2, *curves.shape))
     for k, (poles, vectors) in enumerate(zip(curves, normals, strict=True)):
         count = 0
@@ -200,7 +201,7 @@ def _symmetrise_curves(curves: Array, normals: Array, isometries: Motion, period
 
 def _symmetrise_patches(patches: Array, isometries: Motion, period: Array) -> Array:
     """Patches (P, p + 1, p + 1, 3) averaged over the isometries that map them to themselves."""
-    tolerance = 1e-6 * float(period.min())
+    tolerance = SAME_PLACE_TOL * float(period.min())
     corner = ([0, -1, -1, 0], [0, 0, -1, -1])
     result = np.zeros(patches.shape)
     for k, poles in enumerate(patches):
@@ -225,7 +226,7 @@ def _symmetrise_patches(patches: Array, isometries: Motion, period: Array) -> Ar
 def _measure(
     distance: Field,
     field: Field,
-    mesh: TorusMesh,
+    mesh: PeriodicMesh,
     sides: _Sides,
     poles: Array,
     offset: float,
@@ -243,7 +244,7 @@ def _measure(
     return PeriodicFit(mesh, poles, Deviation(max(forth, back), rms, forth, back), jump, cosine, met)
 
 
-def _tangent_jumps(mesh: TorusMesh, sides: _Sides, quality: PatchSamples) -> Array:
+def _tangent_jumps(mesh: PeriodicMesh, sides: _Sides, quality: PatchSamples) -> Array:
     """Greatest angle in degrees (n,) between the normals along every side of the representatives."""
     row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
     motion = mesh.polygon_motion
@@ -253,7 +254,7 @@ def _tangent_jumps(mesh: TorusMesh, sides: _Sides, quality: PatchSamples) -> Arr
     points = mesh.corner_points(polygons)
     middle = ((points + np.roll(points, -1, axis=1)) / 2).reshape(-1, 3)
     wrapped = np.minimum(np.mod(middle, period), np.nextafter(period, 0))
-    pairs = cKDTree(wrapped, boxsize=period).query_pairs(1e-6 * float(period.min()), output_type="ndarray")
+    pairs = cKDTree(wrapped, boxsize=period).query_pairs(SAME_PLACE_TOL * float(period.min()), output_type="ndarray")
     of_representative = np.isin(pairs // 4, mesh.representatives).any(axis=1)
     pairs = pairs[of_representative]
     normals = []
@@ -269,7 +270,7 @@ def _tangent_jumps(mesh: TorusMesh, sides: _Sides, quality: PatchSamples) -> Arr
     return np.asarray(np.degrees(np.arccos(np.minimum(cosine, 1.0))).max(axis=1))
 
 
-def distances_to_copies(mesh: TorusMesh, poles: Array, points: Array, tol: float) -> Array:
+def distances_to_copies(mesh: PeriodicMesh, poles: Array, points: Array, tol: float) -> Array:
     """Distances (n,) from points (n, 3) to the nearest of all copies of the patches, exact where they are below half of `tol`."""
     period = mesh.period
     t = np.linspace(0.0, 1.0, SAMPLES_PER_SIDE)
@@ -282,15 +283,14 @@ def distances_to_copies(mesh: TorusMesh, poles: Array, points: Array, tol: float
     tree = cKDTree(np.minimum(np.mod(flat, period), np.nextafter(period, 0)), boxsize=period)
     wrapped = np.minimum(np.mod(points, period), np.nextafter(period, 0))
     u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
-    best = np.full(len(points), np.inf)
-    for count in NEAREST_PATCHES:
-        chosen = np.flatnonzero(best > RETRY_FRACTION * tol)
-        if not len(chosen):
-            break
-        for at in tree.query(wrapped[chosen], k=count)[1].T:
-            polygon, sample = at // len(u), at % len(u)
-            near = points[chosen] - np.rint((points[chosen] - flat[at]) / period) * period
-            local = mesh.polygon_motion[polygon].apply_inverse(near)
-            found = foot_point_distances(poles, row[polygon], local, u[sample], v[sample])
-            best[chosen] = np.minimum(best[chosen], found)
-    return best
+
+    def measure(chosen: IntArray, at: IntArray) -> Array:
+        polygon, sample = at // len(u), at % len(u)
+        near = points[chosen] - np.rint((points[chosen] - flat[at]) / period) * period
+        local = mesh.polygon_motion[polygon].apply_inverse(near)
+        return foot_point_distances(poles, row[polygon], local, u[sample], v[sample])
+
+    def nearest(chosen: IntArray, k: int) -> IntArray:
+        return np.asarray(tree.query(wrapped[chosen], k=k)[1])
+
+    return least_foot_distances(len(points), tol, NEAREST_PATCHES, nearest, measure)

@@ -17,10 +17,10 @@ from tpmscad.errors import LevelSetError
 from tpmscad.fields.analysis.isometries import find_isometries
 from tpmscad.fields.field import Field
 from tpmscad.levelset.boundary_level_sets import sample_level_set
-from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_torus, is_better_fit
+from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_periodic_patches, is_better_fit
 from tpmscad.levelset.periodic.periodic_mesh import (
-    TorusMesh,
-    build_torus_mesh,
+    PeriodicMesh,
+    build_periodic_mesh,
     count_euler_characteristic,
     min_corner_sine,
 )
@@ -49,6 +49,7 @@ CURVATURE_STEP_PERIODS = 1e-4
 """Step of the differences for curvatures, in the least period."""
 
 CACHE_SIZE = 32
+"""Layouts and fits kept: those of the catalogue's surfaces at a few offsets each."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +62,7 @@ class PeriodicLayout:
     field: Field
     grid: tuple[int, float]
     isometries: Motion
-    mesh: TorusMesh
+    mesh: PeriodicMesh
     samples: Array
 
 
@@ -86,7 +87,7 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
     periods = field.periods()
     assert periods is not None
     period = np.array(periods)
-    best: tuple[float, TorusMesh, Motion, tuple[int, float]] | None = None
+    best: tuple[float, PeriodicMesh, Motion, tuple[int, float]] | None = None
     expected: int | None = None
     first = () if first_grid is None else (first_grid,)
     for number, (count, origin) in enumerate((*first, *product(LEAVES_PER_PERIOD, ORIGINS))):
@@ -94,7 +95,7 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
         if len(kept) < len(isometries) // 2:
             continue
         try:
-            mesh = build_torus_mesh(field, kept, np.full(3, count), origin / count * period)
+            mesh = build_periodic_mesh(field, kept, np.full(3, count), origin / count * period)
         except LevelSetError:
             continue
         if number >= len(first):
@@ -142,7 +143,7 @@ def fit_periodic_offset(
         first_grid = count + FINER_BY_LEAVES, origin
         if best is not None and _count_vertices_less_faces(layout.mesh) != _count_vertices_less_faces(best.mesh):
             continue
-        fit = fit_torus(field, layout.mesh, layout.isometries, offset, layout.samples, tol)
+        fit = fit_periodic_patches(field, layout.mesh, layout.isometries, offset, layout.samples, tol)
         if best is None or is_better_fit(fit, best):
             best = fit
         if best.met:
@@ -175,7 +176,7 @@ def place_copies_in_box(fit: PeriodicFit, low: Array, high: Array, touch_tol: fl
     return PlacedPatches(patch, motion, motion.handedness)
 
 
-def _count_vertices_less_faces(mesh: TorusMesh) -> int:
+def _count_vertices_less_faces(mesh: PeriodicMesh) -> int:
     """The Euler characteristic of a closed mesh of quadrilaterals, which has twice as many sides as faces."""
     return len(mesh.vertices) - len(mesh.corners)
 

@@ -11,17 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.brep.welding import cluster_points
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, WEIGHT_POWER, fit_regular_polygons
+from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
 from tpmscad.levelset.quadmesh.smoothing_steps import MAX_MOVE_FRACTION
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, length, normalize, roll_next, sines_between_sides
 from tpmscad.rigid_motion import Motion
@@ -48,7 +48,7 @@ MAX_NEWTON_STEPS = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class TorusMesh:
+class PeriodicMesh:
     """A quadrilateral mesh of a level set modulo the periods (3,) of its field, with its symmetry.
 
     Vertex v lies at vertices[v] + k * period for all whole k. Corner i of polygon q is vertex corners[q, i] in the period
@@ -83,7 +83,7 @@ class _Quotient:
     corner_period: IntArray
 
 
-def build_torus_mesh(field: Field, isometries: Motion, n_leaves: IntArray, origin: Array) -> TorusMesh:
+def build_periodic_mesh(field: Field, isometries: Motion, n_leaves: IntArray, origin: Array) -> PeriodicMesh:
     """The mesh of {field = 0} on a uniform grid of `n_leaves` (3,) to a period, with a node at `origin` (3,).
 
     LevelSetError if the grid is too coarse, or if the isometries do not map the mesh to itself.
@@ -97,7 +97,7 @@ def build_torus_mesh(field: Field, isometries: Motion, n_leaves: IntArray, origi
     return mesh
 
 
-def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> TorusMesh:
+def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> PeriodicMesh:
     """The mesh of a quotient, its representatives smoothed and all others placed."""
     _check_closed(quotient)
     vertex_image, vertex_period = _match_images(quotient.start, isometries, quotient.period)
@@ -113,16 +113,16 @@ def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> 
     corners, corner_period = _locate(images, vertices, quotient.period)
     if not np.array_equal(np.sort(corners, axis=1), np.sort(quotient.corners, axis=1)):
         raise LevelSetError("the mesh of a period does not have the symmetry of its field: use a finer grid")
-    return TorusMesh(quotient.period, vertices, corners, corner_period, origin_of, motion)
+    return PeriodicMesh(quotient.period, vertices, corners, corner_period, origin_of, motion)
 
 
 def count_euler_characteristic(field: Field, n_leaves: IntArray, origin: Array) -> int:
-    """Euler characteristic of {field = 0} in one period, on a grid as in `build_torus_mesh`."""
+    """Euler characteristic of {field = 0} in one period, on a grid as in `build_periodic_mesh`."""
     quotient = _reduce_dual_mesh(field, n_leaves, origin)
     return len(quotient.start) - len(quotient.corners)  # every side belongs to two of the quadrilaterals
 
 
-def min_corner_sine(mesh: TorusMesh, field: Field) -> float:
+def min_corner_sine(mesh: PeriodicMesh, field: Field) -> float:
     """Least signed sine of a corner angle of the mesh; negative if a polygon is folded."""
     polygons = mesh.representatives
     points = mesh.corner_points(polygons)
@@ -159,7 +159,7 @@ def _weld_polygons(points: Array, period: Array, origin: Array) -> _Quotient:
     return _Quotient(period, reduced.reshape(-1, 3)[first], corners, cell)
 
 
-def _select_strips(mesh: TorusMesh, field: Field) -> BoolArray:
+def _select_strips(mesh: PeriodicMesh, field: Field) -> BoolArray:
     """Sides (Q, 4) to be split: of the strips with a side along which the normal turns too far, the one with fewest polygons.
 
     A strip passes from each side of a polygon to the opposite one; its images by the isometries belong to it.
@@ -179,14 +179,12 @@ def _select_strips(mesh: TorusMesh, field: Field) -> BoolArray:
             np.column_stack([opposite[:, :2].ravel(), opposite[:, 2:].ravel()]),
         ]
     )
-    size = n_nodes + int(side.max()) + 1
-    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(size, size))
-    strip = connected_components(graph, directed=False)[1][node].reshape(-1, 4)
+    strip = label_linked(n_nodes + int(side.max()) + 1, links)[node].reshape(-1, 4)
     bad = np.unique(strip[cosine < MIN_SIDE_COSINE])
     return min((strip == number for number in bad), key=np.count_nonzero, default=np.zeros(strip.shape, bool))
 
 
-def _wrapped_middles(mesh: TorusMesh, polygons: IntArray) -> Array:
+def _wrapped_middles(mesh: PeriodicMesh, polygons: IntArray) -> Array:
     """Middles (4 n, 3) of the chords of all sides, moved into one period so that equal ones are near each other."""
     points = mesh.corner_points(polygons)
     middle = ((points + np.roll(points, -1, axis=1)) / 2).reshape(-1, 3)
@@ -194,7 +192,7 @@ def _wrapped_middles(mesh: TorusMesh, polygons: IntArray) -> Array:
     return np.asarray(middle - np.floor((middle + tolerance) / mesh.period) * mesh.period)
 
 
-def _split_strips(mesh: TorusMesh, split: BoolArray) -> _Quotient:
+def _split_strips(mesh: PeriodicMesh, split: BoolArray) -> _Quotient:
     """The mesh with the polygons at split sides (Q, 4) halved or quartered across them."""
     points = mesh.corner_points(np.arange(len(mesh.corners)))
     mirrored = mesh.polygon_motion.handedness < 0
@@ -280,17 +278,10 @@ def _smooth(
     centre = np.searchsorted(chosen, ring[:, 0])
     leaf = float(np.cbrt(np.prod(period) / max(1, len(quotient.start)))) if not len(ring) else _mean_side(quotient)
     points = quotient.start[chosen]
+    free = np.zeros(points.shape, bool)
 
     def project(points: Array, steps: int) -> tuple[Array, Array]:
-        for _ in range(steps):
-            value, gradient = field.value_and_gradient(points)
-            square = np.einsum("ni,ni->n", gradient, gradient)
-            step = -(value / np.maximum(square, MIN_DIVISOR))[:, None] * gradient
-            size = np.linalg.norm(step, axis=1)
-            step *= np.minimum(1.0, MAX_STEP_FRACTION * leaf / np.maximum(size, MIN_DIVISOR))[:, None]
-            points = points + step
-            if size.max() < 1e-15 * period.max():
-                break
+        points = project_to_level_set(field, points, free, np.full(len(points), MAX_STEP_FRACTION * leaf), steps)
         points = np.einsum("nij,nj->ni", rotation, points) + translation
         return points, normalize(field.gradient(points))
 

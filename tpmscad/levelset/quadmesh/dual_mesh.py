@@ -17,10 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.octree import Octree
 from tpmscad.levelset.quadmesh.octree_faces import (
@@ -145,10 +144,8 @@ def _find_cycles(tree: Octree, pairs: CrossedEdgePairs, edge: IntArray, n_edges:
     cell = np.where(pairs.cell < 0, len(tree.size) + np.arange(len(edge))[:, None], pairs.cell)
     incidence = (cell[:, :, None] * n_edges + edge[:, None, :]).reshape(-1, 2)
     names, index = np.unique(incidence, return_inverse=True)
-    index = index.reshape(-1, 2)
-    graph = coo_array((np.ones(len(index), bool), (index[:, 0], index[:, 1])), shape=(len(names),) * 2)
-    count, vertex_of = connected_components(graph, directed=False)
-    return _DualVertices(names, vertex_of, count)
+    vertex_of = label_linked(len(names), index.reshape(-1, 2))
+    return _DualVertices(names, vertex_of, 1 + int(vertex_of.max(initial=-1)))
 
 
 def _polygon_corners(tree: Octree, edges: _CrossedEdges, cycles: _DualVertices) -> tuple[IntArray, IntArray]:

@@ -18,6 +18,7 @@ SAMPLES_PER_LEAF_EDGE = 5
 """Samples along each edge of a leaf, corners included."""
 
 LEAVES_PER_BATCH = 1 << 12
+"""Leaves whose samples are evaluated at once: a few megabytes."""
 
 
 def find_coarse_leaves(tree: Octree, field: Field, cosine: float | None) -> BoolArray:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.brep.linked_items import label_linked
 from tpmscad.errors import TrimmingError
-from tpmscad.trimming.classify.propagation import label_components
 from tpmscad.trimming.intersect.arrangement import Arrangement
 from tpmscad.trimming.intersect.curve_surface import evaluate_segments
 from tpmscad.trimming.operands.trimming_body import TrimmingBody, list_face_corners
@@ -53,7 +53,7 @@ def classify_intersection_curves(a: Arrangement) -> Arrangement:
     joints, joint = np.unique(keys, return_inverse=True)
     joint = joint.reshape(keys.shape)
     piece, end = np.nonzero(~stopped)
-    component = label_components(n + len(joints), np.column_stack([piece, n + joint[piece, end]]))
+    component = label_linked(n + len(joints), np.column_stack([piece, n + joint[piece, end]]))
 
     face_of_component: dict[int, int] = {}
     piece, end = np.nonzero(stopped)

@@ -11,6 +11,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.orthogonal_projection import project_to_surface
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.face_regions import FaceRegion
@@ -38,12 +39,6 @@ SAMPLES_PER_DIRECTION = 9
 
 MAX_CANDIDATE_PATCHES = 4
 """Patches with the nearest samples that a point is projected onto."""
-
-NEWTON_STEPS = 20
-"""Largest number of Newton steps of the orthogonal projection onto a patch."""
-
-NEWTON_STEP_TOL = 1e-13
-"""Step in (u, v) below which the projection has converged."""
 
 BORDER_FRACTION = 1e-6
 """Distance in (u, v), relative to the patch, below which a foot point lies on the patch's border."""
@@ -176,18 +171,11 @@ def _project_to_patch(patch: BSplineSurface, point: Array, start: int) -> tuple[
     """
     low, high = np.array(patch.domain).T
     uv = low + (high - low) * np.array(divmod(start, SAMPLES_PER_DIRECTION)) / (SAMPLES_PER_DIRECTION - 1)
-    for _ in range(NEWTON_STEPS):
-        jet = {d: patch(uv[0], uv[1], *d) for d in ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))}
-        gap, first = jet[0, 0] - point, np.stack([jet[1, 0], jet[0, 1]])
-        slope, metric = first @ gap, first @ first.T
-        uu, uw, ww = (float(gap @ jet[d]) for d in ((2, 0), (1, 1), (0, 2)))
-        bend = metric + np.array([[uu, uw], [uw, ww]])
-        definite = bend[0, 0] > 0 and np.linalg.det(bend) > 0
-        step = np.linalg.solve(bend if definite else metric, slope)
-        new = np.clip(uv - step, low, high)
-        if np.abs(new - uv).max() < NEWTON_STEP_TOL:
-            break
-        uv = new
+    orders = (0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2)
+    u, v = project_to_surface(
+        lambda s, t, _: [patch(s, t, *order) for order in orders], point[None], uv[:1], uv[1:], patch.domain
+    )
+    uv = np.concatenate([u, v])
     gap, normal = point - patch(uv[0], uv[1]), patch.normal(uv[0], uv[1])
     apart = max(float(np.linalg.norm(gap)), MIN_DIVISOR_LENGTH)
     normal = normal / np.linalg.norm(normal)

@@ -5,16 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from tpmscad._typing import BoolArray, IntArray
-
-
-def label_components(n: int, links: IntArray) -> IntArray:
-    """The connected component of each of n items joined by `links` (L, 2): (n,)."""
-    graph = coo_array((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(n, n))
-    return np.asarray(connected_components(graph, directed=False)[1])
+from tpmscad.brep.linked_items import label_linked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +20,7 @@ class InsideVotes:
     @classmethod
     def of_links(cls, n: int, links: IntArray) -> InsideVotes:
         """No votes yet, for n items joined by `links` (L, 2)."""
-        component = label_components(n, links)
+        component = label_linked(n, links)
         return cls(component, np.zeros((int(component.max(initial=-1)) + 1, 2), np.int64))
 
     def add(self, item: int, inside: bool) -> None:

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.brep.carriers import Circle, EdgeCurve, Ellipse
-from tpmscad.brep.conics import TWO_PI
+from tpmscad.brep.orthogonal_projection import project_to_curve
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.bspline import BSplineCurve
 from tpmscad.trimming.intersect.arrangement import (
@@ -24,12 +23,6 @@ from tpmscad.trimming.intersect.arrangement import (
 )
 from tpmscad.trimming.intersect.curve_surface import evaluate_segments, intersect_segments, split_segments
 from tpmscad.trimming.operands.quadric_table import QuadricTable
-
-SAMPLES_PER_CURVE = 129
-"""Samples along a curve without a closed form; the nearest one starts Newton's method."""
-
-PROJECTION_STEPS = 8
-"""Newton steps of the orthogonal projection onto a curve."""
 
 MAX_MISMATCH_TOLS = 100.0
 """Largest distance, in tolerances, between one point found on two imprints: their deviations over the sine of their angle."""
@@ -45,43 +38,6 @@ NEWTON_STEPS = 4
 
 ARC_PROJECTION_STEPS = 2
 """Gauss-Newton steps to the parameter of an arc's point next to a vertex."""
-
-
-def project_to_curve(curve: EdgeCurve, span: Array, points: Array) -> tuple[Array, Array]:
-    """Orthogonal projection of points (n, 3) onto a curve: parameters (n,) and distances (n,).
-
-    Angles are shifted by periods to within half a turn of the middle of the span.
-    """
-    if isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2:
-        low, high = curve.domain
-        direction = curve.poles[1] - curve.poles[0]
-        t = low + (high - low) * ((points - curve.poles[0]) @ direction) / float(direction @ direction)
-    elif isinstance(curve, Circle | Ellipse):
-        arm = points - curve.origin
-        x, y = arm @ curve.x_axis, arm @ curve.y_axis
-        if isinstance(curve, Circle):
-            t = np.arctan2(y, x)
-        else:
-            t = _minimise_distance(curve, np.arctan2(y / curve.minor, x / curve.major), points)
-        middle = 0.5 * (span[0] + span[1])
-        t = middle + (t - middle + TWO_PI / 2) % TWO_PI - TWO_PI / 2
-    else:
-        at = np.linspace(span[0], span[1], SAMPLES_PER_CURVE)
-        apart = np.linalg.norm(points[:, None] - curve(at), axis=2)
-        t = np.clip(_minimise_distance(curve, at[apart.argmin(axis=1)], points), span[0], span[1])
-    return t, np.linalg.norm(curve(t) - points, axis=1)
-
-
-def _minimise_distance(curve: EdgeCurve, t: Array, points: Array) -> Array:
-    """Newton's method for the foot points, from parameters t (n,)."""
-    for _ in range(PROJECTION_STEPS):
-        gap, first, second = curve(t) - points, curve(t, 1), curve(t, 2)
-        slope = (gap * first).sum(axis=1)
-        bend = (first * first).sum(axis=1) + (gap * second).sum(axis=1)
-        t = t - slope / np.where(bend > 0, bend, (first * first).sum(axis=1))
-        if isinstance(curve, BSplineCurve):
-            t = np.clip(t, *curve.domain)
-    return t
 
 
 def intersect_body_edges(a: Arrangement) -> Arrangement:

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from tpmscad import fields
 from tpmscad.blending.composition.blended_field import BlendedField
-from tpmscad.blending.edge_rounding import round_edges
+from tpmscad.levelset.edge_rounding import round_edges
 
 LO, HI = np.array([0.0, 0.0, -0.5]), np.array([2.0, 0.7, 0.5])
 HALF, VOID = 0.2, 0.45

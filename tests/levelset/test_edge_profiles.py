@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tpmscad import fields
-from tpmscad.blending.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile
+from tpmscad.levelset.edge_rounding import ProfileMinMaxField, make_volume_neutral_profile
 
 POINTS = np.random.default_rng(4).normal(size=(4000, 3)) * [0.5, 0.3, 0.2]
 FIRST, SECOND = fields.coordinate("x") + 0.3 * fields.coordinate("z"), fields.coordinate("y") - 0.1

@@ -1,4 +1,4 @@
-"""Rounding of the sharp edges of a blended field's solid.
+"""Rounding of the sharp edges of the solid of a blended field, before patches are fitted to it.
 
 A wall between two levels is the maximum of two fields, max(f, g), whose crease {f = g} lies inside the wall. Blended with another
 structure the wall thins out, and where it ends the crease lies on the surface, as a sharp edge that no smooth patch can follow.
@@ -23,10 +23,8 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 
 from tpmscad._typing import Array
-from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.errors import NotMet
-from tpmscad.fields import Field
-from tpmscad.fields.field import MinMaxField
+from tpmscad.fields.field import CompositeField, Field, MinMaxField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField
 from tpmscad.fields.tape.tape_nodes import Node, piecewise_polynomial
 
@@ -141,7 +139,7 @@ class EdgeRounding:
     The sharpest edge opens by `opening_deg` at `sharpest_point` (3,) and is rounded with about `radius`.
     """
 
-    field: BlendedField
+    field: CompositeField
     max_displacement: float
     sharpest_point: Array
     opening_deg: float
@@ -154,7 +152,7 @@ def round_edges(field: Field, lo: Array, hi: Array, allowed: float) -> EdgeRound
     None if it has no edges. The displacement is measured at points of the edges and beside them, to first order along the
     gradient of the rounded field; nowhere else is it greater. Raises NotMet if no width keeps it within `allowed`.
     """
-    if not isinstance(field, BlendedField):
+    if not isinstance(field, CompositeField):
         return None
     creases = [node for structure in field.structures for node in _iterate_extremes(structure)]
     edges = [(node, p) for node in creases if len(p := _find_edge_points(field, node, lo, hi))]
@@ -167,7 +165,7 @@ def round_edges(field: Field, lo: Array, hi: Array, allowed: float) -> EdgeRound
     # the width of each crease is proportional to the slope across it: then all are rounded alike
     slopes = {id(node): 1.0 for node in creases} | {id(node): _median_crease_slope(node, p) for node, p in edges}
     scale = allowed / profile.depth
-    best: tuple[BlendedField, float] | None = None
+    best: tuple[CompositeField, float] | None = None
     for attempt in range(2 * MAX_SCALINGS):
         rounded = _round_field(field, {key: scale * slope for key, slope in slopes.items()}, profile)
         beside = [_side_displacement(field, rounded, node, p, scale * slopes[id(node)]) for node, p in edges]
@@ -205,13 +203,13 @@ def _round_structure(structure: Field, widths: dict[int, float], profile: Roundi
     return ProfileMinMaxField(first, second, structure.sign, widths[id(structure)], profile)
 
 
-def _round_field(field: BlendedField, widths: dict[int, float], profile: RoundingProfile) -> BlendedField:
+def _round_field(field: CompositeField, widths: dict[int, float], profile: RoundingProfile) -> CompositeField:
     return replace(
         field, structures=tuple(_round_structure(structure, widths, profile) for structure in field.structures)
     )
 
 
-def _find_edge_points(field: BlendedField, node: MinMaxField, lo: Array, hi: Array) -> Array:
+def _find_edge_points(field: CompositeField, node: MinMaxField, lo: Array, hi: Array) -> Array:
     """Points (n, 3) in the box where a crease lies on the surface: {first = second} and {field = 0}.
 
     Starts are the grid points near the crease and the surface. Newton's method then alternates between both. On the crease the
@@ -249,7 +247,7 @@ def _find_edge_points(field: BlendedField, node: MinMaxField, lo: Array, hi: Arr
     return points[accepted]
 
 
-def _find_edge_starts(field: BlendedField, crease: Field, lo: Array, hi: Array) -> tuple[Array, float]:
+def _find_edge_starts(field: CompositeField, crease: Field, lo: Array, hi: Array) -> tuple[Array, float]:
     """Grid points (n, 3) near the crease {crease = 0} and the surface {field = 0}, and the step of the grid."""
     counts = np.maximum(8, np.ceil(MIN_PROBE_LINES * (hi - lo) / (hi - lo).max())).astype(int)
     axes = [np.linspace(a, b, n + 1) for a, b, n in zip(lo, hi, counts, strict=True)]
@@ -266,14 +264,14 @@ def _median_crease_slope(node: MinMaxField, points: Array) -> float:
     return float(np.median(np.linalg.norm((node.first - node.second).gradient(points), axis=1)))
 
 
-def _edge_displacement(field: BlendedField, rounded: BlendedField, points: Array) -> Array:
+def _edge_displacement(field: CompositeField, rounded: CompositeField, points: Array) -> Array:
     """Displacement of the level set at points (n, 3) of the original surface, to first order: (n,)."""
     value, slope = rounded.value_and_gradient(points)
     return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), TINY)
 
 
 def _side_displacement(
-    field: BlendedField, rounded: BlendedField, node: MinMaxField, points: Array, width: float
+    field: CompositeField, rounded: CompositeField, node: MinMaxField, points: Array, width: float
 ) -> Array:
     """Displacement of the level set on both sides of the points (n, 3) of a crease's edges, at SIDE_LEVELS_WIDTHS: (m,)."""
     crease = node.first - node.second
@@ -308,7 +306,7 @@ def _least_curvature_radius(field: Field, point: Array, allowed: float) -> float
     return length / max(float(np.linalg.norm(tangential @ hessian @ tangential, ord=2)), TINY)
 
 
-def _half_openings(field: BlendedField, node: MinMaxField, points: Array) -> Array:
+def _half_openings(field: CompositeField, node: MinMaxField, points: Array) -> Array:
     """Half the angles between the solid's sides at points (n, 3) of its edges: (n,), in radians."""
     across = (node.first - node.second).gradient(points)
     extent = float(np.ptp(points, axis=0).max(initial=0.0))
