@@ -106,9 +106,9 @@ def trim(
         inside(points (n, 3)) -> (n,) bool tells solid from void where no edge of the body meets the lattice. By default the
         nearest patch decides.
     build
-        Makes something of the result, `TrimResult.built`. If it raises TrimmingError, since the kernel rejects what it builds, the
-        next placement is tried: the curve beside a side of a patch to which a face of the body is tangent comes within the
-        kernel's tolerance of that side, which the kernel takes for a self-intersecting loop.
+        Makes `TrimResult.built` of the result. If it raises TrimmingError, since the kernel rejects what it builds, the next
+        placement is tried: where a face of the body is tangent to the side of a patch, a curve comes within the kernel's
+        tolerance of that side, which the kernel takes for a self-intersecting loop.
     clearance, max_shift
         The lattice is translated by at most `max_shift`, so that no corner of a patch lies nearer to a face of the body than
         `clearance`, both in model units; as far from it as possible if that cannot be had.

@@ -114,7 +114,7 @@ class CurveSurfaceIntersections:
         """The intersections of no segments."""
         table = np.zeros((0, 0), np.int64)
         real = np.zeros(0)
-        return cls(table, table, np.zeros(1, np.int64), real, _NONE, _NONE, real, real, _NONE, _NONE, 0)
+        return cls(table, table, np.zeros(1, np.int64), real, _NONE, _NONE, real, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -217,9 +217,7 @@ def _analyse_distances(
     return sign, np.where(coincident, reach, 0.0), roots
 
 
-def _find_roots(
-    f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array
-) -> tuple[IntArray, Array]:
+def _find_roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[IntArray, Array]:
     """Row and parameter of the simple roots, in order, of n functions sampled at t (n, SAMPLES_PER_SEGMENT)."""
     a, b = value[:, :-1], value[:, 1:]
     step = np.diff(t, axis=1)
