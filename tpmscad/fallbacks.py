@@ -53,22 +53,23 @@ class Outcome(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class Ladder(Generic[P, T]):
-    """Methods for one task in the order in which they are tried, the next one after errors of `retry_on`."""
+    """Methods for one task in the order in which they are tried, the next one after errors of `retry_on` but not of `final`."""
 
     methods: tuple[Fallback[P, T], ...]
     retry_on: tuple[type[Exception], ...] = RETRYABLE
+    final: tuple[type[Exception], ...] = FINAL
 
     def climb(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
         """The outcome of the first method that succeeds.
 
-        An error that is not one of `retry_on` is raised at once. If all methods fail, the last error is raised; its message is
+        Any other error is raised at once. If all methods fail, the last error is raised; its message is
         completed by what was tried before.
         """
         failures: list[Exception] = []
         for method in self.methods:
             try:
                 return Outcome(method.run(*args, **kwargs), method.name, tuple(failures))
-            except FINAL:
+            except self.final:
                 raise
             except self.retry_on as error:
                 failures.append(error)

@@ -43,7 +43,7 @@ from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
-FIT_TOL_FRACTIONS = (1.0, 0.01)
+FIT_TOL_FRACTIONS = (1.0, 0.1, 0.01)
 """Fractions of the tolerance to which primitives are fitted, in order, while the cuts of coarser patches cannot be traced."""
 
 BYTES_PER_CELL = 3.5e6

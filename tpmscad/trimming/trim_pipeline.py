@@ -21,7 +21,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.brep.loops import LoopError
-from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
 from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.trimming.classify.intersection_curves import classify_intersection_curves
 from tpmscad.trimming.classify.lattice_edges import classify_lattice_edges, split_lattice_edges
@@ -40,7 +40,7 @@ from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains,
 DEFAULT_TOL = 1e-7
 """Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
 
-SHIFT_MULTIPLES = (0.0, 1.0, -1.0, 2.0)
+SHIFT_MULTIPLES = (0.0, 1.0, 2.0)
 """Multiples of `SHIFT_STEP_TOLS` by which the lattice is translated, one after the other, until a trim succeeds."""
 
 SHIFT_STEP_TOLS = 10.0
@@ -184,6 +184,7 @@ PLACEMENTS: Ladder[[Operands, _TrimRequest], _Trim] = Ladder(
         for multiple in SHIFT_MULTIPLES
     ),
     retry_on=(TrimmingError,),
+    final=(UntracedCurve,),
 )
 """Placements of the lattice that are tried while intersections are not resolved, or the kernel rejects what is built."""
 
