@@ -24,7 +24,8 @@ from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array
 from tpmscad.blending._blend import sample_problem
-from tpmscad.blending.initial_weights import WeightSpec, make_initial_weight, make_stage_regions
+from tpmscad.blending.composition.blended_field import BlendedField
+from tpmscad.blending.initial_weights import WeightSpec, make_initial_weight
 from tpmscad.blending.optimise.blend_state import (
     BlendProblem,
     OptimisationOutcome,
@@ -218,6 +219,21 @@ class CellWeight:
                     basis = basis * (local[..., axis] if side else 1.0 - local[..., axis])
             total += basis * self.corners[tuple(np.moveaxis(cell + np.array(corner), -1, 0))]
         return total
+
+
+def make_stage_regions(field: BlendedField, stage: int) -> tuple[FieldFunction, FieldFunction, FieldFunction]:
+    """The regions of a stage as functions: that of the field so far, that of structure stage + 1, and where the stage mixes."""
+
+    def first(points: Array) -> Array:
+        return np.where(field.region_index(points) <= stage, -1.0, 1.0)
+
+    def second(points: Array) -> Array:
+        return np.where(field.region_index(points) == stage + 1, -1.0, 1.0)
+
+    def mixing(points: Array) -> Array:
+        return np.where(field.region_index(points) > stage + 1, -1.0, np.asarray(field.blending_regions[stage](points)))
+
+    return first, second, mixing
 
 
 def make_cell_weight(first: FieldFunction, domain: BoxBounds, cell: float) -> CellWeight:

@@ -21,19 +21,21 @@ from itertools import islice, product
 
 import numpy as np
 
+from benchmarks.progressive_iteration import (
+    cpia_convergence_rate,
+    iterate_lspia,
+    iterate_pia,
+    pia_convergence_rate,
+)
 from tpmscad import surfaces
 from tpmscad.splines import (
     BSplineSurface,
     Joint,
     bezier_knots,
-    cpia_convergence_rate,
     design_matrix,
     fit_surface,
     gauss_axis,
-    iterate_lspia,
-    iterate_pia,
     joint_conditions,
-    pia_convergence_rate,
     pole_axis,
     sampled_axis,
     solve_conditions,
@@ -42,7 +44,7 @@ from tpmscad.splines import (
 )
 from tpmscad.splines.cpia import iterate_cpia
 from tpmscad.splines.knots import greville_abscissae
-from tpmscad.splines.progressive_iteration import gram_eigenvalue_bounds
+from tpmscad.splines.surface_fit import gram_eigenvalue_bounds
 from tpmscad.splines.surface_fit import surface_from_coordinates as surface_of
 
 SIZE = 11

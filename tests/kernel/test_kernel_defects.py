@@ -35,11 +35,11 @@ from tpmscad.brep.extents import true_bounds
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.inward_offset import offset_by_occt
 from tpmscad.kernel.build.solids import build_faces, build_solids
-from tpmscad.kernel.export.shape_file import write_shape
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.exploration import count_subshape_uses, solids_of
+from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.geometry_entities import find_knots_in_file
 from tpmscad.kernel.step.step_reader import read_step, silence_occt
 from tpmscad.splines import BSplineCurve, BSplineSurface, bezier_knots
@@ -226,7 +226,7 @@ def test_two_cylinders_that_meet_are_offset_with_mitres() -> None:
     strict=True, raises=ChildFailure, reason=f"OCCT {VERSION}: the reader crashes on a list in place of a name"
 )
 def test_a_damaged_step_file_is_refused_by_the_reader(tmp_path: Path) -> None:
-    write_shape(BRepPrimAPI_MakeBox(1.0, 2.0, 3.0).Shape(), tmp_path / "box.step")
+    write_step(plane_box(), build_solids(plane_box()).nesting, tmp_path / "box.step")
     text = (tmp_path / "box.step").read_text()
-    (tmp_path / "box.step").write_text(text.replace("DIRECTION('',", "DIRECTION(('',", 1))
+    (tmp_path / "box.step").write_text(text.replace("VECTOR('',", "VECTOR(('',", 1))
     call_in_child(read_step, tmp_path / "box.step", seconds=20)

@@ -221,24 +221,3 @@ def has_a_tube_wider_than_its_ring(item: Item) -> bool:
 @rule("conical_surface", "WR1")
 def has_no_negative_radius(item: Item) -> bool:
     return item["radius"] >= 0.0
-
-
-@rule("cartesian_transformation_operator", "WR1")
-def scales_by_more_than_nought(item: Item) -> bool:
-    return item["scale"] is None or item["scale"] > 0.0
-
-
-@rule("cartesian_transformation_operator_3d", "WR1")
-def moves_space(item: Item) -> bool:
-    return dimension(item) == 3
-
-
-@rule("surface_replica", "WR1")
-def copies_no_copy_of_itself(item: Item) -> bool:
-    parent, seen = item["parent_surface"], {item.number}
-    while "surface_replica" in parent.types:
-        if parent.number in seen:
-            return False
-        seen.add(parent.number)
-        parent = parent["parent_surface"]
-    return True

@@ -70,7 +70,7 @@ DEPENDENT = {
         "named_unit",
         "organization_role",
     ),
-    "ap242": ("cartesian_transformation_operator", "founded_item"),
+    "ap242": ("founded_item",),
 }
 
 

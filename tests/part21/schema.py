@@ -36,8 +36,6 @@ bounded_curve < curve
 bounded_surface < surface
 brep_with_voids < manifold_solid_brep: voids {1:*}oriented_closed_shell
 cartesian_point < point: coordinates [1:3]length_measure
-cartesian_transformation_operator < geometric_representation_item, functionally_defined_transformation: axis1 direction?, axis2 direction?, local_origin cartesian_point, scale REAL?
-cartesian_transformation_operator_3d < cartesian_transformation_operator: axis3 direction?
 circle < conic: radius positive_length_measure
 closed_shell < connected_face_set
 colour
@@ -129,7 +127,6 @@ surface < geometric_representation_item
 surface_curve < curve: curve_3d curve, associated_geometry [1:2]pcurve_or_surface, master_representation preferred_surface_curve_representation
 surface_of_linear_extrusion < swept_surface: extrusion_axis vector
 surface_of_revolution < swept_surface: axis_position axis1_placement
-surface_replica < surface: parent_surface surface, transformation cartesian_transformation_operator_3d
 surface_side_style < founded_item: name label, styles {1:7}surface_style_element_select
 surface_style_fill_area < founded_item: fill_area fill_area_style
 surface_style_usage < founded_item: side surface_side, style surface_side_style_select

@@ -11,7 +11,6 @@ from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.error_bounds import (
     derivative_bounds,
     filip_bound,
-    filip_step,
     fit_error_bound,
     second_derivative_bounds,
     zheng_sederberg_bound,
@@ -97,11 +96,6 @@ def test_derivative_bounds_hold_span_by_span_and_tighten(orders: tuple[int, int]
     assert fine.max() <= coarse.max() * (1 + 1e-12)
     true = np.linalg.norm(surface.grid(DENSE, DENSE, *orders), axis=-1).max()
     assert fine.max() - true < 0.5 * (coarse.max() - true) + 1e-9
-
-
-def test_the_step_is_where_the_bound_is_the_tolerance() -> None:
-    step = filip_step(3.0, 2.0, 1.0, 1e-3)
-    assert filip_bound(3.0, 2.0, 1.0, step, step) == pytest.approx(1e-3)
 
 
 @settings(max_examples=10, deadline=None)

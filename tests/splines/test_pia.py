@@ -7,26 +7,25 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from benchmarks.progressive_iteration import (
+    cpia_convergence_rate,
+    iterate_lspia,
+    iterate_pia,
+    pia_convergence_rate,
+)
 from tpmscad import surfaces
 from tpmscad.splines.affine_subspace import solve_conditions, unconstrained_subspace
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.continuity_conditions import Joint, joint_conditions
 from tpmscad.splines.cpia import (
     DataGrid,
-    cpia_convergence_rate,
     fit_cpia,
     iterate_cpia,
     trapezoidal_grid,
 )
 from tpmscad.splines.knots import bezier_knots, greville_abscissae, uniform_knots
-from tpmscad.splines.progressive_iteration import (
-    gram_eigenvalue_bounds,
-    iterate_lspia,
-    iterate_pia,
-    pia_convergence_rate,
-)
 from tpmscad.splines.spline_axis import SplineAxis, gauss_axis, pole_axis, sampled_axis
-from tpmscad.splines.surface_fit import fit_surface
+from tpmscad.splines.surface_fit import fit_surface, gram_eigenvalue_bounds
 
 EXACT = [info.name for info in surfaces.CATALOGUE.values() if info.primitives == "exact"]
 

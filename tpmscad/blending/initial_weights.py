@@ -140,21 +140,6 @@ def make_initial_weight(
     return fit_volume_weight(coarse, fine, count, spec.degree, refine=refine)
 
 
-def make_stage_regions(field: BlendedField, stage: int) -> tuple[FieldFunction, FieldFunction, FieldFunction]:
-    """The regions of a stage as functions: that of the field so far, that of structure stage + 1, and where the stage mixes."""
-
-    def first(points: Array) -> Array:
-        return np.where(field.region_index(points) <= stage, -1.0, 1.0)
-
-    def second(points: Array) -> Array:
-        return np.where(field.region_index(points) == stage + 1, -1.0, 1.0)
-
-    def mixing(points: Array) -> Array:
-        return np.where(field.region_index(points) > stage + 1, -1.0, np.asarray(field.blending_regions[stage](points)))
-
-    return first, second, mixing
-
-
 def _candidate_coordinates(field: BlendedField, stage: int) -> list[Coordinate]:
     """The coordinates x, y, z and those of the half-spaces, cylinders and spheres in the expressions of the regions."""
     found: list[Coordinate] = [_axis_coordinate(axis) for axis in range(3)]

@@ -55,11 +55,8 @@ class DefectReport:
     def to_dict(self) -> dict[str, object]:
         """The report as plain values.
 
-        Returns
-        -------
-        dict
-            `resolutions`, `hidden` (the number of subgrid defects, or None), and for `n0` and `n2` dictionaries with `initial`,
-            `final` and `intrinsic`.
+        `resolutions`, `hidden` (the number of subgrid defects, or None), and for `n0` and `n2` dictionaries with `initial`,
+        `final` and `intrinsic`.
         """
         counts = {
             name: {"initial": c.initial, "final": c.final, "intrinsic": c.intrinsic}
@@ -116,13 +113,7 @@ class BlendResult:
     necks: tuple[Neck, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
-        """The counts and measurements as plain values.
-
-        Returns
-        -------
-        dict
-            Everything but the functions, ready for JSON.
-        """
+        """The counts and measurements as plain values. Everything but the functions, ready for JSON."""
         return {
             "converged": self.converged,
             "message": self.message,

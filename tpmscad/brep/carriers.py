@@ -1,6 +1,6 @@
 """The surfaces that carry faces and the curves of edges: B-splines, planes, quadrics, circles and ellipses.
 
-All surfaces are called as `surface(u, v, du, dv)`; planes and quadrics have a signed distance with gradient and Hessian too.
+All surfaces are called as `surface(u, v, du, dv)`; planes and quadrics have a signed distance with gradient too.
 """
 
 from __future__ import annotations
@@ -67,10 +67,6 @@ class Plane:
     def gradient(self, points: ArrayLike) -> Array:
         """Gradient of the distance, the normal: (..., 3)."""
         return np.zeros_like(np.asarray(points, float)) + self.normal
-
-    def hessian(self, points: ArrayLike) -> Array:
-        """Hessian of the distance, zero: (..., 3, 3)."""
-        return np.zeros((*np.shape(points), 3))
 
     def scaled(self, factor: float) -> Plane:
         """The plane scaled about the origin."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -20,6 +21,9 @@ from tpmscad.splines.bspline import BSplineSurface
 
 ReferenceSurface = Callable[[Array, Array], Array]
 """Positions (..., 3) of the reference surface at (u, v); defined a little beyond the domain, where foot points may lie."""
+
+DistanceFunction = Callable[[Array, Array], Array]
+"""Distances (n,) of the points of one surface at parameters (n,), (n,) from the other."""
 
 SAMPLES_PER_PARAMETER = 49
 """Samples along each parameter: three per lobe of the error of a patch of degree 16."""
@@ -64,20 +68,35 @@ def measure_deviation(
 ) -> Deviation:
     """The two-way deviation between a fitted patch and the reference surface over the domain of the patch."""
     (u0, u1), (v0, v1) = fitted.domain
-    grid = (
-        1 - np.cos(np.pi * np.linspace(0.0, 1.0, samples))
-    ) / 2  # denser near the sides, where the lobes of the error are narrow
-    u, v = np.meshgrid(u0 + (u1 - u0) * grid, v0 + (v1 - v0) * grid, indexing="ij")
+    grid = cosine_grid(samples)
+    return measure_both_ways(
+        u0 + (u1 - u0) * grid,
+        v0 + (v1 - v0) * grid,
+        partial(_distances_to_reference, fitted, reference),
+        partial(_distances_from_reference, fitted, reference),
+    )
+
+
+def cosine_grid(samples: int) -> Array:
+    """Parameters (samples,) from 0 to 1, denser near the ends: the lobes of an error are narrow near the sides."""
+    return np.asarray((1 - np.cos(np.pi * np.linspace(0.0, 1.0, samples))) / 2)
+
+
+def measure_both_ways(
+    u: Array, v: Array, to_reference: DistanceFunction, from_reference: DistanceFunction
+) -> Deviation:
+    """The deviation by the distances in both directions on the grid u x v, spaced by `cosine_grid`, and near their maxima."""
+    on_grid = [g.ravel() for g in np.meshgrid(u, v, indexing="ij")]
     largest, squares = [], []
-    for measure in (_distances_to_reference, _distances_from_reference):
-        distances = measure(fitted, reference, u.ravel(), v.ravel()).reshape(u.shape)
-        fine_u, fine_v = sample_around_peaks(distances, u[:, 0], v[0])
-        largest.append(float(max(distances.max(), measure(fitted, reference, fine_u, fine_v).max())))
-        squares.append(mean_square(distances))
+    for measure in (to_reference, from_reference):
+        distances = measure(*on_grid).reshape(len(u), len(v))
+        finer = measure(*_sample_around_peaks(distances, u, v))
+        largest.append(float(max(distances.max(), finer.max())))
+        squares.append(_mean_square(distances))
     return Deviation(max(largest), float(np.sqrt(np.mean(squares))), largest[0], largest[1])
 
 
-def sample_around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
+def _sample_around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Array]:
     """Parameters (n,), (n,) of finer samples around the largest local maxima of distances on the grid u x v."""
     rank = distances == maximum_filter(distances, size=3)
     at = np.argwhere(rank)
@@ -89,7 +108,7 @@ def sample_around_peaks(distances: Array, u: Array, v: Array) -> tuple[Array, Ar
     return fine_u.ravel(), fine_v.ravel()
 
 
-def mean_square(distances: Array) -> float:
+def _mean_square(distances: Array) -> float:
     """Mean square over the parameter square of distances (n, n) on the cosine-spaced grid."""
     weight = np.sin(np.pi * np.linspace(0.0, 1.0, len(distances)))
     return float(weight @ distances**2 @ weight / weight.sum() ** 2)

@@ -78,18 +78,6 @@ class _SurfaceOfRevolution:
         by_r, by_z = self._distance_gradient(r, z)
         return by_r[..., None] * e + by_z[..., None] * self.axis
 
-    def hessian(self, points: ArrayLike) -> Array:
-        """Hessian of the distance: (..., 3, 3)."""
-        r, z, e = self._cylindrical_coordinates(points)
-        by_r, by_z = self._distance_gradient(r, z)
-        curvature = self._profile_curvature(r, z)
-        across = by_z[..., None] * e - by_r[..., None] * self.axis  # along the profile
-        around = np.cross(self.axis, e)
-        return (
-            curvature[..., None, None] * across[..., :, None] * across[..., None, :]
-            + (by_r / np.maximum(r, MIN_RADIUS))[..., None, None] * around[..., :, None] * around[..., None, :]
-        )
-
     def moved(self, motion: Motion) -> Self:
         """The surface after a rigid motion, with its sides; a mirror reverses the parameter u."""
         x_axis, axis = motion.apply_to_vectors(self.x_axis), motion.apply_to_vectors(self.axis)
@@ -120,10 +108,6 @@ class _SurfaceOfRevolution:
         """Partial derivatives of the distance with respect to r and z."""
         raise NotImplementedError
 
-    def _profile_curvature(self, r: Array, z: Array) -> Array:
-        """Second derivative of the distance along its level curve in the half-plane."""
-        raise NotImplementedError
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CylindricalSurface(_SurfaceOfRevolution):
@@ -146,9 +130,6 @@ class CylindricalSurface(_SurfaceOfRevolution):
 
     def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         return np.ones_like(r), np.zeros_like(r)
-
-    def _profile_curvature(self, r: Array, z: Array) -> Array:
-        return np.zeros_like(r)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,9 +156,6 @@ class ConicalSurface(_SurfaceOfRevolution):
 
     def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         return np.full_like(r, np.cos(self.angle)), np.full_like(r, -np.sin(self.angle))
-
-    def _profile_curvature(self, r: Array, z: Array) -> Array:
-        return np.zeros_like(r)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -211,9 +189,6 @@ class ToroidalSurface(_SurfaceOfRevolution):
         reach = np.maximum(np.hypot(r - self.major, z), MIN_RADIUS)
         return (r - self.major) / reach, z / reach
 
-    def _profile_curvature(self, r: Array, z: Array) -> Array:
-        return 1.0 / np.maximum(np.hypot(r - self.major, z), MIN_RADIUS)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SphericalSurface(_SurfaceOfRevolution):
@@ -237,9 +212,6 @@ class SphericalSurface(_SurfaceOfRevolution):
     def _distance_gradient(self, r: Array, z: Array) -> tuple[Array, Array]:
         reach = np.maximum(np.hypot(r, z), MIN_RADIUS)
         return r / reach, z / reach
-
-    def _profile_curvature(self, r: Array, z: Array) -> Array:
-        return 1.0 / np.maximum(np.hypot(r, z), MIN_RADIUS)
 
 
 def _linear_derivative(v: Array, constant: float, slope: float, order: int) -> Array:

@@ -1,8 +1,7 @@
 """A lattice of any size, written in slabs: each a valid closed solid in a STEP file of its own, in bounded memory.
 
-The lattice repeats after every cell, so that slabs of as many cells are translates of each other. One slab is made, checked
-and written; the others are copies of its file, moved exactly and compared with it, line by line. Adjacent slabs share their cut
-faces to the last digit: a CAD system that unites them finds no gap.
+The lattice repeats after every cell, so that slabs of as many cells are translates of each other: one is made, and written at
+every place. Cut faces of adjacent slabs agree to 1e-12 of the coordinates: a CAD system that unites them finds no gap.
 
 Beside the files lies a manifest, which holds the request and the hash of every file. A run that was interrupted goes on where it
 stopped: a file that the manifest knows and whose hash is right is not written again.
@@ -28,7 +27,6 @@ from tpmscad.errors import InvalidRequest, NotMet
 from tpmscad.files.slab_files import Cells, SlabOriginal, describe_request, make_originals, write_slab
 from tpmscad.files.slab_manifest import SlabFile, open_manifest
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
-from tpmscad.kernel.step.translated_copies import GREATEST_UNITS, decimal_of
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request
@@ -138,9 +136,9 @@ class SlabOptions(LatticeOptions):
 def export_slabs(options: SlabOptions) -> SlabFiles:
     """Write a lattice of any size in slabs, each a valid closed solid in a STEP file of its own.
 
-    Memory holds one slab at a time in each process. Adjacent slabs share their cut faces to the last digit. A file is complete
-    and verified, or absent; after an interruption the same call goes on where it stopped, as the manifest ``*.slabs.json`` beside
-    the files tells.
+    Memory holds one slab at a time in each process. Cut faces of adjacent slabs agree to 1e-12 of the coordinates. A file is
+    complete and verified, or absent; after an interruption the same call goes on where it stopped, as the manifest
+    ``*.slabs.json`` beside the files tells.
 
     Returns
     -------
@@ -180,15 +178,18 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
         with tempfile.TemporaryDirectory(prefix=".slabs-", dir=folder) as aside:
             with stages("original"):
                 sizes = tuple(dict.fromkeys(each.cells for each in slabs))
-                task = (request, sizes, Path(aside).resolve(), schema)
+                task = (request, sizes, Path(aside).resolve())
                 originals = next(made for _, made in run_as_completed(options.executor, make_originals, [task]))
             _require_met(originals, names)
             manifest.begin(originals)
             kept = tuple(name for name in kept if name in manifest.rows)
             missing = [(name, each) for name, each in zip(names, slabs, strict=True) if name not in manifest.rows]
             stamp = options.time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+            edges = [n * edge for n, edge in zip(slabs[0].cells, request.cell, strict=True)]
             with stages("slabs") as report:
-                for row in _write_copies(originals, missing, folder.resolve(), stamp, options.executor):
+                for row in _write_copies(
+                    originals, missing, folder.resolve(), edges, (schema, stamp), options.executor
+                ):
                     manifest.add(row)
                     report(len(manifest.rows) / len(names))
     rows = tuple(manifest.rows[name] for name in names)
@@ -199,28 +200,26 @@ def _write_copies(
     originals: Sequence[SlabOriginal],
     slabs: Sequence[tuple[str, Slab]],
     folder: Path,
-    time_stamp: str,
+    edges: Sequence[float],
+    file_options: tuple[str, str],
     executor: Executor | None,
 ) -> Iterator[SlabFile]:
-    """Write each named slab as a copy of the original of its size; the rows of the table, as they are finished."""
+    """Write each named slab as a copy of the original of its size; the rows of the table, as they are finished.
+
+    edges: of the first slab, mm; file_options: schema and time stamp.
+    """
     of_cells = {original.cells: original for original in originals}
     tasks = []
     for name, slab in slabs:
-        x, y, z = (n * edge for n, edge in zip(slab.steps, originals[0].size, strict=True))
+        x, y, z = (n * edge for n, edge in zip(slab.steps, edges, strict=True))
         original = of_cells[slab.cells]
-        if max(x, y, z) + max(original.size) >= GREATEST_UNITS:
-            raise InvalidRequest(
-                f"coordinates of {float(decimal_of(max(x, y, z), original.decimals)):g} mm do not fit the {original.decimals} "
-                "decimals of a slab of this size: take larger slabs"
-            )
-        tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", time_stamp))
+        tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", *file_options))
     for number, written in run_as_completed(executor, write_slab, tasks):
-        original, path, shift, *_ = tasks[number]
-        x, y, z = (float(decimal_of(units, original.decimals)) for units in shift)
+        original, path, corner, *_ = tasks[number]
         certificate = original.certificate
         yield SlabFile(
             path.name,
-            (x, y, z),
+            corner,
             original.cells,
             certificate.volume,
             certificate.area,

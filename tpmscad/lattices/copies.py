@@ -46,7 +46,7 @@ def cover_box(symmetry: PatchSymmetry, offsets: OffsetSurfaces, cells: tuple[int
 
 def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> Brep:
     """The faces with a part inside the box [0, size], in quarters if the midline of one lies in a plane of the box."""
-    if midlines_in_box_planes(primitives, faces, size):
+    if _midlines_in_box_planes(primitives, faces, size):
         primitives = [quarter for primitive in primitives for quarter in quarter_patch(primitive)]
         faces = faces[np.repeat(np.arange(len(faces.carrier)), 4)]
         faces = replace(faces, carrier=4 * faces.carrier + np.tile(np.arange(4), len(faces.carrier) // 4))
@@ -187,7 +187,7 @@ def _reaches_into_box(points: Array, size: Array) -> BoolArray:
     return np.asarray(((high > TOUCH_TOL_CELLS) & (low < size - TOUCH_TOL_CELLS)).all(axis=1))
 
 
-def midlines_in_box_planes(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> bool:
+def _midlines_in_box_planes(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: Array) -> bool:
     """Whether a midline of some patch lies in a plane of the box [0, size]."""
     t = np.linspace(0.0, 1.0, 5)
     half = np.full(5, 0.5)

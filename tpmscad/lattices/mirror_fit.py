@@ -25,7 +25,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array
-from tpmscad.brep.deviation import Deviation, combine_deviations, mean_square, sample_around_peaks
+from tpmscad.brep.deviation import Deviation, combine_deviations, cosine_grid, measure_both_ways
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import NoFoot
 from tpmscad.lattices.harmonic_chart import HarmonicChart, compute_harmonic_chart
@@ -73,8 +73,7 @@ STALL_RATIO = 0.95
 
 def measure_mirror_deviation(symmetry: MirrorSymmetry, patch: BSplineSurface, offset: float) -> Deviation:
     """The two-way deviation (cells) between the patch and the piece of the level set at the normal offset (cells)."""
-    # Chebyshev-like spacing: the lobes of the error are narrow near borders.
-    grid = (1 - np.cos(np.pi * np.linspace(0.0, 1.0, PIECE_SAMPLES_PER_PARAMETER))) / 2
+    grid = cosine_grid(PIECE_SAMPLES_PER_PARAMETER)
     try:
         _, normal, _ = symmetry.waves.project_to_level_set(patch.grid(grid, grid))
     except NoFoot:
@@ -95,14 +94,7 @@ def measure_mirror_deviation(symmetry: MirrorSymmetry, patch: BSplineSurface, of
         i, j = np.unravel_index(samples.query(points)[1], (PIECE_SAMPLES_PER_PARAMETER, PIECE_SAMPLES_PER_PARAMETER))
         return project_to_patch(patch, points, grid[i], grid[j])[0]
 
-    u, v = (g.ravel() for g in np.meshgrid(grid, grid, indexing="ij"))
-    largest, squares = [], []
-    for measure in (to_reference, from_reference):
-        distances = measure(u, v).reshape(PIECE_SAMPLES_PER_PARAMETER, PIECE_SAMPLES_PER_PARAMETER)
-        finer = measure(*sample_around_peaks(distances, grid, grid))
-        largest.append(float(max(distances.max(), finer.max())))
-        squares.append(mean_square(distances))
-    return Deviation(max(largest), float(np.sqrt(np.mean(squares))), largest[0], largest[1])
+    return measure_both_ways(grid, grid, to_reference, from_reference)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

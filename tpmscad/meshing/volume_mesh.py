@@ -202,10 +202,7 @@ class VolumeMesh:
     def to_meshio(self) -> Any:
         """The mesh as a `meshio.Mesh`, with groups as its cell sets; needs meshio (pip install "tpmscad[mesh]").
 
-        Returns
-        -------
-        meshio.Mesh
-            Elements and facets, kind by kind; a cell set for each group.
+        Elements and facets, kind by kind; a cell set for each group.
         """
         meshio = import_extra("meshio", "meshes for meshio", "mesh")
         blocks = [*self.cells.items(), *self.facets.items()]

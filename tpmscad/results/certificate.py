@@ -142,10 +142,7 @@ class Certificate:
     def to_dict(self) -> dict[str, Any]:
         """The certificate as plain values, ready for JSON.
 
-        Returns
-        -------
-        dict
-            The attributes by name, tuples as lists; it is what ``--report`` writes.
+        The attributes by name, tuples as lists; it is what ``--report`` writes.
         """
         return {k: list(v) if isinstance(v, tuple) else v for k, v in asdict(self).items()}
 

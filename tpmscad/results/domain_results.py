@@ -186,11 +186,8 @@ class FluidDomains:
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names, colours and the labels of their faces, as files store them.
 
-        Returns
-        -------
-        tuple of NamedSolid
-            In the order wall, channel +, channel -; of each the largest first, which alone has the plain name: another piece of
-            the wall, in the corner of the greatest x and the least y and z, is "wall (X+ Y- Z-)".
+        In the order wall, channel +, channel -; of each the largest first, which alone has the plain name: another piece of the
+        wall, in the corner of the greatest x and the least y and z, is "wall (X+ Y- Z-)".
         """
         result = []
         for domain, model in self.domains.items():
@@ -211,11 +208,8 @@ class FluidDomains:
     def to_dict(self) -> dict[str, Any]:
         """The certificate and the figures of every domain as plain values, ready for JSON.
 
-        Returns
-        -------
-        dict
-            The entries of the certificate, and under "domains" by name: pieces, volume, area, hydraulic diameter (of channels),
-            and the areas on the body's faces by their numbers.
+        The entries of the certificate, and under "domains" by name: pieces, volume, area, hydraulic diameter (of channels), and
+        the areas on the body's faces by their numbers.
         """
         diameters = self.hydraulic_diameters
         domains = {
@@ -233,10 +227,7 @@ class FluidDomains:
     def summary(self) -> str:
         """The domains as a table: pieces, volume, hydraulic diameter, and the faces of the body that each reaches.
 
-        Returns
-        -------
-        str
-            A line for each domain, with units.
+        A line for each domain, with units.
         """
         lines = []
         for name, found in self.to_dict()["domains"].items():

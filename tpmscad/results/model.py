@@ -269,11 +269,8 @@ class Model(MeshableSolid):
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.
 
-        Returns
-        -------
-        tuple of NamedSolid
-            Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
-            another says where it lies: "gyroid (X+ Y- Z-)".
+        Largest first: name, TopoDS solid, labels of its faces in the kernel's order. The first has the name of the model,
+        another says where it lies: "gyroid (X+ Y- Z-)".
         """
         if isinstance(self.built, BrepSolids):
             found = label_faces(self.patches, self.outer_faces)

@@ -135,13 +135,7 @@ class HomogenizedProperties:
         return np.asarray(1.0 / np.einsum("...i,ij,...j", stress, self.compliance, stress))
 
     def to_dict(self) -> dict[str, Any]:
-        """All figures as plain values, ready for JSON.
-
-        Returns
-        -------
-        dict
-            The attributes, engineering constants and ratios by their names.
-        """
+        """All figures as plain values, ready for JSON. The attributes, engineering constants and ratios by their names."""
         c11, c12, c44 = self.cubic_constants
         return {
             "name": self.name,

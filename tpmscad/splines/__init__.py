@@ -3,7 +3,7 @@
 The modules from the lowest up: `basis` and `quadrature` (evaluators and rules), `bspline`, `knots`, `curve_batch`,
 `tensor_product` (values and their evaluation), `spline_axis` (orthonormal coordinates), `continuity_conditions` and
 `affine_subspace` (G2 conditions and their solution space), `surface_fit` (the direct least-squares solution),
-`progressive_iteration` and `cpia` (PIA, LSPIA, CPIA), `adaptive_fit` (the fewest poles for a tolerance) and
+`cpia` (the iteration that makes control nets), `adaptive_fit` (the fewest poles for a tolerance) and
 `error_bounds` (a-priori bounds).
 """
 

@@ -19,12 +19,10 @@ from tpmscad.splines.continuity_conditions import joint_conditions as joint_cond
 from tpmscad.splines.cpia import CpiaResult as CpiaResult
 from tpmscad.splines.cpia import DataGrid as DataGrid
 from tpmscad.splines.cpia import NetConvergence as NetConvergence
-from tpmscad.splines.cpia import cpia_convergence_rate as cpia_convergence_rate
 from tpmscad.splines.cpia import fit_cpia as fit_cpia
 from tpmscad.splines.cpia import trapezoidal_grid as trapezoidal_grid
 from tpmscad.splines.error_bounds import derivative_bounds as derivative_bounds
 from tpmscad.splines.error_bounds import filip_bound as filip_bound
-from tpmscad.splines.error_bounds import filip_step as filip_step
 from tpmscad.splines.error_bounds import fit_error_bound as fit_error_bound
 from tpmscad.splines.error_bounds import second_derivative_bounds as second_derivative_bounds
 from tpmscad.splines.error_bounds import zheng_sederberg_bound as zheng_sederberg_bound
@@ -34,9 +32,6 @@ from tpmscad.splines.knots import insert_knot as insert_knot
 from tpmscad.splines.knots import restrict_surface as restrict_surface
 from tpmscad.splines.knots import split_surface as split_surface
 from tpmscad.splines.knots import uniform_knots as uniform_knots
-from tpmscad.splines.progressive_iteration import iterate_lspia as iterate_lspia
-from tpmscad.splines.progressive_iteration import iterate_pia as iterate_pia
-from tpmscad.splines.progressive_iteration import pia_convergence_rate as pia_convergence_rate
 from tpmscad.splines.spline_axis import SplineAxis as SplineAxis
 from tpmscad.splines.spline_axis import gauss_axis as gauss_axis
 from tpmscad.splines.spline_axis import pole_axis as pole_axis

@@ -1,7 +1,7 @@
 """Constrained progressive-iterative approximation (CPIA): the iteration that makes the program's control nets.
 
-PIA and LSPIA (see `progressive_iteration`, whose notation is used here) let the poles P follow the differences Q - B P between
-data and surface.
+PIA and LSPIA (see `benchmarks/progressive_iteration.py`, whose notation is used here) let the poles P follow the differences
+Q - B P between data and surface.
 
 CPIA asks in addition for linear conditions A P = b, here continuity with the neighbouring patches.
 TPMS2STEP (eqs. 14-18) adds half the defects of the conditions to PIA's differences,
@@ -52,10 +52,14 @@ import numpy as np
 from tpmscad._typing import Array
 from tpmscad.splines.affine_subspace import AffineSubspace
 from tpmscad.splines.bspline import BSplineSurface
-from tpmscad.splines.progressive_iteration import gram_eigenvalue_bounds
 from tpmscad.splines.quadrature import trapezoidal_weights
 from tpmscad.splines.spline_axis import SplineAxis
-from tpmscad.splines.surface_fit import apply_bases, coordinates_from_surface, surface_from_coordinates
+from tpmscad.splines.surface_fit import (
+    apply_bases,
+    coordinates_from_surface,
+    gram_eigenvalue_bounds,
+    surface_from_coordinates,
+)
 
 EIGENVALUE_RTOL = 1e-14
 """Relative spread below which all eigenvalues count as equal: one step is the solution, and Chebyshev's recurrence would divide
@@ -284,7 +288,7 @@ def fit_cpia(
         surface=surface_from_coordinates(solution.coordinates, axis_u, axis_v),
         converged=solution.converged,
         iterations=solution.iterations,
-        rate=_contraction_factor(*gram_eigenvalue_bounds(basis_u, basis_v), chebyshev=chebyshev),
+        rate=contraction_factor(*gram_eigenvalue_bounds(basis_u, basis_v), chebyshev=chebyshev),
         bounds=solution.bounds,
         convergence=solution.convergence(axis_u.max_norm_factor * axis_v.max_norm_factor),
     )
@@ -315,34 +319,6 @@ def solve_cpia(
         if bound <= limit or step == max_iterations:
             break
     return CpiaSolution(coordinates, bounds[-1] <= limit, np.array(bounds), norm)
-
-
-def cpia_convergence_rate(grid: DataGrid, axis_u: SplineAxis, axis_v: SplineAxis, *, chebyshev: bool) -> float:
-    """Proven factor by which CPIA's error contracts per step.
-
-    Parameters
-    ----------
-    grid : DataGrid
-        Parameters and weights of the data.
-    axis_u, axis_v : SplineAxis
-        Spline spaces whose coordinates are the unknowns.
-    chebyshev : bool
-        Whether the iteration is accelerated.
-
-    Returns
-    -------
-    float
-        q of the module's documentation, or the asymptotic factor r with acceleration.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from tpmscad.splines import bezier_knots, cpia_convergence_rate, gauss_axis, trapezoidal_grid
-    >>> t, axis = np.linspace(0, 1, 33), gauss_axis(bezier_knots(4), 4)
-    >>> 0 < cpia_convergence_rate(trapezoidal_grid(t, t), axis, axis, chebyshev=True) < 0.1
-    True
-    """
-    return _contraction_factor(*gram_eigenvalue_bounds(*weighted_bases(grid, axis_u, axis_v)), chebyshev=chebyshev)
 
 
 def iterate_cpia(
@@ -387,7 +363,7 @@ def _iterate(
         x = subspace.project((x + step).ravel()).reshape(shape)
 
 
-def _contraction_factor(low: float, high: float, *, chebyshev: bool) -> float:
+def contraction_factor(low: float, high: float, *, chebyshev: bool) -> float:
     """q, or r with Chebyshev's acceleration, from the extreme eigenvalues."""
     q = (high - low) / (high + low)
     return q / (1 + float(np.sqrt(1 - q**2))) if chebyshev else q

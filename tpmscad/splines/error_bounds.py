@@ -57,30 +57,6 @@ def filip_bound(m_uu: float, m_uv: float, m_vv: float, step_u: float, step_v: fl
     return (step_u**2 * m_uu + 2 * step_u * step_v * m_uv + step_v**2 * m_vv) / 8
 
 
-def filip_step(m_uu: float, m_uv: float, m_vv: float, tol: float) -> float:
-    """Step, equal in u and v, at which `filip_bound` equals a tolerance.
-
-    Parameters
-    ----------
-    m_uu, m_uv, m_vv : float
-        Upper bounds of the norms of the second derivatives.
-    tol : float
-        The tolerance, in the unit of the surface.
-
-    Returns
-    -------
-    float
-        The step.
-
-    Examples
-    --------
-    >>> from tpmscad.splines import filip_step
-    >>> filip_step(1.0, 0.0, 1.0, 1.0)
-    2.0
-    """
-    return float(np.sqrt(8 * tol / (m_uu + 2 * m_uv + m_vv)))
-
-
 def zheng_sederberg_bound(m_uv: float, step_u: float, step_v: float) -> float:
     """Upper bound on the distance between a bilinear facet and its two triangles, at equal parameters.
 

@@ -71,6 +71,12 @@ def apply_bases(left: Array, grid: Array, right: Array) -> Array:
     return right @ half
 
 
+def gram_eigenvalue_bounds(basis_u: Array, basis_v: Array) -> tuple[float, float]:
+    """Least and greatest eigenvalue of B^T B for the tensor product B of two design matrices."""
+    values = [np.linalg.svd(b, compute_uv=False) ** 2 for b in (basis_u, basis_v)]
+    return float(values[0][-1] * values[1][-1]), float(values[0][0] * values[1][0])
+
+
 def surface_from_coordinates(coordinates: Array, axis_u: SplineAxis, axis_v: SplineAxis) -> BSplineSurface:
     """The surface with the given coordinates (U, V, D)."""
     poles = np.einsum("pu,uvd,qv->pqd", axis_u.to_poles, coordinates, axis_v.to_poles, optimize=True)

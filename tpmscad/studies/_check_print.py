@@ -131,10 +131,7 @@ class PrintReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values, ready for JSON.
 
-        Returns
-        -------
-        dict
-            The attributes by name; it is what ``tpmscad check --print --report`` writes.
+        The attributes by name; it is what ``tpmscad check --print --report`` writes.
         """
         return asdict(self)
 

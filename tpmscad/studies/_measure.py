@@ -19,7 +19,7 @@ from tpmscad.api.shared_kinds import ANYTHING, FLAG, POSITIVE
 from tpmscad.brep.local_thickness import SharpEdgePoints, find_smallest_width
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.cad_body import read_body
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import face_areas
 from tpmscad.kernel.measure.shape_report import ShapeReport
 from tpmscad.kernel.measure.shape_sampling import (
     Creases,
@@ -102,13 +102,7 @@ class Metrics:
     is_fluid: bool = False
 
     def to_dict(self) -> dict[str, Any]:
-        """The metrics as plain values, ready for JSON.
-
-        Returns
-        -------
-        dict
-            The attributes by name.
-        """
+        """The metrics as plain values, ready for JSON. The attributes by name."""
         return asdict(self)
 
     def __str__(self) -> str:
@@ -223,7 +217,7 @@ def _measure_envelope(
     n_off = np.bincount(samples.face[~on_envelope], minlength=len(faces))
     dry = (n_off == 0) & (np.bincount(samples.face, minlength=len(faces)) > 0)
     dry_faces = [face for face, is_dry in zip(faces, dry, strict=True) if is_dry]
-    wetted = report.area - float(face_moments(dry_faces)[:, 0].sum())
+    wetted = report.area - float(face_areas(dry_faces).sum())
     return volume, wetted if wetted > ENVELOPE_TOL_DIAGONALS * report.area else 0.0
 
 

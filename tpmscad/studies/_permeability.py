@@ -60,10 +60,7 @@ class ChannelPermeability:
     def to_dict(self) -> dict[str, Any]:
         """All figures as plain values, ready for JSON.
 
-        Returns
-        -------
-        dict
-            The attributes and `error` by their names; permeabilities are in squares of the model's unit (mm2).
+        The attributes and `error` by their names; permeabilities are in squares of the model's unit (mm2).
         """
         return {
             "name": self.name,

@@ -49,13 +49,7 @@ class FlowEstimateRow:
         return not self.outside
 
     def to_dict(self) -> dict[str, Any]:
-        """The row as plain values, ready for JSON.
-
-        Returns
-        -------
-        dict
-            The source, the range and the values by their names.
-        """
+        """The row as plain values, ready for JSON. The source, the range and the values by their names."""
         of = self.correlation
         return {
             "source": f"{of.authors}, {of.journal} ({of.year})",
@@ -126,10 +120,7 @@ class FlowEstimate:
     def to_dict(self) -> dict[str, Any]:
         """All figures as plain values, ready for JSON.
 
-        Returns
-        -------
-        dict
-            The attributes by their names; rows as `FlowEstimateRow.to_dict` gives them.
+        The attributes by their names; rows as `FlowEstimateRow.to_dict` gives them.
         """
         return {
             "name": self.name,

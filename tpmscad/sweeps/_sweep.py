@@ -125,13 +125,7 @@ class SweepResults:
         return plot_columns((x, y, by), met, ax)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values, as in a report.
-
-        Returns
-        -------
-        dict
-            The path, the number of reused rows, and the rows.
-        """
+        """Plain values, as in a report. The path, the number of reused rows, and the rows."""
         return {
             "path": str(self.path),
             "reused": self.reused,

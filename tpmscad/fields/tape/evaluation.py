@@ -108,10 +108,7 @@ class FieldEvaluation:
     def periods(self) -> Triple | None:
         """Return the periods along the axes.
 
-        Returns
-        -------
-        (px, py, pz) or None
-            Lengths of the translations along x, y and z that leave the field unchanged, in model units; None if there are none.
+        Lengths of the translations along x, y and z that leave the field unchanged, in model units; None if there are none.
         """
         return None
 

@@ -20,8 +20,9 @@ from tpmscad.errors import InvalidRequest, NotQuadric
 from tpmscad.kernel.body_import.closed_face_splitting import split_closed_faces
 from tpmscad.kernel.body_import.exact_faces import read_exact_body
 from tpmscad.kernel.body_import.unrolled_faces import ImportedBody, unroll_face
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import solid_moments
 from tpmscad.kernel.occt.bounding_boxes import box_center, box_diagonal
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of, solids_of, unwrap
 from tpmscad.kernel.recognise.edge_curves import UnsupportedFace, fit_pcurve
 from tpmscad.kernel.recognise.face_carriers import EXACT_REL_TOL, recognise_carrier
@@ -173,7 +174,7 @@ def _check_closed_and_volume(brep: Brep, faces: list[TopoDS_Face], size: float) 
         at = brep.vertices[brep.edges.start[unmatched[0]]].round(6)
         raise NotQuadric(f"{len(unmatched)} edges of the body do not join two of its faces, the first at {at}", ())
     moments = integral_properties.integrate_faces(brep)
-    volume, expected = float(integral_properties.volume(moments)[0]), float(face_moments(faces)[:, 1].sum())
+    volume, expected = float(integral_properties.volume(moments)[0]), float(solid_moments(make_compound(faces))[1])
     if not abs(volume - expected) <= BOUNDARY_DISTANCE_TOL * size * moments.area.sum():
         raise NotQuadric(
             f"the body's faces bound {volume:.9g}, not {expected:.9g}, when read exactly: "

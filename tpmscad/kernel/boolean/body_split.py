@@ -10,7 +10,7 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel.boolean.boolean_operations import modified_faces, sort_by_volume, translate_occt_errors
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import face_areas
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of
 
@@ -71,6 +71,6 @@ def _describe_solid(
         if key in body_images:
             on_body.append((body_images[key], face))
     areas: dict[int, float] = {}
-    for (number, _), moments in zip(on_body, face_moments([face for _, face in on_body]), strict=True):
-        areas[number] = areas.get(number, 0.0) + float(moments[0])
+    for (number, _), area in zip(on_body, face_areas([face for _, face in on_body]), strict=True):
+        areas[number] = areas.get(number, 0.0) + float(area)
     return SplitSolid(solid, frozenset(sides), areas)

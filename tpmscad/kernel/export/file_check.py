@@ -18,7 +18,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.carriers import Carrier
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.build.shell_nesting import ShellNesting
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import face_areas
 from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
@@ -66,7 +66,7 @@ def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequ
         )
     if not is_valid(make_compound(faces)):
         raise KernelError("export_step", "the kernel's check rejects a face of the file")
-    area, meant = float(face_moments(faces)[:, 0].sum()), n_placements * float(nesting.moments.area[chosen].sum())
+    area, meant = float(face_areas(faces).sum()), n_placements * float(nesting.moments.area[chosen].sum())
     if abs(area - meant) > AREA_RTOL * meant:
         raise KernelError("export_step", f"faces of area {meant:.12g} read back with area {area:.12g}")
 

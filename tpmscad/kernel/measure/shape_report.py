@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -82,13 +83,7 @@ class ShapeReport:
         return self.solids > 0 and self.valid and self.closed and self.outward
 
     def to_dict(self) -> dict[str, Any]:
-        """The report as plain values for JSON.
-
-        Returns
-        -------
-        dict
-            All attributes and `ok`.
-        """
+        """The report as plain values for JSON. All attributes and `ok`."""
         return {"ok": self.ok} | asdict(self)
 
     def __str__(self) -> str:
@@ -141,10 +136,7 @@ class StepReport:
     def to_dict(self) -> dict[str, Any]:
         """The report as plain values for JSON.
 
-        Returns
-        -------
-        dict
-            `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
+        `file`, `units`, `products`, `notes` and the entries of `ShapeReport.to_dict`.
         """
         of_file = {
             "file": self.file,
@@ -248,15 +240,18 @@ def is_valid(shape: Any) -> bool:
     return bool(BRepCheck_Analyzer(unwrap(shape), True, may_use_threads()).IsValid())
 
 
-def check_shape(shape: Any) -> ShapeReport:
-    """Report on a TopoDS, build123d or CadQuery shape; a solid that is placed many times is measured once."""
+def check_shape(shape: Any, integrate: Callable[[Any], Array] = solid_moments) -> ShapeReport:
+    """Report on a TopoDS, build123d or CadQuery shape; a solid that is placed many times is measured once.
+
+    `integrate` gives area, volume and volume times centroid of a solid: `solid_volume` is quick and gives the volume alone.
+    """
     measured: dict[ShapeKey, _SolidFigures] = {}
     total, volumes, figures, boxes = np.zeros(5), [], [], []
     for solid in solids_of(shape):
         unplaced = solid.Located(TopLoc_Location())
         key = ShapeKey(unplaced)
         if key not in measured:
-            measured[key] = _measure_solid(convert.as_solid(unplaced))
+            measured[key] = _measure_solid(convert.as_solid(unplaced), integrate)
         found = measured[key]
         moments = _transform_moments(found.moments, solid)
         if orientation_sign(solid) < orientation_sign(unplaced):
@@ -292,7 +287,7 @@ def _triple(values: Array) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
+def _measure_solid(solid: TopoDS_Solid, integrate: Callable[[Any], Array]) -> _SolidFigures:
     """Properties of a solid without its location."""
     faces = faces_of(solid)
     edges = count_subshape_uses(solid, TopAbs_EDGE, TopAbs_FACE)
@@ -302,7 +297,7 @@ def _measure_solid(solid: TopoDS_Solid) -> _SolidFigures:
         edges=len(edges),
         valid=is_valid(solid),
         closed=all(uses == (1 if BRep_Tool.Degenerated_s(convert.as_edge(edge)) else 2) for edge, uses in edges),
-        moments=solid_moments(solid),
+        moments=integrate(solid),
         bounds=bounding_box(solid),
         tolerance=max(
             float(BRep_Tool.MaxTolerance_s(solid, kind)) for kind in (TopAbs_VERTEX, TopAbs_EDGE, TopAbs_FACE)

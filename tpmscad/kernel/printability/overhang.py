@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.kernel.export.solid_mesh import ParametricMesh, mesh_parametrically
-from tpmscad.kernel.measure.mass_properties import face_moments
+from tpmscad.kernel.measure.mass_properties import face_areas
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.exploration import orientation_sign, unwrap
 from tpmscad.kernel.slicing.geometry_evaluators import SurfaceEvaluator, face_evaluator
@@ -129,7 +129,7 @@ def _measure_solid(mesh: ParametricMesh, build_direction: Array, sine: float, pl
         steepest += [(float(corner[i].max()), number, uv[i]) for i in steep.tolist() if free[i]]
     needed = np.flatnonzero((beyond > 0.0) | (standing > 0.0))
     exact = np.zeros(len(mesh.faces))
-    exact[needed] = face_moments([mesh.faces[i] for i in needed.tolist()])[:, 0]
+    exact[needed] = face_areas([mesh.faces[i] for i in needed.tolist()])
     angle, place = _find_steepest(steepest, mesh, build_direction)
     return Overhang(float(beyond @ exact), angle, place, float(standing @ exact))
 

@@ -42,7 +42,6 @@ def write_step(
     instances: Sequence[Motion] = (),
     labels: Sequence[str] | None = None,
     colours: Mapping[str, Colour] | None = None,
-    replicas: bool = False,
     time_stamp: str | None = None,
     verify: Callable[[Path], None] | None = None,
 ) -> None:
@@ -50,8 +49,7 @@ def write_step(
 
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
     placed by an assembly, which each further level places again (`cell_assembly`). labels: names of the faces, by default their
-    tags. colours: red, green and blue from 0 to 1 by label. replicas: store each primitive surface once; smaller, read by most
-    readers, but outside the standard (`geometry_entities`). verify: called with the complete file under its temporary name; if
+    tags. colours: red, green and blue from 0 to 1 by label. verify: called with the complete file under its temporary name; if
     it raises, no file is left. Equal requests write equal bytes, but for `time_stamp` (by default the current time) on a line
     of its own.
 
@@ -64,7 +62,7 @@ def write_step(
     setting = write_file_context(section, protocol, CONFUSION_TOLERANCE)
     part_name = f"{title} cell" if instances else title
     names = [brep.tags[t] for t in brep.faces.tag.tolist()] if labels is None else labels
-    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names, replicas)
+    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names)
     part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
     if colours:
         write_colours(section, part.context, written.faces, names, colours)

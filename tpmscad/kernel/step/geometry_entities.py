@@ -2,11 +2,6 @@
 
 Coordinates are rounded relative to the model's extent (COORDINATE_DIGITS), so that points which agree to round-off become one
 CARTESIAN_POINT.
-
-SURFACE_REPLICA stores a surface once and places copies of it (TPMS2STEP, section 3.6). Such files are smaller but violate the
-standard: a WHERE rule of advanced_face (wr1 in AP203, AP214 and AP242) admits elementary, swept and B-spline surfaces only. OCCT,
-FreeCAD and gmsh nevertheless read replicas if no operator mirrors; OCCT makes an invalid face of a mirrored one. Each primitive
-therefore has a base surface for either handedness, and all operators are proper rotations.
 """
 
 from __future__ import annotations
@@ -14,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
@@ -33,39 +27,6 @@ from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals
 from tpmscad.kernel.step.point_text import MAX_DECIMALS, format_points
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
-
-MIRROR_X = np.diag([-1.0, 1.0, 1.0])
-
-
-def group_by_handedness(primitive: IntArray, motion: Motion) -> tuple[IntArray, Array, Array]:
-    """Base surface of each placed primitive (n,), and for each base its primitive (b,) and whether it is mirrored (b,)."""
-    mirrored = motion.handedness < 0
-    rows = np.column_stack([primitive, mirrored])
-    distinct, index = np.unique(rows, axis=0, return_inverse=True)
-    return index.ravel(), distinct[:, 0], distinct[:, 1].astype(bool)
-
-
-def write_replicas(section: DataSection, base: IntArray, motion: Motion) -> IntArray:
-    """Write SURFACE_REPLICAs of bases (entity numbers (n,)) and return their numbers.
-
-    A mirrored base already contains the reflection, so that its operator is the remaining rotation.
-    """
-    proper = np.where((motion.handedness < 0)[:, None, None], motion.rotation @ MIRROR_X, motion.rotation)
-    axes = np.swapaxes(proper, 1, 2).reshape(-1, 3)  # the images of x, y and z in turn
-    x, y, z = (format_reals(axes[:, k].tolist()) for k in range(3))
-    directions = section.extend([f"DIRECTION('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
-    x, y, z = (format_reals(motion.translation[:, k].tolist()) for k in range(3))
-    origins = section.extend([f"CARTESIAN_POINT('',({a},{b},{c}))" for a, b, c in zip(x, y, z, strict=True)])
-    operators = section.extend(
-        [
-            f"CARTESIAN_TRANSFORMATION_OPERATOR_3D('','',$,#{a},#{b},#{o},1.,#{c})"
-            for a, b, c, o in zip(directions[0::3], directions[1::3], directions[2::3], origins, strict=True)
-        ]
-    )
-    return np.array(
-        section.extend([f"SURFACE_REPLICA('',#{b},#{o})" for b, o in zip(base.tolist(), operators, strict=True)])
-    )
-
 
 COORDINATE_DIGITS = 12
 """Digits kept after the leading digit of the largest coordinate: ten thousand times the round-off of float64, so that shared
@@ -90,20 +51,6 @@ class PlacedGeometry:
         rank[order] = np.arange(len(order))
         at = first[order]
         return cls(primitive[at], motion[at], rank[index.ravel()])
-
-    def replica_bases(self, spline: NDArray[np.bool_]) -> PlacedGeometry:
-        """Geometry to write in full for replicas: all planes, and each primitive once per handedness, unplaced."""
-        base, primitive, mirrored = group_by_handedness(self.primitive[spline], self.motion[spline])
-        planes = np.flatnonzero(~spline)
-        index = np.empty(len(spline), np.int64)
-        index[planes] = np.arange(len(planes))
-        index[spline] = len(planes) + base
-        handed = Motion(np.where(mirrored[:, None, None], MIRROR_X, np.eye(3)), np.zeros((len(primitive), 3)))
-        return PlacedGeometry(
-            np.concatenate([self.primitive[planes], primitive]),
-            Motion.concatenate([self.motion[planes], handed]),
-            index,
-        )
 
     def points(self, local: list[Array]) -> list[Array]:
         """Placed points (n, 3) of each item, given the points of the primitives."""
@@ -232,15 +179,6 @@ def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: 
     if isinstance(carrier, SphericalSurface):
         return f"SPHERICAL_SURFACE('',#{at},{format_real(carrier.radius)})"
     return f"TOROIDAL_SURFACE('',#{at},{format_real(carrier.major)},{format_real(carrier.minor)})"
-
-
-def write_placed_replicas(
-    section: DataSection, placed: PlacedGeometry, spline: NDArray[np.bool_], base: PlacedGeometry, number: IntArray
-) -> IntArray:
-    """Write the placed carriers as replicas of the bases and return their entity numbers."""
-    result = number[base.index]
-    result[spline] = write_replicas(section, result[spline], placed.motion[spline])
-    return result
 
 
 def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:

@@ -22,7 +22,6 @@ from tpmscad.kernel.step.geometry_entities import (
     poles_of,
     write_curves,
     write_directions,
-    write_placed_replicas,
     write_points,
     write_surfaces,
 )
@@ -44,28 +43,23 @@ def write_solids(
     nesting: ShellNesting,
     name: str,
     labels: Sequence[str],
-    replicas: bool = False,
 ) -> SolidEntities:
     """Write the solids of a closed boundary representation, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS.
 
     `name` is that of the first solid, the others have their place, too (`piece_names`); `labels` are the names of the
-    faces. `replicas` writes each primitive surface once and copies it (`geometry_entities`).
+    faces.
     """
     surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
     curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
     poles, control = [poles_of(c) for c in brep.carriers], [poles_of(c) for c in brep.curves]
-    spline = np.array([isinstance(c, BSplineSurface) for c in brep.carriers])[surfaces.primitive]
-    written = surfaces.replica_bases(spline) if replicas else surfaces
-    surface_points, curve_points = written.points(poles), curves.points(control)
+    surface_points, curve_points = surfaces.points(poles), curves.points(control)
     numbers = write_points(section, np.concatenate([brep.vertices, *surface_points, *curve_points]))
     of_vertex, *of_rest = _split_numbers(
         numbers, [len(brep.vertices), *map(len, surface_points), *map(len, curve_points)]
     )
     of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
 
-    surface_number = write_surfaces(section, brep, written, of_surface)
-    if replicas:
-        surface_number = write_placed_replicas(section, surfaces, spline, written, surface_number)
+    surface_number = write_surfaces(section, brep, surfaces, of_surface)
     curve_number = write_curves(section, brep, curves, of_curve)
     edge_number = _write_edges(section, brep, of_vertex, curve_number[curves.index])
     faces = _write_faces(section, brep, surface_number[surfaces.index], edge_number, labels)

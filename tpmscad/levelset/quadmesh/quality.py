@@ -19,6 +19,7 @@ from tpmscad.levelset.quadmesh.short_vectors import (
     norm_of,
     triple_product_of,
 )
+from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 MIN_CORNER_SINE = 0.42
@@ -70,10 +71,11 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
     corners = np.where(polygons < 0, polygons[:, 2:3], polygons)
     points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), bool), np.empty((count, 5))
     _place_middles(vertices, fixed, corners, points, held, side)
-    projected, result = points.copy(), np.empty(count)
-    for _ in range(NEWTON_STEPS_FROM_MIDPOINTS):
-        value, gradient = field.value_and_gradient(projected)
-        _step_to_level_set(projected, value, gradient, held, side)
+    longest = MAX_SAG_FRACTION * side.ravel()
+    projected, gradient = project_with_gradients(
+        field, points.reshape(-1, 3), held.reshape(-1, 3), longest, NEWTON_STEPS_FROM_MIDPOINTS, 0.0
+    )
+    projected, gradient, result = projected.reshape(points.shape), gradient.reshape(points.shape), np.empty(count)
     _measure_interiors(vertices, normals, corners, points, projected, gradient, side, result)
     return result
 
@@ -185,24 +187,6 @@ def _place_middles(
         a, b, c, d = corners[q]
         for x in range(3):
             points[q, 4, x] = (vertices[a, x] + vertices[b, x] + vertices[c, x] + vertices[d, x]) / 4
-
-
-@njit_cached
-def _step_to_level_set(
-    points: Array, value: Array, gradient: Array, held: BoolArray, side: Array
-) -> None:  # pragma: no cover
-    """Move points (Q, 5, 3) by a Newton step along the free gradient, at most MAX_SAG_FRACTION of the side (Q, 5)."""
-    free, step = np.empty(3), np.empty(3)
-    for q in range(len(points)):
-        for k in range(5):
-            for x in range(3):
-                free[x] = 0.0 if held[q, k, x] else gradient[q, k, x]
-            factor = -(value[q, k] / max(dot_as_einsum(free, free), MIN_DIVISOR))
-            for x in range(3):
-                step[x] = factor * free[x]
-            shorten = min(1.0, MAX_SAG_FRACTION * side[q, k] / max(norm_of(step), MIN_DIVISOR))
-            for x in range(3):
-                points[q, k, x] += shorten * step[x]
 
 
 @njit_cached

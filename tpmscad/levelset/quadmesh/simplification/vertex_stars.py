@@ -10,7 +10,8 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, normalize
+from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
+from tpmscad.levelset.quadmesh.vectors import normalize
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,11 +36,8 @@ class SurfaceVertices:
         chord, free = (other - one)[rows], ~fixed[rows]
         lift = [np.einsum("ni,ni->n", chord, n)[:, None] * n for n in (self.normals[removed[rows]], normals[rows])]
         middle = 0.5 * (one + other)[rows] + np.where(free, lift[1] - lift[0], 0.0) / 8
-        value, gradient = self.field.value_and_gradient(middle)
-        along = np.where(free, gradient, 0.0)
-        step = -(value / np.maximum(np.einsum("ni,ni->n", along, along), MIN_DIVISOR))[:, None] * along
-        shorten = np.linalg.norm(chord, axis=1) / np.maximum(np.linalg.norm(step, axis=1), MIN_DIVISOR)
-        points[rows] = middle + np.minimum(1.0, shorten)[:, None] * step
+        longest = np.linalg.norm(chord, axis=1)
+        points[rows], gradient = project_with_gradients(self.field, middle, ~free, longest, 1, 0.0)
         normals[rows] = normalize(gradient)
         return SurfaceVertices(
             self.field,
