@@ -22,6 +22,7 @@ GROUND = {
     "atomic_file",
     "catalogue",
     "errors",
+    "fallbacks",
     "memory_limit",
     "parallel",
     "progress_display",

@@ -92,6 +92,10 @@ class TrimmingError(TpmscadError):
     """A cut could not be resolved with certainty; the message says where."""
 
 
+class UntracedCurve(TrimmingError):
+    """An intersection curve could not be traced; patches fitted more closely may help, another placement does not."""
+
+
 class LevelSetError(TpmscadError):
     """No boundary representation of a field could be made in its box; the message says where, why and what to change."""
 

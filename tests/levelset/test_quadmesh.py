@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from tests.shapes.cut_fields import FIELDS, HI, LO
 from tpmscad import fields
-from tpmscad.levelset.adaptive_search import MAX_DEEP_FRACTION, MAX_DEPTH, _select_splittable
-from tpmscad.levelset.field_solid import fit_field_solid
-from tpmscad.levelset.level_set_fit import _find_hopeless_corners
+from tpmscad.errors import LevelSetError
+from tpmscad.levelset.adaptive_search import MAX_DEPTH, MAX_DEPTH_OF_FEW
+from tpmscad.levelset.field_solid import fit_field, fit_field_solid
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh, build_dual_mesh
 from tpmscad.levelset.quadmesh.patch_network import build_patch_network, match_networks
@@ -138,6 +138,17 @@ def test_a_split_changes_the_mesh_nearby_only() -> None:
     )
 
 
+def folds(mesh: QuadMesh, field: fields.Field) -> np.ndarray:
+    """Polygons (Q,) that turn over at a corner."""
+    result = np.zeros(len(mesh.corners), bool)
+    gradient = field.gradient(mesh.vertices)
+    normals = gradient / np.linalg.norm(gradient, axis=1, keepdims=True)
+    for n in (3, 4):
+        rows = np.flatnonzero((mesh.corners >= 0).sum(axis=1) == n)
+        result[rows] = (corner_sines(mesh.vertices, mesh.corners[rows, :n], normals) < 0).any(axis=1)
+    return result
+
+
 def test_polygons_that_a_split_folded_are_smoothed_again_from_their_start() -> None:
     field = next(iter(FIELDS.values()))
     mesh = smooth_mesh(build_dual_mesh(tree_of(0, 0.0, (10, 12, 8)), field), field, LO, HI)
@@ -146,9 +157,9 @@ def test_polygons_that_a_split_folded_are_smoothed_again_from_their_start() -> N
     vertices = mesh.vertices.copy()
     vertices[[one, other]] = vertices[[other, one]]  # opposite corners change places: the polygon turns over
     tangled = replace(mesh, vertices=vertices)
-    folded = _find_hopeless_corners(tangled, field).any(axis=1)
+    folded = folds(tangled, field)
     assert folded.any()
-    assert not _find_hopeless_corners(smooth_from_start(tangled, folded, field, LO, HI), field).any()
+    assert not folds(smooth_from_start(tangled, folded, field, LO, HI), field).any()
 
 
 def blunt_cone(radius: float) -> fields.Field:
@@ -166,20 +177,17 @@ def blunt_cone(radius: float) -> fields.Field:
     return fields.from_function(value, gradient)
 
 
-def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted() -> None:
+def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted_by_a_few_deep_leaves() -> None:
+    fit = fit_field(blunt_cone(3e-4), np.zeros(3), np.ones(3), 1e-4)
+    splits = np.log2(fit.fits[0].tree.size.max() / fit.fits[0].tree.size)
+    assert MAX_DEPTH < splits.max() <= MAX_DEPTH_OF_FEW
+    assert np.mean(splits > MAX_DEPTH) < 0.2
     solid = fit_field_solid(blunt_cone(3e-4), np.zeros(3), np.ones(3), 1e-4)
     assert solid.patches_to_field <= 1e-4
     assert solid.jump_deg <= 0.01
 
 
-def test_many_leaves_are_split_less_deep_than_a_few() -> None:
-    tree = octree.uniform_octree(LO, HI, np.array((6, 6, 6)))
-    for _ in range(MAX_DEPTH):
-        tree = octree.split_leaves(tree, np.array([tree.leaves_at(np.zeros(3, int))]))
-    deepest, field = np.flatnonzero(tree.size == 1), blunt_cone(0.1)
-    allowed = int(MAX_DEEP_FRACTION * len(tree.size))
-    assert len(deepest) > allowed > 0
-    assert np.array_equal(_select_splittable(tree, field, deepest[:allowed]), deepest[:allowed])
-    assert not len(_select_splittable(tree, field, deepest))
-    everywhere = _select_splittable(tree, field, np.arange(len(tree.size)))
-    assert np.array_equal(everywhere, np.flatnonzero(tree.size > 1))
+def test_an_edge_too_sharp_for_any_patch_is_refused_with_its_place() -> None:
+    roof = fields.from_function(lambda x, y, z: z - 0.8 + np.abs(x - 0.47))
+    with pytest.raises(LevelSetError, match="could not be fitted"):
+        fit_field_solid(roof, np.zeros(3), np.ones(3), 1e-4)

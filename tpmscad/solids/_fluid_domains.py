@@ -16,6 +16,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
+from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
@@ -34,7 +35,6 @@ from tpmscad.solids.boolean_strategies import (
     certify_cut_solids,
     corner_clearance,
 )
-from tpmscad.solids.fallbacks import Fallback, first_success
 from tpmscad.solids.lattice_block import LatticeBlock, build_lattice_block
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain
@@ -115,12 +115,7 @@ class DomainSolids:
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
-    outcome = first_success(
-        [
-            Fallback("trimming on the patches' parameters", lambda: _trim_domains(block, body)),
-            Fallback("splitting by the kernel", lambda: _split_domains(block, body)),
-        ]
-    )
+    outcome = DOMAIN_METHODS.climb(block, body)
     if not outcome.failures:
         return outcome.value
     note = f"split by the kernel: {outcome.reasons}"
@@ -149,9 +144,7 @@ def _trim_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]
     built = build_regions(trimmed.shared, trimmed.breps, trimmed.members)
     if not all(is_brep_valid(domain, of.faces) for domain, of in zip(trimmed.breps, built, strict=True)):
         raise TrimmingError("the kernel's check rejects a domain")
-    notes: tuple[str, ...] = ("trimmed on the patches' parameter domains",)
-    if report.shifted:
-        notes = (*notes, f"the lattice was moved by {report.shifted:.2g}: {report.reason}")
+    notes = "trimmed on the patches' parameter domains", *report.notes
     result = {}
     for name, domain, of in zip(bounds, trimmed.breps, built, strict=True):
         caps = domain.faces_with_tag("cap")
@@ -172,6 +165,15 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
         areas = {face: sum(c.areas.get(face, 0.0) for c in own) for c in own for face in c.areas}
         result[name] = DomainSolids(OcctSolids(tuple(c.solid for c in own)), None, areas, ())
     return result
+
+
+DOMAIN_METHODS = Ladder(
+    (
+        Fallback("trimming on the patches' parameters", _trim_domains, "about a second for ten cells"),
+        Fallback("splitting by the kernel", _split_domains, "about ten times as long; for bodies with free-form faces"),
+    )
+)
+"""How a body is divided into the domains."""
 
 
 def classify_cell(cell: SplitSolid) -> str:

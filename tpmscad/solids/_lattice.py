@@ -22,6 +22,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
@@ -33,7 +34,6 @@ from tpmscad.requests.lattice_request import MIN_TOL_CELLS, LatticeRequest, reso
 from tpmscad.results.certificate import certify_built_solids
 from tpmscad.results.loose_pieces import drop_loose_pieces
 from tpmscad.results.model import Model, UnitCell
-from tpmscad.solids.fallbacks import Fallback, first_success
 from tpmscad.solids.lattice_block import find_trim_tolerance
 from tpmscad.solids.mapped_block import cover_mapped_lattice, exact_source
 from tpmscad.solids.patch_measures import measure_lattice_patches
@@ -170,19 +170,14 @@ def _compose_map(request: LatticeRequest, map: Map | Callable[[Array], Array] | 
 
 def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], LatticePatches]) -> LatticePatches:
     """The patches of `fit_and_trim(tol)`, fitted more closely than requested while their cuts cannot be traced."""
-    finest = max(request.tol * FIT_TOL_FRACTIONS[-1], MIN_TOL_CELLS * request.cell[0])
-
-    def run(tol: float) -> LatticePatches:
-        found = fit_and_trim(tol)
-        if tol == request.tol:
-            return found
-        return replace(
-            found, notes=(*found.notes, f"fitted to {tol:.3g}: the cuts of coarser patches could not be traced")
-        )
-
-    tolerances = dict.fromkeys(max(request.tol * fraction, finest) for fraction in FIT_TOL_FRACTIONS)
-    attempts = [Fallback(f"fitted to {tol:.3g}", partial(run, tol)) for tol in tolerances]
-    return first_success(attempts, retry_on=(TrimmingError,)).value
+    least = MIN_TOL_CELLS * request.cell[0]
+    tolerances = dict.fromkeys(max(request.tol * fraction, least) for fraction in FIT_TOL_FRACTIONS)
+    fits = tuple(Fallback(f"fitted to {tol:.3g}", partial(fit_and_trim, tol)) for tol in tolerances)
+    outcome = Ladder(fits, retry_on=(TrimmingError,)).climb()
+    if not outcome.failures:
+        return outcome.value
+    note = f"{outcome.name}: the cuts of coarser patches could not be traced"
+    return replace(outcome.value, notes=(*outcome.value.notes, note))
 
 
 def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches:
@@ -267,6 +262,4 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
 def _trim_by_body(brep: Brep, body: Brep, cell: float) -> tuple[Brep, tuple[str, ...]]:
     """The part inside a body, closed by caps, and a note if the lattice had to be moved off a face that it touches."""
     cut = trim(brep, body, tol=find_trim_tolerance(cell))
-    if cut.report.shifted == 0.0:
-        return cut.brep, ()
-    return cut.brep, (f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}",)
+    return cut.brep, cut.report.notes

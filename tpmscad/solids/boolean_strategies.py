@@ -19,6 +19,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, TrimmingError
+from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
@@ -29,10 +30,12 @@ from tpmscad.kernel.measure.shape_sampling import sample_solid
 from tpmscad.kernel.measure.validity import is_brep_valid
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.results.certificate import Certificate, Check, certify_built_solids, certify_kernel_solids
-from tpmscad.solids.fallbacks import Fallback, first_success
 from tpmscad.solids.lattice_block import LatticeBlock
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.trim_pipeline import trim
+
+KernelBoolean = Callable[[], tuple[Any, ...]]
+"""Makes the solids of the kernel's boolean of lattice and body."""
 
 TRIMMED_PATCHES = "patches"
 KERNEL_BOOLEAN = "kernel"
@@ -75,10 +78,6 @@ CLEARANCE_SIDES = 0.004
 walls wide, so that this is about a hundredth of the wall."""
 
 
-class _RejectedTrim(TrimmingError):
-    """The kernel's check rejects the trimmed lattice."""
-
-
 def certify_cut_solids(
     block: LatticeBlock,
     built: BrepSolids | OcctSolids,
@@ -101,38 +100,24 @@ def certify_cut_solids(
 def intersect_body_with_lattice(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids that lattice and body have in common; none if they do not meet."""
 
-    def intersect_in_kernel() -> tuple[Any, ...]:
-        return intersect_solids(block.shape, body.shape)
-
-    return _intersect_with_fallbacks(block.patches, body, block.measures.tol, intersect_in_kernel)
+    return _intersect_by_first_method(
+        block.patches, body, block.measures.tol, lambda: intersect_solids(block.shape, body.shape)
+    )
 
 
 def subtract_lattice_from_body(block: LatticeBlock, body: CadBody) -> BooleanResult:
     """The solids of the body without the lattice."""
 
-    def subtract_solids() -> tuple[Any, ...]:
-        return subtract_solid(body.shape, block.shape)
+    return _intersect_by_first_method(
+        reverse_faces(block.patches), body, block.measures.tol, lambda: subtract_solid(body.shape, block.shape)
+    )
 
-    return _intersect_with_fallbacks(reverse_faces(block.patches), body, block.measures.tol, subtract_solids)
 
-
-def _intersect_with_fallbacks(
-    patches: Brep, body: CadBody, tol: float, kernel_boolean: Callable[[], tuple[Any, ...]]
+def _intersect_by_first_method(
+    patches: Brep, body: CadBody, tol: float, kernel_boolean: KernelBoolean
 ) -> BooleanResult:
     """The solids that the patches bound inside the body, by the first method that succeeds."""
-
-    def intersect_in_kernel() -> BooleanResult:
-        built = OcctSolids(kernel_boolean())
-        _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), patches, body)
-        return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
-
-    outcome = first_success(
-        [
-            Fallback("trimming on the patches' parameters", lambda: trim_on_parameters(patches, body, tol)),
-            Fallback("splitting near the body's faces", lambda: split_near_body_faces(patches, body)),
-            Fallback("the kernel's boolean", intersect_in_kernel),
-        ]
-    )
+    outcome = BOOLEAN_METHODS.climb(patches, body, tol, kernel_boolean)
     result = outcome.value
     if not outcome.failures:
         return result
@@ -153,31 +138,29 @@ def trim_on_parameters(patches: Brep, body: CadBody, tol: float) -> BooleanResul
 
     InvalidRequest or TrimmingError if that is impossible, KernelError if the volume of the result is wrong.
     """
-    operand = brep_from_shape(body.shape)
+    cut = trim(
+        patches,
+        brep_from_shape(body.shape),
+        build=_build_valid_solids,
+        clearance=corner_clearance(patches),
+        max_shift=tol,
+    )
+    if cut.built is None:
+        _check_volume_by_sampling(0.0, patches, body)
+        return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
+    _check_volume_by_sampling(float(integral_properties.volume(cut.built.nesting.moments)[0]), patches, body)
+    notes = "trimmed on the patches' parameters", *cut.report.notes
+    return BooleanResult(cut.built, cut.brep, TRIMMED_PATCHES, notes)
 
-    def trim_and_build(apart: bool) -> BooleanResult:
-        cut = trim(patches, operand, clear_sides=apart, clearance=corner_clearance(patches), max_shift=tol)
-        if not len(cut.brep.faces):
-            _check_volume_by_sampling(0.0, patches, body)
-            return BooleanResult(OcctSolids(()), None, TRIMMED_PATCHES, ())
-        built = build_solids(cut.brep)
-        if not is_brep_valid(cut.brep, built.known_faces):
-            raise _RejectedTrim("the kernel's check rejects the trimmed lattice")
-        notes = ["trimmed on the patches' parameters"]
-        if cut.report.shifted:
-            notes.append(f"the lattice was moved by {cut.report.shifted:.2g}: {cut.report.reason}")
-        return BooleanResult(built, cut.brep, TRIMMED_PATCHES, tuple(notes))
 
-    result = first_success(
-        [
-            Fallback("the lattice in its place", lambda: trim_and_build(apart=False)),
-            Fallback("the lattice moved off the body's faces", lambda: trim_and_build(apart=True)),
-        ],
-        retry_on=(_RejectedTrim,),
-    ).value
-    if result.brep is not None:
-        _check_volume_by_sampling(float(integral_properties.volume(result.built.nesting.moments)[0]), patches, body)
-    return result
+def _build_valid_solids(brep: Brep) -> BrepSolids | None:
+    """The solids that patches bound, None if there are no patches; TrimmingError if the kernel's check rejects them."""
+    if not len(brep.faces):
+        return None
+    built = build_solids(brep)
+    if not is_brep_valid(brep, built.known_faces):
+        raise TrimmingError("the kernel's check rejects the trimmed lattice")
+    return built
 
 
 def split_near_body_faces(patches: Brep, body: CadBody) -> BooleanResult:
@@ -188,6 +171,35 @@ def split_near_body_faces(patches: Brep, body: CadBody) -> BooleanResult:
     _check_volume_by_sampling(found.volume, patches, body)
     note = f"the {found.candidate_count} patches near the body's faces were split by the kernel"
     return BooleanResult(OcctSolids(found.solids), None, KERNEL_BOOLEAN, (note,))
+
+
+def _intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoolean) -> BooleanResult:
+    """The kernel's boolean of the two solids; KernelError if that fails."""
+    built = OcctSolids(kernel_boolean())
+    _check_volume_by_sampling(sum(map(estimate_volume, built.solids)), patches, body)
+    return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
+
+
+BOOLEAN_METHODS: Ladder[[Brep, CadBody, float, KernelBoolean], BooleanResult] = Ladder(
+    (
+        Fallback(
+            "trimming on the patches' parameters",
+            lambda patches, body, tol, _: trim_on_parameters(patches, body, tol),
+            "a second for a few cells; bodies of planes and quadrics only",
+        ),
+        Fallback(
+            "splitting near the body's faces",
+            lambda patches, body, tol, _: split_near_body_faces(patches, body),
+            "three to five times as long",
+        ),
+        Fallback(
+            "the kernel's boolean",
+            lambda patches, body, tol, kernel_boolean: _intersect_in_kernel(patches, body, kernel_boolean),
+            "ten times as long for a few cells, and more than in proportion for many",
+        ),
+    )
+)
+"""How the part of a lattice inside a body is made, or the part of the body outside the lattice."""
 
 
 def _check_volume_by_sampling(volume: float, patches: Brep, body: CadBody) -> None:

@@ -9,13 +9,16 @@ a process of its own with a time limit. Whatever the method, the thickness is me
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
 from tpmscad.kernel.boolean.erosion import erode
@@ -25,7 +28,6 @@ from tpmscad.kernel.measure.skin_depth import SkinDepth, SkinThickness, measure_
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.results.certificate import Check
 from tpmscad.solids.boolean_strategies import BooleanResult, subtract_lattice_from_body
-from tpmscad.solids.fallbacks import Fallback, first_success
 from tpmscad.solids.lattice_block import LatticeBlock
 
 MIN_THICKNESS_RATIO = 0.98
@@ -100,23 +102,45 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
             "make it thinner, or leave the body solid"
         )
 
-    def attempt(name: str, make: Callable[[], Sequence[Any]]) -> Fallback[tuple[CadBody, ...]]:
-        def run() -> tuple[CadBody, ...]:
-            parts = tuple(map(read_body, make()))
-            check_eroded(parts, open_faces, skin, depth, points[depths > DEEP_RATIO * skin])
-            return parts
+    request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
+    eroded = EROSION_METHODS.climb(request)
+    return ErodedBody(eroded.value, depth, eroded.name)
 
-        return Fallback(name, run)
 
-    found = first_success(
-        [
-            attempt("exact erosion", lambda: erode(body, skin, open_faces, depth)),
-            attempt("exact erosion", lambda: erode(body, skin, open_faces, depth, EROSION_MARGIN)),
-            attempt("the kernel's offset with arcs", lambda: offset_by_occt(body.shape, skin, open_faces, "arc")),
-            attempt("the kernel's offset with mitres", lambda: offset_by_occt(body.shape, skin, open_faces, "mitre")),
-        ]
+@dataclass(frozen=True, slots=True, eq=False)
+class ErosionRequest:
+    """A body, its skin and open faces, the depth below its closed faces, and points (n, 3) deeper than the skin."""
+
+    body: CadBody
+    skin: float
+    open_faces: Sequence[Any]
+    depth: SkinDepth
+    deep: Array
+
+    def check(self, solids: Sequence[Any]) -> tuple[CadBody, ...]:
+        """The solids as bodies; KernelError if they are not the part of the body deeper than the skin."""
+        parts = tuple(map(read_body, solids))
+        check_eroded(parts, self.open_faces, self.skin, self.depth, self.deep)
+        return parts
+
+
+def _erode_exactly(request: ErosionRequest, margin: float = 0.0) -> tuple[CadBody, ...]:
+    return request.check(erode(request.body, request.skin, request.open_faces, request.depth, margin))
+
+
+def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]:
+    return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join))
+
+
+EROSION_METHODS = Ladder(
+    (
+        Fallback("exact erosion", _erode_exactly, "half a second for a bracket"),
+        Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much again"),
+        Fallback("the kernel's offset with arcs", partial(_offset_in_kernel, join="arc"), "up to 20 s of CPU"),
+        Fallback("the kernel's offset with mitres", partial(_offset_in_kernel, join="mitre"), "up to 20 s of CPU"),
     )
-    return ErodedBody(found.value, depth, found.name)
+)
+"""How a body is eroded by its skin."""
 
 
 def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: float, depth: SkinDepth, deep: Any) -> None:

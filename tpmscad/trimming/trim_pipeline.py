@@ -14,13 +14,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.brep.loops import LoopError
-from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
+from tpmscad.fallbacks import Fallback, Ladder
 from tpmscad.trimming.classify.intersection_curves import classify_intersection_curves
 from tpmscad.trimming.classify.lattice_edges import classify_lattice_edges, split_lattice_edges
 from tpmscad.trimming.classify.point_membership import points_in_lattice
@@ -28,7 +30,7 @@ from tpmscad.trimming.intersect.arrangement import Arrangement, Operands
 from tpmscad.trimming.intersect.body_edges import intersect_body_edges
 from tpmscad.trimming.intersect.broad_phase import find_candidate_pairs
 from tpmscad.trimming.intersect.corner_clearance import find_clear_shift
-from tpmscad.trimming.intersect.curve_surface import check_tangencies, intersect_lattice_edges
+from tpmscad.trimming.intersect.curve_surface import intersect_lattice_edges
 from tpmscad.trimming.intersect.patch_surface import collect_imprints, intersect_patches
 from tpmscad.trimming.operands.face_regions import build_face_regions
 from tpmscad.trimming.operands.patch_sides import read_patch_sides, read_patches, read_spline_curves
@@ -38,7 +40,7 @@ from tpmscad.trimming.rebuild.trimmed_brep import LatticeDomain, TrimmedDomains,
 DEFAULT_TOL = 1e-7
 """Tolerance in model units; kernels give every edge at least this tolerance, so that a smaller one has no effect there."""
 
-SHIFT_ATTEMPTS = (0.0, 1.0, -1.0, 2.0)
+SHIFT_MULTIPLES = (0.0, 1.0, 2.0)
 """Multiples of `SHIFT_STEP_TOLS` by which the lattice is translated, one after the other, until a trim succeeds."""
 
 SHIFT_STEP_TOLS = 10.0
@@ -65,13 +67,19 @@ class TrimReport:
     shifted: float
     reason: str
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """A note on the translation of the lattice, if there was one."""
+        return (f"the lattice was moved by {self.shifted:.2g}: {self.reason}",) if self.shifted else ()
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrimResult:
-    """A closed boundary representation and the statistics of its trim."""
+    """A closed boundary representation, the statistics of its trim, and what the caller built of it."""
 
     brep: Brep
     report: TrimReport
+    built: Any = None
 
 
 def trim(
@@ -80,7 +88,7 @@ def trim(
     tol: float | None = None,
     inside: Callable[[Array], Array] | None = None,
     *,
-    clear_sides: bool = False,
+    build: Callable[[Brep], Any] | None = None,
     clearance: float = 0.0,
     max_shift: float = 0.0,
 ) -> TrimResult:
@@ -97,9 +105,10 @@ def trim(
     inside
         inside(points (n, 3)) -> (n,) bool tells solid from void where no edge of the body meets the lattice. By default the
         nearest patch decides.
-    clear_sides
-        Whether the lattice is also translated if a face of the body is tangent to the side of a patch, so that intersection
-        curves keep clear of sides.
+    build
+        Makes `TrimResult.built` of the result. If it raises TrimmingError, since the kernel rejects what it builds, the next
+        placement is tried: where a face of the body is tangent to the side of a patch, a curve comes within the kernel's
+        tolerance of that side, which the kernel takes for a self-intersecting loop.
     clearance, max_shift
         The lattice is translated by at most `max_shift`, so that no corner of a patch lies nearer to a face of the body than
         `clearance`, both in model units; as far from it as possible if that cannot be had.
@@ -109,11 +118,13 @@ def trim(
     InvalidRequest
         If the lattice does not consist of whole patches, the body is not closed, or tol is not positive.
     TrimmingError
-        If the lattice does not cover the body, or an intersection is not resolved at any of the `SHIFT_ATTEMPTS`.
+        If the lattice does not cover the body, or an intersection is not resolved at any of the `PLACEMENTS`.
     """
     domain = LatticeDomain(np.arange(len(lattice.faces)), 1)
-    result, report = _trim_with_shifts(lattice, body, [domain], tol, inside, clear_sides, (clearance, max_shift))
-    return TrimResult(result.breps[0], report)
+    build_first = None if build is None else lambda result: build(result.breps[0])
+    request = _TrimRequest([domain], inside, build_first)
+    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    return TrimResult(trimmed.result.breps[0], report, trimmed.built)
 
 
 def trim_domains(
@@ -129,50 +140,79 @@ def trim_domains(
 
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
-    return _trim_with_shifts(lattice, body, domains, tol, None, False, (clearance, max_shift))
+    request = _TrimRequest(domains, None, None)
+    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    return trimmed.result, report
 
 
-def _trim_with_shifts(
-    lattice: Brep,
-    body: Brep,
-    domains: Sequence[LatticeDomain],
-    tol: float | None,
-    inside: Callable[[Array], Array] | None,
-    clear_sides: bool,
-    clear_corners: tuple[float, float],
-) -> tuple[TrimmedDomains, TrimReport]:
-    """The first of the `SHIFT_ATTEMPTS` that succeeds; if none does, the error of the first attempt is raised."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _TrimRequest:
+    """The regions to rebuild, what tells points in or out, and what builds the trimmed regions."""
+
+    domains: Sequence[LatticeDomain]
+    inside: Callable[[Array], Array] | None
+    build: Callable[[TrimmedDomains], Any] | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Trim:
+    """An arrangement, the regions rebuilt from it, what was built of them, and the translation of the lattice (3,)."""
+
+    arrangement: Arrangement
+    result: TrimmedDomains
+    built: Any
+    shift: Array
+
+
+def _trim_translated(multiple: float, operands: Operands, request: _TrimRequest) -> _Trim:
+    """The trim with the lattice translated by a multiple of `SHIFT_STEP_TOLS`; TrimmingError if it is not resolved."""
+    shift = multiple * SHIFT_STEP_TOLS * operands.tol * SHIFT_DIRECTION
+    shifted = translate_lattice(operands, shift) if multiple else operands
+    classify = _points_in_domain if request.inside is None else partial(_points_inside, request.inside)
+    arrangement = compute_arrangement(shifted)
+    try:
+        result = rebuild_domains(arrangement, request.domains, [partial(classify, shifted, d) for d in request.domains])
+        result = restrict_domains(result)
+    except LoopError as error:
+        raise TrimmingError(str(error)) from error
+    return _Trim(arrangement, result, request.build(result) if request.build else None, shift)
+
+
+PLACEMENTS: Ladder[[Operands, _TrimRequest], _Trim] = Ladder(
+    tuple(
+        Fallback(f"the lattice moved by {multiple * SHIFT_STEP_TOLS:g} tolerances", partial(_trim_translated, multiple))
+        for multiple in SHIFT_MULTIPLES
+    ),
+    retry_on=(TrimmingError,),
+    final=(UntracedCurve,),
+)
+"""Placements of the lattice that are tried while intersections are not resolved, or the kernel rejects what is built."""
+
+
+def _trim_with_placements(
+    lattice: Brep, body: Brep, tol: float | None, request: _TrimRequest, clearance: float, max_shift: float
+) -> tuple[_Trim, TrimReport]:
+    """The trim at the first of the `PLACEMENTS` that succeeds, and its statistics."""
     operands = prepare_operands(lattice, body, DEFAULT_TOL if tol is None else tol)
-    classify = _points_in_domain if inside is None else partial(_points_inside, inside)
-    reason, failure, shift = "", "", np.zeros(3)
-    if clear_corners[0] > 0:
-        shift, before, after = find_clear_shift(operands, *clear_corners)
+    shift, reasons = np.zeros(3), []
+    if clearance > 0:
+        shift, before, after = find_clear_shift(operands, clearance, max_shift)
         if shift.any():
             operands = translate_lattice(operands, shift)
-            reason = (
+            reasons.append(
                 f"a corner of a patch lay {before:.2g} from a face of the body, where {after:.2g} is the nearest now"
             )
-    for multiple in SHIFT_ATTEMPTS:
-        distance = multiple * SHIFT_STEP_TOLS * operands.tol
-        shifted = translate_lattice(operands, distance * SHIFT_DIRECTION) if multiple else operands
-        try:
-            arrangement = compute_arrangement(shifted, clear_sides)
-            result = rebuild_domains(arrangement, domains, [partial(classify, shifted, d) for d in domains])
-            result = restrict_domains(result)
-        except (TrimmingError, LoopError) as error:
-            failure = failure or str(error)
-            continue
-        moved = float(np.linalg.norm(shift + distance * SHIFT_DIRECTION))
-        return result, _report(arrangement, result, moved, "; ".join(filter(None, (reason, failure))))
-    raise TrimmingError(failure)
+    outcome = PLACEMENTS.climb(operands, request)
+    trimmed = outcome.value
+    moved = float(np.linalg.norm(shift + trimmed.shift))
+    reason = "; ".join([*reasons, *(str(failure) for failure in outcome.failures[:1])])
+    return trimmed, _report(trimmed.arrangement, trimmed.result, moved, reason)
 
 
-def compute_arrangement(operands: Operands, clear_sides: bool = False) -> Arrangement:
+def compute_arrangement(operands: Operands) -> Arrangement:
     """The classified arrangement of lattice and body; TrimmingError if an intersection is not resolved."""
     a = Arrangement.of_lattice(operands)
     a = intersect_lattice_edges(a)
-    if clear_sides:
-        check_tangencies(a)
     a = intersect_patches(a)
     a = collect_imprints(a)
     a = intersect_body_edges(a)

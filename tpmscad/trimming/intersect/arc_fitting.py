@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import UntracedCurve
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.trimming.intersect.arrangement import FittedArc
@@ -81,7 +81,7 @@ def fit_arcs(
                 result[i] = arc
             pending = pending[[arc is None for arc in found]]
         if len(pending):
-            raise TrimmingError(
+            raise UntracedCurve(
                 f"an intersection curve deviates by {error.max():.3g} from its patch with {SPAN_COUNTS[-1]} spans; "
                 f"the tolerance is {tol:.3g}"
             )

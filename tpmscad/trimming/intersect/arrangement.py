@@ -92,8 +92,7 @@ class CurveSurfaceIntersections:
     `initial_sign` (n, K): -1 or +1 at the start of the segment, 0 if the segment lies in the surface. `row_of_pair` (n, K): -1
     without roots, else p with the ascending parameters root_parameter[root_start[p]:root_start[p + 1]]. `root_segment`,
     `root_surface`: of each root. `coincident_deviation` (n,): largest distance of a segment from the surface it lies in.
-    `touch_parameter`, `touch_segment`, `touch_surface`: tangencies, where a segment comes within the vertex tolerance of a
-    surface and does not cross it. `n_classes`: number of congruence classes of pairs.
+    `n_classes`: number of congruence classes of pairs.
     """
 
     initial_sign: IntArray
@@ -103,9 +102,6 @@ class CurveSurfaceIntersections:
     root_segment: IntArray
     root_surface: IntArray
     coincident_deviation: Array
-    touch_parameter: Array
-    touch_segment: IntArray
-    touch_surface: IntArray
     n_classes: int
 
     def roots_of(self, segment: int, surface: int) -> Array:
@@ -118,7 +114,7 @@ class CurveSurfaceIntersections:
         """The intersections of no segments."""
         table = np.zeros((0, 0), np.int64)
         real = np.zeros(0)
-        return cls(table, table, np.zeros(1, np.int64), real, _NONE, _NONE, real, real, _NONE, _NONE, 0)
+        return cls(table, table, np.zeros(1, np.int64), real, _NONE, _NONE, real, 0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.errors import TrimmingError
+from tpmscad.errors import UntracedCurve
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.trimming.operands.quadric_table import CONE, MIN_DIVISOR_LENGTH, QuadricTable
@@ -186,7 +186,7 @@ class PatchSurfacePairs:
             s[lost] = np.linspace(0.0, 1.0, s.shape[1])
             density[lost] = 1.0 / np.maximum(x[lost, -1:], MIN_DIVISOR_LENGTH)
             if not (np.diff(x, axis=1) > 0).all():
-                raise TrimmingError("the points of an intersection curve are not in ascending order")
+                raise UntracedCurve("the points of an intersection curve are not in ascending order")
         secant = np.diff(s, axis=1) / np.diff(x, axis=1)
         # Fritsch and Carlson's slope limit keeps x(s) monotone where the points are sparse
         rate = 1.0 / np.maximum(density, np.maximum(_pad_intervals(secant, 0), _pad_intervals(secant, 1)) / 3.0)

@@ -74,21 +74,6 @@ def intersect_lattice_edges(a: Arrangement) -> Arrangement:
     return replace(a, edge_roots=roots, edge_root_vertex=vertex, vertices=np.vstack([a.vertices, points]))
 
 
-def check_tangencies(a: Arrangement) -> None:
-    """TrimmingError if a face of the body touches an edge of the lattice without crossing it.
-
-    The trimmed lattice would be valid. But the intersection curve beside the edge comes within the kernel's tolerance of it, and
-    kernels take that for a self-intersecting loop. Holes tangent to mirror planes of the lattice are such a case.
-    """
-    roots, body = a.edge_roots, a.operands.body
-    points = evaluate_segments(a.operands.curves, a.edges, roots.touch_segment, roots.touch_parameter)
-    for f, region in enumerate(a.operands.regions):
-        at = points[roots.touch_surface == body.surface_of_face[f]]
-        at = at[region.contains(at)] if len(at) else at
-        if len(at):
-            raise TrimmingError(f"face {f} of the body is tangent to the side of a patch at {at[0].round(6)}")
-
-
 def intersect_segments(
     curves: Sequence[BSplineCurve],
     segments: CurveSegments,
@@ -122,14 +107,14 @@ def intersect_segments(
     key = np.column_stack([segments.curve[s], segments.span[s], framed.congruence_key(size), ends_on])
     first, label = group_rows(key)
 
-    class_sign, class_deviation, roots, touches = _intersect_classes(
+    class_sign, class_deviation, roots = _intersect_classes(
         curves, segments, s[first], framed.take(first), ends_on[first], snap, zero_tol
     )
 
     sign[s, surface] = class_sign[label]
     deviation = np.zeros(n)
     np.maximum.at(deviation, s, class_deviation[label])
-    count, touched = (np.array([len(r) for r in found], np.int64)[label] for found in (roots, touches))
+    count = np.array([len(r) for r in roots], np.int64)[label]
     rooted = np.flatnonzero(count)
     pair = np.full((n, k), -1)
     pair[s[rooted], surface[rooted]] = np.arange(len(rooted))
@@ -141,9 +126,6 @@ def intersect_segments(
         root_segment=np.repeat(s[rooted], count[rooted]),
         root_surface=np.repeat(surface[rooted], count[rooted]),
         coincident_deviation=deviation,
-        touch_parameter=np.concatenate([np.zeros(0), *(touches[label[p]] for p in np.flatnonzero(touched))]),
-        touch_segment=np.repeat(s, touched),
-        touch_surface=np.repeat(surface, touched),
         n_classes=len(first),
     )
 
@@ -156,10 +138,10 @@ def _intersect_classes(
     ends_on: BoolArray,
     snap: float,
     zero_tol: float,
-) -> tuple[IntArray, Array, list[Array], list[Array]]:
-    """Initial sign, coincident deviation, roots and tangencies of n classes, in batches of one spline space each."""
+) -> tuple[IntArray, Array, list[Array]]:
+    """Initial sign, coincident deviation and roots of n classes, in batches of one spline space each."""
     n = len(segment)
-    sign, deviation, roots, touches = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n, [np.zeros(0)] * n
+    sign, deviation, roots = np.zeros(n, np.int64), np.zeros(n), [np.zeros(0)] * n
     spaces: dict[tuple[int, bytes, bool], list[int]] = {}
     for i, (c, is_plane) in enumerate(zip(segments.curve[segment].tolist(), surfaces.is_plane.tolist(), strict=True)):
         spaces.setdefault((curves[c].degree, curves[c].knots.tobytes(), is_plane), []).append(i)
@@ -168,11 +150,12 @@ def _intersect_classes(
         curve = curves[segments.curve[segment[at[0]]]]
         poles = np.stack([curves[c].poles for c in segments.curve[segment[at]]])
         distance = _DistanceAlongCurves(curve.knots, curve.degree, poles, surfaces.take(at))
-        found = _analyse_distances(distance, segments.span[segment[at]], ends_on[at], snap, zero_tol)
-        sign[at], deviation[at] = found[:2]
-        for i, r, t in zip(members, *found[2:], strict=True):
-            roots[i], touches[i] = r, t
-    return sign, deviation, roots, touches
+        sign[at], deviation[at], roots_of_members = _analyse_distances(
+            distance, segments.span[segment[at]], ends_on[at], snap, zero_tol
+        )
+        for i, r in zip(members, roots_of_members, strict=True):
+            roots[i] = r
+    return sign, deviation, roots
 
 
 class _DistanceAlongCurves:
@@ -199,8 +182,8 @@ class _DistanceAlongCurves:
 
 def _analyse_distances(
     f: _DistanceAlongCurves, span: Array, ends_on: BoolArray, snap: float, zero_tol: float
-) -> tuple[IntArray, Array, list[Array], list[Array]]:
-    """Initial sign, coincident deviation, roots and tangencies of m surfaces, each on its own curve."""
+) -> tuple[IntArray, Array, list[Array]]:
+    """Initial sign, coincident deviation and roots of m surfaces, each on its own curve."""
     poles = f.poles
     m = len(poles)
     size = np.linalg.norm(np.ptp(poles, axis=1), axis=1)
@@ -215,7 +198,7 @@ def _analyse_distances(
     reach = np.abs(value).max(axis=1)
     coincident = (reach < snap) & ends_on.all(axis=1)
 
-    owner, root, touching, touch = _find_roots(f, t, value, slope, TOUCH_FRACTION_OF_SIZE * size, snap)
+    owner, root = _find_roots(f, t, value, slope, TOUCH_FRACTION_OF_SIZE * size)
     keep = ~coincident[owner]
     for i in np.flatnonzero(ends_on[owner].any(axis=1) & keep):
         for end, stop in ((0, low[owner[i]]), (1, high[owner[i]])):
@@ -231,18 +214,11 @@ def _analyse_distances(
     strongest = value[np.arange(m), np.abs(value).argmax(axis=1)]
     sign = np.where(np.where(rootless, strongest, sign) > 0, 1, -1)
     sign[coincident] = 0
-    away = ~coincident[touching]
-    touches = np.split(touch[away], np.searchsorted(touching[away], np.arange(1, m)))
-    return sign, np.where(coincident, reach, 0.0), roots, touches
+    return sign, np.where(coincident, reach, 0.0), roots
 
 
-def _find_roots(
-    f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array, snap: float
-) -> tuple[IntArray, Array, IntArray, Array]:
-    """Simple roots, and extrema nearer to zero than `snap`, of n functions sampled at t (n, SAMPLES_PER_SEGMENT).
-
-    Returns row and parameter of the roots, in order, and row and parameter of the extrema.
-    """
+def _find_roots(f: Callable[..., Array], t: Array, value: Array, slope: Array, noise: Array) -> tuple[IntArray, Array]:
+    """Row and parameter of the simple roots, in order, of n functions sampled at t (n, SAMPLES_PER_SEGMENT)."""
     a, b = value[:, :-1], value[:, 1:]
     step = np.diff(t, axis=1)
     turning = (a * b > 0) & (a * slope[:, :-1] < 0) & (b * slope[:, 1:] > 0)
@@ -258,8 +234,7 @@ def _find_roots(
     high = np.concatenate([t[change, j + 1], top[crosses], high[crosses]])
     root = bracketed_newton(lambda x: f(owner, x), lambda x: f(owner, x, 1), low, high)
     order = np.lexsort((root, owner))
-    touches = np.abs(at_top) < snap
-    return owner[order], root[order], row[touches], top[touches]
+    return owner[order], root[order]
 
 
 def bracketed_newton(f: Callable[[Array], Array], slope: Callable[[Array], Array], low: Array, high: Array) -> Array:

@@ -1,0 +1,50 @@
+"""The policy of methods that may fail: the first that succeeds, and what failed before it."""
+
+from __future__ import annotations
+
+import pytest
+
+from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, MissingDomain, TpmscadError, TrimmingError
+from tpmscad.fallbacks import Fallback, Ladder
+
+
+def ladder(*steps: str | TpmscadError) -> tuple[Ladder[[int], str], list[int]]:
+    """Methods that return a word or raise an error, and the arguments that they are called with."""
+    calls: list[int] = []
+
+    def run(step: str | TpmscadError, argument: int) -> str:
+        calls.append(argument)
+        if isinstance(step, str):
+            return step
+        raise step
+
+    methods = (Fallback(f"way {n}", lambda argument, step=step: run(step, argument)) for n, step in enumerate(steps))
+    return Ladder(tuple(methods)), calls
+
+
+def test_the_first_method_that_succeeds_is_taken_and_the_failures_before_it_are_kept() -> None:
+    methods, calls = ladder(TrimmingError("open"), KernelError("cut", "null"), "third", "fourth")
+    outcome = methods.climb(7)
+    assert (outcome.value, outcome.name, calls) == ("third", "way 2", [7, 7, 7])
+    assert [type(failure) for failure in outcome.failures] == [TrimmingError, KernelError]
+    assert outcome.reasons.startswith("open; ")
+    assert ladder("first")[0].climb(1).reasons == ""
+
+
+@pytest.mark.parametrize("error", [MissingDomain("no wall"), LevelSetError("not smooth")])
+def test_an_error_that_no_other_method_avoids_is_raised_at_once(error: TpmscadError) -> None:
+    methods, calls = ladder(error, "second")
+    with pytest.raises(type(error), match=str(error)):
+        methods.climb(7)
+    assert calls == [7]
+
+
+def test_the_last_error_tells_what_was_tried_before_and_each_reason_once() -> None:
+    methods, _ = ladder(
+        InvalidRequest("free-form"), TrimmingError("open"), TrimmingError("lost"), TrimmingError("lost")
+    )
+    with pytest.raises(TrimmingError) as caught:
+        methods.climb(0)
+    assert str(caught.value) == "lost (way 3; tried before: way 0: free-form; way 1: open)"
+    with pytest.raises(TrimmingError, match=r"^lost$"):
+        ladder(TrimmingError("lost"), TrimmingError("lost"))[0].climb(0)

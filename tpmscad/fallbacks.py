@@ -1,0 +1,86 @@
+"""One policy for methods that may fail: try them in order, and say what was tried.
+
+A trimming on exact parameters is fast but may meet a configuration that it cannot resolve with certainty; then a slower and more
+robust method follows. A `Ladder` states as data what is tried, after which failures the next method follows, and what each
+costs. Its method `climb` runs them in order and keeps the reasons of the failures, for the notes of the certificate or for the
+message of the last error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, ParamSpec, TypeVar
+
+from tpmscad.errors import InvalidRequest, KernelError, MissingDomain, TrimmingError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+RETRYABLE = (InvalidRequest, TrimmingError, KernelError)
+"""Errors of a method after which another one is tried.
+
+InvalidRequest is among them because the exact trimming refuses bodies with free-form faces and patches that are already trimmed,
+which the kernel accepts.
+"""
+
+FINAL = (MissingDomain,)
+"""Errors that no other method can avoid."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fallback(Generic[P, T]):
+    """A method by its name, the function that carries it out, and what it takes, in words."""
+
+    name: str
+    run: Callable[P, T]
+    cost: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[T]):
+    """The value of the first method that succeeded, its name, and the errors of those before it."""
+
+    value: T
+    name: str
+    failures: tuple[Exception, ...]
+
+    @property
+    def reasons(self) -> str:
+        """The messages of the failures, or "" if the first method succeeded."""
+        return "; ".join(map(str, self.failures))
+
+
+@dataclass(frozen=True, slots=True)
+class Ladder(Generic[P, T]):
+    """Methods for one task in the order in which they are tried, the next one after errors of `retry_on` but not of `final`."""
+
+    methods: tuple[Fallback[P, T], ...]
+    retry_on: tuple[type[Exception], ...] = RETRYABLE
+    final: tuple[type[Exception], ...] = FINAL
+
+    def climb(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
+        """The outcome of the first method that succeeds.
+
+        Any other error is raised at once. If all methods fail, the last error is raised; its message is
+        completed by what was tried before.
+        """
+        failures: list[Exception] = []
+        for method in self.methods:
+            try:
+                return Outcome(method.run(*args, **kwargs), method.name, tuple(failures))
+            except self.final:
+                raise
+            except self.retry_on as error:
+                failures.append(error)
+        raise self._with_history(failures) from (failures[-2] if len(failures) > 1 else None)
+
+    def _with_history(self, failures: list[Exception]) -> Exception:
+        """The last error with a message that ends in the methods tried before and their reasons, each reason once."""
+        *earlier, error = failures
+        reasons = {str(failure): method.name for method, failure in zip(self.methods, earlier, strict=False)}
+        reasons.pop(str(error), None)
+        if reasons:
+            history = "; ".join(f"{name}: {reason}" for reason, name in reasons.items())
+            error.args = (f"{error} ({self.methods[-1].name}; tried before: {history})", *error.args[1:])
+        return error
