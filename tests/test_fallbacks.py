@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from tpmscad.errors import InvalidRequest, KernelError, LevelSetError, MissingDomain, TpmscadError, TrimmingError
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 
 
-def ladder(*steps: str | TpmscadError) -> tuple[Ladder[[int], str], list[int]]:
+def make_fallbacks(*steps: str | TpmscadError) -> tuple[Fallbacks[[int], str], list[int]]:
     """Methods that return a word or raise an error, and the arguments that they are called with."""
     calls: list[int] = []
 
@@ -19,32 +19,32 @@ def ladder(*steps: str | TpmscadError) -> tuple[Ladder[[int], str], list[int]]:
         raise step
 
     methods = (Fallback(f"way {n}", lambda argument, step=step: run(step, argument)) for n, step in enumerate(steps))
-    return Ladder(tuple(methods)), calls
+    return Fallbacks(tuple(methods)), calls
 
 
 def test_the_first_method_that_succeeds_is_taken_and_the_failures_before_it_are_kept() -> None:
-    methods, calls = ladder(TrimmingError("open"), KernelError("cut", "null"), "third", "fourth")
-    outcome = methods.climb(7)
+    methods, calls = make_fallbacks(TrimmingError("open"), KernelError("cut", "null"), "third", "fourth")
+    outcome = methods.run(7)
     assert (outcome.value, outcome.name, calls) == ("third", "way 2", [7, 7, 7])
     assert [type(failure) for failure in outcome.failures] == [TrimmingError, KernelError]
     assert outcome.reasons.startswith("open; ")
-    assert ladder("first")[0].climb(1).reasons == ""
+    assert make_fallbacks("first")[0].run(1).reasons == ""
 
 
 @pytest.mark.parametrize("error", [MissingDomain("no wall"), LevelSetError("not smooth")])
 def test_an_error_that_no_other_method_avoids_is_raised_at_once(error: TpmscadError) -> None:
-    methods, calls = ladder(error, "second")
+    methods, calls = make_fallbacks(error, "second")
     with pytest.raises(type(error), match=str(error)):
-        methods.climb(7)
+        methods.run(7)
     assert calls == [7]
 
 
 def test_the_last_error_tells_what_was_tried_before_and_each_reason_once() -> None:
-    methods, _ = ladder(
+    methods, _ = make_fallbacks(
         InvalidRequest("free-form"), TrimmingError("open"), TrimmingError("lost"), TrimmingError("lost")
     )
     with pytest.raises(TrimmingError) as caught:
-        methods.climb(0)
+        methods.run(0)
     assert str(caught.value) == "lost (way 3; tried before: way 0: free-form; way 1: open)"
     with pytest.raises(TrimmingError, match=r"^lost$"):
-        ladder(TrimmingError("lost"), TrimmingError("lost"))[0].climb(0)
+        make_fallbacks(TrimmingError("lost"), TrimmingError("lost"))[0].run(0)

@@ -1,8 +1,8 @@
 """One policy for methods that may fail: try them in order, and say what was tried.
 
 A trimming on exact parameters is fast but may meet a configuration that it cannot resolve with certainty; then a slower and more
-robust method follows. A `Ladder` states as data what is tried, after which failures the next method follows, and what each
-costs. Its method `climb` runs them in order and keeps the reasons of the failures, for the notes of the certificate or for the
+robust method follows. A `Fallbacks` states as data what is tried, after which failures the next method follows, and what each
+costs. Its method `run` runs them in order and keeps the reasons of the failures, for the notes of the certificate or for the
 message of the last error.
 """
 
@@ -52,14 +52,14 @@ class Outcome(Generic[T]):
 
 
 @dataclass(frozen=True, slots=True)
-class Ladder(Generic[P, T]):
+class Fallbacks(Generic[P, T]):
     """Methods for one task in the order in which they are tried, the next one after errors of `retry_on` but not of `final`."""
 
     methods: tuple[Fallback[P, T], ...]
     retry_on: tuple[type[Exception], ...] = RETRYABLE
     final: tuple[type[Exception], ...] = FINAL
 
-    def climb(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
+    def run(self, *args: P.args, **kwargs: P.kwargs) -> Outcome[T]:
         """The outcome of the first method that succeeds.
 
         Any other error is raised at once. If all methods fail, the last error is raised; its message is

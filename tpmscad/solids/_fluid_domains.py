@@ -16,7 +16,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, MissingDomain, TrimmingError
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import brep_and_source_faces
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.body_split import SplitSolid, split_body
@@ -115,7 +115,7 @@ class DomainSolids:
 
 def _compute_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids]:
     """The three domains: trimmed on the patches' own parameters if possible, else split by the kernel."""
-    outcome = DOMAIN_METHODS.climb(block, body)
+    outcome = DOMAIN_METHODS.run(block, body)
     if not outcome.failures:
         return outcome.value
     note = f"split by the kernel: {outcome.reasons}"
@@ -167,7 +167,7 @@ def _split_domains(block: LatticeBlock, body: CadBody) -> dict[str, DomainSolids
     return result
 
 
-DOMAIN_METHODS = Ladder(
+DOMAIN_METHODS = Fallbacks(
     (
         Fallback("trimming on the patches' parameters", _trim_domains, "about a second for ten cells"),
         Fallback("splitting by the kernel", _split_domains, "about ten times as long; for bodies with free-form faces"),

@@ -22,7 +22,7 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep, scale_brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest, TrimmingError
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
@@ -173,7 +173,7 @@ def _fit_until_traced(request: LatticeRequest, fit_and_trim: Callable[[float], L
     least = MIN_TOL_CELLS * request.cell[0]
     tolerances = dict.fromkeys(max(request.tol * fraction, least) for fraction in FIT_TOL_FRACTIONS)
     fits = tuple(Fallback(f"fitted to {tol:.3g}", partial(fit_and_trim, tol)) for tol in tolerances)
-    outcome = Ladder(fits, retry_on=(TrimmingError,)).climb()
+    outcome = Fallbacks(fits, retry_on=(TrimmingError,)).run()
     if not outcome.failures:
         return outcome.value
     note = f"{outcome.name}: the cuts of coarser patches could not be traced"

@@ -19,7 +19,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep, reverse_faces, spline_faces
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError, TrimmingError
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
 from tpmscad.kernel.body_import.cad_body import CadBody
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, estimate_volume, intersect_solids, subtract_solid
@@ -117,7 +117,7 @@ def _intersect_by_first_method(
     patches: Brep, body: CadBody, tol: float, kernel_boolean: KernelBoolean
 ) -> BooleanResult:
     """The solids that the patches bound inside the body, by the first method that succeeds."""
-    outcome = BOOLEAN_METHODS.climb(patches, body, tol, kernel_boolean)
+    outcome = BOOLEAN_METHODS.run(patches, body, tol, kernel_boolean)
     result = outcome.value
     if not outcome.failures:
         return result
@@ -180,7 +180,7 @@ def _intersect_in_kernel(patches: Brep, body: CadBody, kernel_boolean: KernelBoo
     return BooleanResult(built, None, KERNEL_BOOLEAN, ("trimmed by the kernel's boolean",))
 
 
-BOOLEAN_METHODS: Ladder[[Brep, CadBody, float, KernelBoolean], BooleanResult] = Ladder(
+BOOLEAN_METHODS: Fallbacks[[Brep, CadBody, float, KernelBoolean], BooleanResult] = Fallbacks(
     (
         Fallback(
             "trimming on the patches' parameters",

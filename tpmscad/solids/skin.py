@@ -18,7 +18,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
 from tpmscad.kernel.boolean.erosion import erode
@@ -103,7 +103,7 @@ def erode_body(body: CadBody, skin: float, open_faces: Sequence[Any] = ()) -> Er
         )
 
     request = ErosionRequest(body, skin, open_faces, depth, points[depths > DEEP_RATIO * skin])
-    eroded = EROSION_METHODS.climb(request)
+    eroded = EROSION_METHODS.run(request)
     return ErodedBody(eroded.value, depth, eroded.name)
 
 
@@ -132,7 +132,7 @@ def _offset_in_kernel(request: ErosionRequest, join: str) -> tuple[CadBody, ...]
     return request.check(offset_by_occt(request.body.shape, request.skin, request.open_faces, join))
 
 
-EROSION_METHODS = Ladder(
+EROSION_METHODS = Fallbacks(
     (
         Fallback("exact erosion", _erode_exactly, "half a second for a bracket"),
         Fallback("exact erosion", partial(_erode_exactly, margin=EROSION_MARGIN), "as much again"),

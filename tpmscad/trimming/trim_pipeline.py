@@ -22,7 +22,7 @@ from tpmscad._typing import Array, BoolArray
 from tpmscad.brep.boundary_representation import Brep, translate_brep
 from tpmscad.brep.loops import LoopError
 from tpmscad.errors import InvalidRequest, TrimmingError, UntracedCurve
-from tpmscad.fallbacks import Fallback, Ladder
+from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.trimming.classify.intersection_curves import classify_intersection_curves
 from tpmscad.trimming.classify.lattice_edges import classify_lattice_edges, split_lattice_edges
 from tpmscad.trimming.classify.point_membership import points_in_lattice
@@ -178,7 +178,7 @@ def _trim_translated(multiple: float, operands: Operands, request: _TrimRequest)
     return _Trim(arrangement, result, request.build(result) if request.build else None, shift)
 
 
-PLACEMENTS: Ladder[[Operands, _TrimRequest], _Trim] = Ladder(
+PLACEMENTS: Fallbacks[[Operands, _TrimRequest], _Trim] = Fallbacks(
     tuple(
         Fallback(f"the lattice moved by {multiple * SHIFT_STEP_TOLS:g} tolerances", partial(_trim_translated, multiple))
         for multiple in SHIFT_MULTIPLES
@@ -202,7 +202,7 @@ def _trim_with_placements(
             reasons.append(
                 f"a corner of a patch lay {before:.2g} from a face of the body, where {after:.2g} is the nearest now"
             )
-    outcome = PLACEMENTS.climb(operands, request)
+    outcome = PLACEMENTS.run(operands, request)
     trimmed = outcome.value
     moved = float(np.linalg.norm(shift + trimmed.shift))
     reason = "; ".join([*reasons, *(str(failure) for failure in outcome.failures[:1])])
