@@ -1,22 +1,13 @@
-"""Inward offset of a CAD body by OCCT in a process of its own, with a time limit.
+"""Inward offset of a CAD body by OCCT in a child process, within limits of time.
 
 OCCT offsets free-form faces too, but for some bodies it does not return, or ends the process with a segmentation fault. Each
 shell is offset by itself, because OCCT refuses a solid with cavities: the outer shell inwards, the others into the material.
-
-    python -m tpmscad.kernel.boolean.inward_offset IN.bin OUT.bin SKIN arc|mitre [OPEN_FACE ...]
 """
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
-from OCP.BinTools import BinTools
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Cut
 from OCP.BRepClass3d import BRepClass3d
 from OCP.BRepOffset import BRepOffset_MakeOffset, BRepOffset_Skin
@@ -26,6 +17,7 @@ from OCP.TopoDS import TopoDS_Face, TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
 from tpmscad.kernel.occt.construction import make_compound, make_solid
 from tpmscad.kernel.occt.exploration import faces_of, list_subshapes, solids_of
 
@@ -48,12 +40,6 @@ TIME_LIMIT = 60.0
 JOINS = {"arc": GeomAbs_Arc, "mitre": GeomAbs_Intersection}
 """How offset faces are joined round a concave edge: by a tube, or extended to their intersection."""
 
-OUT_OF_TIME = (int(signal.SIGXCPU), int(signal.SIGKILL)) if hasattr(signal, "SIGXCPU") else ()
-"""Signals that end a process beyond its CPU time."""
-
-FAILED = 3
-"""Exit status of the process if OCCT finds no offset."""
-
 
 def offset_by_occt(
     body: TopoDS_Solid, skin: float, open_faces: Sequence[TopoDS_Face], join: str, seconds: float = TIME_LIMIT
@@ -63,27 +49,26 @@ def offset_by_occt(
     Raises KernelError if OCCT finds no offset, crashes, or does not answer within the time limit.
     """
     numbers = [i for i, face in enumerate(faces_of(body)) if any(face.IsSame(o) for o in open_faces)]
-    with TemporaryDirectory(prefix="tpmscad-") as folder:
-        given, made = Path(folder) / "body.bin", Path(folder) / "offset.bin"
-        BinTools.Write_s(body, str(given))
-        command = [sys.executable, "-m", __name__, str(given), str(made), repr(skin), join, *map(str, numbers)]
-        root = str(Path(__file__).parents[3])
-        path = os.pathsep.join([root, *filter(None, [os.environ.get("PYTHONPATH")])])
-        try:
-            ended = subprocess.run(
-                command, env={**os.environ, "PYTHONPATH": path}, timeout=seconds, capture_output=True, check=False
-            )
-        except subprocess.TimeoutExpired:
-            raise KernelError(OPERATION, f"no answer from the kernel within {seconds:g} s ({join})", body) from None
-        if -ended.returncode in OUT_OF_TIME:
-            raise KernelError(OPERATION, f"no answer from the kernel within {CPU_LIMIT} s of CPU ({join})", body)
-        if ended.returncode == FAILED:
-            raise KernelError(OPERATION, f"the kernel found no offset at {skin:g} ({join})", body)
-        if ended.returncode:
-            raise KernelError(OPERATION, f"the kernel crashed, exit status {ended.returncode} ({join})", body)
-        shape = TopoDS_Shape()
-        BinTools.Read_s(shape, str(made))
-    return tuple(solids_of(shape))
+    try:
+        found = call_in_child(_offset_body, convert.shape_to_bytes(body), skin, numbers, join, seconds=seconds)
+    except ChildFailure as failure:
+        raise KernelError(OPERATION, f"the kernel {failure.reason} ({join})", body) from None
+    if found is None:
+        raise KernelError(OPERATION, f"the kernel found no offset at {skin:g} ({join})", body)
+    return tuple(solids_of(convert.shape_from_bytes(found)))
+
+
+def _offset_body(content: bytes, skin: float, open_faces: Sequence[int], join: str) -> bytes | None:
+    """What the child does: the offset of a body in bytes, with open faces by their numbers; None if OCCT finds none."""
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 1))
+    body = convert.as_solid(solids_of(convert.shape_from_bytes(content))[0].Oriented(TopAbs_FORWARD))
+    faces = faces_of(body)
+    try:
+        found = _offset_all_shells(body, skin, [faces[i] for i in open_faces], join)
+    except Exception:  # OCCT's exceptions have no common base class
+        return None
+    return convert.shape_to_bytes(make_compound(solids_of(found)))
 
 
 def _offset_shell(shell: TopoDS_Solid, distance: float, open_faces: Sequence[TopoDS_Face], join: str) -> TopoDS_Shape:
@@ -113,24 +98,3 @@ def _offset_all_shells(body: TopoDS_Solid, skin: float, open_faces: Sequence[Top
 def _holds(shape: TopoDS_Shape, face: TopoDS_Face) -> bool:
     """Whether the face belongs to the shape."""
     return any(own.IsSame(face) for own in faces_of(shape))
-
-
-def main(arguments: Sequence[str]) -> int:
-    """Offset the body of one file into another; the exit status."""
-    given, made, skin, join, *numbers = arguments
-    if resource is not None:
-        resource.setrlimit(resource.RLIMIT_CPU, (CPU_LIMIT, CPU_LIMIT + 1))
-    shape = TopoDS_Shape()
-    BinTools.Read_s(shape, given)
-    body = solids_of(shape)[0].Oriented(TopAbs_FORWARD)
-    faces = faces_of(body)
-    try:
-        found = _offset_all_shells(convert.as_solid(body), float(skin), [faces[int(n)] for n in numbers], join)
-    except Exception:  # OCCT's exceptions have no common base class
-        return FAILED
-    BinTools.Write_s(make_compound(solids_of(found)), made)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))

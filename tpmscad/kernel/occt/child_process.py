@@ -128,6 +128,8 @@ def _require_success(answer: bytes, exit_code: int, seconds: float) -> bytes:
     """The answer of a child that ended with `exit_code`, which is minus the number of a signal; ChildFailure unless it is 0."""
     if CAN_FORK and exit_code == -signal.SIGALRM:
         raise _timeout(seconds)
+    if CAN_FORK and exit_code == -signal.SIGXCPU:  # beyond a limit that the function has set
+        raise ChildFailure("used up its CPU time")
     if exit_code < 0:
         raise ChildFailure(f"crashed ({signal.strsignal(-exit_code)})")
     if exit_code > 0:
