@@ -77,7 +77,6 @@ ALLOWED = {
 CALLED_LATE = {
     "tpmscad/results/model.py": {"files", "studies"},
     "tpmscad/results/domain_results.py": {"files", "studies"},
-    "tpmscad/results/meshable_solid.py": {"studies"},
     "tpmscad/results/result_summary.py": {"studies"},
 }
 """Rooms above that methods of results import when they are called."""

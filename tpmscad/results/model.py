@@ -7,11 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from tpmscad._typing import Array, BoxCorners
 from tpmscad.api.arguments import select_arguments
-from tpmscad.api.public_calls import validate_method_options
+from tpmscad.api.public_calls import validate_call, validate_method_options
+from tpmscad.api.shared_kinds import COUNT, FLAG, PATH, REFINEMENT
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
@@ -23,7 +24,9 @@ from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
 from tpmscad.lattices.spline_volumes import SplineVolumes
+from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import (
+    MeshOptions,
     ModelExportOptions,
     ModelPictureOptions,
     ModelSliceOptions,
@@ -31,12 +34,15 @@ from tpmscad.requests.study_options import (
     StepExportOptions,
 )
 from tpmscad.results.certificate import Certificate
-from tpmscad.results.meshable_solid import MeshableSolid
 from tpmscad.results.result_summary import format_html, format_summary
 
 if TYPE_CHECKING:
     from tpmscad.studies._check_print import PrintReport
     from tpmscad.studies.layer_slices import Slices
+
+
+BODY_REGION = "body"
+"""Group of a mesh's elements."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +55,7 @@ class UnitCell:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(MeshableSolid):
+class Model:
     """A solid with its certificate, whatever made it.
 
     Attributes
@@ -173,16 +179,14 @@ class Model(MeshableSolid):
         if options.instanced:
             self._export_instances(path, schema, verify)
         elif isinstance(self.built, BrepSolids):
-            rtol = REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES
-            labels = label_faces(self.patches, self.outer_faces)
             write_checked_brep(
                 self.patches,
                 self.built.nesting,
                 path,
                 schema=schema,
                 name=self.name,
-                rtol=rtol,
-                labels=labels,
+                rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
+                labels=label_faces(self.patches, self.outer_faces),
                 verify=verify,
             )
         else:
@@ -266,6 +270,105 @@ class Model(MeshableSolid):
 
         return check_print(self.built.shape, **vars(options))
 
+    @validate_call()
+    def hexahedra(
+        self,
+        order: Annotated[
+            int,
+            COUNT,
+            "2: elements of 27 nodes with curved edges (20 with `serendipity`); 1: of 8 nodes with straight ones.",
+        ] = 2,
+        refine: Annotated[
+            int | tuple[int, int],
+            REFINEMENT,
+            "Cuts of each patch's wall: in all three directions, or along the wall and through it. n cuts make n + 1 "
+            "elements.",
+        ] = 0,
+        *,
+        serendipity: Annotated[
+            bool, FLAG, "Leave out the nodes inside faces and elements of second order, as CalculiX and Abaqus want it."
+        ] = False,
+    ) -> VolumeMesh:
+        """Hexahedra of a lattice's wall straight from its patches, without a mesher.
+
+        Between each patch and its partner on the other side of the wall lies one trivariate spline, linear through the wall:
+        one element, or cut into several. Nodes lie on the exact faces.
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes, elements, facets in the groups "surface +", "surface -" and "gap" or "cap X+", and periodic pairs of nodes.
+
+        Raises
+        ------
+        InvalidRequest
+            If the solid is not made of whole walls, a wall folds, or elements are too large for its curvature.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
+        >>> mesh = model.hexahedra(refine=1)  # doctest: +SKIP
+        >>> mesh.write("gyroid.msh")  # doctest: +SKIP
+        """
+        from tpmscad.studies.hexahedral_meshing import mesh_by_splines
+
+        along, through = refine if isinstance(refine, tuple) else (refine, refine)
+        return mesh_by_splines(self.make_spline_volumes, self.name, order, (along, through), serendipity)
+
+    @validate_call()
+    def export_splines(
+        self,
+        path: Annotated[
+            str | Path,
+            PATH,
+            "An ``.xml`` file of G+Smo, which splinepy reads too: a right-handed body for each patch of the wall, "
+            'with exact poles, the interfaces of the bodies, and their outer sides in the groups "surface +", '
+            '"surface -" and "gap" or "cap".',
+        ],
+    ) -> None:
+        """Write the lattice's wall as trivariate splines for isogeometric analysis, with their interfaces.
+
+        Raises
+        ------
+        InvalidRequest
+            If the solid is not made of whole walls, a wall folds, or the suffix is another one.
+
+        Examples
+        --------
+        >>> model = tpmscad.lattice("gyroid", cell=10, thickness=1, boundary="natural")  # doctest: +SKIP
+        >>> model.export_splines("gyroid.xml")  # doctest: +SKIP
+        """
+        from tpmscad.studies.hexahedral_meshing import write_splines
+
+        write_splines(self.make_spline_volumes, self.name, path)
+
+    @validate_method_options(MeshOptions, "mesh(0.5)")
+    def mesh(self, options: MeshOptions) -> VolumeMesh:
+        """Tetrahedra in the solid, with corners and middles of edges on its exact faces; by gmsh (pip install "tpmscad[mesh]").
+
+        Returns
+        -------
+        VolumeMesh
+            Nodes, elements, facets, and groups: the elements are the group "body", the facets have the names of faces in STEP
+            files, such as "surface +", "surface -", "cap X+" or "gap"; `write` stores it as .msh, .inp or .vtu.
+
+        Raises
+        ------
+        InvalidRequest
+            If gmsh is not installed, the order is another one, there would be too many elements, or opposite sides differ.
+        KernelError
+            If gmsh fails, or elements stay inverted.
+
+        Examples
+        --------
+        >>> mesh = tpmscad.lattice("gyroid", cell=10, thickness=1.5).mesh(0.8, periodic=True)  # doctest: +SKIP
+        >>> mesh.write("gyroid.inp")  # doctest: +SKIP
+        """
+        from tpmscad.studies.volume_meshing import mesh_named_solids
+
+        solids = self.named_solids()
+        return mesh_named_solids(solids, [BODY_REGION] * len(solids), self.bounding_box, options, name=self.name)
+
     def named_solids(self) -> tuple[NamedSolid, ...]:
         """The solids with their names and the labels of their faces, as files store them.
 
@@ -281,13 +384,8 @@ class Model(MeshableSolid):
         return tuple(map(NamedSolid, names, self.built.solids, labels))
 
     def __getstate__(self) -> dict[str, Any]:
-        return {
-            **self.__dict__,
-            **{
-                key: _portable(self.__dict__[key])
-                for key in ("unit_cell", "distance_to_reference", "make_spline_volumes")
-            },
-        }
+        functions = "unit_cell", "distance_to_reference", "make_spline_volumes"
+        return self.__dict__ | {key: _portable(self.__dict__[key]) for key in functions}
 
     def _refuse_operator(self, other: Any) -> Any:
         raise InvalidRequest(
