@@ -14,11 +14,11 @@ import tpmscad
 from tpmscad import fields
 from tpmscad.files.checked_write import write_checked_solids
 from tpmscad.kernel.boolean.boolean_operations import betti_numbers
+from tpmscad.kernel.export.shape_file import name_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.occt.construction import make_solid
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.face_labels import NamedSolid
-from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.solids.boolean_strategies import signed_distances_to_nodes
 

@@ -13,10 +13,9 @@ import pytest
 import tpmscad
 from tpmscad import cli
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.export.shape_file import write_solids
+from tpmscad.kernel.export.shape_file import name_solids, write_solids
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.step.face_labels import NamedSolid
-from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.meshing.facet_search import interior_facets
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import MeshOptions

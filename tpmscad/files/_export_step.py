@@ -9,8 +9,7 @@ from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import ANYTHING, PATH, TEXT
-from tpmscad.kernel.export.shape_file import write_shape, write_solids
-from tpmscad.kernel.step.shape_writer import name_solids
+from tpmscad.kernel.export.shape_file import name_solids, write_shape, write_solids
 from tpmscad.results.domain_results import FluidDomains
 from tpmscad.results.model import Model
 

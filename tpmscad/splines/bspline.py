@@ -79,6 +79,11 @@ class BSplineCurve:
         return BSplineCurve(factor * self.poles, self.knots, self.degree)
 
 
+def is_segment(curve: object) -> bool:
+    """Whether a curve is a single straight segment of degree one."""
+    return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
+
+
 def line_segment(start: ArrayLike, end: ArrayLike, domain: tuple[float, float] = (0.0, 1.0)) -> BSplineCurve:
     """Straight segment as a curve of degree one.
 

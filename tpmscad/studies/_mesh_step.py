@@ -8,10 +8,10 @@ from typing import Any
 
 from tpmscad.api.public_calls import validate_options
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids, read_foreign_step
+from tpmscad.kernel.export.shape_file import name_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.step.face_labels import NamedSolid, label_outer_faces
-from tpmscad.kernel.step.shape_writer import name_solids
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import MeshStepOptions
 from tpmscad.studies.volume_meshing import mesh_named_solids

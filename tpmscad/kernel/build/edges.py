@@ -19,7 +19,7 @@ from tpmscad.brep.conics import TWO_PI
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 
 UNIT_SPEED_TOL = 1e-12
 """Deviation from unit speed up to which a straight pcurve becomes an OCCT line, which has unit speed."""
@@ -108,7 +108,7 @@ def straight_edges(brep: Brep) -> IntArray:
 
     Pcurves on these surfaces can follow a change of parameter, so that such edges become lines with unit speed.
     """
-    straight = np.array([_is_segment(c) for c in brep.curves], bool)[brep.edges.curve]
+    straight = np.array([is_segment(c) for c in brep.curves], bool)[brep.edges.curve]
     fixed = np.array([isinstance(c, BSplineSurface) for c in brep.carriers], bool)[brep.faces.carrier]
     straight[brep.uses.edge[fixed[brep.face_of_use]]] = False
     return np.flatnonzero(straight)
@@ -128,14 +128,9 @@ def _line_or_spline(curve: BSplineCurve) -> Geom2d_Curve:
     low, high = curve.domain
     start, end = curve([low, high])
     speed = float(np.linalg.norm(end - start)) / (high - low)
-    if not _is_segment(curve) or abs(speed - 1.0) > UNIT_SPEED_TOL:
+    if not is_segment(curve) or abs(speed - 1.0) > UNIT_SPEED_TOL:
         return convert.curve_2d(curve)
     return convert.line_2d(start - low * (end - start) / (high - low), end)
-
-
-def _is_segment(curve: object) -> bool:
-    """True for a single straight segment of degree 1."""
-    return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
 
 
 def end_points(brep: Brep) -> Array:

@@ -8,23 +8,21 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.cell_assembly import write_cell_assembly
-from tpmscad.kernel.step.part21 import STEP_SUFFIXES, DataSection, find_schema, write_exchange_structure
 from tpmscad.kernel.step.product_entities import (
+    BREP_REPRESENTATION,
     Colour,
     MassProperties,
+    open_step_file,
     write_colours,
-    write_file_context,
     write_product,
     write_validation_properties,
 )
@@ -49,31 +47,23 @@ def write_step(
 
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
     placed by an assembly, which each further level places again (`cell_assembly`). labels: names of the faces, by default their
-    tags. colours: red, green and blue from 0 to 1 by label. verify: called with the complete file under its temporary name; if
-    it raises, no file is left. Equal requests write equal bytes, but for `time_stamp` (by default the current time) on a line
-    of its own.
-
-    Raises InvalidRequest for an unknown schema, a missing folder or an extension other than .step and .stp.
+    tags. colours: red, green and blue from 0 to 1 by label. Equal requests write equal bytes, but for `time_stamp` on a line of
+    its own. Other arguments and errors as `open_step_file`.
     """
-    target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
-    stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
-    title = name or target.stem
-    section = DataSection()
-    setting = write_file_context(section, protocol, CONFUSION_TOLERANCE)
-    part_name = f"{title} cell" if instances else title
-    names = [brep.tags[t] for t in brep.faces.tag.tolist()] if labels is None else labels
-    written = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names)
-    part = write_product(section, setting, part_name, "ADVANCED_BREP_SHAPE_REPRESENTATION", written.solids)
-    if colours:
-        write_colours(section, part.context, written.faces, names, colours)
-    mass = compute_mass_properties(nesting)
-    write_validation_properties(section, setting, part, mass)
-    if instances:
-        write_cell_assembly(section, setting, title, part, mass, instances)
-    with atomic_write(target) as aside:
-        write_exchange_structure(aside, section, schema=protocol, name=target.name, time_stamp=stamp, author="")
-        if verify is not None:
-            verify(aside)
+    colours = colours or {}
+    envelope = open_step_file(path, schema=schema, accuracy=CONFUSION_TOLERANCE, time_stamp=time_stamp, verify=verify)
+    with envelope as (target, section, setting):
+        title = name or target.stem
+        part_name = f"{title} cell" if instances else title
+        names = [brep.tags[t] for t in brep.faces.tag.tolist()] if labels is None else labels
+        solids, faces = write_solids(section, _reverse_void_faces(brep, nesting), nesting, part_name, names)
+        part = write_product(section, setting, part_name, BREP_REPRESENTATION, solids)
+        coloured = [(face, colours[label]) for face, label in zip(faces, names, strict=True) if label in colours]
+        write_colours(section, part.context, coloured)
+        mass = compute_mass_properties(nesting)
+        write_validation_properties(section, setting, part, mass)
+        if instances:
+            write_cell_assembly(section, setting, title, part, mass, instances)
 
 
 def _reverse_void_faces(brep: Brep, nesting: ShellNesting) -> Brep:

@@ -21,12 +21,12 @@ from tpmscad.brep.carriers import (
     Ellipse,
     Plane,
     Quadric,
-    SphericalSurface,
+    ToroidalSurface,
 )
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals
 from tpmscad.kernel.step.point_text import MAX_DECIMALS, format_points
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 
 COORDINATE_DIGITS = 12
 """Digits kept after the leading digit of the largest coordinate: ten thousand times the round-off of float64, so that shared
@@ -46,11 +46,8 @@ class PlacedGeometry:
         """The distinct pairs of primitive and motion, numbered in order of appearance."""
         rows = np.column_stack([primitive, motion.rotation.reshape(-1, 9), motion.translation])
         _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(first)  # number them as they come
-        rank = np.empty_like(order)
-        rank[order] = np.arange(len(order))
-        at = first[order]
-        return cls(primitive[at], motion[at], rank[index.ravel()])
+        at, index = _number_by_appearance(first, index)
+        return cls(primitive[at], motion[at], index)
 
     def points(self, local: list[Array]) -> list[Array]:
         """Placed points (n, 3) of each item, given the points of the primitives."""
@@ -67,12 +64,7 @@ def poles_of(value: Carrier | EdgeCurve) -> Array:
     """Poles of a spline (n, 3); none for surfaces and curves that STEP stores without points, straight segments included."""
     if isinstance(value, BSplineSurface):
         return value.poles.reshape(-1, 3)
-    return value.poles if isinstance(value, BSplineCurve) and not is_straight(value) else np.zeros((0, 3))
-
-
-def is_straight(curve: EdgeCurve) -> bool:
-    """True for a single straight segment of degree 1."""
-    return isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2
+    return value.poles if isinstance(value, BSplineCurve) and not is_segment(value) else np.zeros((0, 3))
 
 
 def write_points(section: DataSection, points: Array) -> IntArray:
@@ -83,10 +75,14 @@ def write_points(section: DataSection, points: Array) -> IntArray:
     return numbers.start + index
 
 
+def count_decimals(largest: float) -> int:
+    """Decimals of the coordinates of a file, by the size of the largest."""
+    return min(max(COORDINATE_DIGITS - int(np.floor(np.log10(largest))), 0), MAX_DECIMALS)
+
+
 def round_coordinates(points: Array) -> tuple[IntArray, int]:
     """The coordinates that a file states: multiples (n, 3) of 10^-decimals, and the decimals."""
-    decimals = COORDINATE_DIGITS - int(np.floor(np.log10(np.abs(points).max(initial=1e-9))))
-    decimals = min(max(decimals, 0), MAX_DECIMALS)
+    decimals = count_decimals(float(np.abs(points).max(initial=1e-9)))
     return np.rint(points * 10.0**decimals).astype(np.int64), decimals
 
 
@@ -97,6 +93,11 @@ def _unique_rows(rows: IntArray) -> tuple[IntArray, IntArray]:
     _, first, index = np.unique(mixed, return_index=True, return_inverse=True)
     if not np.array_equal(rows[first][index.ravel()], rows):
         _, first, index = np.unique(rows, axis=0, return_index=True, return_inverse=True)
+    return _number_by_appearance(first, index)
+
+
+def _number_by_appearance(first: IntArray, index: IntArray) -> tuple[IntArray, IntArray]:
+    """First members and classes, as `np.unique` gives them, with the classes numbered as they come."""
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
@@ -138,26 +139,25 @@ def find_knot_scale(corners: Array, width_u: float, width_v: float) -> float:
 
 def write_surfaces(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
     """Write the placed carriers and return their entity numbers; `numbers` are those of their placed poles."""
-    heads, tails = [], []
-    for carrier in brep.carriers:
-        if isinstance(carrier, BSplineSurface):
-            rows, columns, _ = carrier.poles.shape
-            row = "(" + ",".join(["#%d"] * columns) + ")"
-            heads.append(
-                f"B_SPLINE_SURFACE_WITH_KNOTS('',{carrier.degree_u},{carrier.degree_v},({','.join([row] * rows)})"
-            )
-            tails.append(f",.UNSPECIFIED.,.F.,.F.,.F.,{_format_knots(*find_knots_in_file(carrier))},.UNSPECIFIED.)")
-        else:
-            heads.append("")
-            tails.append("")
+    forms = [_form_of_surface(carrier) if isinstance(carrier, BSplineSurface) else "" for carrier in brep.carriers]
     bodies = []
     for i, p in enumerate(placed.primitive.tolist()):
         carrier = brep.carriers[p]
         if isinstance(carrier, BSplineSurface):
-            bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
+            bodies.append(forms[p] % tuple(numbers[i].tolist()))
         else:
             bodies.append(_elementary_surface(section, carrier, placed.motion[i]))
     return np.array(section.extend(bodies))
+
+
+def _form_of_surface(surface: BSplineSurface) -> str:
+    """Text of a B-spline surface with a place for the number of each pole."""
+    rows, columns, _ = surface.poles.shape
+    net = ",".join(["(" + ",".join(["#%d"] * columns) + ")"] * rows)
+    return (
+        f"B_SPLINE_SURFACE_WITH_KNOTS('',{surface.degree_u},{surface.degree_v},({net}),.UNSPECIFIED.,.F.,.F.,.F.,"
+        f"{_format_knots(*find_knots_in_file(surface))},.UNSPECIFIED.)"
+    )
 
 
 def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: Motion) -> str:
@@ -167,18 +167,15 @@ def _elementary_surface(section: DataSection, carrier: Plane | Quadric, motion: 
     """
     origin, x = motion.apply(carrier.origin), motion.apply_to_vectors(carrier.x_axis)
     if isinstance(carrier, Plane):
-        return f"PLANE('',#{write_placement(section, origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)})"
+        return format_placed(section, "PLANE", origin, np.cross(x, motion.apply_to_vectors(carrier.y_axis)), x)
     axis = motion.apply_to_vectors(carrier.axis)
     if isinstance(carrier, ConicalSurface):  # a STEP cone opens along its axis
-        angle = abs(carrier.angle)
-        at = write_placement(section, origin, axis if carrier.angle > 0 else -axis, x)
-        return f"CONICAL_SURFACE('',#{at},{format_real(carrier.radius)},{format_real(angle)})"
-    at = write_placement(section, origin, axis, x)
-    if isinstance(carrier, CylindricalSurface):
-        return f"CYLINDRICAL_SURFACE('',#{at},{format_real(carrier.radius)})"
-    if isinstance(carrier, SphericalSurface):
-        return f"SPHERICAL_SURFACE('',#{at},{format_real(carrier.radius)})"
-    return f"TOROIDAL_SURFACE('',#{at},{format_real(carrier.major)},{format_real(carrier.minor)})"
+        axis = axis if carrier.angle > 0 else -axis
+        return format_placed(section, "CONICAL_SURFACE", origin, axis, x, carrier.radius, abs(carrier.angle))
+    if isinstance(carrier, ToroidalSurface):
+        return format_placed(section, "TOROIDAL_SURFACE", origin, axis, x, carrier.major, carrier.minor)
+    keyword = "CYLINDRICAL_SURFACE" if isinstance(carrier, CylindricalSurface) else "SPHERICAL_SURFACE"
+    return format_placed(section, keyword, origin, axis, x, carrier.radius)
 
 
 def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbers: list[IntArray]) -> IntArray:
@@ -186,22 +183,15 @@ def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbe
 
     Straight segments get 0; each edge writes its own line from its vertices.
     """
-    heads, tails = [], []
-    for curve in brep.curves:
-        if isinstance(curve, BSplineCurve):
-            heads.append(f"B_SPLINE_CURVE_WITH_KNOTS('',{curve.degree},({','.join(['#%d'] * len(curve.poles))})")
-            tails.append(f",.UNSPECIFIED.,.F.,.F.,{_format_knots(curve.knots)},.UNSPECIFIED.)")
-        else:
-            heads.append("")
-            tails.append("")
+    forms = [_form_of_curve(curve) if isinstance(curve, BSplineCurve) else "" for curve in brep.curves]
     bent, bodies = [], []
     for i, p in enumerate(placed.primitive.tolist()):
         curve = brep.curves[p]
-        if is_straight(curve):
+        if is_segment(curve):
             continue
         bent.append(i)
         if isinstance(curve, BSplineCurve):
-            bodies.append(heads[p] % tuple(numbers[i].tolist()) + tails[p])
+            bodies.append(forms[p] % tuple(numbers[i].tolist()))
         else:
             bodies.append(_conic(section, curve.moved(placed.motion[i])))
     result = np.zeros(len(placed.primitive), np.int64)
@@ -209,12 +199,19 @@ def write_curves(section: DataSection, brep: Brep, placed: PlacedGeometry, numbe
     return result
 
 
+def _form_of_curve(curve: BSplineCurve) -> str:
+    """Text of a B-spline curve with a place for the number of each pole."""
+    poles = ",".join(["#%d"] * len(curve.poles))
+    knots = _format_knots(curve.knots)
+    return f"B_SPLINE_CURVE_WITH_KNOTS('',{curve.degree},({poles}),.UNSPECIFIED.,.F.,.F.,{knots},.UNSPECIFIED.)"
+
+
 def _conic(section: DataSection, curve: Circle | Ellipse) -> str:
     """Text of a circle or an ellipse."""
-    at = write_placement(section, curve.origin, curve.normal, curve.x_axis)
+    frame = curve.origin, curve.normal, curve.x_axis
     if isinstance(curve, Circle):
-        return f"CIRCLE('',#{at},{format_real(curve.radius)})"
-    return f"ELLIPSE('',#{at},{format_real(curve.major)},{format_real(curve.minor)})"
+        return format_placed(section, "CIRCLE", *frame, curve.radius)
+    return format_placed(section, "ELLIPSE", *frame, curve.major, curve.minor)
 
 
 def write_directions(section: DataSection, vectors: Array) -> range:
@@ -225,9 +222,22 @@ def write_directions(section: DataSection, vectors: Array) -> range:
     )
 
 
+def write_point(section: DataSection, point: Array) -> int:
+    """Write a single CARTESIAN_POINT with all its digits and return its number."""
+    x, y, z = format_reals(point.tolist())
+    return section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
+
+
 def write_placement(section: DataSection, origin: Array, axis: Array, reference: Array) -> int:
     """Write an AXIS2_PLACEMENT_3D with z along `axis` and x along `reference`, and return its number."""
-    x, y, z = format_reals(origin.tolist())
-    at = section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
+    at = write_point(section, origin)
     normal, along = write_directions(section, np.stack([axis, reference]))
     return section.add(f"AXIS2_PLACEMENT_3D('',#{at},#{normal},#{along})")
+
+
+def format_placed(
+    section: DataSection, keyword: str, origin: Array, axis: Array, reference: Array, *sizes: float
+) -> str:
+    """Text of a plane, quadric or conic with its sizes; its placement, as for `write_placement`, is written first."""
+    at = write_placement(section, origin, axis, reference)
+    return f"{keyword}('',{','.join([f'#{at}', *map(format_real, sizes)])})"

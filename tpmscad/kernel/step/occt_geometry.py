@@ -40,7 +40,7 @@ from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.convert import axis_frame
-from tpmscad.kernel.step.geometry_entities import find_knot_scale, write_directions, write_placement
+from tpmscad.kernel.step.geometry_entities import find_knot_scale, format_placed, write_directions, write_point
 from tpmscad.kernel.step.part21 import DataSection, format_real, format_reals, format_references
 
 QUADRICS = (Geom_CylindricalSurface, Geom_ConicalSurface, Geom_SphericalSurface, Geom_ToroidalSurface)
@@ -83,7 +83,9 @@ def _read_surface(geometry: Any, bounds: tuple[float, float, float, float]) -> F
     if isinstance(geometry, (Geom_SurfaceOfLinearExtrusion, Geom_SurfaceOfRevolution)):
         curve = _unwrap_curve(geometry.BasisCurve())
         if isinstance(curve, Geom_BSplineCurve):
-            return FaceSurface(_sweep_without_period(geometry, curve), curve_poles(_without_period(curve)))
+            geometry, curve = geometry.Copy(), _without_period(curve)
+            geometry.SetBasisCurve(curve)
+            return FaceSurface(geometry, curve_poles(curve))
         if isinstance(curve, (Geom_Line, Geom_Circle, Geom_Ellipse)):
             return FaceSurface(geometry, np.zeros((0, 3)))
     if isinstance(geometry, Geom_BSplineSurface):
@@ -104,13 +106,6 @@ def _without_period(curve: Geom_BSplineCurve) -> Geom_BSplineCurve:
     assert isinstance(result, Geom_BSplineCurve)
     result.SetNotPeriodic()
     return result
-
-
-def _sweep_without_period(geometry: Any, curve: Geom_BSplineCurve) -> Any:
-    """The swept surface on a curve without a period."""
-    if isinstance(geometry, Geom_SurfaceOfLinearExtrusion):
-        return Geom_SurfaceOfLinearExtrusion(_without_period(curve), geometry.Direction())
-    return Geom_SurfaceOfRevolution(_without_period(curve), geometry.Axis())
 
 
 def _cut_periods(spline: Geom_BSplineSurface, bounds: tuple[float, float, float, float]) -> Geom_BSplineSurface:
@@ -200,26 +195,22 @@ def format_surface(section: DataSection, surface: FaceSurface, points: IntArray)
         return f"SURFACE_OF_LINEAR_EXTRUSION('',#{swept},#{vector})"
     if isinstance(geometry, Geom_SurfaceOfRevolution):
         swept = section.add(format_curve(section, _unwrap_curve(geometry.BasisCurve()), points))
-        axis = geometry.Axis()
-        x, y, z = format_reals(list(axis.Location().Coord()))
-        origin = section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
-        (along,) = write_directions(section, np.array([axis.Direction().Coord()]))
+        origin, along = _write_line(section, geometry.Axis())
         about = section.add(f"AXIS1_PLACEMENT('',#{origin},#{along})")
         return f"SURFACE_OF_REVOLUTION('',#{swept},#{about})"
     origin, x_axis, axis = axis_frame(geometry)
     if isinstance(geometry, Geom_Plane):
-        y_axis = np.array(geometry.Position().YDirection().Coord())
-        return f"PLANE('',#{write_placement(section, origin, np.cross(x_axis, y_axis), x_axis)})"
-    if isinstance(geometry, Geom_ConicalSurface):
-        angle = geometry.SemiAngle()  # a STEP cone opens along its axis
-        at = write_placement(section, origin, axis if angle > 0 else -axis, x_axis)
-        return f"CONICAL_SURFACE('',#{at},{format_real(geometry.RefRadius())},{format_real(abs(angle))})"
-    at = write_placement(section, origin, axis, x_axis)
-    if isinstance(geometry, Geom_CylindricalSurface):
-        return f"CYLINDRICAL_SURFACE('',#{at},{format_real(geometry.Radius())})"
-    if isinstance(geometry, Geom_SphericalSurface):
-        return f"SPHERICAL_SURFACE('',#{at},{format_real(geometry.Radius())})"
-    return f"TOROIDAL_SURFACE('',#{at},{format_real(geometry.MajorRadius())},{format_real(geometry.MinorRadius())})"
+        normal = np.cross(x_axis, geometry.Position().YDirection().Coord())
+        return format_placed(section, "PLANE", origin, normal, x_axis)
+    if isinstance(geometry, Geom_ConicalSurface):  # a STEP cone opens along its axis
+        angle = geometry.SemiAngle()
+        frame = origin, axis if angle > 0 else -axis, x_axis
+        return format_placed(section, "CONICAL_SURFACE", *frame, geometry.RefRadius(), abs(angle))
+    frame = origin, axis, x_axis
+    if isinstance(geometry, Geom_ToroidalSurface):
+        return format_placed(section, "TOROIDAL_SURFACE", *frame, geometry.MajorRadius(), geometry.MinorRadius())
+    keyword = "CYLINDRICAL_SURFACE" if isinstance(geometry, Geom_CylindricalSurface) else "SPHERICAL_SURFACE"
+    return format_placed(section, keyword, *frame, geometry.Radius())
 
 
 def format_curve(section: DataSection, curve: Any, points: IntArray) -> str:
@@ -227,16 +218,20 @@ def format_curve(section: DataSection, curve: Any, points: IntArray) -> str:
     if isinstance(curve, Geom_BSplineCurve):
         return _format_spline_curve(curve, points)
     if isinstance(curve, Geom_Line):
-        position = curve.Position()
-        x, y, z = format_reals(list(position.Location().Coord()))
-        origin = section.add(f"CARTESIAN_POINT('',({x},{y},{z}))")
-        (along,) = write_directions(section, np.array([position.Direction().Coord()]))
+        origin, along = _write_line(section, curve.Position())
         vector = section.add(f"VECTOR('',#{along},1.)")
         return f"LINE('',#{origin},#{vector})"
-    at = write_placement(section, *(axis_frame(curve)[k] for k in (0, 2, 1)))
+    origin, x_axis, axis = axis_frame(curve)
     if isinstance(curve, Geom_Circle):
-        return f"CIRCLE('',#{at},{format_real(curve.Radius())})"
-    return f"ELLIPSE('',#{at},{format_real(curve.MajorRadius())},{format_real(curve.MinorRadius())})"
+        return format_placed(section, "CIRCLE", origin, axis, x_axis, curve.Radius())
+    return format_placed(section, "ELLIPSE", origin, axis, x_axis, curve.MajorRadius(), curve.MinorRadius())
+
+
+def _write_line(section: DataSection, axis: Any) -> tuple[int, int]:
+    """Write the origin and the direction of an axis and return their numbers."""
+    origin = write_point(section, np.array(axis.Location().Coord()))
+    (along,) = write_directions(section, np.array([axis.Direction().Coord()]))
+    return origin, along
 
 
 def _format_spline_surface(spline: Geom_BSplineSurface, points: IntArray) -> str:

@@ -41,6 +41,7 @@ from tpmscad.kernel.step.occt_geometry import (
     read_face_surface,
 )
 from tpmscad.kernel.step.part21 import DataSection, format_references, format_string
+from tpmscad.kernel.step.topology_entities import write_solid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,14 +54,6 @@ class FaceUse:
     key: ShapeKey
     same_sense: bool
     loops: tuple[tuple[tuple[ShapeKey, bool], ...] | ShapeKey, ...]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ShellUse:
-    """A shell, the faces of its solid in it, by number, and whether it is a void."""
-
-    faces: tuple[int, ...]
-    void: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +143,7 @@ def _tail_and_head(edge: TopoDS_Edge) -> tuple[Any, Any]:
 
 
 def write_occt_solids(section: DataSection, solids: Sequence[NamedSolid]) -> tuple[WrittenSolid, ...]:
-    """Write the solids, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS; what they share is written once.
+    """Write the solids; what they share is written once.
 
     Raises KernelError if a surface, curve or loop cannot be represented.
     """
@@ -170,21 +163,21 @@ def write_occt_solids(section: DataSection, solids: Sequence[NamedSolid]) -> tup
             _write_face(section, label, face, surface[face.key], edge, vertex)
             for label, face in zip(of.labels, faces, strict=True)
         ]
-        result.append(WrittenSolid(_write_shells(section, of.name, numbers, shells), tuple(numbers)))
+        outer, *voids = section.extend([f"CLOSED_SHELL('',{format_references(numbers[own])})" for own in shells])
+        result.append(WrittenSolid(write_solid(section, of.name, outer, voids), tuple(numbers)))
     return tuple(result)
 
 
-def _read_solid(tables: _EntityTables, solid: TopoDS_Solid) -> tuple[list[FaceUse], list[ShellUse]]:
-    """Faces of a solid in the order of `faces_of`, and its shells, the outer one first."""
+def _read_solid(tables: _EntityTables, solid: TopoDS_Solid) -> tuple[list[FaceUse], list[slice]]:
+    """Faces of a solid in the order of `faces_of`, and those of each shell, the outer one first."""
     outer = BRepClass3d.OuterShell_s(solid)
     faces: list[FaceUse] = []
     shells = []
     for shell in list_subshapes(solid, TopAbs_SHELL):
-        void = not shell.IsSame(outer)
-        own = [tables.add_face(face, void) for face in faces_of(shell)]
-        shells.append(ShellUse(tuple(range(len(faces), len(faces) + len(own))), void))
-        faces += own
-    return faces, sorted(shells, key=lambda shell: shell.void)
+        void, first = not shell.IsSame(outer), len(faces)
+        faces += [tables.add_face(face, void) for face in faces_of(shell)]
+        shells.append((void, slice(first, len(faces))))
+    return faces, [own for _, own in sorted(shells, key=lambda shell: shell[0])]
 
 
 def _write_geometry(section: DataSection, tables: _EntityTables) -> tuple[list[int], list[int], list[int]]:
@@ -195,14 +188,13 @@ def _write_geometry(section: DataSection, tables: _EntityTables) -> tuple[list[i
     groups = [np.array(list(tables.points.values())), *of_curves, *(s.poles for s in tables.surfaces.values())]
     numbers = np.split(write_points(section, np.concatenate(groups)), np.cumsum([len(g) for g in groups])[:-1])
     curve_points, surface_points = numbers[1 : 1 + len(of_curves)], numbers[1 + len(of_curves) :]
-    curves = [
-        section.add(format_curve(section, curve, own))
-        for curve, own in zip(tables.curves.values(), curve_points, strict=True)
-    ]
-    surfaces = [
-        section.add(format_surface(section, surface, own))
-        for surface, own in zip(tables.surfaces.values(), surface_points, strict=True)
-    ]
+    curves, surfaces = (
+        [section.add(write(section, item, own)) for item, own in zip(items.values(), points, strict=True)]
+        for write, items, points in (
+            (format_curve, tables.curves, curve_points),
+            (format_surface, tables.surfaces, surface_points),
+        )
+    )
     return numbers[0].tolist(), curves, surfaces
 
 
@@ -228,15 +220,3 @@ def _write_face(
         bounds.append(section.add(f"{kind}('',#{written},.T.)"))
     sense = "T" if face.same_sense else "F"
     return section.add(f"ADVANCED_FACE({format_string(label)},{format_references(bounds)},#{surface},.{sense}.)")
-
-
-def _write_shells(section: DataSection, name: str, faces: Sequence[int], shells: Sequence[ShellUse]) -> int:
-    """Write the shells and the solid and return its number."""
-    outer, *voids = section.extend(
-        [f"CLOSED_SHELL('',{format_references(faces[i] for i in shell.faces)})" for shell in shells]
-    )
-    if not voids:
-        return section.add(f"MANIFOLD_SOLID_BREP({format_string(name)},#{outer})")
-    # the shell of a void bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5)
-    inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shell},.F.)" for shell in voids])
-    return section.add(f"BREP_WITH_VOIDS({format_string(name)},#{outer},{format_references(inner)})")

@@ -114,7 +114,7 @@ class DataSection:
 
 
 def write_exchange_structure(
-    path: Path, section: DataSection, *, schema: StepSchema, name: str, time_stamp: str, author: str
+    path: Path, section: DataSection, *, schema: StepSchema, name: str, time_stamp: str
 ) -> None:
     """Write the whole file.
 
@@ -123,7 +123,7 @@ def write_exchange_structure(
     head = (
         "ISO-10303-21;\nHEADER;\n"
         "FILE_DESCRIPTION((''),'2;1');\n"
-        f"FILE_NAME({format_string(name)},\n{format_string(time_stamp)},\n({format_string(author)}),(''),{format_string(SOFTWARE)},{format_string(SOFTWARE)},'');\n"
+        f"FILE_NAME({format_string(name)},\n{format_string(time_stamp)},\n(''),(''),{format_string(SOFTWARE)},{format_string(SOFTWARE)},'');\n"
         f"FILE_SCHEMA(({format_string(schema.file_schema)}));\n"
         "ENDSEC;\nDATA;\n"
     )

@@ -5,23 +5,34 @@ Validation properties follow the CAx-IF Recommended Practices for Geometric and 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
 from tpmscad._typing import Array
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.step.geometry_entities import write_placement
 from tpmscad.kernel.step.part21 import (
     SCHEMAS,
+    STEP_SUFFIXES,
     DataSection,
     StepSchema,
+    find_schema,
     format_real,
     format_reals,
     format_references,
     format_string,
+    write_exchange_structure,
 )
+
+BREP_REPRESENTATION = "ADVANCED_BREP_SHAPE_REPRESENTATION"
+"""Entity of the shape representation of a product that holds solids itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +67,31 @@ class ProductEntities:
     representation: int
     context: int
     origin: int
+
+
+@contextmanager
+def open_step_file(
+    path: str | os.PathLike[str],
+    *,
+    schema: str,
+    accuracy: float,
+    time_stamp: str | None,
+    verify: Callable[[Path], None] | None,
+) -> Iterator[tuple[Path, DataSection, FileContext]]:
+    """The path of a STEP file, its data section, to which the caller adds what the file holds, and what all entities refer to.
+
+    The file is written at the end under a temporary name, and `verify` is called with it; if it raises, no file is left.
+    `time_stamp` is the current time by default. Raises InvalidRequest for an unknown schema, a missing folder or an extension
+    other than .step and .stp.
+    """
+    target, protocol = validate_output_path(path, STEP_SUFFIXES), find_schema(schema)
+    stamp = time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
+    section = DataSection()
+    yield target, section, write_file_context(section, protocol, accuracy)
+    with atomic_write(target) as aside:
+        write_exchange_structure(aside, section, schema=protocol, name=target.name, time_stamp=stamp)
+        if verify is not None:
+            verify(aside)
 
 
 def write_file_context(section: DataSection, schema: StepSchema, accuracy: float) -> FileContext:
@@ -164,17 +200,8 @@ def write_assembly(
 Colour = tuple[float, float, float]
 
 
-def write_colours(
-    section: DataSection, context: int, faces: Sequence[int], tags: Sequence[str], colours: Mapping[str, Colour]
-) -> None:
-    """Style every face (entity number) whose tag has a colour, given as red, green and blue from 0 to 1."""
-    write_face_colours(
-        section, context, [(face, colours[tag]) for face, tag in zip(faces, tags, strict=True) if tag in colours]
-    )
-
-
-def write_face_colours(section: DataSection, context: int, coloured: Sequence[tuple[int, Colour]]) -> None:
-    """Style faces or solids, given as pairs of entity number and colour."""
+def write_colours(section: DataSection, context: int, coloured: Sequence[tuple[int, Colour]]) -> None:
+    """Style faces or solids, given as pairs of entity number and colour: red, green and blue from 0 to 1."""
     styles = {colour: _style(section, colour) for colour in dict.fromkeys(colour for _, colour in coloured)}
     if coloured:
         items = section.extend([f"STYLED_ITEM('color',(#{styles[colour]}),#{item})" for item, colour in coloured])

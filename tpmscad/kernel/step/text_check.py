@@ -30,10 +30,10 @@ from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.step.entity_rows import ROUND_OFF, EntityRows, agree, require, template_marks
 from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
-from tpmscad.kernel.step.geometry_entities import COORDINATE_DIGITS, find_knots_in_file
+from tpmscad.kernel.step.geometry_entities import count_decimals, find_knots_in_file, poles_of
 from tpmscad.kernel.step.placement_check import check_placements
 from tpmscad.rigid_motion import Motion
-from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
+from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 
 
 def check_text(
@@ -61,9 +61,9 @@ class FileText(EntityRows):
         for items, placed in ((brep.carriers, brep.faces.carrier), (brep.curves, brep.edges.curve)):
             motions = brep.faces.motion if items is brep.carriers else brep.edges.motion
             for i in np.unique(placed).tolist():
-                if (poles := _poles(items[i])) is not None:
+                if len(poles := poles_of(items[i])):
                     sizes.append(float(np.abs(motions[placed == i, None].apply(poles)).max()))
-        self.decimals = min(max(COORDINATE_DIGITS - int(np.floor(np.log10(max(sizes)))), 0), 22)
+        self.decimals = count_decimals(float(max(sizes)))
 
     def check(self) -> Array:
         """The entity number of each face (F,); KernelError if anything differs."""
@@ -89,18 +89,22 @@ class FileText(EntityRows):
 
     def lists(self, numbers: Array, before: str, after: str) -> tuple[Array, IntArray]:
         """References listed in entities whose template is `before`, a list, `after`; and the length of each list."""
-        at = self.table.positions(numbers)
-        require(at >= 0, f"a reference leads nowhere instead of to {before}")
-        form = re.compile(re.escape(before) + r"\((#(?:,#)*)\)" + re.escape(after))
-        length = np.full(len(self.table.templates), -1)
-        for i in np.unique(self.table.template[at]).tolist():
-            found = form.fullmatch(self.table.templates[i])
-            require(found is not None, f"there is another entity in place of {before}")
+        form = re.escape(before) + r"\((#(?:,#)*)\)" + re.escape(after)
+        at, count, _ = self._match_lists(numbers, form, before)
+        return self.table.values[_ranges(self.table.start[at], count)], count
+
+    def _match_lists(self, numbers: Array, form: str, what: str) -> tuple[IntArray, IntArray, IntArray]:
+        """Positions of entities whose template has a form, the length of the list in its first group, and its template."""
+        table, at = self.table, self.table.positions(numbers)
+        require(at >= 0, f"a reference leads nowhere instead of to {what}")
+        length = np.zeros(len(table.templates), np.int64)
+        for i in np.unique(table.template[at]).tolist():
+            found = re.fullmatch(form, table.templates[i])
+            require(found is not None, f"there is another entity in place of {what}")
             assert found is not None
             length[i] = found[1].count("#")
         self.known[at] = True
-        count = length[self.table.template[at]]
-        return self.table.values[_ranges(self.table.start[at], count)], count
+        return at, length[table.template[at]], table.template[at]
 
     def _check_references(self) -> None:
         """Every reference leads to an entity."""
@@ -137,18 +141,11 @@ class FileText(EntityRows):
 
     def _faces(self, numbers: Array) -> tuple[Array, Array, IntArray, IntArray]:
         """Bounds of all faces, surface and flag of each face, and its number of bounds."""
-        table, at = self.table, self.table.positions(numbers)
-        require(at >= 0, "a face is missing")
-        form = re.compile(r"ADVANCED_FACE\('(?:[^']|'')*',\((#(?:,#)*)\),#,\.([TF])\.\)")
-        count, flag = np.zeros(len(table.templates), np.int64), np.zeros(len(table.templates), np.int64)
-        for i in np.unique(table.template[at]).tolist():
-            found = form.fullmatch(table.templates[i])
-            require(found is not None, "there is another entity in place of a face")
-            assert found is not None
-            count[i], flag[i] = found[1].count("#"), 1 if found[2] == "T" else -1
-        self.known[at] = True
-        n = count[table.template[at]]
-        return table.values[_ranges(table.start[at], n)], table.values[table.start[at] + n], flag[table.template[at]], n
+        table = self.table
+        form = r"ADVANCED_FACE\('(?:[^']|'')*',\((#(?:,#)*)\),#,\.[TF]\.\)"
+        at, n, template = self._match_lists(numbers, form, "a face")
+        flag = np.array([1 if text.endswith(".T.)") else -1 for text in table.templates])[template]
+        return table.values[_ranges(table.start[at], n)], table.values[table.start[at] + n], flag, n
 
     def _check_loops(self, bounds: Array, sense: IntArray) -> tuple[Array, Array]:
         """Edge (E,) and vertex (V,) entity of each edge and vertex, if the loops run as meant."""
@@ -207,7 +204,7 @@ class FileText(EntityRows):
         for index in np.unique(brep.edges.curve).tolist():
             curve, own = brep.curves[index], np.flatnonzero(brep.edges.curve == index)
             motion, number = brep.edges.motion[own], ends[own, 2]
-            if isinstance(curve, BSplineCurve) and (curve.degree > 1 or len(curve.poles) > 2):
+            if isinstance(curve, BSplineCurve) and not is_segment(curve):
                 poles = self._spline(
                     number, "B_SPLINE_CURVE_WITH_KNOTS", [curve.degree], [curve.knots], (len(curve.poles),)
                 )
@@ -308,15 +305,6 @@ def _ranges(start: IntArray, count: IntArray) -> IntArray:
     """The indices start[i] .. start[i] + count[i] - 1, one range after another."""
     ends = np.cumsum(count)
     return np.repeat(start - ends + count, count) + np.arange(int(count.sum()))
-
-
-def _poles(value: Any) -> Array | None:
-    """Poles of a spline that a file states as points."""
-    if isinstance(value, BSplineSurface):
-        return value.poles.reshape(-1, 3)
-    if isinstance(value, BSplineCurve) and (value.degree > 1 or len(value.poles) > 2):
-        return value.poles
-    return None
 
 
 def _quadric_text(carrier: Any) -> tuple[Array, str]:

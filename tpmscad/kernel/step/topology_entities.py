@@ -6,8 +6,8 @@ reader permits.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -29,34 +29,24 @@ from tpmscad.kernel.step.part21 import DataSection, format_reals, format_referen
 from tpmscad.splines.bspline import BSplineSurface
 
 
-@dataclass(frozen=True, slots=True)
-class SolidEntities:
-    """Entity numbers of the solids and of all faces, in the order of the boundary representation."""
-
-    solids: tuple[int, ...]
-    faces: tuple[int, ...]
-
-
 def write_solids(
     section: DataSection,
     brep: Brep,
     nesting: ShellNesting,
     name: str,
     labels: Sequence[str],
-) -> SolidEntities:
-    """Write the solids of a closed boundary representation, each as MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS.
+) -> tuple[list[int], list[int]]:
+    """Write the solids of a closed boundary representation and return the numbers of the solids and of all faces.
 
-    `name` is that of the first solid, the others have their place, too (`piece_names`); `labels` are the names of the
-    faces.
+    `name` is that of the first solid, the others have their place, too (`name_pieces`); `labels` are the names of the faces.
     """
     surfaces = PlacedGeometry.distinct(brep.faces.carrier, brep.faces.motion)
     curves = PlacedGeometry.distinct(brep.edges.curve, brep.edges.motion)
     poles, control = [poles_of(c) for c in brep.carriers], [poles_of(c) for c in brep.curves]
     surface_points, curve_points = surfaces.points(poles), curves.points(control)
     numbers = write_points(section, np.concatenate([brep.vertices, *surface_points, *curve_points]))
-    of_vertex, *of_rest = _split_numbers(
-        numbers, [len(brep.vertices), *map(len, surface_points), *map(len, curve_points)]
-    )
+    sizes = [len(brep.vertices), *map(len, surface_points), *map(len, curve_points)]
+    of_vertex, *of_rest = np.split(numbers, np.cumsum(sizes)[:-1])
     of_surface, of_curve = of_rest[: len(surface_points)], of_rest[len(surface_points) :]
 
     surface_number = write_surfaces(section, brep, surfaces, of_surface)
@@ -73,17 +63,17 @@ def write_solids(
     shell_of_use, edge = nesting.shell_of_face[brep.face_of_use], brep.uses.edge
     corners = [brep.vertices[brep.edges.start[edge[shell_of_use == outer]]] for outer, *_ in nesting.shells_of_solid]
     for own_name, (outer, *voids) in zip(name_pieces(name, corners), nesting.shells_of_solid, strict=True):
-        label = format_string(own_name)
-        # A void's shell bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5).
-        inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shells[v]},.F.)" for v in voids])
-        kind = f"BREP_WITH_VOIDS({label},#{shells[outer]},{format_references(inner)})"
-        solids.append(section.add(kind if voids else f"MANIFOLD_SOLID_BREP({label},#{shells[outer]})"))
-    return SolidEntities(tuple(solids), tuple(faces.tolist()))
+        solids.append(write_solid(section, own_name, shells[outer], [shells[v] for v in voids]))
+    return solids, faces.tolist()
 
 
-def _split_numbers(numbers: IntArray, sizes: Sequence[int]) -> list[IntArray]:
-    """The numbers cut into consecutive groups of the given sizes."""
-    return np.split(numbers, np.cumsum(sizes)[:-1])
+def write_solid(section: DataSection, name: str, outer: int, voids: Sequence[int]) -> int:
+    """Write the MANIFOLD_SOLID_BREP or BREP_WITH_VOIDS of closed shells and return its number."""
+    if not voids:
+        return section.add(f"MANIFOLD_SOLID_BREP({format_string(name)},#{outer})")
+    # The shell of a void bounds the void like a solid and is reversed here (advanced_brep_shape_representation, WR5).
+    inner = section.extend([f"ORIENTED_CLOSED_SHELL('',*,#{shell},.F.)" for shell in voids])
+    return section.add(f"BREP_WITH_VOIDS({format_string(name)},#{outer},{format_references(inner)})")
 
 
 def _write_edges(section: DataSection, brep: Brep, points: IntArray, curve: IntArray) -> IntArray:
@@ -120,20 +110,18 @@ def _write_faces(
     face_of_loop = np.repeat(np.arange(len(faces)), np.diff(faces.loop_start))
     turned = (faces.sense[face_of_loop] < 0).tolist()
     starts = faces.use_start.tolist()
-    loops = []
-    for i, backwards in enumerate(turned):
-        members = oriented[starts[i] : starts[i + 1]]
-        loops.append(f"EDGE_LOOP('',{format_references(reversed(members) if backwards else members)})")
-    loop = section.extend(loops)
-    outer = find_outer_loops(brep)
-    kind = ["FACE_OUTER_BOUND" if o else "FACE_BOUND" for o in outer.tolist()]
+    members = (oriented[a:b] for a, b in itertools.pairwise(starts))
+    runs = (uses[::-1] if backwards else uses for uses, backwards in zip(members, turned, strict=True))
+    loop = section.extend([f"EDGE_LOOP('',{format_references(run)})" for run in runs])
+    kind = ["FACE_OUTER_BOUND" if outer else "FACE_BOUND" for outer in find_outer_loops(brep).tolist()]
     bounds = section.extend([f"{k}('',#{n},.T.)" for k, n in zip(kind, loop, strict=True)])
     quoted = {label: format_string(label) for label in set(labels)}
-    names = [quoted[label] for label in labels]
     first = faces.loop_start.tolist()
     quadric = np.array([not isinstance(c, BSplineSurface | Plane) for c in brep.carriers], bool)[faces.carrier]
     mirrored = quadric & (faces.motion.handedness < 0)  # S_u x S_v opposes that of the STEP surface
-    rows = zip(names, surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True)
+    rows = zip(
+        (quoted[label] for label in labels), surface.tolist(), np.where(mirrored, -1, 1) * faces.sense, strict=True
+    )
     return np.array(
         section.extend(
             [
