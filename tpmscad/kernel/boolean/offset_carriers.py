@@ -24,7 +24,7 @@ from tpmscad.brep.carriers import (
     SphericalSurface,
     ToroidalSurface,
 )
-from tpmscad.splines.bspline import BSplineCurve
+from tpmscad.splines.bspline import is_segment
 
 Box = tuple[tuple[float, float], tuple[float, float]]
 
@@ -142,7 +142,7 @@ def _tube(body: Brep, edge: SharpEdge, skin: float, margin: float) -> CarrierPie
         radial = arm / np.linalg.norm(arm, axis=1, keepdims=True)
         sector = _sector(-edge.normals, radial, np.broadcast_to(curve.normal, radial.shape), margin / 3)
         return CarrierPiece(torus, ((float(span[0]), float(span[1])), sector), 1, margin * skin)
-    if isinstance(curve, BSplineCurve) and curve.degree == 1 and len(curve.poles) == 2:
+    if is_segment(curve):
         length = float(np.linalg.norm(points[-1] - points[0]))
         x_axis = -edge.normals[0, 0]
         tube = CylindricalSurface(points[0], x_axis, (points[-1] - points[0]) / length, skin)

@@ -32,7 +32,7 @@ from OCP.TopoDS import (
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, select_faces
-from tpmscad.brep.carriers import Carrier, Plane
+from tpmscad.brep.carriers import Plane
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
 from tpmscad.kernel.build.degenerate_edges import find_pole_steps, make_degenerate_edge
@@ -208,24 +208,21 @@ def _placed_surfaces(brep: Brep) -> list[Geom_Surface]:
     """Placed surface of each face; faces that share an edge need separate surfaces to hold both of its pcurves."""
     faces = brep.faces
     moves = build_transforms(faces.motion)
-    bases = [_unplaced_surface(c) for c in brep.carriers]
+    bases = {
+        index: convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
+        for index, carrier in enumerate(brep.carriers)
+        if not isinstance(carrier, Plane)
+    }
     result = []
     for i, index in enumerate(faces.carrier.tolist()):
-        carrier, base = brep.carriers[index], bases[index]
+        carrier = brep.carriers[index]
         if isinstance(carrier, Plane):
             motion = faces.motion[i]
             x_axis, y_axis = motion.apply_to_vectors(carrier.x_axis), motion.apply_to_vectors(carrier.y_axis)
             result.append(convert.plane(motion.apply(carrier.origin), x_axis, y_axis))
         else:
-            result.append(base.Transformed(moves[i]))
+            result.append(bases[index].Transformed(moves[i]))
     return result
-
-
-def _unplaced_surface(carrier: Carrier) -> Geom_Surface | None:
-    """Surface of a carrier before placement; None for planes, which are built in place."""
-    if isinstance(carrier, Plane):
-        return None
-    return convert.surface(carrier) if isinstance(carrier, BSplineSurface) else convert.quadric(carrier)
 
 
 def build_regions(brep: Brep, regions: Sequence[Brep], members: Sequence[IntArray]) -> tuple[BrepSolids, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve2d
 from OCP.BRepGProp import BRepGProp, BRepGProp_Domain, BRepGProp_Face, BRepGProp_Vinert
-from OCP.Geom import Geom_BSplineSurface, Geom_Plane
+from OCP.Geom import Geom_Plane
 from OCP.gp import gp_Pnt, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.TopAbs import TopAbs_FORWARD
@@ -76,7 +76,7 @@ def face_moments(faces: Sequence[TopoDS_Face]) -> Array:
         geometry = BRep_Tool.Surface_s(face)
         if isinstance(geometry, Geom_Plane):
             result[i] = _planar_face_moments(face, geometry, nodes_of)
-        elif isinstance(geometry, Geom_BSplineSurface) and not _is_rational_or_periodic(geometry):
+        elif convert.is_plain_spline(geometry):
             surface = convert.surface_from_occt(geometry)
             edges = edges_of(face)
             space = (surface.knots_u.tobytes(), surface.knots_v.tobytes(), surface.degree_u, surface.degree_v)
@@ -114,11 +114,6 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
     moments = face_moments(faces_of(solid.Moved(TopLoc_Location(shift)))).sum(axis=0)
     moments[2:] += moments[1] * centre
     return np.asarray(moments)
-
-
-def _is_rational_or_periodic(geometry: Geom_BSplineSurface) -> bool:
-    """True for a B-spline surface that `surface_from_occt` cannot convert."""
-    return bool(geometry.IsURational() or geometry.IsVRational() or geometry.IsUPeriodic() or geometry.IsVPeriodic())
 
 
 def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:

@@ -14,16 +14,17 @@ from OCP.Bnd import Bnd_Box
 from OCP.BRep import BRep_Tool
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepClass import BRepClass_FaceClassifier
-from OCP.Geom import Geom_BSplineSurface, Geom_ConicalSurface, Geom_CylindricalSurface, Geom_Plane
+from OCP.Geom import Geom_ConicalSurface, Geom_CylindricalSurface, Geom_Plane
 from OCP.gp import gp_Pnt2d
-from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_OUT
+from OCP.TopAbs import TopAbs_OUT
 from OCP.TopoDS import TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.brep.extents import EXTENT_RTOL, extend_by_surface
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt import convert
-from tpmscad.kernel.occt.exploration import count_subshape_uses, faces_of, unwrap
+from tpmscad.kernel.occt.bounding_boxes import box_corners, box_of_edges
+from tpmscad.kernel.occt.exploration import faces_of, unwrap
 
 BOUNDED_BY_EDGES = (Geom_Plane, Geom_CylindricalSurface, Geom_ConicalSurface)
 """Surfaces on which no coordinate has an extreme inside a face, but on a line that meets its edges."""
@@ -38,22 +39,18 @@ def shape_bounds(shape: Any) -> tuple[Array, Array]:
     Within the kernel's accuracy of the boxes of edges, about 1e-7 in model units; faces that are neither B-splines nor planes,
     cylinders or cones have the kernel's optimal box. KernelError for a shape without edges and faces.
     """
-    topods, box = unwrap(shape), Bnd_Box()
-    faces = faces_of(topods)
-    for edge, _ in count_subshape_uses(topods, TopAbs_EDGE, TopAbs_FACE):
-        if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
-            BRepBndLib.AddOptimal_s(edge, box, False, False)
-    splines = []
-    for face in faces:
+    topods, splines = unwrap(shape), []
+    box = box_of_edges(topods)
+    for face in faces_of(topods):
         geometry = BRep_Tool.Surface_s(face)
-        if isinstance(geometry, Geom_BSplineSurface) and not _is_rational_or_periodic(geometry):
+        if convert.is_plain_spline(geometry):
             splines.append((face, geometry))
         elif not isinstance(geometry, BOUNDED_BY_EDGES):
             BRepBndLib.AddOptimal_s(face, box, False, False)
     if box.IsVoid():
         raise KernelError("bounds", "the shape has neither edges nor faces")
-    box.SetGap(0.0)
-    reach = np.concatenate([-np.array(box.CornerMin().Coord()), box.CornerMax().Coord()])
+    low, high = box_corners(box)
+    reach = np.concatenate([-low, high])
     tol = EXTENT_RTOL * float((reach[:3] + reach[3:]).max())
     for face, geometry in splines:
         if _poles_exceed(face, reach + tol):
@@ -61,17 +58,12 @@ def shape_bounds(shape: Any) -> tuple[Array, Array]:
     return -reach[:3], reach[3:]
 
 
-def _is_rational_or_periodic(geometry: Geom_BSplineSurface) -> bool:
-    return bool(geometry.IsURational() or geometry.IsVRational() or geometry.IsUPeriodic() or geometry.IsVPeriodic())
-
-
 def _poles_exceed(face: TopoDS_Face, reach: Array) -> bool:
     """Whether the kernel's box of a face by its poles exceeds the reach (6,)."""
     box = Bnd_Box()
     BRepBndLib.Add_s(face, box, False)
-    box.SetGap(0.0)
-    corners = np.concatenate([-np.array(box.CornerMin().Coord()), box.CornerMax().Coord()])
-    return bool((corners > reach).any())
+    low, high = box_corners(box)
+    return bool((np.concatenate([-low, high]) > reach).any())
 
 
 def _face_contains(face: TopoDS_Face, uv: Array) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from OCP.BRep import BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
-from OCP.Geom import Geom_BSplineSurface, Geom_Surface
+from OCP.Geom import Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
 from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Vec
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
@@ -172,12 +172,7 @@ class _FaceSurface:
 
     def spline(self) -> BSplineSurface | None:
         """The surface as arrays if it is a polynomial, non-periodic B-spline, else None."""
-        g = self.geometry
-        if not isinstance(g, Geom_BSplineSurface):
-            return None
-        if g.IsURational() or g.IsVRational() or g.IsUPeriodic() or g.IsVPeriodic():
-            return None
-        return convert.surface_from_occt(g)
+        return convert.surface_from_occt(self.geometry) if convert.is_plain_spline(self.geometry) else None
 
     def __call__(self, uv: Array) -> tuple[Array, Array]:
         point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()

@@ -29,7 +29,7 @@ def enclosing_box(shape: TopoDS_Shape) -> tuple[Array, Array]:
     BRepBndLib.Add_s(shape, box, False)
     if box.IsVoid() or box.IsOpen():
         return np.full(3, -np.inf), np.full(3, np.inf)
-    return _corners(box)
+    return box_corners(box)
 
 
 def bounding_box(shape: Any) -> tuple[Array, Array]:
@@ -37,17 +37,23 @@ def bounding_box(shape: Any) -> tuple[Array, Array]:
 
     The box is tight, but a B-spline face that bulges beyond every edge is not accounted for. Zeros for an empty shape.
     """
-    box = Bnd_Box()
     topods = unwrap(shape)
-    for edge, _ in count_subshape_uses(topods, TopAbs_EDGE, TopAbs_FACE):
-        if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
-            BRepBndLib.AddOptimal_s(edge, box, False, False)
+    box = box_of_edges(topods)
     for face in faces_of(topods):
         if not isinstance(BRep_Tool.Surface_s(face), (Geom_BSplineSurface, Geom_Plane)):
             BRepBndLib.Add_s(face, box)
     if box.IsVoid():
         return np.zeros(3), np.zeros(3)
-    return _corners(box)
+    return box_corners(box)
+
+
+def box_of_edges(shape: TopoDS_Shape) -> Bnd_Box:
+    """The tight box of the edges that bound faces, but for degenerate ones."""
+    box = Bnd_Box()
+    for edge, _ in count_subshape_uses(shape, TopAbs_EDGE, TopAbs_FACE):
+        if not BRep_Tool.Degenerated_s(convert.as_edge(edge)):
+            BRepBndLib.AddOptimal_s(edge, box, False, False)
+    return box
 
 
 def box_diagonal(shape: TopoDS_Shape) -> float:
@@ -64,6 +70,7 @@ def box_center(face: TopoDS_Face) -> Array:
     return np.asarray(0.5 * np.add(box.CornerMin().Coord(), box.CornerMax().Coord()))
 
 
-def _corners(box: Bnd_Box) -> tuple[Array, Array]:
+def box_corners(box: Bnd_Box) -> tuple[Array, Array]:
+    """Opposite corners (3,), (3,) of a box without its gap."""
     box.SetGap(0.0)
     return np.array(box.CornerMin().Coord()), np.array(box.CornerMax().Coord())

@@ -198,6 +198,13 @@ def _expand_knots(knots: Any, counts: Any) -> Array:
     return np.repeat(values, [counts.Value(i) for i in range(counts.Lower(), counts.Upper() + 1)])
 
 
+def is_plain_spline(geometry: Any) -> bool:
+    """Whether a surface is a B-spline that is neither rational nor periodic, of which `surface_from_occt` makes arrays."""
+    return isinstance(geometry, Geom_BSplineSurface) and not (
+        geometry.IsURational() or geometry.IsVRational() or geometry.IsUPeriodic() or geometry.IsVPeriodic()
+    )
+
+
 def surface_from_occt(geometry: Geom_BSplineSurface) -> BSplineSurface:
     """B-spline surface of an OCCT surface that is neither rational nor periodic."""
     nu, nv = geometry.NbUPoles(), geometry.NbVPoles()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.kernel.render.z_buffer import count_up, first_sample
 
 MIN_FACING = 1e-6
 """Cosine between the normal of the plane and the direction of view below which no sample sees the cut."""
@@ -42,21 +43,15 @@ def fill_segments(start: Array, end: Array, width: int, height: int) -> BoolArra
 
     A row on which the chains do not close, for want of a triangle, is left empty.
     """
-    first, last = (_first_row(p[:, 1], height) for p in (start, end))
+    first, last = (first_sample(p[:, 1], height) for p in (start, end))
     rows = np.abs(last - first)
     of = np.repeat(np.arange(len(rows)), rows)
-    ends = np.cumsum(rows)
-    y = np.minimum(first, last)[of] + np.arange(len(of)) - np.repeat(ends - rows, rows)
+    y = np.minimum(first, last)[of] + count_up(rows)
     t = (y + 0.5 - start[of, 1]) / (end[of, 1] - start[of, 1])
     x = start[of, 0] + t * (end[of, 0] - start[of, 0])
-    column = np.ceil(x.clip(-1.0, width + 1.0) - 0.5).astype(np.int64).clip(0, width)
+    column = first_sample(x, width)
     direction = np.where(last > first, 1.0, -1.0)[of]
     steps = np.bincount(y * (width + 1) + column, direction, height * (width + 1)).reshape(height, width + 1)
     winding = np.rint(np.cumsum(steps, axis=1)).astype(np.int64)
     winding[winding[:, -1] != 0] = 0
     return np.asarray(winding[:, :-1] != 0)
-
-
-def _first_row(y: Array, height: int) -> IntArray:
-    """The first row j with j + 1/2 >= y, in [0, height]."""
-    return np.ceil(y.clip(-1.0, height + 1.0) - 0.5).astype(np.int64).clip(0, height)

@@ -41,14 +41,14 @@ def rasterise(
     upper, middle, lower = (np.take_along_axis(corners, order, axis=1)[:, k] for k in range(3))
     a, b, c = screen[upper], screen[middle], screen[lower]
     area = _cross(b - a, c - a)
-    first, last = _first_sample(a[:, 1], height), _first_sample(c[:, 1], height)
+    first, last = first_sample(a[:, 1], height), first_sample(c[:, 1], height)
     drawn = np.flatnonzero((last > first) & (area != 0))
     slope = _depth_slopes(a[drawn], b[drawn], c[drawn], depth[upper[drawn]], depth[middle[drawn]], depth[lower[drawn]])
     rows = (last - first)[drawn]
     of = np.repeat(np.arange(len(drawn)), rows)  # the triangle of each span
-    y = first[drawn][of] + _count_up(rows)
+    y = first[drawn][of] + count_up(rows)
     left, right = _spans(a[drawn], b[drawn], c[drawn], of, y + 0.5)
-    start, stop = _first_sample(left, width), _first_sample(right, width)
+    start, stop = first_sample(left, width), first_sample(right, width)
     filled = stop > start
     of, y, start, length = of[filled], y[filled], start[filled], (stop - start)[filled]
     triangle = np.full(width * height, -1, np.int64)
@@ -61,7 +61,7 @@ def rasterise(
             + slope[of[spans], 0] * (start[spans] + 0.5 - origin[of[spans], 0])
             + slope[of[spans], 1] * (y[spans] + 0.5 - origin[of[spans], 1])
         )
-        along = _count_up(n)
+        along = count_up(n)
         z = np.repeat(span_depth, n) + np.repeat(slope[of[spans], 0], n) * along
         pixel = np.repeat(y[spans] * width + start[spans], n) + along
         t = np.repeat(drawn[of[spans]], n)
@@ -83,7 +83,7 @@ def barycentric_weights(screen: Array, corners: IntArray, x: Any, y: Any) -> Arr
     return np.column_stack([w, 1.0 - w.sum(axis=1)])
 
 
-def _first_sample(x: Array, size: int) -> IntArray:
+def first_sample(x: Array, size: int) -> IntArray:
     """The first sample i with i + 1/2 >= x, in [0, size]."""
     return np.ceil(x.clip(-1.0, size + 1.0) - 0.5).astype(np.int64).clip(0, size)
 
@@ -110,7 +110,7 @@ def _depth_slopes(a: Array, b: Array, c: Array, za: Array, zb: Array, zc: Array)
     return np.stack([dp * q[:, 1] - dq * p[:, 1], dq * p[:, 0] - dp * q[:, 0]], axis=1) / area[:, None]
 
 
-def _count_up(counts: IntArray) -> IntArray:
+def count_up(counts: IntArray) -> IntArray:
     """0 .. n - 1 for each n of the counts, one after another."""
     ends = np.cumsum(counts)
     return np.asarray(np.arange(ends[-1] if len(ends) else 0) - np.repeat(ends - counts, counts))

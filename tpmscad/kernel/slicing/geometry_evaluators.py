@@ -32,7 +32,7 @@ def face_evaluator(face: TopoDS_Face) -> SurfaceEvaluator:
     """Evaluator of the surface of a face, where the face lies."""
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
-    if kind == GeomAbs_BSplineSurface and not (adaptor.IsURational() or adaptor.IsVRational() or _is_periodic(adaptor)):
+    if kind == GeomAbs_BSplineSurface and convert.is_plain_spline(adaptor.BSpline()):
         return SplineSurfaceEvaluator(convert.surface_from_occt(adaptor.BSpline()))
     if kind == GeomAbs_Plane:
         frame = adaptor.Plane().Position()
@@ -51,10 +51,6 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
     if kind == GeomAbs_BSplineCurve and not (adaptor.IsRational() or adaptor.IsPeriodic()):
         return SplineCurveEvaluator(convert.curve_from_occt(adaptor.BSpline()))
     return _pointwise_curve(adaptor)
-
-
-def _is_periodic(adaptor: BRepAdaptor_Surface) -> bool:
-    return bool(adaptor.IsUPeriodic() or adaptor.IsVPeriodic())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
