@@ -22,7 +22,7 @@ from skfem.helpers import dot, grad
 import tpmscad
 from tpmscad._typing import Array
 from tpmscad.meshing.facet_search import interior_facets
-from tpmscad.meshing.skfem_mesh import skfem_order
+from tpmscad.meshing.library_meshes import skfem_order
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 CONDUCTIVITY = {"wall": 20.0, "channel +": 1.0, "channel -": 1.0}

@@ -17,10 +17,9 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
 from tpmscad.kernel.render.picture import draw_scene, render_png
 from tpmscad.kernel.render.scene import Scene
-from tpmscad.kernel.render.section_caps import cut_segments, fill_segments
 from tpmscad.kernel.render.tessellation import tessellate
 from tpmscad.kernel.render.viewpoints import VIEWS, section_planes, view_frame
-from tpmscad.kernel.render.z_buffer import barycentric_weights, rasterise
+from tpmscad.kernel.render.z_buffer import barycentric_weights, cut_segments, fill_segments, rasterise
 
 
 def test_a_triangle_covers_the_pixels_whose_centres_it_holds_and_the_nearer_one_wins() -> None:

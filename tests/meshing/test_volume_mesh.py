@@ -17,8 +17,7 @@ from tpmscad.meshing.element_shapes import SHAPES, jacobian_coefficients
 from tpmscad.meshing.facet_search import boundary_facets, owners_of_facets
 from tpmscad.meshing.inp_files import format_name
 from tpmscad.meshing.mesh_arrays import sort_nodes
-from tpmscad.meshing.tetrahedra import pair_sides
-from tpmscad.meshing.untangling import untangle
+from tpmscad.meshing.tetrahedra import pair_sides, untangle
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 meshio = pytest.importorskip("meshio")

@@ -18,7 +18,7 @@ from tests.refusals.refused import Row, check_refusal
 from tpmscad import fields, maps
 from tpmscad.build123d import Tpms, TpmsInfill
 from tpmscad.errors import InvalidRequest, MissingDomain
-from tpmscad.kernel.build.region_solids import make_region_solid
+from tpmscad.kernel.build.primitive_solids import make_region_solid
 from tpmscad.kernel.export.shape_file import write_solids
 from tpmscad.kernel.render.viewpoints import section_planes, view_frame
 from tpmscad.kernel.step.part21 import find_schema

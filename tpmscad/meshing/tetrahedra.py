@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
-from tpmscad.meshing.element_shapes import TRIANGLE_EDGES
+from tpmscad.meshing.element_shapes import TETRA_EDGES, TRIANGLE_EDGES, jacobian_coefficients
 from tpmscad.meshing.facet_search import find_facets
 from tpmscad.meshing.gmsh_model import (
     GMSH_TETRAHEDRA,
@@ -29,7 +29,6 @@ from tpmscad.meshing.gmsh_model import (
 )
 from tpmscad.meshing.mesh_arrays import AXES, sort_nodes
 from tpmscad.meshing.msh_files import GMSH_KINDS
-from tpmscad.meshing.untangling import untangle
 from tpmscad.meshing.volume_mesh import VolumeMesh
 
 SURFACE_SIZE = 0.83
@@ -37,6 +36,9 @@ SURFACE_SIZE = 0.83
 
 ON_SIDE = 1e-5
 """Model units: distance of a node at a side of the box from its image up to which it is moved there."""
+
+MAX_UNTANGLING_PASSES = 4
+"""Passes over the inverted elements: to straighten an edge may invert a neighbour."""
 
 HXT, ELASTIC_ANALOGY = 10, 3
 """gmsh's numbers of algorithms for elements and for curving."""
@@ -202,3 +204,42 @@ def _match_middles(points: Array, near: IntArray, far: IntArray, corners: IntArr
         raise KernelError("mesh", "facets at opposite sides do not join the same corners")
     (ours, first), (theirs, _) = found
     return np.column_stack([ours, theirs]), points[ends[first]].mean(axis=1)
+
+
+def untangle(mesh: VolumeMesh) -> VolumeMesh:
+    """The mesh of second-order tetrahedra with edges of inverted elements made straight, those on facets last.
+
+    `straightened` of the result counts, with those before, the edges on facets, whose middles are then on a chord instead of the
+    exact surface.
+    Elements whose corners are in the wrong order stay inverted.
+    """
+    if "tetra10" not in mesh.cells:
+        return mesh
+    cells = mesh.cells["tetra10"]
+    on_facet = np.zeros(len(mesh.points), bool)
+    for nodes in mesh.facets.values():
+        on_facet[nodes] = True
+    repeated, shift = mesh.periodic_ties()
+    periods = np.where(np.isnan(mesh.periods), 0.0, mesh.periods)
+    points, moved = mesh.points.copy(), np.zeros(len(mesh.points), bool)
+    for movable in (~on_facet, np.ones_like(on_facet)):
+        for _ in range(MAX_UNTANGLING_PASSES):
+            bad = jacobian_coefficients("tetra10", points, cells).min(axis=1) <= 0.0
+            if not bad.any():
+                break
+            middles, chords = _middles_of_edges(cells[bad], points, movable)
+            images = np.isin(repeated, repeated[middles])
+            points[middles] = chords
+            points[repeated[middles]] = chords - shift[middles] * periods
+            points[images] = points[repeated[images]] + shift[images] * periods
+            moved |= images
+    straightened = mesh.straightened + int((moved & on_facet).sum())
+    return replace(mesh, points=points, straightened=straightened)
+
+
+def _middles_of_edges(cells: IntArray, points: Array, movable: BoolArray) -> tuple[IntArray, Array]:
+    """Nodes in the middle of the edges of elements that may be moved, and the middles of the chords."""
+    ends = cells[:, np.array(TETRA_EDGES)]
+    middles, first = np.unique(cells[:, 4:].ravel(), return_index=True)
+    keep = movable[middles]
+    return middles[keep], points[ends.reshape(-1, 2)[first[keep]]].mean(axis=1)

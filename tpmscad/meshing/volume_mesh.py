@@ -13,11 +13,10 @@ from tpmscad.api.shared_kinds import FLOW, PATH, POSITIVE
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.inp_files import write_inp
+from tpmscad.meshing.library_meshes import make_meshio_mesh, make_skfem_mesh, write_vtu
 from tpmscad.meshing.mesh_arrays import MeshArrays
 from tpmscad.meshing.msh_files import write_msh
 from tpmscad.meshing.openfoam_case import write_openfoam_case
-from tpmscad.meshing.skfem_mesh import make_skfem_mesh
-from tpmscad.meshing.vtu_files import make_meshio_mesh, write_vtu
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -20,7 +20,7 @@ from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest
 from tpmscad.meshing.element_shapes import SHAPES, ElementShape
-from tpmscad.meshing.skfem_mesh import skfem_order
+from tpmscad.meshing.library_meshes import skfem_order
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.multigrid import solve
 

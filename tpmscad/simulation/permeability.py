@@ -17,7 +17,7 @@ from scipy.sparse.linalg import LinearOperator, cg, splu
 from tpmscad._lazy_import import import_extra
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.meshing.skfem_mesh import skfem_order
+from tpmscad.meshing.library_meshes import skfem_order
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.simulation.periodic_cell import CellEquations, assemble
 

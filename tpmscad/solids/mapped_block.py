@@ -17,7 +17,7 @@ from tpmscad._typing import Array
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
-from tpmscad.kernel.build.revolved_body import revolve_profile
+from tpmscad.kernel.build.primitive_solids import revolve_profile
 from tpmscad.lattices import copies, mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.revolved_box import RevolvedBox, find_revolved_box, find_revolved_cylinder

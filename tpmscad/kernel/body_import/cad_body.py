@@ -11,7 +11,7 @@ from OCP.TopoDS import TopoDS_Shape, TopoDS_Solid
 
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_step
-from tpmscad.kernel.build.region_solids import PrimitiveRegion, make_region_solid
+from tpmscad.kernel.build.primitive_solids import PrimitiveRegion, make_region_solid
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_shape
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.exploration import solids_of, unwrap

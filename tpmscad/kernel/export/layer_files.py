@@ -15,7 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
-from tpmscad.kernel.export.threemf_archive import CORE_NAMESPACE, escape_text, write_model_archive
+from tpmscad.kernel.export.threemf_file import CORE_NAMESPACE, escape_text, write_model_archive
 
 DIGITS = 6
 """Decimals of a coordinate in mm: a nanometre."""

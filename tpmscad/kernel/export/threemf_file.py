@@ -7,7 +7,7 @@ its first group, and triangles of other groups name theirs.
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.sax.saxutils import quoteattr
@@ -17,8 +17,24 @@ import numpy as np
 from tpmscad._typing import Array, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
-from tpmscad.kernel.export.threemf_archive import CORE_NAMESPACE, MODEL_PATH, escape_text, write_model_archive
 from tpmscad.kernel.step.product_entities import Colour
+
+CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
+MODEL_PATH = "3D/3dmodel.model"
+CONTENT_TYPES = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'
+    '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
+    '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
+)
+RELATIONSHIPS = (
+    '<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">'
+    f'<Relationship Target="/{MODEL_PATH}" Id="rel0" '
+    'Type="http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"/></Relationships>'
+)
+FIXED_DATE = (1980, 1, 1, 0, 0, 0)
+"""Date of the archive's members: equal models write equal bytes."""
 
 
 def write_3mf(parts: Sequence[MeshPart], path: Path, title: str) -> None:
@@ -75,3 +91,23 @@ def read_3mf(path: Path) -> list[tuple[Array, IntArray]]:
                 found.append((points, corners))
                 element.clear()
     return found
+
+
+def write_model_archive(path: Path, model: Iterable[str]) -> None:
+    """Write an archive whose model is the pieces of XML one after the other."""
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, pieces in (
+            ("[Content_Types].xml", [CONTENT_TYPES]),
+            ("_rels/.rels", [RELATIONSHIPS]),
+            (MODEL_PATH, model),
+        ):
+            member = zipfile.ZipInfo(name, FIXED_DATE)
+            member.compress_type = zipfile.ZIP_DEFLATED
+            with archive.open(member, "w", force_zip64=True) as file:
+                for piece in pieces:
+                    file.write(piece.encode())
+
+
+def escape_text(text: str) -> str:
+    """Text of an XML element."""
+    return quoteattr(text)[1:-1]

@@ -20,10 +20,9 @@ from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.render.labels import LabelledPicture, has_labels, scale_panel_width
 from tpmscad.kernel.render.palette import UNVALUED_COLOUR, Colour, ColourScale
 from tpmscad.kernel.render.scene import Scene
-from tpmscad.kernel.render.section_caps import MIN_FACING, cut_segments, fill_segments
 from tpmscad.kernel.render.shading import depth_shading, shade_cut, shade_surface
 from tpmscad.kernel.render.viewpoints import SectionPlane, View, require_cuts, section_planes, view_frame
-from tpmscad.kernel.render.z_buffer import barycentric_weights, rasterise
+from tpmscad.kernel.render.z_buffer import MIN_FACING, barycentric_weights, cut_segments, fill_segments, rasterise
 
 SAMPLES_PER_PIXEL_AXIS = 2
 """Samples per pixel along x and along y."""

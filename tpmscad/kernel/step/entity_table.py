@@ -2,7 +2,8 @@
 
 The scanner shares nothing with the writers. An entity is its *template*, the text with each number replaced by a mark, and the
 row of its numbers: `#7=CARTESIAN_POINT('',(1.5,0.,2.));` has the template `CARTESIAN_POINT('',(&,&,&))` and the row (1.5, 0, 2).
-A file of millions of entities has a few hundred templates. Marks: `#` a reference, `@` an integer, `&` a real.
+A file of millions of entities has a few hundred templates. Marks: `#` a reference, `@` an integer, `&` a real. `EntityRows` holds
+entities by their number against the template that is expected, for what checks a file's text.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.errors import KernelError
 
 CHUNK_BYTES = 1 << 25
@@ -23,6 +24,9 @@ CHUNK_BYTES = 1 << 25
 
 MAX_NUMBER_RATIO = 100
 """Entity numbers may exceed the number of entities by this factor; a writer numbers them consecutively."""
+
+ROUND_OFF = 1e-12
+"""Difference of directions, radii and lengths, relative to their size, that comes from another order of operations."""
 
 _NUMBER = re.compile(r"'(?:[^']|'')*'|(?<=[(,])(#\d+|[+-]?\d+(?:\.\d*(?:E[+-]?\d+)?)?)")
 
@@ -57,6 +61,64 @@ class EntityTable:
     def keywords(self) -> tuple[str, ...]:
         """Keyword of each template, "" for complex entities."""
         return tuple(t[: t.find("(")] for t in self.templates)
+
+
+def require(condition: Any, what: str) -> None:
+    """KernelError that names what differs, unless the condition holds."""
+    if not np.all(condition):
+        raise KernelError("export_step", f"the text of the file is not what was meant: {what}")
+
+
+class EntityRows:
+    """The numbers of entities that are asked for by number and template, and which entities were."""
+
+    def __init__(self, table: EntityTable) -> None:
+        self.table = table
+        self.keyword = table.keywords()
+        self.known = np.zeros(len(table.number), bool)
+
+    def rows(self, numbers: Array | IntArray, template: str) -> Array:
+        """Numbers (n, m) in the entities of the given numbers, all of which must have the template."""
+        at = self.table.positions(numbers)
+        require(at >= 0, f"a reference leads nowhere instead of to {template}")
+        wanted = [i for i, t in enumerate(self.table.templates) if t == template]
+        require(np.isin(self.table.template[at], wanted), f"there is another entity in place of {template}")
+        self.known[at] = True
+        start = self.table.start[at]
+        return self.table.values[start[:, None] + np.arange(template_size(template))]
+
+    def with_keyword(self, keyword: str) -> IntArray:
+        """Positions of the entities with a keyword."""
+        return np.flatnonzero(np.isin(self.table.template, [i for i, k in enumerate(self.keyword) if k == keyword]))
+
+    def points(self, numbers: Array) -> Array:
+        """Coordinates of points (n, 3)."""
+        return self.rows(numbers, "CARTESIAN_POINT('',(&,&,&))")
+
+    def directions(self, numbers: Array) -> Array:
+        """Components of directions (n, 3)."""
+        return self.rows(numbers, "DIRECTION('',(&,&,&))")
+
+    def frames(self, numbers: Array) -> Array:
+        """Origin, axis and reference direction (n, 3, 3) of placements."""
+        origin, axis, x = self.rows(numbers, "AXIS2_PLACEMENT_3D('',#,#,#)").T
+        return np.stack([self.points(origin), self.directions(axis), self.directions(x)], axis=1)
+
+
+def template_marks(template: str) -> str:
+    """The marks of a template in order, strings left out."""
+    return "".join(re.findall(r"[#@&]", re.sub(r"'(?:[^']|'')*'", "", template)))
+
+
+def template_size(template: str) -> int:
+    """Number of numbers in an entity with a template."""
+    return len(template_marks(template))
+
+
+def agree(read: Array, meant: Array) -> BoolArray:
+    """Whether rows (n, m) agree to round-off: (n,)."""
+    size = np.maximum(1.0, np.abs(meant).max(axis=1, initial=0.0))
+    return np.asarray(np.abs(read - meant).max(axis=1, initial=0.0) <= ROUND_OFF * size, bool)
 
 
 def read_entity_table(path: Path) -> EntityTable:

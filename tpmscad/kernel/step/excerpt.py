@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.kernel.step.entity_rows import template_marks
-from tpmscad.kernel.step.entity_table import EntityTable
+from tpmscad.kernel.step.entity_table import EntityTable, template_marks
 
 _COLOURS = ("STYLED_ITEM", "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION")
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.kernel.step.cell_assembly import compose_levels
-from tpmscad.kernel.step.entity_rows import EntityRows, agree, require
+from tpmscad.kernel.step.entity_table import EntityRows, agree, require
 from tpmscad.rigid_motion import Motion
 
 _RELATION = (

@@ -28,8 +28,15 @@ from tpmscad.brep.carriers import (
 )
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
-from tpmscad.kernel.step.entity_rows import ROUND_OFF, EntityRows, agree, require, template_marks
-from tpmscad.kernel.step.entity_table import EntityTable, read_entity_table
+from tpmscad.kernel.step.entity_table import (
+    ROUND_OFF,
+    EntityRows,
+    EntityTable,
+    agree,
+    read_entity_table,
+    require,
+    template_marks,
+)
 from tpmscad.kernel.step.geometry_entities import count_decimals, find_knots_in_file, poles_of
 from tpmscad.kernel.step.placement_check import check_placements
 from tpmscad.rigid_motion import Motion

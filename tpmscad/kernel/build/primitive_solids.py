@@ -1,4 +1,4 @@
-"""Bodies of revolution as solids of the kernel: a closed profile of segments and arcs, turned about an axis."""
+"""Exact solids of the kernel: the primitive regions of fields (a box, a ball, a cylinder with ends), and bodies of revolution."""
 
 from __future__ import annotations
 
@@ -6,13 +6,32 @@ from collections.abc import Sequence
 
 import numpy as np
 from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeFace, BRepBuilderAPI_MakeWire
-from OCP.BRepPrimAPI import BRepPrimAPI_MakeRevol
+from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox, BRepPrimAPI_MakeCylinder, BRepPrimAPI_MakeRevol, BRepPrimAPI_MakeSphere
 from OCP.GC import GC_MakeArcOfCircle
-from OCP.gp import gp_Ax1, gp_Dir, gp_Pnt
+from OCP.gp import gp_Ax1, gp_Ax2, gp_Dir, gp_Pnt
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Shape
 
 from tpmscad._typing import Array
-from tpmscad.errors import KernelError
+from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.fields.kinds.primitive_regions import BoxRegion, CylinderRegion, SphereRegion
+
+PrimitiveRegion = BoxRegion | SphereRegion | CylinderRegion
+"""Regions of `tpmscad.fields` that stand for the solids they describe."""
+
+
+def make_region_solid(region: PrimitiveRegion) -> TopoDS_Shape:
+    """The solid of a finite primitive region; InvalidRequest if the region is infinite."""
+    if isinstance(region, BoxRegion):
+        if not np.isfinite([region.lo, region.hi]).all():
+            raise InvalidRequest(f"the box from {list(region.lo)} to {list(region.hi)} is infinite: give every corner")
+        return BRepPrimAPI_MakeBox(gp_Pnt(*region.lo), gp_Pnt(*region.hi)).Solid()
+    if isinstance(region, SphereRegion):
+        return BRepPrimAPI_MakeSphere(gp_Pnt(*region.center), region.radius).Solid()
+    if region.height is None:
+        raise InvalidRequest("the cylinder has no ends: give its height")
+    foot = np.subtract(region.center, np.multiply(region.axis, region.height / 2))
+    axes = gp_Ax2(gp_Pnt(*foot.tolist()), gp_Dir(*region.axis))
+    return BRepPrimAPI_MakeCylinder(axes, region.radius, region.height).Solid()
 
 
 def revolve_profile(sides: Array, straight: Sequence[bool], origin: Array, axis: Array, angle: float) -> TopoDS_Shape:
