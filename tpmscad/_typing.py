@@ -11,6 +11,9 @@ Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+Colour = tuple[float, float, float]
+"""Red, green and blue from 0 to 1."""
+
 BoxCorners = Sequence[Sequence[float]]
 """Opposite corners of a box, ((x0, y0, z0), (x1, y1, z1)), in model units."""
 

@@ -15,11 +15,12 @@ from tests.shapes.kernel_shapes import CASES, drilled_dome, plane_box
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape
-from tpmscad.kernel.render.picture import draw_scene, render_png
-from tpmscad.kernel.render.scene import Scene
+from tpmscad.kernel.render.picture import draw_scene
+from tpmscad.kernel.render.scene import Scene, pieces_of
 from tpmscad.kernel.render.tessellation import tessellate
 from tpmscad.kernel.render.viewpoints import VIEWS, section_planes, view_frame
 from tpmscad.kernel.render.z_buffer import barycentric_weights, cut_segments, fill_segments, rasterise
+from tpmscad.studies._render import render
 
 
 def test_a_triangle_covers_the_pixels_whose_centres_it_holds_and_the_nearer_one_wins() -> None:
@@ -57,7 +58,7 @@ def test_a_filled_section_has_the_area_of_the_body_s_section(case: str, axis: in
     """Against the kernel's intersection of the body with a planar face."""
     import build123d as bd
 
-    scene = Scene.of_shape(build_solids(CASES[case]()).shape)
+    scene = Scene.of_pieces(pieces_of(build_solids(CASES[case]()).shape))
     low, high = scene.box
     normal, offset = np.eye(3)[axis], float(low[axis] + 0.37 * (high - low)[axis])
     start, end = cut_segments(scene.points, scene.triangles, normal, offset)
@@ -82,7 +83,7 @@ def test_a_cut_sphere_shows_a_filled_disc_in_its_own_colour() -> None:
     import build123d as bd
     from PIL import Image
 
-    scene = Scene.of_shape(bd.Sphere(1.0) - bd.Sphere(0.5)).with_piece_colours([(0.9, 0.1, 0.1)])
+    scene = Scene.of_pieces(pieces_of(bd.Sphere(1.0) - bd.Sphere(0.5))).with_piece_colours([(0.9, 0.1, 0.1)])
     pictures = {
         section: np.asarray(Image.open(BytesIO(draw_scene(scene, view="top", section=section, size=(200, 200)))), float)
         for section in (None, "z=0", ((0, 0, 0), (0, 0, -1)))
@@ -102,7 +103,7 @@ def test_touching_solids_show_the_face_that_looks_at_the_eye() -> None:
     from PIL import Image
 
     pair = bd.Compound([bd.Box(2, 2, 1).solid(), (bd.Pos(0, 0, 1) * bd.Box(2, 2, 1)).solid()])
-    scene = Scene.of_shape(pair).with_piece_colours([(0.9, 0.1, 0.1), (0.1, 0.1, 0.9)])
+    scene = Scene.of_pieces(pieces_of(pair)).with_piece_colours([(0.9, 0.1, 0.1), (0.1, 0.1, 0.9)])
     for view, brighter in (("bottom", 0), ("top", 2)):
         pixel = np.asarray(Image.open(BytesIO(draw_scene(scene, view=view, size=(64, 64)))), float)[32, 32]
         assert np.argmax(pixel) == brighter
@@ -144,7 +145,7 @@ def test_a_view_that_is_not_understood_is_refused_with_the_names(wrong: object) 
 @pytest.mark.parametrize("size", [(8, 100), (100, 100000), "large", (100,)])
 def test_a_size_that_cannot_be_drawn_is_refused(size: object) -> None:
     with pytest.raises(InvalidRequest, match="size"):
-        draw_scene(Scene.of_shape(build_solids(plane_box()).shape), size=size)  # type: ignore[arg-type]
+        draw_scene(Scene.of_pieces(pieces_of(build_solids(plane_box()).shape)), size=size)  # type: ignore[arg-type]
 
 
 def test_the_mean_curvature_is_positive_on_convex_faces_whatever_their_orientation() -> None:
@@ -152,7 +153,7 @@ def test_the_mean_curvature_is_positive_on_convex_faces_whatever_their_orientati
 
     part = bd.Sphere(3) - bd.Pos(3, 0, 0) * bd.Cylinder(0.5, 20)
     for body in (part, bd.mirror(part, bd.Plane.YZ)):
-        scene = Scene.of_shape(body)
+        scene = Scene.of_pieces(pieces_of(body))
         curvature = scene.mean_curvature()
         on_sphere = np.abs(np.linalg.norm(scene.points, axis=1) - 3) < 1e-9
         inside = np.linalg.norm(scene.points, axis=1) < 2.9
@@ -166,7 +167,7 @@ def test_drawing_leaves_a_shape_without_triangles_as_it_was() -> None:
     from OCP.TopLoc import TopLoc_Location
 
     body = bd.Sphere(1.0)
-    Scene.of_shape(body)
+    Scene.of_pieces(pieces_of(body))
     assert BRep_Tool.Triangulation_s(body.face().wrapped, TopLoc_Location()) is None
 
 
@@ -190,7 +191,7 @@ def test_normals_point_out_of_the_solid_and_corners_turn_with_them(case: str) ->
 def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: Path) -> None:
     from matplotlib.image import imread
 
-    render_png(build_solids(drilled_dome()).shape, tmp_path / "dome.png", width=160, height=120)
+    render(build_solids(drilled_dome()).shape, tmp_path / "dome.png", size=(160, 120))
     image = imread(tmp_path / "dome.png")[..., :3]
     assert image.shape == (120, 160, 3)
     assert image[0, 0].min() > 0.9
@@ -200,20 +201,22 @@ def test_a_picture_is_a_png_that_shows_the_body_before_a_light_ground(tmp_path: 
 
 
 def test_equal_shapes_make_equal_pictures() -> None:
-    first, second = (draw_scene(Scene.of_shape(build_solids(plane_box()).shape), size=(64, 48)) for _ in range(2))
+    first, second = (
+        draw_scene(Scene.of_pieces(pieces_of(build_solids(plane_box()).shape)), size=(64, 48)) for _ in range(2)
+    )
     assert first == second
 
 
 def test_another_extension_or_a_missing_folder_is_refused(tmp_path: Path) -> None:
     shape = build_solids(plane_box()).shape
     with pytest.raises(InvalidRequest, match=r"\.jpg"):
-        render_png(shape, tmp_path / "a.jpg")
+        render(shape, tmp_path / "a.jpg")
     with pytest.raises(InvalidRequest, match=r"folder .*nowhere"):
-        render_png(shape, tmp_path / "nowhere" / "a.png")
+        render(shape, tmp_path / "nowhere" / "a.png")
 
 
 @pytest.mark.parametrize("section", ["z=5.1", "x=1,y=-0.1", ((9.0, 9.0, 9.0), (1.0, 1.0, 1.0))])
 def test_a_section_beside_the_part_is_refused_with_its_box(section: Any) -> None:
-    scene = Scene.of_shape(build_solids(CASES["box of planes"]()).shape)
+    scene = Scene.of_pieces(pieces_of(build_solids(CASES["box of planes"]()).shape))
     with pytest.raises(InvalidRequest, match=r"lies between \(0, 0, 0\) and \(2, 3, 5\)"):
         draw_scene(scene, section=section, size=(60, 60))

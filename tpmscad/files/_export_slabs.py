@@ -11,12 +11,14 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import KW_ONLY, asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
+
+import numpy as np
 
 from tpmscad.api.argument_kinds import choice_of
 from tpmscad.api.public_calls import validate_options
@@ -24,8 +26,8 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import CELL_COUNTS, EXECUTOR, PATH, TEXT
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.files.slab_files import Cells, SlabOriginal, describe_request, make_originals, write_slab
-from tpmscad.files.slab_manifest import SlabFile, open_manifest
+from tpmscad.files.slab_files import Cells, SlabFile, SlabOriginal, describe_request, make_originals, write_slab
+from tpmscad.files.slab_manifest import open_manifest
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
 from tpmscad.parallel import run_as_completed
 from tpmscad.requests.lattice_options import LatticeOptions
@@ -185,50 +187,19 @@ def export_slabs(options: SlabOptions) -> SlabFiles:
             kept = tuple(name for name in kept if name in manifest.rows)
             missing = [(name, each) for name, each in zip(names, slabs, strict=True) if name not in manifest.rows]
             stamp = options.time_stamp or datetime.now(UTC).isoformat(timespec="seconds")
-            edges = [n * edge for n, edge in zip(slabs[0].cells, request.cell, strict=True)]
+            edges = np.multiply(slabs[0].cells, request.cell)
+            of_cells = {original.cells: original for original in originals}
+            tasks = []
+            for name, each in missing:
+                x, y, z = np.multiply(each.steps, edges).tolist()
+                original, path = of_cells[each.cells], folder.resolve() / name
+                tasks.append((original, path, (x, y, z), f"{original.name} {path.stem}", schema, stamp))
             with stages("slabs") as report:
-                for row in _write_copies(
-                    originals, missing, folder.resolve(), edges, (schema, stamp), options.executor
-                ):
+                for _, row in run_as_completed(options.executor, write_slab, tasks):
                     manifest.add(row)
                     report(len(manifest.rows) / len(names))
     rows = tuple(manifest.rows[name] for name in names)
     return SlabFiles(folder, rows, tuple(manifest.certificates), manifest.path, kept)
-
-
-def _write_copies(
-    originals: Sequence[SlabOriginal],
-    slabs: Sequence[tuple[str, Slab]],
-    folder: Path,
-    edges: Sequence[float],
-    file_options: tuple[str, str],
-    executor: Executor | None,
-) -> Iterator[SlabFile]:
-    """Write each named slab as a copy of the original of its size; the rows of the table, as they are finished.
-
-    edges: of the first slab, mm; file_options: schema and time stamp.
-    """
-    of_cells = {original.cells: original for original in originals}
-    tasks = []
-    for name, slab in slabs:
-        x, y, z = (n * edge for n, edge in zip(slab.steps, edges, strict=True))
-        original = of_cells[slab.cells]
-        tasks.append((original, folder / name, (x, y, z), f"{original.name} {Path(name).stem}", *file_options))
-    for number, written in run_as_completed(executor, write_slab, tasks):
-        original, path, corner, *_ = tasks[number]
-        certificate = original.certificate
-        yield SlabFile(
-            path.name,
-            corner,
-            original.cells,
-            certificate.volume,
-            certificate.area,
-            certificate.n_faces,
-            original.solids,
-            written.size,
-            written.sha256,
-            written.seconds,
-        )
 
 
 def divide(cells: Cells, slab: int | Sequence[int]) -> list[Slab]:

@@ -46,11 +46,18 @@ class SlabOriginal:
 
 
 @dataclass(frozen=True, slots=True)
-class WrittenSlab:
-    """The hash of a slab's file, its size in bytes, and the seconds that it took."""
+class SlabFile:
+    """One slab of a lattice in its file: lower corner in mm, cells along each axis, and what was measured on it, in mm."""
 
-    sha256: str
+    file: str
+    origin: tuple[float, float, float]
+    cells: Cells
+    volume: float
+    area: float
+    faces: int
+    solids: int
     size: int
+    sha256: str
     seconds: float
 
 
@@ -75,9 +82,9 @@ def make_originals(request: LatticeRequest, cells: Sequence[Cells], folder: Path
 
 def write_slab(
     original: SlabOriginal, path: Path, shift: tuple[float, float, float], name: str, schema: str, time_stamp: str
-) -> WrittenSlab:
+) -> SlabFile:
     """Write the original moved by `shift` (mm) and check what the file holds."""
-    begun = time.perf_counter()
+    begun, certificate = time.perf_counter(), original.certificate
     slab = translate_brep(_load(original.path, original.sha256), np.array(shift))
     write_checked_brep(
         slab,
@@ -89,7 +96,18 @@ def write_slab(
         labels=label_faces(slab, original.outer_faces),
         time_stamp=time_stamp,
     )
-    return WrittenSlab(hash_file(path), path.stat().st_size, time.perf_counter() - begun)
+    return SlabFile(
+        path.name,
+        shift,
+        original.cells,
+        certificate.volume,
+        certificate.area,
+        certificate.n_faces,
+        original.solids,
+        path.stat().st_size,
+        hash_file(path),
+        time.perf_counter() - begun,
+    )
 
 
 @lru_cache(maxsize=1)

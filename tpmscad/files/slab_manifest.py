@@ -13,23 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from tpmscad.atomic_file import atomic_write
-from tpmscad.files.slab_files import Cells, SlabOriginal, hash_file
-
-
-@dataclass(frozen=True, slots=True)
-class SlabFile:
-    """One slab of a lattice in its file: lower corner in mm, cells along each axis, and what was measured on it, in mm."""
-
-    file: str
-    origin: tuple[float, float, float]
-    cells: Cells
-    volume: float
-    area: float
-    faces: int
-    solids: int
-    size: int
-    sha256: str
-    seconds: float
+from tpmscad.files.slab_files import SlabFile, SlabOriginal, hash_file
 
 
 @dataclass(slots=True)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,11 +50,14 @@ def write_msh(mesh: MeshArrays, path: Path, version: str) -> None:
             file.write(text)
 
 
-class _Entity:
+class _Entity(NamedTuple):
     """Elements of one dimension that are in the same groups: a volume or surface in gmsh's sense."""
 
-    def __init__(self, dimension: int, tag: int, groups: list[int], kind: str, nodes: IntArray) -> None:
-        self.dimension, self.tag, self.groups, self.kind, self.nodes = dimension, tag, groups, kind, nodes
+    dimension: int
+    tag: int
+    groups: list[int]
+    kind: str
+    nodes: IntArray
 
 
 def _entities(
@@ -100,12 +104,7 @@ def _format_4(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
         yield _rows(np.column_stack([tags, entity.nodes[:, list(order)] + 1]))
         first += len(entity.nodes)
     yield "$EndElements\n"
-    if mesh.periodic:
-        yield f"$Periodic\n{len(mesh.periodic)}\n"
-        for translation, pairs in mesh.periodic.items():
-            yield f"2 1 1\n16 {_affine(mesh, translation)}\n{len(pairs)}\n"
-            yield _rows(pairs[:, ::-1] + 1)
-        yield "$EndPeriodic\n"
+    yield from _periodic_lines(mesh, "16")
 
 
 def _format_2(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
@@ -124,19 +123,20 @@ def _format_2(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
         yield _rows(np.column_stack([columns, entity.nodes[:, list(order)] + 1]))
         first += count
     yield "$EndElements\n"
-    if mesh.periodic:
-        yield f"$Periodic\n{len(mesh.periodic)}\n"
-        for translation, pairs in mesh.periodic.items():
-            yield f"2 1 1\nAffine {_affine(mesh, translation)}\n{len(pairs)}\n"
-            yield _rows(pairs[:, ::-1] + 1)
-        yield "$EndPeriodic\n"
+    yield from _periodic_lines(mesh, "Affine")
 
 
-def _affine(mesh: MeshArrays, translation: str) -> str:
-    """The translation as gmsh's matrix of 16 numbers."""
-    matrix = np.eye(4)
-    matrix[:3, 3] = mesh.translation(translation)
-    return " ".join(map(repr, matrix.ravel().tolist()))
+def _periodic_lines(mesh: MeshArrays, head: str) -> Iterator[str]:
+    """Periodic nodes, if there are any, each translation with its head and gmsh's matrix of 16 numbers."""
+    if not mesh.periodic:
+        return
+    yield f"$Periodic\n{len(mesh.periodic)}\n"
+    for translation, pairs in mesh.periodic.items():
+        matrix = np.eye(4)
+        matrix[:3, 3] = mesh.translation(translation)
+        yield f"2 1 1\n{head} {' '.join(map(repr, matrix.ravel().tolist()))}\n{len(pairs)}\n"
+        yield _rows(pairs[:, ::-1] + 1)
+    yield "$EndPeriodic\n"
 
 
 def _rows(numbers: IntArray) -> str:

@@ -18,8 +18,8 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.occt.shape_pickling import pack_results, unpack_results
+from tpmscad.kernel.render.palette import DOMAIN_COLOURS
 from tpmscad.kernel.step.face_labels import NamedSolid
-from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import DomainsMeshOptions, DomainsPictureOptions, ExportOptions
 from tpmscad.results.certificate import Certificate
@@ -28,9 +28,6 @@ from tpmscad.results.result_summary import count_pieces, format_html, format_siz
 
 WALL, PLUS, MINUS = "wall", "channel +", "channel -"
 """Names of the domains; a channel is named by the sign of the surface's nodal value in it."""
-
-DOMAIN_COLOURS: Mapping[str, Colour] = {WALL: (0.72, 0.74, 0.76), PLUS: (0.36, 0.56, 0.74), MINUS: (0.87, 0.60, 0.32)}
-"""Colours of the domains in files, as red, green and blue from 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, Colour
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
-from tpmscad.atomic_file import validate_output_path
+from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.occt.exploration import faces_of
 from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, sequential_scale
-from tpmscad.kernel.render.picture import draw_scene, write_picture
+from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.polar_surface import draw_polar_surface
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.requests.study_options import PiecesPictureOptions, RenderOptions
@@ -41,8 +41,6 @@ SECTION_FACET_ANGLE = 0.12
 CURVATURE_SHARE = 0.99
 """Share of the points whose mean curvature the scale of colours spans; a few extreme points would make the rest look flat."""
 
-Colour = tuple[float, float, float]
-
 
 @validate_options(RenderOptions, 'render(model, "part.png", section="z")')
 def render(options: RenderOptions) -> None:
@@ -61,7 +59,9 @@ def render(options: RenderOptions) -> None:
     >>> render(parts, "exchanger.png", section="z=2", hide="channel +")  # doctest: +SKIP
     """
     target = validate_output_path(options.path, (".png",))
-    write_picture(render_bytes(options.source, **select_arguments(options, PiecesPictureOptions)), target)
+    picture = render_bytes(options.source, **select_arguments(options, PiecesPictureOptions))
+    with atomic_write(target) as aside:
+        aside.write_bytes(picture)
 
 
 def render_bytes(source: Any, **picture: Any) -> bytes:

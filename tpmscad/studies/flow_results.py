@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 from tpmscad.simulation.flow_correlations import FlowCorrelation
@@ -51,7 +51,7 @@ class FlowEstimateRow:
     def to_dict(self) -> dict[str, Any]:
         """The row as plain values, ready for JSON. The source, the range and the values by their names."""
         of = self.correlation
-        return {
+        source = {
             "source": f"{of.authors}, {of.journal} ({of.year})",
             "doi": of.doi or None,
             "formula": of.formula,
@@ -62,11 +62,9 @@ class FlowEstimateRow:
             "prandtl_range": of.prandtl,
             "within_range": self.within_range,
             "outside": list(self.outside),
-            "pressure_drop": self.pressure_drop,
-            "friction_factor": self.friction_factor,
-            "pumping_power": self.pumping_power,
-            "nusselt": self.nusselt,
-            "heat_transfer_coefficient": self.heat_transfer_coefficient,
+        }
+        return source | {
+            f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("correlation", "outside")
         }
 
     def __str__(self) -> str:
@@ -122,18 +120,8 @@ class FlowEstimate:
 
         The attributes by their names; rows as `FlowEstimateRow.to_dict` gives them.
         """
-        return {
-            "name": self.name,
-            "hydraulic_diameter": self.hydraulic_diameter,
-            "length": self.length,
-            "porosity": self.porosity,
-            "velocity": self.velocity,
-            "volume_flow": self.volume_flow,
-            "reynolds": self.reynolds,
-            "prandtl": self.prandtl,
-            "pressure_drops": [row.to_dict() for row in self.pressure_drops],
-            "heat_transfers": [row.to_dict() for row in self.heat_transfers],
-        }
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        return {k: [row.to_dict() for row in v] if isinstance(v, tuple) else v for k, v in values.items()}
 
     def __repr__(self) -> str:
         prandtl = "" if self.prandtl is None else f", Prandtl number {self.prandtl:.4g}"

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tpmscad._typing import Colour
 from tpmscad.brep.solid_names import strip_place
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
@@ -17,8 +18,6 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.render.palette import piece_colour
 from tpmscad.kernel.render.scene import pieces_of
 from tpmscad.kernel.step.face_labels import find_label_colour
-
-Colour = tuple[float, float, float]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

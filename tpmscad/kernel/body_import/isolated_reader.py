@@ -16,6 +16,7 @@ from OCP.BRep import BRep_Builder
 from OCP.BRepTools import BRepTools
 from OCP.TopoDS import TopoDS_Shape
 
+from tpmscad._typing import Colour
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure.shape_report import StepReport, check_shape, note_missing_unit
 from tpmscad.kernel.occt.child_process import ChildFailure, call_in_child
@@ -23,7 +24,6 @@ from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.convert import encode_file_name, shape_from_bytes, shape_to_bytes
 from tpmscad.kernel.occt.exploration import faces_of, solids_of
 from tpmscad.kernel.step.coloured_reader import ColouredSolid, read_coloured_solids
-from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.kernel.step.step_reader import (
     StepContent,
     missing_solid,

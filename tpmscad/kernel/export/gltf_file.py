@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, Colour, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
-from tpmscad.kernel.step.product_entities import Colour
 
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 FLOAT, UNSIGNED_INT, ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER = 5126, 5125, 34962, 34963

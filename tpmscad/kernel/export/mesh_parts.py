@@ -8,12 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, Colour, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.export.solid_mesh import SolidMesh, count_open_sides
-from tpmscad.kernel.step.product_entities import Colour
-
-Verify = Callable[[Path], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

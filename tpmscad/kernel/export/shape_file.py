@@ -15,7 +15,7 @@ import numpy as np
 from OCP.TopAbs import TopAbs_FACE, TopAbs_SOLID
 from OCP.TopExp import TopExp_Explorer
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, Colour
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
@@ -25,7 +25,6 @@ from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour
 from tpmscad.kernel.step.occt_topology import WrittenSolid, write_occt_solids
 from tpmscad.kernel.step.product_entities import (
     BREP_REPRESENTATION,
-    Colour,
     MassProperties,
     open_step_file,
     write_assembly,

@@ -14,10 +14,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, Colour, IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.kernel.export.mesh_parts import MeshPart, check_read_meshes
-from tpmscad.kernel.step.product_entities import Colour
 
 CORE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/core/2015/02"
 MODEL_PATH = "3D/3dmodel.model"

@@ -8,8 +8,8 @@ from io import BytesIO
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from tpmscad._typing import Array
-from tpmscad.kernel.render.palette import Colour, ColourScale
+from tpmscad._typing import Array, Colour
+from tpmscad.kernel.render.palette import ColourScale
 
 TEXT_COLOUR = (45, 50, 58)
 FRAME_COLOUR = (120, 126, 134)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, Colour
 
 SURFACE_COLOUR = (0.62, 0.71, 0.80)
 """Colour of a shape that is not coloured by anything."""
@@ -18,7 +18,7 @@ SURFACE_COLOUR = (0.62, 0.71, 0.80)
 UNVALUED_COLOUR = (0.74, 0.75, 0.77)
 """Colour of faces without a value on a picture of values."""
 
-NAMED_PIECES = {
+DOMAIN_COLOURS = {
     "wall": (0.72, 0.74, 0.76),
     "channel +": (0.36, 0.56, 0.74),
     "channel -": (0.87, 0.60, 0.32),
@@ -59,8 +59,6 @@ DIVERGING = (
     (0.520, 0.060, 0.120),
 )
 
-Colour = tuple[float, float, float]
-
 
 @dataclass(frozen=True, slots=True)
 class ColourScale:
@@ -86,7 +84,7 @@ class ColourScale:
 
 def piece_colour(name: str, number: int) -> Colour:
     """Colour of a piece by its name, or in turn by its number."""
-    return NAMED_PIECES.get(name) or PIECE_COLOURS[number % len(PIECE_COLOURS)]
+    return DOMAIN_COLOURS.get(name) or PIECE_COLOURS[number % len(PIECE_COLOURS)]
 
 
 def sequential_scale(title: str, values: Array) -> ColourScale:

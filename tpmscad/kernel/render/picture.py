@@ -7,18 +7,16 @@ filled where its winding number in the plane is not zero.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
-from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad._typing import Array, BoolArray, Colour, IntArray
 from tpmscad.errors import InvalidRequest, KernelError
 from tpmscad.kernel.render.labels import LabelledPicture, has_labels, scale_panel_width
-from tpmscad.kernel.render.palette import UNVALUED_COLOUR, Colour, ColourScale
+from tpmscad.kernel.render.palette import UNVALUED_COLOUR, ColourScale
 from tpmscad.kernel.render.scene import Scene
 from tpmscad.kernel.render.shading import depth_shading, shade_cut, shade_surface
 from tpmscad.kernel.render.viewpoints import SectionPlane, View, require_cuts, section_planes, view_frame
@@ -96,21 +94,6 @@ def draw_scene(
         if axes:
             picture.add_axes(frame)
     return picture.encode()
-
-
-def render_png(shape: Any, path: str | os.PathLike[str], *, width: int = 1200, height: int = 900) -> None:
-    """Draw a TopoDS, build123d or CadQuery shape to a PNG file.
-
-    Raises InvalidRequest for another extension or a missing folder, and KernelError if the shape has no face to draw.
-    """
-    target = validate_output_path(path, (".png",))
-    write_picture(draw_scene(Scene.of_shape(shape), size=(width, height)), target)
-
-
-def write_picture(picture: bytes, path: str | os.PathLike[str]) -> None:
-    """Write the bytes of a PNG picture under a temporary name and rename it."""
-    with atomic_write(validate_output_path(path, (".png",))) as aside:
-        aside.write_bytes(picture)
 
 
 def _draw_pixels(

@@ -11,12 +11,12 @@ from OCP.BRep import BRep_Tool
 from OCP.Geom import Geom_BSplineSurface
 from OCP.TopoDS import TopoDS_Face, TopoDS_Shape
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, BoolArray, Colour, IntArray
 from tpmscad.errors import KernelError
 from tpmscad.kernel.occt.bounding_boxes import box_diagonal
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of, unwrap
-from tpmscad.kernel.render.palette import SURFACE_COLOUR, Colour
+from tpmscad.kernel.render.palette import SURFACE_COLOUR
 from tpmscad.kernel.render.tessellation import MAX_FACET_ANGLE, mean_curvatures, tessellate
 
 DEFLECTION_FRACTION = 6e-4
@@ -44,11 +44,6 @@ class Scene:
     colours: Array
     cut_colours: Array
     values: Array | None = None
-
-    @classmethod
-    def of_shape(cls, shape: Any) -> Scene:
-        """All solids of a shape, and its faces outside solids, in one colour."""
-        return cls.of_pieces(pieces_of(shape))
 
     @classmethod
     def of_pieces(cls, pieces: Sequence[TopoDS_Shape], *, angle: float | None = None) -> Scene:

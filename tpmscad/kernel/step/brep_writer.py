@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tpmscad._typing import Colour
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
@@ -19,7 +20,6 @@ from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.cell_assembly import write_cell_assembly
 from tpmscad.kernel.step.product_entities import (
     BREP_REPRESENTATION,
-    Colour,
     MassProperties,
     open_step_file,
     write_colours,

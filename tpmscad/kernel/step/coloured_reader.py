@@ -22,10 +22,10 @@ from OCP.TopoDS import TopoDS_Solid
 from OCP.XCAFApp import XCAFApp_Application
 from OCP.XCAFDoc import XCAFDoc_ColorGen, XCAFDoc_ColorSurf, XCAFDoc_ColorTool, XCAFDoc_DocumentTool, XCAFDoc_ShapeTool
 
+from tpmscad._typing import Colour
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.convert import encode_file_name
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, solids_of
-from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.kernel.step.step_reader import missing_solid, require_step_file, silence_occt, unreadable_file
 
 SRGB_LINEAR_LIMIT, SRGB_EXPONENT = 0.0031308, 2.4

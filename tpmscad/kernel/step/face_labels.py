@@ -20,12 +20,11 @@ from OCP.gp import gp_Pnt
 from OCP.TopoDS import TopoDS_Face
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, Colour
 from tpmscad.brep.boundary_representation import Brep, spline_faces
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.kernel.occt.exploration import ShapeKey, faces_of, orientation_sign
-from tpmscad.kernel.step.product_entities import Colour
 from tpmscad.splines.bspline import BSplineSurface
 
 LABEL_OF_TAG = {"offset+": "surface +", "offset-": "surface -"}

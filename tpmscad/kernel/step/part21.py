@@ -16,13 +16,12 @@ SOFTWARE = "tpmscad"
 
 @dataclass(frozen=True, slots=True)
 class StepSchema:
-    """An application protocol: FILE_SCHEMA, application context, protocol definition, year, and its name in OCCT."""
+    """An application protocol: FILE_SCHEMA, application context, protocol definition and year."""
 
     file_schema: str
     application: str
     protocol: str
     year: int
-    occt_name: str
 
 
 SCHEMAS = {
@@ -31,14 +30,12 @@ SCHEMAS = {
         application="managed model based 3d engineering",
         protocol="ap242_managed_model_based_3d_engineering",
         year=2014,
-        occt_name="AP242DIS",
     ),
     "ap214": StepSchema(
         file_schema="AUTOMOTIVE_DESIGN { 1 0 10303 214 1 1 1 1 }",
         application="core data for automotive mechanical design processes",
         protocol="automotive_design",
         year=2000,
-        occt_name="AP214IS",
     ),
 }
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, Colour
 from tpmscad.atomic_file import atomic_write, validate_output_path
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.step.geometry_entities import write_placement
@@ -195,9 +195,6 @@ def write_assembly(
         )
         section.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION(#{relation},#{shape})")
     return assembly
-
-
-Colour = tuple[float, float, float]
 
 
 def write_colours(section: DataSection, context: int, coloured: Sequence[tuple[int, Colour]]) -> None:
