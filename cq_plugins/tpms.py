@@ -121,10 +121,8 @@ def tpmsInfill(self: cq.Workplane, options: WorkplaneInfillOptions) -> cq.Workpl
 
     Raises
     ------
-    InvalidRequest
-        If the request cannot be carried out; the message names the value, the limit and the remedy.
-    NotMet
-        If a result misses the request; it carries the certificate.
+    InvalidRequest, NotMet
+        As `tpms`.
 
     See Also
     --------

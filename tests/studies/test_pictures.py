@@ -18,8 +18,7 @@ from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.step.face_labels import NamedSolid
 from tpmscad.studies import _render
-from tpmscad.studies._render import render, render_bytes
-from tpmscad.studies.picture_pieces import find_pieces
+from tpmscad.studies._render import find_pieces, render, render_bytes
 
 pytestmark = pytest.mark.kernel
 

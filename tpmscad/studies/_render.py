@@ -1,8 +1,13 @@
-"""Pictures of models, shapes and STEP files: views, sections, and colours by piece, tag, deviation or curvature."""
+"""Pictures of models, shapes and STEP files: views, sections, and colours by piece, tag, deviation or curvature.
+
+Models and domains list their named solids, with groups of faces and colours; a STEP file holds names and colours of its own.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -12,15 +17,18 @@ from tpmscad._typing import Array, Colour
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.atomic_file import atomic_write, validate_output_path
+from tpmscad.brep.solid_names import strip_place
 from tpmscad.errors import InvalidRequest
+from tpmscad.kernel.body_import.isolated_reader import read_foreign_coloured_solids
+from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, sequential_scale
+from tpmscad.kernel.render.palette import SURFACE_COLOUR, diverging_scale, piece_colour, sequential_scale
 from tpmscad.kernel.render.picture import draw_scene
 from tpmscad.kernel.render.polar_surface import draw_polar_surface
-from tpmscad.kernel.render.scene import Scene
+from tpmscad.kernel.render.scene import Scene, pieces_of
+from tpmscad.kernel.step.face_labels import find_label_colour
 from tpmscad.requests.study_options import PiecesPictureOptions, RenderOptions
 from tpmscad.simulation.properties import HomogenizedProperties
-from tpmscad.studies.picture_pieces import PicturePiece, base_names, choose_colours, find_pieces, hide_pieces
 
 COLOURINGS = ("piece", "tag", "deviation", "curvature")
 VALUE_COLOURINGS = ("deviation", "curvature")
@@ -92,11 +100,11 @@ def _draw(source: Any, options: PiecesPictureOptions) -> bytes:
     if distance is not None:
         values = _values_on_reference(distance(scene.points), scene, source)
         scale = sequential_scale("distance from the\nreference, mm", values)
-        return draw(scene.with_values(values), scale=scale)
+        return draw(replace(scene, values=values), scale=scale)
     if color_by == "curvature":
         values = scene.mean_curvature()
         scale = diverging_scale("mean curvature, 1/mm\n(convex: positive)", values, CURVATURE_SHARE)
-        return draw(scene.with_values(values), scale=scale)
+        return draw(replace(scene, values=values), scale=scale)
     if color_by == "tag" or (color_by is None and not any(piece.colour for piece in pieces)):
         return draw(_paint_faces(pieces, scene, color_by), key=_key_of_groups(pieces) if color_by == "tag" else ())
     colours = choose_colours(pieces)
@@ -161,3 +169,84 @@ def _values_on_reference(distance: Array, scene: Scene, model: Any) -> Array:
     greatest = np.where(scene.has_spline(), 0.0, np.inf)
     np.maximum.at(greatest, scene.face, np.nan_to_num(distance, nan=np.inf))
     return np.where(greatest[scene.face] <= limit, distance, np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PicturePiece:
+    """A TopoDS solid, or the faces outside solids, with its name; its colour, its faces' colours and groups where known."""
+
+    name: str
+    shape: Any
+    colour: Colour | None = None
+    face_colours: tuple[Colour | None, ...] = ()
+    face_groups: tuple[str, ...] = ()
+
+
+def find_pieces(source: Any, *, with_groups: bool) -> list[PicturePiece]:
+    """The pieces of a model, of domains, of a shape or of a STEP file.
+
+    with_groups: whether names and groups of faces are wanted of a single model, too; to find them may take seconds.
+    """
+    if isinstance(source, str | os.PathLike):
+        return [
+            PicturePiece(read.name or f"solid {number}", read.solid, face_colours=read.face_colours)
+            for number, read in enumerate(read_foreign_coloured_solids(source), 1)
+        ]
+    if hasattr(source, "named_solids") and (with_groups or not hasattr(source, "built")):
+        return [
+            PicturePiece(
+                named.name,
+                named.solid,
+                named.colour,
+                tuple(map(find_label_colour, named.labels)),
+                tuple(map(_find_group, named.labels)),
+            )
+            for named in source.named_solids()
+        ]
+    if hasattr(source, "vals") and not hasattr(source, "wrapped"):  # the stack of a CadQuery workplane
+        source = make_compound([value.wrapped for value in source.vals()])
+    found = pieces_of(source)
+    labels = [child.label for child in getattr(source, "children", ()) for _ in child.solids()]  # a build123d assembly
+    labels += [""] * (len(found) - len(labels))
+    return [
+        PicturePiece(label or (f"piece {k}" if k > 1 else "piece"), shape)
+        for k, (label, shape) in enumerate(zip(labels, found, strict=False), 1)
+    ]
+
+
+def hide_pieces(pieces: list[PicturePiece], hidden: Sequence[str]) -> list[PicturePiece]:
+    """The pieces that are not hidden; a name hides all pieces of the thing. InvalidRequest for an unknown name."""
+    if not pieces:
+        raise InvalidRequest("the shape has no face that can be drawn")
+    names = base_names(pieces)
+    kept = [p for p, name in zip(pieces, names, strict=True) if p.name not in hidden and name not in hidden]
+    unknown = [name for name in hidden if name not in names and name not in [p.name for p in pieces]]
+    if unknown or not kept:
+        reason = f"there is no piece {unknown[0]!r} to hide" if unknown else "every piece is hidden"
+        raise InvalidRequest(f"{reason}; the pieces are {', '.join(map(repr, dict.fromkeys(names)))}")
+    return kept
+
+
+def base_names(pieces: Sequence[PicturePiece]) -> list[str]:
+    """The name of each piece, without its place or number if there is a piece of that name: "wall" for "wall (X+ Y- Z-)"."""
+    names = {piece.name for piece in pieces}
+    bases = [strip_place(piece.name) for piece in pieces]
+    return [base if base in names else piece.name for base, piece in zip(bases, pieces, strict=True)]
+
+
+def choose_colours(pieces: Sequence[PicturePiece]) -> list[Colour]:
+    """A colour for each piece: its own, that of its name, or the next of the palette; pieces of one thing stay alike.
+
+    Pieces that have no names but numbers differ.
+    """
+    names = base_names(pieces)
+    if len(set(names)) == 1:
+        names = [piece.name for piece in pieces]
+    number = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    return [p.colour or piece_colour(name, number[name]) for name, p in zip(names, pieces, strict=True)]
+
+
+def _find_group(label: str) -> str:
+    """The group of a face: "cap" for the label "cap X+", "surface +" for itself."""
+    group, _, rest = label.partition(" ")
+    return label if rest in ("+", "-") else group

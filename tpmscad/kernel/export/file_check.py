@@ -1,12 +1,15 @@
 """Checks of STEP files that were written from a boundary representation: each thing once.
 
 The text is held against the boundary representation to the last bit (`tpmscad.kernel.step.text_check`). That the kernel reads
-such text is shown on an excerpt of the same file with a face of each class, whose validity and area it confirms.
+such text is shown on an excerpt of the same file with a face of each class, whose validity and area it confirms. A reader that
+takes the excerpt meets every kind of entity of the file in its own text: header, product, units, assembly, solids, and the faces
+kept with all they stand on. Colours are left out.
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,7 +26,7 @@ from tpmscad.kernel.measure.shape_report import is_valid
 from tpmscad.kernel.measure.validity import find_faces_to_check
 from tpmscad.kernel.occt.construction import make_compound
 from tpmscad.kernel.occt.exploration import faces_of
-from tpmscad.kernel.step.excerpt import write_excerpt
+from tpmscad.kernel.step.entity_table import EntityTable, template_marks
 from tpmscad.kernel.step.step_reader import read_step
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
@@ -44,6 +47,14 @@ AREA_RTOL = 1e-6
 degree 16 two rules differ by 2e-8. That the numbers in the file are those that were meant is compared bit by bit."""
 
 MILLIMETRE = "millimetre"
+
+_COLOURS = ("STYLED_ITEM", "MECHANICAL_DESIGN_GEOMETRIC_PRESENTATION_REPRESENTATION")
+
+_BELOW_SHELLS = re.compile(
+    "ADVANCED_FACE|FACE_(OUTER_)?BOUND|EDGE_LOOP|ORIENTED_EDGE|EDGE_CURVE|VERTEX_POINT|CARTESIAN_POINT|DIRECTION|VECTOR|LINE|CIRCLE|"
+    "ELLIPSE|B_SPLINE_.*|AXIS2_PLACEMENT_3D|PLANE|(CYLINDRICAL|CONICAL|SPHERICAL|TOROIDAL)_SURFACE"
+)
+"""Entities that are kept only where something kept refers to them."""
 
 
 def check_excerpt(path: Path, brep: Brep, nesting: ShellNesting, instances: Sequence[Motion] = ()) -> None:
@@ -112,3 +123,43 @@ def _kind_of_carrier(carrier: Carrier) -> str:
     if isinstance(carrier, BSplineSurface):
         return f"spline {carrier.degree_u} {carrier.degree_v} {carrier.poles.shape}"
     return type(carrier).__name__
+
+
+def write_excerpt(source: Path, table: EntityTable, faces: Array, target: Path) -> None:
+    """Write the excerpt of a file, given its entities, that keeps the faces of the given entity numbers."""
+    keywords = table.keywords()
+    dropped = np.array([k in _COLOURS or _BELOW_SHELLS.fullmatch(k) is not None for k in keywords])
+    is_shell = np.array([k == "CLOSED_SHELL" for k in keywords])
+    kept = ~dropped[table.template]
+    shells = np.flatnonzero(is_shell[table.template])
+    shell_faces = {}
+    for at in shells.tolist():
+        listed = table.values[table.start[at] : table.start[at + 1]]
+        shell_faces[at] = listed[np.isin(listed, faces)].astype(np.int64)
+    fresh = np.setdiff1d(np.flatnonzero(kept), shells)
+    fresh = np.concatenate([fresh, *(table.positions(own) for own in shell_faces.values())])
+    while len(fresh):
+        kept[fresh] = True
+        referred = table.positions(np.unique(_references(table, fresh)))
+        fresh = referred[~kept[referred]]
+    with source.open("rb") as file, target.open("wb") as out:
+        out.write(table.frame[0])
+        for at in np.flatnonzero(kept).tolist():
+            if at in shell_faces:
+                listed_text = ",".join(f"#{n}" for n in shell_faces[at].tolist())
+                out.write(f"#{table.number[at]}=CLOSED_SHELL('',({listed_text}));\n".encode("ascii"))
+            else:
+                first, end = table.place[at].tolist()
+                file.seek(first)
+                out.write(file.read(end - first))
+        out.write(table.frame[1])
+
+
+def _references(table: EntityTable, positions: IntArray) -> Array:
+    """Entity numbers that the entities at the given positions refer to."""
+    found = [np.zeros(0)]
+    template = table.template[positions]
+    for i in np.unique(template).tolist():
+        columns = [k for k, mark in enumerate(template_marks(table.templates[i])) if mark == "#"]
+        found.append(table.values[table.start[positions[template == i]][:, None] + np.array(columns, np.int64)].ravel())
+    return np.concatenate(found)

@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve
 from OCP.GeomAbs import GeomAbs_BSplineCurve
-from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopoDS import TopoDS_Edge
 
 from tpmscad._typing import Array
-from tpmscad.kernel.occt.exploration import ShapeKey, orientation_sign
+from tpmscad.kernel.occt.exploration import ShapeKey, evaluate_pointwise, orientation_sign
 from tpmscad.splines.quadrature import composite_gauss_legendre
 
 GAUSS_POINTS_SINGLE_SPAN = 16
@@ -61,13 +60,8 @@ def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
 def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> CurveNodes:
     """Gauss nodes on every interval between the breaks."""
     t, weights = composite_gauss_legendre(breaks, points)
-    point, tangent = gp_Pnt(), gp_Vec()
-    rows = []
-    for s in t.tolist():
-        curve.D1(s, point, tangent)
-        rows.append(point.Coord() + tangent.Coord())
-    table = np.array(rows)
-    return CurveNodes(t, weights, table[:, :3], table[:, 3:])
+    places, tangents = evaluate_pointwise(curve, t)
+    return CurveNodes(t, weights, places, tangents)
 
 
 def _edge_nodes(edge: TopoDS_Edge) -> CurveNodes:

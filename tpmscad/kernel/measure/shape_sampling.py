@@ -19,7 +19,7 @@ from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Curve2d
 from OCP.BRepClass3d import BRepClass3d_SolidClassifier
 from OCP.Geom import Geom_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_Line
-from OCP.gp import gp_Dir, gp_Lin, gp_Pnt, gp_Vec
+from OCP.gp import gp_Dir, gp_Lin
 from OCP.IntCurvesFace import IntCurvesFace_ShapeIntersector
 from OCP.TopAbs import TopAbs_ON
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Solid
@@ -30,7 +30,14 @@ from tpmscad.brep.linked_items import label_linked
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.occt.exploration import ShapeKey, edges_of, faces_of, orientation_sign, solids_of
+from tpmscad.kernel.occt.exploration import (
+    ShapeKey,
+    edges_of,
+    evaluate_pointwise,
+    faces_of,
+    orientation_sign,
+    solids_of,
+)
 from tpmscad.splines.bspline import BSplineSurface
 
 CREASE_COSINE = np.cos(np.radians(15.0))
@@ -175,13 +182,8 @@ class _FaceSurface:
         return convert.surface_from_occt(self.geometry) if convert.is_plain_spline(self.geometry) else None
 
     def __call__(self, uv: Array) -> tuple[Array, Array]:
-        point, du, dv = gp_Pnt(), gp_Vec(), gp_Vec()
-        rows = []
-        for u, v in uv.tolist():
-            self.geometry.D1(u, v, point, du, dv)
-            rows.append(point.Coord() + du.Coord() + dv.Coord())
-        table = np.array(rows).reshape(-1, 9)
-        return table[:, :3], self.unit(table[:, 3:6], table[:, 6:])
+        points, along_u, along_v = evaluate_pointwise(self.geometry, uv)
+        return points, self.unit(along_u, along_v)
 
     def unit(self, du: Array, dv: Array) -> Array:
         """Outward unit normals from tangents; zero where the surface is singular."""

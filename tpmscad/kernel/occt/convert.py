@@ -80,6 +80,9 @@ except ImportError:
     as_shell, as_solid, as_wire, as_compound = TopoDS.Shell_s, TopoDS.Solid_s, TopoDS.Wire_s, TopoDS.Compound_s
 
 
+string_sequence, label_sequence, shape_map = StringSequence, LabelSequence, ShapeMap
+"""Empty OCCT containers: sequences of strings and of a document's labels, and a map from shapes to lists of their ancestors."""
+
 CONFUSION_TOLERANCE = 1e-7
 """OCCT's smallest useful tolerance (Precision::Confusion), given to every vertex, edge and face unless measured worse."""
 
@@ -225,21 +228,6 @@ def curve_from_occt(geometry: Geom_BSplineCurve) -> BSplineCurve:
     """B-spline curve of an OCCT curve that is neither rational nor periodic."""
     poles = np.array([geometry.Pole(i).Coord() for i in range(1, geometry.NbPoles() + 1)])
     return BSplineCurve(poles, _expand_knots(geometry.Knots(), geometry.Multiplicities()), geometry.Degree())
-
-
-def string_sequence() -> Any:
-    """Empty OCCT sequence of strings."""
-    return StringSequence()
-
-
-def label_sequence() -> Any:
-    """Empty OCCT sequence of the labels of a document."""
-    return LabelSequence()
-
-
-def shape_map() -> Any:
-    """Empty OCCT map from shapes to lists of their ancestors."""
-    return ShapeMap()
 
 
 def string_map(entries: Mapping[str, str]) -> Any:

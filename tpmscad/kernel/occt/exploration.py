@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from OCP.BRep import BRep_Tool
+from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopAbs import TopAbs_EDGE, TopAbs_FACE, TopAbs_REVERSED, TopAbs_SOLID, TopAbs_VERTEX
 from OCP.TopExp import TopExp, TopExp_Explorer
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face, TopoDS_Shape, TopoDS_Solid, TopoDS_Vertex
@@ -88,6 +89,16 @@ def vertices_of(shape: Any) -> Array:
 def edges_of(face: TopoDS_Face) -> list[TopoDS_Edge]:
     """Edges of a face, oriented as its loops use them."""
     return [convert.as_edge(edge) for edge in list_subshapes(face, TopAbs_EDGE)]
+
+
+def evaluate_pointwise(geometry: Any, parameters: Array) -> tuple[Array, ...]:
+    """Points and first derivatives, (n, 3) each, of an OCCT curve at parameters (n,) or of a surface at (n, 2)."""
+    at = parameters[:, None] if parameters.ndim == 1 else parameters
+    point, slopes, rows = gp_Pnt(), [gp_Vec() for _ in range(at.shape[1])], []
+    for row in at.tolist():
+        geometry.D1(*row, point, *slopes)
+        rows.append([point.Coord(), *(slope.Coord() for slope in slopes)])
+    return tuple(np.array(rows).reshape(-1, 1 + len(slopes), 3).swapaxes(0, 1).copy())
 
 
 def first_vertex(edge: TopoDS_Edge) -> TopoDS_Vertex:

@@ -78,12 +78,12 @@ class LabelledPicture:
             value, y = scale.low + float(t) * (scale.high - scale.low), bottom - float(t) * (bottom - top)
             self._draw.line((right, y, right + 0.4 * unit, y), FRAME_COLOUR)
             beyond = ">= " if t == 1 and scale.greatest > value else "<= " if t == 0 and scale.least < value else ""
-            self._write(right + 0.7 * unit, y, f"{beyond}{_format(value)}", "lm")
+            self._write(right + 0.7 * unit, y, f"{beyond}{value:.3g}", "lm")
         lines = scale.title.split("\n")
         for k, line in enumerate(lines):
             self._write(left, top - (1.3 * (len(lines) - k) + 0.2) * unit, line, "lm")
-        self._write(left, bottom + 1.3 * unit, f"least {_format(scale.least)}", "lm")
-        self._write(left, bottom + 2.6 * unit, f"greatest {_format(scale.greatest)}", "lm")
+        self._write(left, bottom + 1.3 * unit, f"least {scale.least:.3g}", "lm")
+        self._write(left, bottom + 2.6 * unit, f"greatest {scale.greatest:.3g}", "lm")
 
     def add_axes(self, frame: Array) -> None:
         """The directions of x, y and z in the lower left corner; rows of the frame are right, up and towards the eye."""
@@ -116,8 +116,3 @@ def _to_bytes(colour: Colour) -> tuple[int, int, int]:
     """The colour as bytes."""
     red, green, blue = (round(255 * c) for c in colour)
     return red, green, blue
-
-
-def _format(value: float) -> str:
-    """A value with three significant digits."""
-    return f"{value:.3g}"

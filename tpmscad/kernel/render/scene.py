@@ -93,10 +93,6 @@ class Scene:
         """The scene with a colour for each face; cuts keep theirs."""
         return replace(self, colours=np.array(colours, float)[self.face])
 
-    def with_values(self, values: Array) -> Scene:
-        """The scene with a value at each point, NaN where there is none."""
-        return replace(self, values=values)
-
     def has_spline(self) -> BoolArray:
         """Whether each face (F,) lies on a B-spline surface."""
         return np.array([isinstance(BRep_Tool.Surface_s(face), Geom_BSplineSurface) for face in self.faces])

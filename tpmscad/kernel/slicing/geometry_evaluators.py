@@ -8,23 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.GeomAbs import GeomAbs_BSplineCurve, GeomAbs_BSplineSurface, GeomAbs_Line, GeomAbs_Plane
-from OCP.gp import gp_Pnt, gp_Vec
 from OCP.TopoDS import TopoDS_Edge, TopoDS_Face
 
 from tpmscad._typing import Array
 from tpmscad.kernel.occt import convert
+from tpmscad.kernel.occt.exploration import evaluate_pointwise
 from tpmscad.splines.basis import design_matrices
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 
-SurfaceEvaluator = Callable[[Array], tuple[Array, Array, Array]]
+SurfaceEvaluator = Callable[[Array], tuple[Array, ...]]
 """Parameters (n, 2) to points and both first derivatives, each (n, 3)."""
 
-CurveEvaluator = Callable[[Array], tuple[Array, Array]]
+CurveEvaluator = Callable[[Array], tuple[Array, ...]]
 """Parameters (n,) to points and first derivatives, each (n, 3)."""
 
 
@@ -38,7 +39,7 @@ def face_evaluator(face: TopoDS_Face) -> SurfaceEvaluator:
         frame = adaptor.Plane().Position()
         corners = (frame.Location(), frame.XDirection(), frame.YDirection())
         return PlaneEvaluator(*(np.array(each.Coord()) for each in corners))
-    return _pointwise_surface_evaluator(adaptor)
+    return partial(evaluate_pointwise, adaptor)
 
 
 def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
@@ -50,7 +51,7 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
         return LineEvaluator(np.array(line.Location().Coord()), np.array(line.Direction().Coord()))
     if kind == GeomAbs_BSplineCurve and not (adaptor.IsRational() or adaptor.IsPeriodic()):
         return SplineCurveEvaluator(convert.curve_from_occt(adaptor.BSpline()))
-    return _pointwise_curve(adaptor)
+    return partial(evaluate_pointwise, adaptor)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -157,27 +158,3 @@ def _evaluate_basis(
             carried = left * ratio
         basis[order] = carried
     return span - degree
-
-
-def _pointwise_surface_evaluator(adaptor: BRepAdaptor_Surface) -> SurfaceEvaluator:
-    def evaluate(uv: Array) -> tuple[Array, Array, Array]:
-        point, along_u, along_v = gp_Pnt(), gp_Vec(), gp_Vec()
-        found = np.empty((3, len(uv), 3))
-        for i, (u, v) in enumerate(uv.tolist()):
-            adaptor.D1(u, v, point, along_u, along_v)
-            found[:, i] = point.Coord(), along_u.Coord(), along_v.Coord()
-        return found[0], found[1], found[2]
-
-    return evaluate
-
-
-def _pointwise_curve(adaptor: BRepAdaptor_Curve) -> CurveEvaluator:
-    def evaluate(t: Array) -> tuple[Array, Array]:
-        point, along = gp_Pnt(), gp_Vec()
-        found = np.empty((2, len(t), 3))
-        for i, at in enumerate(t.tolist()):
-            adaptor.D1(at, point, along)
-            found[:, i] = point.Coord(), along.Coord()
-        return found[0], found[1]
-
-    return evaluate
