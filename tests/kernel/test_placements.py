@@ -17,7 +17,7 @@ from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.export.file_check import check_excerpt
 from tpmscad.kernel.measure.shape_report import check_step
 from tpmscad.kernel.step.brep_writer import write_step
-from tpmscad.kernel.step.cell_assembly import MAX_SIDE_BY_SIDE, arrange_cells, compose_levels
+from tpmscad.kernel.step.product_entities import MAX_SIDE_BY_SIDE, arrange_cells, compose_levels
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 

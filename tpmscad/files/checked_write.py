@@ -22,8 +22,8 @@ from tpmscad.kernel.measure.edge_gaps import measure_accuracy
 from tpmscad.kernel.measure.shape_report import ShapeReport, check_step
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.brep_writer import write_step
-from tpmscad.kernel.step.cell_assembly import arrange_cells
 from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour, label_faces
+from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 

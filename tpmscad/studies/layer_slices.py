@@ -15,7 +15,7 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest
-from tpmscad.kernel.export.layer_files import LAYER_WRITERS
+from tpmscad.kernel.export.layer_files import LAYER_WRITERS, Layer
 from tpmscad.kernel.slicing.contours import LayerContours, slice_solids, triangulate_for_slices
 
 MAX_LAYERS = 100_000
@@ -32,28 +32,6 @@ DEFAULT_CHORD_ERROR_FRACTION = 0.25
 
 HEIGHT_DIGITS = 7
 """Of the lowest and the highest point: the kernel's boxes of STEP files are exact to about 1e-7 mm."""
-
-
-@dataclass(frozen=True, slots=True)
-class Layer:
-    """One layer: its lower and upper height in mm, and its contours.
-
-    A contour is an array (n, 2) of points in mm whose last point joins the first; outer contours run counter-clockwise, holes
-    clockwise. area and perimeter (mm2, mm) are those of the exact contour in the middle of the layer, not of the polygons. volume
-    (mm3) is that of the part between the two heights, integrated from the areas of exact sections.
-    """
-
-    bottom: float
-    top: float
-    contours: tuple[Array, ...]
-    area: float
-    perimeter: float
-    volume: float
-
-    @property
-    def middle(self) -> float:
-        """The height at which the part is cut, mm."""
-        return 0.5 * (self.bottom + self.top)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -2,7 +2,7 @@
 
 Each vertex, edge and face becomes one TopoDS object. An edge has one 3-D curve and one pcurve per half-edge, all with the same
 parameter, so that SameParameter holds by construction. Half-edges on planes need no pcurve, since OCCT projects them. Where a
-loop passes a pole of a quadric, OCCT requires a degenerate edge, which the boundary representation lacks (`degenerate_edges`).
+loop passes a pole of a quadric, OCCT requires a degenerate edge, which the boundary representation lacks (`edges`).
 Wires run counter-clockwise in (u, v), and a face is reversed if its outward normal is -S_u x S_v. Motions are applied to the
 poles: a reflection in a TopLoc_Location makes OCCT turn solids inside out.
 
@@ -35,8 +35,14 @@ from tpmscad.brep.boundary_representation import Brep, drop_unused_geometry, sel
 from tpmscad.brep.carriers import Plane
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import KernelError
-from tpmscad.kernel.build.degenerate_edges import find_pole_steps, make_degenerate_edge
-from tpmscad.kernel.build.edges import build_edges, build_pcurves, build_transforms, build_vertices
+from tpmscad.kernel.build.edges import (
+    build_edges,
+    build_pcurves,
+    build_transforms,
+    build_vertices,
+    find_pole_steps,
+    make_degenerate_edge,
+)
 from tpmscad.kernel.build.shell_nesting import ShellNesting, nest_shells
 from tpmscad.kernel.occt import convert
 from tpmscad.kernel.occt.construction import make_compound, make_shell, make_solid, to_build123d

@@ -6,9 +6,9 @@ Sources: "Common Layer Interface (CLI)", version 2.0, 1996 (EuRAM project BE 257
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Protocol
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -23,28 +23,34 @@ DIGITS = 6
 SLICE_NAMESPACE = "http://schemas.microsoft.com/3dmanufacturing/slice/2015/07"
 
 
-class SliceLayer(Protocol):
-    """What a file stores of a layer."""
+@dataclass(frozen=True, slots=True)
+class Layer:
+    """One layer: its lower and upper height in mm, and its contours.
+
+    A contour is an array (n, 2) of points in mm whose last point joins the first; outer contours run counter-clockwise, holes
+    clockwise. area and perimeter (mm2, mm) are those of the exact contour in the middle of the layer, not of the polygons. volume
+    (mm3) is that of the part between the two heights, integrated from the areas of exact sections.
+    """
+
+    bottom: float
+    top: float
+    contours: tuple[Array, ...]
+    area: float
+    perimeter: float
+    volume: float
 
     @property
-    def bottom(self) -> float:
-        """Lower height, mm."""
-
-    @property
-    def top(self) -> float:
-        """Upper height, mm."""
-
-    @property
-    def contours(self) -> tuple[Array, ...]:
-        """Closed contours (n, 2), mm, without a repeated last point."""
+    def middle(self) -> float:
+        """The height at which the part is cut, mm."""
+        return 0.5 * (self.bottom + self.top)
 
 
-def write_svg(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+def write_svg(layers: Sequence[Layer], path: Path, title: str) -> None:
     """Write an SVG file in mm: a group for each layer with its height, and one path with all contours of the layer.
 
     The y-axis of SVG points down, so contours are mirrored as a whole to be seen from above.
     """
-    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    points = _join_contours(layers)
     (x0, y0), (x1, y1) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     with atomic_write(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(
@@ -64,12 +70,12 @@ def write_svg(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
         file.write("</svg>\n")
 
 
-def write_cli(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+def write_cli(layers: Sequence[Layer], path: Path, title: str) -> None:
     """Write an ASCII file of the Common Layer Interface in mm; the height of a layer is that of its upper side.
 
     Direction 1 is an outer contour, 0 a hole; the first point of a contour is repeated as its last.
     """
-    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    points = _join_contours(layers)
     low, high = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     box = [*low, layers[0].bottom, *high, layers[-1].top]
     with atomic_write(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
@@ -88,13 +94,13 @@ def write_cli(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
         file.write("$$GEOMETRYEND\n")
 
 
-def write_sliced_3mf(layers: Sequence[SliceLayer], path: Path, title: str) -> None:
+def write_sliced_3mf(layers: Sequence[Layer], path: Path, title: str) -> None:
     """Write a 3MF file whose object is a stack of slices; its mesh is the box of the part, as a preview of low resolution."""
     with atomic_write(path) as aside:
         write_model_archive(aside, _format_stack(layers, title))
 
 
-def _format_stack(layers: Sequence[SliceLayer], title: str) -> Iterator[str]:
+def _format_stack(layers: Sequence[Layer], title: str) -> Iterator[str]:
     """The XML of the model, layer by layer. Slices start at the bottom of the object, which the build puts in its place."""
     bottom = layers[0].bottom
     yield (
@@ -118,7 +124,7 @@ def _format_stack(layers: Sequence[SliceLayer], title: str) -> Iterator[str]:
             start += len(contour)
         yield "</s:slice>\n"
     yield "</s:slicestack>\n"
-    points = np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+    points = _join_contours(layers)
     low, high = np.append(points.min(axis=0), 0.0), np.append(points.max(axis=0), layers[-1].top - bottom)
     corners = [np.where([i & 1, i & 2, i & 4], high, low).tolist() for i in range(8)]
     vertices = "".join(f'<vertex x="{x:.{DIGITS}f}" y="{y:.{DIGITS}f}" z="{z:.{DIGITS}f}"/>' for x, y, z in corners)
@@ -137,13 +143,18 @@ BOX_TRIANGLES = (
 """Triangles of a box whose corner i is at the upper end of x, y, z where bit 0, 1, 2 of i is set; normals outwards."""
 
 
+def _join_contours(layers: Sequence[Layer]) -> Array:
+    """The points (n, 2) of all contours; the origin if there are none."""
+    return np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
+
+
 def _signed_area(contour: Array) -> float:
     """Area of a polygon (n, 2), positive if counter-clockwise."""
     x, y = (contour - contour[0]).T
     return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
 
-LAYER_WRITERS: MappingProxyType[str, Callable[[Sequence[SliceLayer], Path, str], None]] = MappingProxyType(
+LAYER_WRITERS: MappingProxyType[str, Callable[[Sequence[Layer], Path, str], None]] = MappingProxyType(
     {".svg": write_svg, ".cli": write_cli, ".3mf": write_sliced_3mf}
 )
 """Writer of each suffix."""

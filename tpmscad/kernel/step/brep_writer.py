@@ -17,11 +17,11 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
-from tpmscad.kernel.step.cell_assembly import write_cell_assembly
 from tpmscad.kernel.step.product_entities import (
     BREP_REPRESENTATION,
     MassProperties,
     open_step_file,
+    write_cell_assembly,
     write_colours,
     write_product,
     write_validation_properties,
@@ -46,9 +46,9 @@ def write_step(
     """Write the solids of a closed boundary representation, in mm, to a STEP file.
 
     nesting: from `build_solids`. name: of the product, by default that of the file. instances: the solids are stored once and
-    placed by an assembly, which each further level places again (`cell_assembly`). labels: names of the faces, by default their
-    tags. colours: red, green and blue from 0 to 1 by label. Equal requests write equal bytes, but for `time_stamp` on a line of
-    its own. Other arguments and errors as `open_step_file`.
+    placed by an assembly, which each further level places again (`write_cell_assembly`). labels: names of the faces, by default
+    their tags. colours: red, green and blue from 0 to 1 by label. Equal requests write equal bytes, but for `time_stamp` on a
+    line of its own. Other arguments and errors as `open_step_file`.
     """
     colours = colours or {}
     envelope = open_step_file(path, schema=schema, accuracy=CONFUSION_TOLERANCE, time_stamp=time_stamp, verify=verify)

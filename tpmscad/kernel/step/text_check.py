@@ -32,7 +32,6 @@ from tpmscad.brep.carriers import (
 )
 from tpmscad.brep.moments import integral_properties
 from tpmscad.kernel.build.shell_nesting import ShellNesting
-from tpmscad.kernel.step.cell_assembly import compose_levels
 from tpmscad.kernel.step.entity_table import (
     ROUND_OFF,
     EntityRows,
@@ -43,6 +42,7 @@ from tpmscad.kernel.step.entity_table import (
     template_marks,
 )
 from tpmscad.kernel.step.geometry_entities import count_decimals, find_knots_in_file, poles_of
+from tpmscad.kernel.step.product_entities import compose_levels
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface, is_segment
 
