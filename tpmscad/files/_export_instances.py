@@ -17,8 +17,10 @@ from tpmscad.api.shared_arguments import Schema
 from tpmscad.api.shared_kinds import PATH
 from tpmscad.atomic_file import validate_output_path
 from tpmscad.errors import InvalidRequest, NotMet
-from tpmscad.files.checked_write import write_copies_of_cell
+from tpmscad.files.checked_write import write_checked_brep
+from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.step.part21 import STEP_SUFFIXES, find_schema
+from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.requests.lattice_options import LatticeOptions
 from tpmscad.requests.lattice_request import resolve_lattice_request
 from tpmscad.results.certificate import Certificate
@@ -152,14 +154,13 @@ def export_instances(options: InstanceOptions) -> InstancedFile:
             f"{target} not written, the cell misses the request: {'; '.join(certificate.shortfalls)}", certificate
         )
     with stages("write"):
-        write_copies_of_cell(
-            model.patches,
+        write_checked_brep(
+            build_solids(model.patches),
             target,
-            name=model.name,
-            edges=request.cell,
-            counts=request.cells,
-            outer_faces=model.outer_faces,
             schema=options.schema,
+            name=model.name,
+            outer_faces=model.outer_faces,
+            instances=arrange_cells(request.cell, request.cells),
             verify=options.verify,
         )
     return InstancedFile(target, request.cells, certificate, target.stat().st_size)

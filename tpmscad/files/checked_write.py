@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
-from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.moments import integral_properties
 from tpmscad.errors import InvalidRequest, KernelError
-from tpmscad.kernel.build.solids import build_solids
+from tpmscad.kernel.build.solids import BrepSolids
 from tpmscad.kernel.export.file_check import check_excerpt
 from tpmscad.kernel.export.shape_file import write_solids
 from tpmscad.kernel.measure.edge_gaps import measure_accuracy
@@ -23,7 +21,6 @@ from tpmscad.kernel.measure.shape_report import ShapeReport, check_step
 from tpmscad.kernel.occt.convert import CONFUSION_TOLERANCE
 from tpmscad.kernel.step.brep_writer import write_step
 from tpmscad.kernel.step.face_labels import NamedSolid, find_label_colour, label_faces
-from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.kernel.step.text_check import check_text
 from tpmscad.rigid_motion import Motion
 
@@ -73,24 +70,24 @@ def make_volume_check(volume: float, rtol: float, *, healed: bool = False) -> Ca
 
 
 def write_checked_brep(
-    brep: Brep,
-    nesting: Any,
+    built: BrepSolids,
     path: str | Path,
     *,
     schema: str,
     name: str,
-    rtol: float,
-    labels: Sequence[str],
+    outer_faces: str,
+    rtol: float = REREAD_VOLUME_RTOL,
     instances: Sequence[Motion] = (),
     verify: str | None = None,
     time_stamp: str | None = None,
 ) -> None:
-    """Write a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
+    """Write the solids of a boundary representation as STEP, once or as an assembly of copies, and check what the file holds.
 
-    `nesting` says which shells bound which solid (`BrepSolids.nesting`), `labels` name the faces, `instances` are the levels of
-    the assembly as for `write_step`. If `verify` is "kernel", the kernel reads the whole file, however large. KernelError
-    if the file does not hold what was written.
+    `outer_faces` names the group of the faces that close them (`label_faces`), `instances` are the levels of the assembly as for
+    `write_step`. If `verify` is "kernel", the kernel reads the whole file, however large. KernelError if the file does not hold
+    what was written.
     """
+    brep, nesting, labels = built.brep, built.nesting, label_faces(built.brep, outer_faces)
     volume = math.prod(map(len, instances)) * float(integral_properties.volume(nesting.moments)[0])
 
     def check(written: Path) -> None:
@@ -111,31 +108,6 @@ def write_checked_brep(
         colours={label: find_label_colour(label) for label in set(labels)},
         time_stamp=time_stamp,
         verify=check,
-    )
-
-
-def write_copies_of_cell(
-    cell: Brep,
-    path: str | Path,
-    *,
-    name: str,
-    edges: Sequence[float],
-    counts: tuple[int, int, int],
-    outer_faces: str,
-    schema: str,
-    verify: str | None,
-) -> None:
-    """Write a cell with the given edges (mm) once, with `counts` copies of it along the axes, and check what the file holds."""
-    write_checked_brep(
-        cell,
-        build_solids(cell).nesting,
-        path,
-        schema=schema,
-        name=name,
-        rtol=REREAD_VOLUME_RTOL,
-        labels=label_faces(cell, outer_faces),
-        instances=arrange_cells(edges, counts),
-        verify=verify,
     )
 
 

@@ -17,9 +17,8 @@ from typing import Any
 import numpy as np
 
 from tpmscad.brep.boundary_representation import Brep, translate_brep
-from tpmscad.files.checked_write import REREAD_VOLUME_RTOL, write_checked_brep
+from tpmscad.files.checked_write import write_checked_brep
 from tpmscad.kernel.build.solids import build_solids
-from tpmscad.kernel.step.face_labels import label_faces
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Certificate
 from tpmscad.results.loose_pieces import KEEP
@@ -87,14 +86,7 @@ def write_slab(
     begun, certificate = time.perf_counter(), original.certificate
     slab = translate_brep(_load(original.path, original.sha256), np.array(shift))
     write_checked_brep(
-        slab,
-        build_solids(slab).nesting,
-        path,
-        schema=schema,
-        name=name,
-        rtol=REREAD_VOLUME_RTOL,
-        labels=label_faces(slab, original.outer_faces),
-        time_stamp=time_stamp,
+        build_solids(slab), path, schema=schema, name=name, outer_faces=original.outer_faces, time_stamp=time_stamp
     )
     return SlabFile(
         path.name,

@@ -18,11 +18,12 @@ from tpmscad.brep.extents import true_bounds
 from tpmscad.brep.solid_names import name_pieces
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids
-from tpmscad.kernel.build.solids import BrepSolids
+from tpmscad.kernel.build.solids import BrepSolids, build_solids
 from tpmscad.kernel.measure.shape_extents import shape_bounds
 from tpmscad.kernel.occt.construction import copy_placement
 from tpmscad.kernel.occt.exploration import vertices_of
 from tpmscad.kernel.step.face_labels import NamedSolid, label_faces, label_shape_faces, order_labels
+from tpmscad.kernel.step.product_entities import arrange_cells
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.meshing.volume_mesh import VolumeMesh
 from tpmscad.requests.study_options import (
@@ -175,38 +176,27 @@ class Model:
             write_checked_solids,
         )
 
-        path, schema, verify = options.path, options.schema, options.verify
         if options.instanced:
-            self._export_instances(path, schema, verify)
+            if self.unit_cell is None:
+                raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
+            built = build_solids(self.unit_cell.make())
+            copies = arrange_cells(self.unit_cell.edges, self.unit_cell.counts)
         elif isinstance(self.built, BrepSolids):
-            write_checked_brep(
-                self.patches,
-                self.built.nesting,
-                path,
-                schema=schema,
-                name=self.name,
-                rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
-                labels=label_faces(self.patches, self.outer_faces),
-                verify=verify,
-            )
+            built, copies = self.built, ()
         else:
-            write_checked_solids(self.named_solids(), path, schema=schema, name=self.name, volume=self.volume)
-
-    def _export_instances(self, path: str | Path, schema: str, verify: str | None) -> None:
-        """Write the unit cell once and place it as often as the solid repeats it."""
-        from tpmscad.files.checked_write import write_copies_of_cell
-
-        if self.unit_cell is None:
-            raise InvalidRequest(f"the {self.name} has no cell that repeats: leave `instanced` out")
-        write_copies_of_cell(
-            self.unit_cell.make(),
-            path,
+            write_checked_solids(
+                self.named_solids(), options.path, schema=options.schema, name=self.name, volume=self.volume
+            )
+            return
+        write_checked_brep(
+            built,
+            options.path,
+            schema=options.schema,
             name=self.name,
-            edges=self.unit_cell.edges,
-            counts=self.unit_cell.counts,
             outer_faces=self.outer_faces,
-            schema=schema,
-            verify=verify,
+            rtol=REREAD_VOLUME_RTOL if self.trimmed_by is None else REREAD_VOLUME_RTOL_OF_BODIES,
+            instances=copies,
+            verify=options.verify,
         )
 
     @validate_method_options(ModelPictureOptions, 'render("part.png", section="z")')

@@ -15,6 +15,7 @@ import numpy as np
 
 from tpmscad._typing import Array
 from tpmscad.atomic_file import atomic_write
+from tpmscad.brep.loops import signed_area
 from tpmscad.kernel.export.threemf_file import CORE_NAMESPACE, escape_text, write_model_archive
 
 DIGITS = 6
@@ -90,7 +91,7 @@ def write_cli(layers: Sequence[Layer], path: Path, title: str) -> None:
             for contour in layer.contours:
                 closed = np.concatenate([contour, contour[:1]])
                 values = ",".join(f"{x:.{DIGITS}f}" for x in closed.ravel().tolist())
-                file.write(f"$$POLYLINE/1,{int(_signed_area(contour) > 0)},{len(closed)},{values}\n")
+                file.write(f"$$POLYLINE/1,{int(signed_area(contour) > 0)},{len(closed)},{values}\n")
         file.write("$$GEOMETRYEND\n")
 
 
@@ -146,12 +147,6 @@ BOX_TRIANGLES = (
 def _join_contours(layers: Sequence[Layer]) -> Array:
     """The points (n, 2) of all contours; the origin if there are none."""
     return np.concatenate([contour for layer in layers for contour in layer.contours] or [np.zeros((1, 2))])
-
-
-def _signed_area(contour: Array) -> float:
-    """Area of a polygon (n, 2), positive if counter-clockwise."""
-    x, y = (contour - contour[0]).T
-    return float(0.5 * (x * np.roll(y, -1) - y * np.roll(x, -1)).sum())
 
 
 LAYER_WRITERS: MappingProxyType[str, Callable[[Sequence[Layer], Path, str], None]] = MappingProxyType(
