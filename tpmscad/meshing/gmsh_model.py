@@ -113,7 +113,7 @@ def read_nodes(gmsh: Any) -> tuple[Array, IntArray]:
     return coordinates.reshape(-1, 3), row
 
 
-def read_elements(gmsh: Any, dimension: int, tag: int, kind: int, row: IntArray) -> IntArray:
+def read_elements(gmsh: Any, tag: int, kind: int, row: IntArray) -> IntArray:
     """Nodes (m, k) of one entity's elements, in gmsh's order."""
     _, nodes = gmsh.model.mesh.getElementsByType(kind, tag)
     size = gmsh.model.mesh.getElementProperties(kind)[3]

@@ -211,8 +211,10 @@ def _write_flow_fields(case: Path, part: PolyMesh, to: str, speed: float) -> Non
     vector = ["0", "0", "0"]
     vector["XYZ".index(to[0])] = f"{speed if to[-1] == '+' else -speed:.9g}"
     names = [patch.name for patch in part.patches]
-    walls = {name: "noSlip" for name in names}
-    velocities = walls | {inlet: f"fixedValue; value uniform ({' '.join(vector)})", outlet: "zeroGradient"}
+    velocities = dict.fromkeys(names, "noSlip") | {
+        inlet: f"fixedValue; value uniform ({' '.join(vector)})",
+        outlet: "zeroGradient",
+    }
     _write_field(case, "0", "U", "0 1 -1 0 0 0 0", "(0 0 0)", velocities)
     pressures = dict.fromkeys(names, "zeroGradient") | {outlet: "fixedValue; value uniform 0"}
     _write_field(case, "0", "p", "0 2 -2 0 0 0 0", "0", pressures)

@@ -122,8 +122,8 @@ def _generate(brep_file: Path, faces: SolidFaces, request: MeshRequest) -> Volum
             raise KernelError("mesh", f"gmsh fails at size = {request.size:g}: {error}") from error
         points, row = read_nodes(gmsh)
         volumes = sorted(tag for _, tag in gmsh.model.getEntities(3))
-        blocks = [read_elements(gmsh, 3, tag, GMSH_TETRAHEDRA[request.order], row) for tag in volumes]
-        sides = [read_elements(gmsh, 2, tag, GMSH_TRIANGLES[request.order], row)[:, :3] for tag in face_tags]
+        blocks = [read_elements(gmsh, tag, GMSH_TETRAHEDRA[request.order], row) for tag in volumes]
+        sides = [read_elements(gmsh, tag, GMSH_TRIANGLES[request.order], row)[:, :3] for tag in face_tags]
     cells = {kinds[0]: np.concatenate(blocks)[:, np.argsort(GMSH_KINDS[kinds[0]][1])]}
     facets = {kinds[1]: find_facets(cells, kinds[1], np.concatenate(sides))}
     counts = list(map(len, sides))

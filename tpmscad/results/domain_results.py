@@ -86,8 +86,7 @@ class FluidDomains:
     def bounding_box(self) -> BoxCorners:
         """Opposite corners of the box around the domains: ((x0, y0, z0), (x1, y1, z1)), model units."""
         corners = np.array([model.bounding_box for model in self.domains.values()])
-        (x0, y0, z0), (x1, y1, z1) = corners[:, 0].min(axis=0).tolist(), corners[:, 1].max(axis=0).tolist()
-        return (x0, y0, z0), (x1, y1, z1)
+        return tuple(corners[:, 0].min(axis=0).tolist()), tuple(corners[:, 1].max(axis=0).tolist())
 
     @validate_method_options(ExportOptions, 'export("exchanger.step")')
     def export(self, options: ExportOptions) -> None:
@@ -165,10 +164,8 @@ class FluidDomains:
 
         Raises
         ------
-        InvalidRequest
-            If gmsh is not installed, the order is neither 1 nor 2, or there would be too many elements.
-        KernelError
-            If gmsh fails, or elements stay inverted.
+        InvalidRequest, KernelError
+            As `Model.mesh`.
 
         Examples
         --------

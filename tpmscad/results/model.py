@@ -127,8 +127,7 @@ class Model:
         """Opposite corners of the box around the solid: ((x0, y0, z0), (x1, y1, z1)), model units."""
         exact = isinstance(self.built, BrepSolids)
         corners = true_bounds(self.patches) if exact else shape_bounds(self.built.shape)
-        (x0, y0, z0), (x1, y1, z1) = (corner.tolist() for corner in corners)
-        return (x0, y0, z0), (x1, y1, z1)
+        return tuple(tuple(corner.tolist()) for corner in corners)
 
     @validate_method_options(ModelExportOptions, 'export("part.step")')
     def export(self, options: ModelExportOptions) -> None:

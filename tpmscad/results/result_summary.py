@@ -26,8 +26,7 @@ def measure_diagonal(box: BoxCorners) -> float:
 def round_corners(box: BoxCorners) -> BoxCorners:
     """The corners without their round-off, to nine digits of the diagonal; 0 is never negative."""
     decimals = 9 - int(np.ceil(np.log10(measure_diagonal(box))))
-    (x0, y0, z0), (x1, y1, z1) = (np.round(box, decimals) + 0.0).tolist()
-    return (x0, y0, z0), (x1, y1, z1)
+    return tuple(map(tuple, (np.round(box, decimals) + 0.0).tolist()))
 
 
 def count_pieces(pieces: int) -> str:

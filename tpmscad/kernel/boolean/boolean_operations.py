@@ -47,14 +47,14 @@ class OcctSolids:
 
     def dismantle(self) -> Dismantled:
         """The solids, and the function that puts them together again."""
-        return self.solids, (), _assemble_kernel_solids
+        return self.solids, _assemble_kernel_solids
 
     def __reduce__(self) -> Any:
         return unpack_result, pack_results([self.dismantle()])
 
 
-def _assemble_kernel_solids(solids: Sequence[Any], faces: Sequence[Any]) -> OcctSolids:
-    return OcctSolids(tuple(solids))
+def _assemble_kernel_solids(shapes: Sequence[Any]) -> OcctSolids:
+    return OcctSolids(tuple(map(convert.as_solid, shapes)))
 
 
 @contextmanager

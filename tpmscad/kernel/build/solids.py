@@ -91,14 +91,14 @@ class BrepSolids:
 
     def dismantle(self) -> Dismantled:
         """The faces, and the function that makes the solids of them again."""
-        return (), self.faces, partial(_assemble_solids, self.brep, self.nesting)
+        return self.faces, partial(_assemble_solids, self.brep, self.nesting)
 
     def __reduce__(self) -> Any:
         return BrepSolids, (self.brep, self.nesting)  # the shapes are made anew where they are asked for
 
 
-def _assemble_solids(brep: Brep, nested: ShellNesting, solids: Sequence[Any], faces: Sequence[Any]) -> BrepSolids:
-    return BrepSolids(brep, nested, tuple(faces))
+def _assemble_solids(brep: Brep, nested: ShellNesting, shapes: Sequence[Any]) -> BrepSolids:
+    return BrepSolids(brep, nested, tuple(map(convert.as_face, shapes)))
 
 
 def build_solids(brep: Brep, moments: integral_properties.FaceMoments | None = None) -> BrepSolids:

@@ -65,10 +65,8 @@ class LabelledPicture:
         """The bar of a colour scale at the right side, with its values and what they are."""
         width, height = self._image.size
         unit = self._text
-        left, right = (
-            width - scale_panel_width(width, height) + unit,
-            width - scale_panel_width(width, height) + 2 * unit,
-        )
+        left = width - scale_panel_width(width, height) + unit
+        right = left + unit
         top, bottom = round(0.16 * height), round(0.86 * height)
         values = np.linspace(scale.high, scale.low, bottom - top)
         bar = np.repeat(np.rint(255 * scale.colours(values)).astype(np.uint8)[:, None], right - left, axis=1)

@@ -58,11 +58,11 @@ def edge_evaluator(edge: TopoDS_Edge) -> CurveEvaluator:
 class SplineSurfaceEvaluator:
     """Evaluator of a B-spline surface."""
 
-    surface: BSplineSurface
+    spline: BSplineSurface
 
     def __call__(self, uv: Array) -> tuple[Array, Array, Array]:
         """Points and both first derivatives at parameters."""
-        s = self.surface
+        s = self.spline
         found = np.empty((3, len(uv), 3))
         knots_u, knots_v, poles = (np.ascontiguousarray(a) for a in (s.knots_u, s.knots_v, s.poles))
         _evaluate_surface(knots_u, s.degree_u, knots_v, s.degree_v, poles, np.ascontiguousarray(uv), found)
@@ -90,12 +90,12 @@ class PlaneEvaluator:
 class SplineCurveEvaluator:
     """Evaluator of a B-spline curve."""
 
-    curve: BSplineCurve
+    spline: BSplineCurve
 
     def __call__(self, t: Array) -> tuple[Array, Array]:
         """Points and first derivatives at parameters."""
-        value, slope = design_matrices(self.curve.knots, self.curve.degree, t, (0, 1))
-        return value @ self.curve.poles, slope @ self.curve.poles
+        value, slope = design_matrices(self.spline.knots, self.spline.degree, t, (0, 1))
+        return value @ self.spline.poles, slope @ self.spline.poles
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -63,7 +63,6 @@ class Sides:
 def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
     """Crossings of a solid with horizontal planes at ascending levels (n,). A node on a level counts as above it."""
     z = mesh.points[:, 2]
-    size = mesh.size
     rank = np.searchsorted(levels, z, side="right")
     sides = number_sides(mesh)
     ends = rank[sides.nodes]
@@ -71,7 +70,10 @@ def find_crossings(mesh: SurfaceTriangulation, levels: Array) -> Crossings:
     first = np.concatenate([[0], np.cumsum(count)])
     side = np.repeat(np.arange(len(count)), count)
     level = lowest[side] + np.arange(len(side)) - first[side]
-    fraction, point = _locate(mesh, sides, side, levels[level], size)
+    fraction, point = np.empty(len(side)), np.empty((len(side), 2))
+    heights, target, tol = z[sides.nodes[side]], levels[level], LEVEL_REL_TOL * mesh.size
+    for members, line in lines_of_sides(mesh, sides, side):
+        fraction[members], point[members] = _find_roots(line, heights[members], target[members], tol)
 
     corner_rank = rank[mesh.triangles]
     low, high = corner_rank.min(axis=1), corner_rank.max(axis=1)
@@ -105,17 +107,6 @@ def number_sides(mesh: SurfaceTriangulation) -> Sides:
     chord = (face * n + own.min(axis=1)) * n + own.max(axis=1)
     _, first, number = np.unique(np.where(segment >= 0, -1 - segment, chord), return_index=True, return_inverse=True)
     return Sides(number.reshape(-1, 3), nodes[first], uv[first], face[first], segment[first])
-
-
-def _locate(
-    mesh: SurfaceTriangulation, sides: Sides, side: IntArray, target: Array, size: float
-) -> tuple[Array, Array]:
-    """Fraction along its side (n,) and horizontal point (n, 2) of each crossing."""
-    fraction, point = np.empty(len(side)), np.empty((len(side), 2))
-    ends = mesh.points[sides.nodes[side], 2]
-    for members, line in lines_of_sides(mesh, sides, side):
-        fraction[members], point[members] = _find_roots(line, ends[members], target[members], LEVEL_REL_TOL * size)
-    return fraction, point
 
 
 def lines_of_sides(

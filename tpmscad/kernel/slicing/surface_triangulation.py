@@ -54,8 +54,8 @@ class SurfaceTriangulation:
         """Lowest and highest point of the solid's boundary over each triangle, or beyond: (m, 2)."""
         z = self.points[self.triangles, 2]
         low, high = z.min(axis=1), z.max(axis=1)
-        of_face = np.array([_range_of_surface(each) for each in self.surfaces])[self.face]
-        of_curve = np.array([*(_range_of_curve(each) for each in self.curves), (np.inf, -np.inf)])
+        of_face = np.array([_find_height_range(each) for each in self.surfaces])[self.face]
+        of_curve = np.array([*(_find_height_range(each) for each in self.curves), (np.inf, -np.inf)])
         of_side = of_curve[np.where(self.segment >= 0, self.segments.edge[self.segment], -1)]
         margin = HEIGHT_MARGIN * self.size
         return np.stack(
@@ -104,17 +104,12 @@ def triangulation_of(mesh: ParametricMesh) -> SurfaceTriangulation:
     )
 
 
-def _range_of_surface(surface: SurfaceEvaluator) -> tuple[float, float]:
-    """Heights between which a surface lies: those of its poles; a plane adds nothing to the corners and sides of triangles."""
-    if isinstance(surface, SplineSurfaceEvaluator):
-        z = surface.surface.poles[..., 2]
-        return float(z.min()), float(z.max())
-    return (np.inf, -np.inf) if isinstance(surface, PlaneEvaluator) else (-np.inf, np.inf)
+def _find_height_range(evaluator: SurfaceEvaluator | CurveEvaluator) -> tuple[float, float]:
+    """Heights between which a surface or curve lies: those of its poles.
 
-
-def _range_of_curve(curve: CurveEvaluator) -> tuple[float, float]:
-    """As for surfaces; a straight line adds nothing to its ends."""
-    if isinstance(curve, SplineCurveEvaluator):
-        z = curve.curve.poles[:, 2]
+    Planes and straight lines add nothing to the corners and sides of triangles.
+    """
+    if isinstance(evaluator, SplineSurfaceEvaluator | SplineCurveEvaluator):
+        z = evaluator.spline.poles[..., 2]
         return float(z.min()), float(z.max())
-    return (np.inf, -np.inf) if isinstance(curve, LineEvaluator) else (-np.inf, np.inf)
+    return (np.inf, -np.inf) if isinstance(evaluator, PlaneEvaluator | LineEvaluator) else (-np.inf, np.inf)
