@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -62,15 +62,8 @@ class ChannelPermeability:
 
         The attributes and `error` by their names; permeabilities are in squares of the model's unit (mm2).
         """
-        return {
-            "name": self.name,
-            "porosity": self.porosity,
-            "permeability": self.permeability.tolist(),
-            "coarse_permeability": self.coarse_permeability.tolist(),
-            "error": self.error,
-            "cells": self.cells,
-            "seconds": self.seconds,
-        }
+        values = asdict(self) | {"error": self.error}
+        return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}
 
     def __repr__(self) -> str:
         rows = ("  ".join(f"{value:12.5g}" for value in row) for row in self.permeability)

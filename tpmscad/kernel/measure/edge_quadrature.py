@@ -40,10 +40,12 @@ class EdgeNodeCache:
     def __call__(self, edge: TopoDS_Edge) -> tuple[CurveNodes, int]:
         """Nodes of an edge, and -1 if its orientation opposes its curve, else 1."""
         key = ShapeKey(edge)
-        nodes = self._known.get(key)
-        if nodes is None:
-            nodes = self._known[key] = _edge_nodes(edge)
-        return nodes, orientation_sign(edge)
+        if key not in self._known:
+            curve = BRepAdaptor_Curve(edge)
+            breaks = curve_breaks(curve)
+            points = GAUSS_POINTS_PER_SPAN if len(breaks) > 2 else GAUSS_POINTS_SINGLE_SPAN
+            self._known[key] = nodes_on_intervals(curve, breaks, points)
+        return self._known[key], orientation_sign(edge)
 
 
 def curve_breaks(curve: BRepAdaptor_Curve) -> Array:
@@ -62,9 +64,3 @@ def nodes_on_intervals(curve: BRepAdaptor_Curve, breaks: Array, points: int) -> 
     t, weights = composite_gauss_legendre(breaks, points)
     places, tangents = evaluate_pointwise(curve, t)
     return CurveNodes(t, weights, places, tangents)
-
-
-def _edge_nodes(edge: TopoDS_Edge) -> CurveNodes:
-    curve = BRepAdaptor_Curve(edge)
-    breaks = curve_breaks(curve)
-    return nodes_on_intervals(curve, breaks, GAUSS_POINTS_PER_SPAN if len(breaks) > 2 else GAUSS_POINTS_SINGLE_SPAN)

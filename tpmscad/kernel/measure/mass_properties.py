@@ -119,20 +119,10 @@ def solid_moments(solid: TopoDS_Shape) -> Array:
 def _untrimmed_moments(surfaces: Sequence[BSplineSurface]) -> Array:
     """Moments of untrimmed patches with the same knots and degrees: (F, 5)."""
     s = surfaces[0]
-    nodes = gauss_grid(
-        s,
-        (max(_exact_gauss_points(s.degree_u), MIN_AREA_POINTS), max(_exact_gauss_points(s.degree_v), MIN_AREA_POINTS)),
-    )
+    # 2 p points integrate the densities of volume and centroid, of degrees 3 p - 1 and 4 p - 1, exactly
+    nodes = gauss_grid(s, (max(2 * s.degree_u, MIN_AREA_POINTS), max(2 * s.degree_v, MIN_AREA_POINTS)))
     f = moment_integrands(np.stack([s.poles for s in surfaces]), nodes)
     return np.einsum("a,b,fabk->fk", *nodes.weights, f, optimize=True)
-
-
-def _exact_gauss_points(degree: int) -> int:
-    """Gauss points that integrate the volume density, of degree 3 p - 1, exactly.
-
-    They integrate the centroid's density, of degree 4 p - 1, exactly as well.
-    """
-    return 2 * degree
 
 
 def _covers_patch(edges: Sequence[Any], face: TopoDS_Face, surface: BSplineSurface) -> bool:

@@ -87,7 +87,8 @@ def trimmed_face_moments(
     """
     space = members[0].surface
     poles = np.stack([m.surface.poles for m in members])
-    f = moment_integrands(poles, gauss_grid(space, points)).reshape(len(members), -1, _moment_columns(space, points))
+    f = moment_integrands(poles, gauss_grid(space, points))
+    f = f.reshape(*f.shape[:2], -1)  # five moments per node along v
     u, v, dv, bounds = _parameter_nodes(members, poles, nodes_of)
     along_u = _antiderivative_matrix(space.knots_u, points[0], u)
     along_v = _interpolation_matrix(space.knots_v, points[1], v) * dv[:, None]
@@ -96,11 +97,6 @@ def trimmed_face_moments(
         inner = (along_u[start:stop] @ f[i]).reshape(stop - start, -1, 5)
         result[i] = np.einsum("nb,nbk->k", along_v[start:stop], inner)
     return result
-
-
-def _moment_columns(space: BSplineSurface, points: tuple[int, int]) -> int:
-    """Number of columns of the integrand table of one face: five moments per node along v."""
-    return 5 * points[1] * (len(np.unique(space.knots_v)) - 1)
 
 
 def _parameter_nodes(

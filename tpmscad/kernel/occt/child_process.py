@@ -103,7 +103,7 @@ def _start_interpreter(function: Callable[..., Any], arguments: tuple[Any, ...],
             command, input=request, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment, timeout=seconds
         )
     except subprocess.TimeoutExpired:
-        raise _timeout(seconds) from None
+        raise ChildFailure(f"did not end within {seconds:g} s") from None
     return _require_success(child.stdout, child.returncode, seconds)
 
 
@@ -127,7 +127,7 @@ def _answer(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bytes:
 def _require_success(answer: bytes, exit_code: int, seconds: float) -> bytes:
     """The answer of a child that ended with `exit_code`, which is minus the number of a signal; ChildFailure unless it is 0."""
     if CAN_FORK and exit_code == -signal.SIGALRM:
-        raise _timeout(seconds)
+        raise ChildFailure(f"did not end within {seconds:g} s")
     if CAN_FORK and exit_code == -signal.SIGXCPU:  # beyond a limit that the function has set
         raise ChildFailure("used up its CPU time")
     if exit_code < 0:
@@ -135,10 +135,6 @@ def _require_success(answer: bytes, exit_code: int, seconds: float) -> bytes:
     if exit_code > 0:
         raise ChildFailure(f"crashed (status {exit_code})")
     return answer
-
-
-def _timeout(seconds: float) -> ChildFailure:
-    return ChildFailure(f"did not end within {seconds:g} s")
 
 
 def _after_fork() -> None:

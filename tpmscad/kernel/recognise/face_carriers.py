@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from OCP.BRepAdaptor import BRepAdaptor_Surface
 from OCP.BRepTools import BRepTools
@@ -35,13 +37,13 @@ def recognise_carrier(face: TopoDS_Face, size: float) -> Plane | Quadric:
     adaptor = BRepAdaptor_Surface(face, False)
     kind = adaptor.GetType()
     if kind == GeomAbs_Plane:
-        return _plane(adaptor.Plane())
+        return Plane(*axis_frame(adaptor.Plane()))
     if kind == GeomAbs_Cylinder:
-        return _cylinder(adaptor.Cylinder())
+        return _carrier_of_radius(CylindricalSurface, adaptor.Cylinder())
     if kind == GeomAbs_Cone:
         return _cone(adaptor.Cone(), evaluate_mid_face(face)[1])
     if kind == GeomAbs_Sphere:
-        return _sphere(adaptor.Sphere())
+        return _carrier_of_radius(SphericalSurface, adaptor.Sphere())
     if kind == GeomAbs_Torus:
         torus = adaptor.Torus()
         if torus.MajorRadius() <= torus.MinorRadius():
@@ -60,10 +62,10 @@ def _recognise_spline(face: TopoDS_Face, size: float) -> Plane | Quadric | None:
     pln, cylinder, cone, sphere = gp_Pln(), gp_Cylinder(), gp_Cone(), gp_Sphere()
     tol = EXACT_REL_TOL * size
     for found in (
-        lambda: _plane(pln) if recognition.IsPlane(tol, pln) else None,
-        lambda: _cylinder(cylinder) if recognition.IsCylinder(tol, cylinder) else None,
+        lambda: Plane(*axis_frame(pln)) if recognition.IsPlane(tol, pln) else None,
+        lambda: _carrier_of_radius(CylindricalSurface, cylinder) if recognition.IsCylinder(tol, cylinder) else None,
         lambda: _cone(cone, evaluate_mid_face(face)[1]) if recognition.IsCone(tol, cone) else None,
-        lambda: _sphere(sphere) if recognition.IsSphere(tol, sphere) else None,
+        lambda: _carrier_of_radius(SphericalSurface, sphere) if recognition.IsSphere(tol, sphere) else None,
         lambda: _fit_torus(points, tol),
         lambda: _fit_torus(np.swapaxes(points, 0, 1), tol),
     ):
@@ -91,16 +93,9 @@ def _fit_torus(points: Array, tol: float) -> ToroidalSurface | None:
     return ToroidalSurface(ring[0].origin, ring[0].x_axis, ring[0].normal, ring[0].radius, circles[0].radius)
 
 
-def _plane(value: gp_Pln) -> Plane:
-    return Plane(*axis_frame(value))
-
-
-def _cylinder(value: gp_Cylinder) -> CylindricalSurface:
-    return CylindricalSurface(*axis_frame(value), value.Radius())
-
-
-def _sphere(value: gp_Sphere) -> SphericalSurface:
-    return SphericalSurface(*axis_frame(value), value.Radius())
+def _carrier_of_radius(kind: Callable[..., Quadric], value: gp_Cylinder | gp_Sphere) -> Quadric:
+    """A cylinder or a sphere of OCCT as a carrier."""
+    return kind(*axis_frame(value), value.Radius())
 
 
 def _cone(value: gp_Cone, point: Array) -> ConicalSurface:

@@ -79,35 +79,31 @@ def format_references(ids: Iterable[int]) -> str:
 
 
 class DataSection:
-    """Growing data section, whose entities are numbered consecutively from 1."""
+    """Growing data section: the text of its entities in pieces, numbered consecutively from 1."""
 
     def __init__(self) -> None:
-        self._blocks: list[str] = []
+        self.blocks: list[str] = []
         self.count = 0
 
     def add(self, body: str) -> int:
         """Add one entity, such as "DIRECTION('',(0.,0.,1.))", and return its number."""
         self.count += 1
-        self._blocks.append(f"#{self.count}={body};\n")
+        self.blocks.append(f"#{self.count}={body};\n")
         return self.count
 
     def extend(self, bodies: Sequence[str]) -> range:
         """Add many entities and return their numbers."""
         numbers = range(self.count + 1, self.count + 1 + len(bodies))
-        self._blocks.append("".join([f"#{i}={b};\n" for i, b in zip(numbers, bodies, strict=True)]))
+        self.blocks.append("".join([f"#{i}={b};\n" for i, b in zip(numbers, bodies, strict=True)]))
         self.count += len(bodies)
         return numbers
 
     def extend_text(self, pieces: Sequence[str], count: int) -> range:
         """Add the text of `count` entities that are numbered from the next number on, and return their numbers."""
         numbers = range(self.count + 1, self.count + 1 + count)
-        self._blocks += pieces
+        self.blocks += pieces
         self.count += count
         return numbers
-
-    def blocks(self) -> list[str]:
-        """Text of all entities, in pieces."""
-        return self._blocks
 
 
 def write_exchange_structure(
@@ -125,4 +121,4 @@ def write_exchange_structure(
         "ENDSEC;\nDATA;\n"
     )
     with path.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines([head, *section.blocks(), "ENDSEC;\nEND-ISO-10303-21;\n"])
+        file.writelines([head, *section.blocks, "ENDSEC;\nEND-ISO-10303-21;\n"])
