@@ -58,7 +58,8 @@ def open_manifest(path: Path, request: dict[str, Any]) -> Manifest:
         return Manifest(path, request)
     rows: dict[str, SlabFile] = {}
     for entry in known["slabs"]:
-        row = SlabFile(**{f.name: _as_tuple(entry[f.name]) for f in fields(SlabFile)})
+        values = {f.name: entry[f.name] for f in fields(SlabFile)}
+        row = SlabFile(**values | {"origin": tuple(values["origin"]), "cells": tuple(values["cells"])})
         file = path.parent / row.file
         if file.is_file() and file.stat().st_size == row.size and hash_file(file) == row.sha256:
             rows[row.file] = row
@@ -72,7 +73,3 @@ def _read_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def _as_tuple(value: Any) -> Any:
-    return tuple(value) if isinstance(value, list) else value

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import IntArray
 from tpmscad.atomic_file import atomic_write
 from tpmscad.meshing.mesh_arrays import MeshArrays
 
@@ -92,7 +92,7 @@ def _format_4(mesh: MeshArrays, entities: list[_Entity]) -> Iterator[str]:
     count = len(mesh.points)
     yield f"$Nodes\n1 {count} 1 {count}\n3 1 0 {count}\n"
     yield _rows(np.arange(1, count + 1)[:, None])
-    yield _coordinates(mesh.points)
+    yield "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in mesh.points.tolist())
     yield "$EndNodes\n"
     total = sum(len(e.nodes) for e in entities)
     yield f"$Elements\n{len(entities)} {total} 1 {total}\n"
@@ -142,8 +142,3 @@ def _periodic_lines(mesh: MeshArrays, head: str) -> Iterator[str]:
 def _rows(numbers: IntArray) -> str:
     """Whole numbers, a line for each row."""
     return "\n".join(" ".join(map(str, row)) for row in numbers.tolist()) + "\n" if len(numbers) else ""
-
-
-def _coordinates(points: Array) -> str:
-    """Coordinates to the last bit, a line for each point."""
-    return "\n".join(f"{x!r} {y!r} {z!r}" for x, y, z in points.tolist()) + "\n"

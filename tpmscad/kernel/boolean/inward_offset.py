@@ -90,11 +90,7 @@ def _offset_all_shells(body: TopoDS_Solid, skin: float, open_faces: Sequence[Top
     for shell in list_subshapes(body, TopAbs_SHELL):
         if not shell.IsSame(outer):
             cavity = make_solid([convert.as_shell(shell.Reversed())])
-            grown = _offset_shell(cavity, skin, [f for f in open_faces if _holds(cavity, f)], join)
+            held = [face for face in open_faces if any(own.IsSame(face) for own in faces_of(cavity))]
+            grown = _offset_shell(cavity, skin, held, join)
             result = BRepAlgoAPI_Cut(result, grown).Shape()
     return result
-
-
-def _holds(shape: TopoDS_Shape, face: TopoDS_Face) -> bool:
-    """Whether the face belongs to the shape."""
-    return any(own.IsSame(face) for own in faces_of(shape))

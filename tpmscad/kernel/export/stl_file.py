@@ -36,13 +36,9 @@ def write_stl(parts: Sequence[MeshPart], path: Path, title: str) -> None:
     header = f"tpmscad {title}, unit mm".encode("ascii", "replace")[:HEADER_BYTES].ljust(HEADER_BYTES)
     with atomic_write(path) as aside:
         aside.write_bytes(header + np.uint32(len(records)).tobytes() + records.tobytes())
-        counts = [int(n) for n in np.add.reduceat(kept, _starts(parts))]
+        starts = np.cumsum([0, *(len(part.mesh.triangles) for part in parts[:-1])])
+        counts = [int(n) for n in np.add.reduceat(kept, starts)]
         check_read_meshes(read_stl(aside, counts), parts, path)
-
-
-def _starts(parts: Sequence[MeshPart]) -> list[int]:
-    """Index of the first triangle of each mesh."""
-    return np.cumsum([0, *(len(part.mesh.triangles) for part in parts[:-1])]).tolist()
 
 
 def read_stl(path: Path, counts: Sequence[int]) -> list[tuple[Array, IntArray]]:

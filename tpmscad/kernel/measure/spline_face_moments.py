@@ -28,6 +28,9 @@ from tpmscad.splines.quadrature import composite_gauss_legendre, gauss_legendre
 MAX_NEWTON_STEPS = 12
 """Newton steps of the projection; from a pcurve accurate to 1e-7, two steps reach round-off."""
 
+MAX_LEVEL_SLOPE = 1e-10
+"""Slope below which a straight pcurve is parallel to u, where dv = 0 and the integral vanishes."""
+
 NEWTON_STEP_TOL = 1e-7
 """Newton step, as a fraction of the parameter range, below which quadratic convergence has reached round-off."""
 
@@ -108,7 +111,7 @@ def _parameter_nodes(
         count = 0
         for edge in member.edges:
             curve = BRepAdaptor_Curve2d(edge, member.face)
-            if _is_along_u(curve):
+            if curve.GetType() == GeomAbs_Line and abs(curve.Line().Direction().Y()) < MAX_LEVEL_SLOPE:
                 continue
             nodes, sign = nodes_of(edge)
             guess.append(_pcurve_points(curve, nodes.parameters))
@@ -129,15 +132,6 @@ def _parameter_nodes(
             break
     _, xu, xv = _positions_and_tangents(space, poles, np.clip(uv, low, high), bounds)
     return uv[:, 0], uv[:, 1], np.concatenate(weights) * _tangent_coordinates(xu, xv, along)[:, 1], bounds
-
-
-MAX_LEVEL_SLOPE = 1e-10
-"""Slope below which a straight pcurve is parallel to u, where dv = 0 and the integral vanishes."""
-
-
-def _is_along_u(curve: BRepAdaptor_Curve2d) -> bool:
-    """True for a straight pcurve parallel to u."""
-    return curve.GetType() == GeomAbs_Line and abs(curve.Line().Direction().Y()) < MAX_LEVEL_SLOPE
 
 
 def _pcurve_points(curve: BRepAdaptor_Curve2d, t: Array) -> Array:

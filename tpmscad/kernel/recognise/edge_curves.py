@@ -157,11 +157,13 @@ def _fit_adaptively(
 
     Raises UnsupportedFace if MAX_FIT_SPANS spans do not suffice.
     """
+    inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
     while len(breaks) <= MAX_FIT_SPANS:
         knots, sites = _knots_and_sites(breaks)
         poles = np.asarray(np.linalg.solve(design_matrix(knots, FIT_DEGREE, sites), values(sites)), float)
         fit = BSplineCurve(poles, knots, FIT_DEGREE)
-        worst = error(fit, _check_parameters(breaks)).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
+        checks = (breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel()
+        worst = error(fit, checks).reshape(-1, ERROR_CHECKS_PER_SPAN).max(axis=1)
         if (worst <= tol).all():
             return fit
         bad = np.flatnonzero(
@@ -176,12 +178,6 @@ def _knots_and_sites(breaks: Array) -> tuple[Array, Array]:
     knots = np.concatenate([np.repeat(breaks[0], FIT_DEGREE), breaks, np.repeat(breaks[-1], FIT_DEGREE)])
     sites = np.array([knots[i + 1 : i + FIT_DEGREE + 1].mean() for i in range(len(knots) - FIT_DEGREE - 1)])
     return knots, np.clip(sites, breaks[0], breaks[-1])
-
-
-def _check_parameters(breaks: Array) -> Array:
-    """Parameters inside every span at which the error is measured."""
-    inside = (np.arange(ERROR_CHECKS_PER_SPAN) + 0.5) / ERROR_CHECKS_PER_SPAN
-    return np.asarray((breaks[:-1, None] + np.diff(breaks)[:, None] * inside).ravel())
 
 
 def project_to_carriers(carriers: Sequence[Plane | Quadric], points: Array) -> Array:

@@ -58,7 +58,8 @@ def tessellate(shape: Any, deflection: float, angle: float = MAX_FACET_ANGLE) ->
         mesh = _triangulation(face)
         if mesh is None:
             continue
-        local, uv = _mesh_nodes(mesh)
+        nodes = range(1, mesh.NbNodes() + 1)
+        local, uv = (np.array([read(i).Coord() for i in nodes]) for read in (mesh.Node, mesh.UVNode))
         matrix = convert.matrix_from_occt(face.Location().Transformation())
         triples = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)]) - 1
         points.append(local @ matrix[:, :3].T + matrix[:, 3])
@@ -94,12 +95,6 @@ def mean_curvatures(faces: Sequence[Any], parameters: Array, face_of_point: IntA
 def _triangulation(face: Any) -> Any:
     """The triangulation of a face, None if it has none."""
     return BRep_Tool.Triangulation_s(face, TopLoc_Location())
-
-
-def _mesh_nodes(mesh: Any) -> tuple[Array, Array]:
-    """Points (n, 3) and parameters (n, 2) of a triangulation."""
-    numbers = range(1, mesh.NbNodes() + 1)
-    return np.array([mesh.Node(i).Coord() for i in numbers]), np.array([mesh.UVNode(i).Coord() for i in numbers])
 
 
 def _face_normals(face: Any, uv: Array) -> Array:

@@ -85,7 +85,7 @@ class EntityRows:
         require(np.isin(self.table.template[at], wanted), f"there is another entity in place of {template}")
         self.known[at] = True
         start = self.table.start[at]
-        return self.table.values[start[:, None] + np.arange(template_size(template))]
+        return self.table.values[start[:, None] + np.arange(len(template_marks(template)))]
 
     def with_keyword(self, keyword: str) -> IntArray:
         """Positions of the entities with a keyword."""
@@ -108,11 +108,6 @@ class EntityRows:
 def template_marks(template: str) -> str:
     """The marks of a template in order, strings left out."""
     return "".join(re.findall(r"[#@&]", re.sub(r"'(?:[^']|'')*'", "", template)))
-
-
-def template_size(template: str) -> int:
-    """Number of numbers in an entity with a template."""
-    return len(template_marks(template))
 
 
 def agree(read: Array, meant: Array) -> BoolArray:

@@ -353,7 +353,8 @@ def _read_placements(entities: EntityRows) -> Motion:
     still = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     require(entities.frames(origin) == still, "the origin of a part")
     _check_usages(entities, usage_shape, part, whole)
-    placed = _as_motions(entities.frames(frame))
+    place, z, x = np.moveaxis(entities.frames(frame), 1, 0)
+    placed = Motion(np.stack([x, np.cross(z, x), z], axis=-1), place)
     require(len(np.setdiff1d(part, whole)) == 1 and len(np.setdiff1d(whole, part)) == 1, "the tree of the assembly")
     (node,) = np.setdiff1d(part, whole)
     levels: list[Motion] = []
@@ -380,9 +381,3 @@ def _check_usages(entities: EntityRows, usage_shape: Array, part: Array, whole: 
     relating, related = table.values[table.start[at][:, None] + np.arange(2)].T
     require(relating == [of_representation.get(n) for n in whole.tolist()], "the assembly of a usage")
     require(related == [of_representation.get(n) for n in part.tolist()], "the part of a usage")
-
-
-def _as_motions(frames: Array) -> Motion:
-    """Placements by origin, axis and reference direction (n, 3, 3)."""
-    origin, z, x = np.moveaxis(frames, 1, 0)
-    return Motion(np.stack([x, np.cross(z, x), z], axis=-1), origin)
