@@ -10,9 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-import numpy as np
-
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.welding import weld_patches
@@ -85,26 +84,13 @@ class OffsetSurfaces:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedFaces:
+class PlacedFaces(ArrayTable):
     """n whole patches as faces: primitive, rigid motion, sense of the outward normal, tag; (n,) each."""
 
     carrier: IntArray
     motion: Motion
     sense: IntArray
     tag: IntArray
-
-    def __getitem__(self, key: BoolArray | IntArray) -> PlacedFaces:
-        return PlacedFaces(self.carrier[key], self.motion[key], self.sense[key], self.tag[key])
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[PlacedFaces]) -> PlacedFaces:
-        """The faces of several parts, one after another."""
-        return cls(
-            np.concatenate([p.carrier for p in parts]),
-            Motion.concatenate([p.motion for p in parts]),
-            np.concatenate([p.sense for p in parts]),
-            np.concatenate([p.tag for p in parts]),
-        )
 
     def weld(self, primitives: Sequence[BSplineSurface]) -> Brep:
         """The boundary representation of the faces, with shared edges and vertices."""

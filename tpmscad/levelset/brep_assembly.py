@@ -14,6 +14,7 @@ from functools import cache
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Plane
 from tpmscad.levelset.caps import (
@@ -47,7 +48,7 @@ _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _EdgeTable:
+class _EdgeTable(ArrayTable):
     """Edges (n,): curve, first and last vertex, translation (n, 3) and span (n, 2) of the curve."""
 
     curve: IntArray
@@ -55,17 +56,6 @@ class _EdgeTable:
     end: IntArray
     shift: Array
     span: Array
-
-    @staticmethod
-    def concatenate(tables: Sequence[_EdgeTable]) -> _EdgeTable:
-        """The rows of the tables, one after another."""
-        return _EdgeTable(
-            np.concatenate([t.curve for t in tables]),
-            np.concatenate([t.start for t in tables]),
-            np.concatenate([t.end for t in tables]),
-            np.concatenate([t.shift for t in tables]),
-            np.concatenate([t.span for t in tables]),
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

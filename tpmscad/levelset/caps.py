@@ -6,13 +6,13 @@ vertices of the level sets, starting from the phase at the edge's first corner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep import loops
 from tpmscad.brep.carriers import Plane
 from tpmscad.errors import LevelSetError
@@ -23,7 +23,7 @@ LOOP_PARAMETERS = np.linspace(0.0, 1.0, 9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CapEdges:
+class CapEdges(ArrayTable):
     """Open edges (n,): plane (2 * axis + upper), number, sense (+1 or -1) in the cap, first and last vertex in that sense."""
 
     plane: IntArray
@@ -31,12 +31,6 @@ class CapEdges:
     sense: IntArray
     start: IntArray
     end: IntArray
-
-    @staticmethod
-    def concatenate(parts: Sequence[CapEdges]) -> CapEdges:
-        """The open edges of the parts, one after another."""
-        columns = zip(*((p.plane, p.edge, p.sense, p.start, p.end) for p in parts), strict=True)
-        return CapEdges(*(np.concatenate(column) for column in columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -192,7 +192,13 @@ def _fit_network_curves(
             for batch in split_batches(np.flatnonzero(degree[numbers] == d), ITEMS_PER_TASK)
         ]
         tasks = [
-            (field, *(each[numbers[rows]] for each in (start, end, fixed)), size, d, starts and starts.take(rows))
+            (
+                field,
+                *(each[numbers[rows]] for each in (start, end, fixed)),
+                size,
+                d,
+                None if starts is None else starts[rows],
+            )
             for rows, d in batches
         ]
         results = run_tasks(fit_joined_curves, tasks)
