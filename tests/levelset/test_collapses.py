@@ -132,8 +132,8 @@ def test_collapses_rated_in_arrays_are_those_planned_one_by_one(name: str) -> No
     stars = build_vertex_stars(polygons.rows, len(mesh.vertices))
     found = collapse_candidates.rank_candidates(stars, surface, numbers, np.inf)
     by_arrays = set()
-    for k in range(len(found.polygon)):
-        start = found.seed(k)
+    for k in range(len(found)):
+        start = found.seeds.seed(k)
         by_arrays.add((tuple(sorted(start.merges)), tuple(sorted(start.removed))))
         change = plan_edit(polygons, start)
         if change is None or change.doublets or len(change.merges) != 1:

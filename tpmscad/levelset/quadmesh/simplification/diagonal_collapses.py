@@ -7,14 +7,13 @@ stars of the diagonal's ends tell; `PolygonMesh.plan_collapse` makes the full te
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.quadmesh.quality import measure_polygon
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeeds
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     VertexStars,
@@ -23,19 +22,13 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DiagonalCollapses:
-    """n diagonal collapses: quadrilateral, removed and kept vertex, distortion of the worst polygon afterwards, patches saved."""
+def rate_diagonal_collapses(
+    stars: VertexStars, surface: SurfaceVertices, numbers: IntArray
+) -> tuple[CollapseSeeds, Array, IntArray]:
+    """The diagonal collapses of the quadrilaterals among these polygons.
 
-    polygon: IntArray
-    removed: IntArray
-    kept: IntArray
-    distortion: Array
-    patches_saved: IntArray
-
-
-def rate_diagonal_collapses(stars: VertexStars, surface: SurfaceVertices, numbers: IntArray) -> DiagonalCollapses:
-    """The diagonal collapses of the quadrilaterals among these polygons, with an infinite distortion if a polygon degenerates."""
+    Seeds, the distortion (n,) of the worst polygon afterwards, infinite if one degenerates, and the patches saved (n,).
+    """
     most = 2 * len(numbers)
     number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
     is_doublet = np.empty((most, 2), bool)
@@ -44,7 +37,9 @@ def rate_diagonal_collapses(stars: VertexStars, surface: SurfaceVertices, number
     after = surface.append_merged_vertices(corner[:, 0], corner[:, 2])
     worst = np.empty(count)
     _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet, worst)
-    return DiagonalCollapses(number, corner[:, 0], corner[:, 2], worst, 1 + is_doublet.sum(axis=1))
+    seeds = CollapseSeeds.allocate(count)
+    seeds.merges[:, 0], seeds.removed[:, 0] = corner[:, ::2], number
+    return seeds, worst, 1 + is_doublet.sum(axis=1)
 
 
 @njit_cached

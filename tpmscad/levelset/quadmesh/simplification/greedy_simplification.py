@@ -151,7 +151,7 @@ class _Simplification:
         stars = build_vertex_stars(rows, len(self.vertices))
         surface = SurfaceVertices(self.field, self.vertices, self.normals, self.fixed)
         ranked = rank_candidates(stars, surface, queue, MAX_RATIO_BEFORE_SMOOTHING * self.max_distortion)
-        self.candidates = self.candidates.drop_stale(rows[:, 0] >= 0, queue).combine(ranked)
+        self.candidates = Candidates.concatenate([self.candidates.drop_stale(rows[:, 0] >= 0, queue), ranked])
         selected, infeasible = self._select_independent(stars)
         if not selected:
             return 0
@@ -176,7 +176,7 @@ class _Simplification:
         order, place = known.ranking(), -1
         while (place := known.find_next_free(order, place + 1, stars, is_taken)) < len(order):
             k = int(order[place])
-            edit = plan_edit(self.polygons, known.seed(k))
+            edit = plan_edit(self.polygons, known.seeds.seed(k))
             if edit is None:
                 infeasible.append(k)
                 continue

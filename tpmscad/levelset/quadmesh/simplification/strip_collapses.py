@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import BoolArray, IntArray
+from tpmscad._typing import IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MeshEdit, PolygonMesh
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import VertexStars, build_vertex_stars, polygon_left_of
 
@@ -39,30 +40,18 @@ class CollapseSeed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StripSeeds:
+class CollapseSeeds(ArrayTable):
     """The seeds of n collapses in arrays, padded with -1: merges (n, m, 2), removed polygons (n, m), shared edges (n, 2)."""
 
     merges: IntArray
     removed: IntArray
     shared_edge: IntArray
 
-    def __len__(self) -> int:
-        return len(self.merges)
-
     @staticmethod
-    def allocate(count: int) -> StripSeeds:
-        """Arrays for so many seeds, to be filled in."""
+    def allocate(count: int) -> CollapseSeeds:
+        """So many seeds without merges and polygons, to be filled in."""
         shapes = (count, MAX_STRIP_LENGTH, 2), (count, MAX_STRIP_LENGTH), (count, 2)
-        return StripSeeds(*(np.empty(shape, np.int64) for shape in shapes))
-
-    def select(self, rows: IntArray | BoolArray | slice) -> StripSeeds:
-        """The seeds of these rows, or of a mask."""
-        return StripSeeds(self.merges[rows], self.removed[rows], self.shared_edge[rows])
-
-    def combine(self, more: StripSeeds) -> StripSeeds:
-        """These seeds followed by `more`."""
-        pairs = (self.merges, more.merges), (self.removed, more.removed), (self.shared_edge, more.shared_edge)
-        return StripSeeds(*(np.concatenate(pair) for pair in pairs))
+        return CollapseSeeds(*(np.full(shape, -1) for shape in shapes))
 
     def seed(self, row: int) -> CollapseSeed:
         """One of the seeds."""
@@ -99,14 +88,14 @@ def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
     return [edit for edit in (plan_edit(polygons, seed) for seed in seeds) if edit is not None]
 
 
-def find_strip_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> StripSeeds:
+def find_strip_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> CollapseSeeds:
     """Seeds of all collapses that start from these polygons, except their diagonals.
 
     `n_fixed` (V,): number of fixed coordinates of each vertex.
     """
-    found = StripSeeds.allocate(MAX_SEEDS_PER_POLYGON * len(numbers))
+    found = CollapseSeeds.allocate(MAX_SEEDS_PER_POLYGON * len(numbers))
     count = _find_seeds(stars, n_fixed, numbers, found.merges, found.removed, found.shared_edge)
-    return found.select(slice(0, count))
+    return found[:count]
 
 
 @njit_cached
@@ -128,8 +117,6 @@ def _find_seeds(
             other = polygon_left_of(stars, v, u)
             a, b, begins_strip = -1, -1, n == 3
             if n == 3 and other >= 0 and stars.rows[other, 3] < 0:
-                for k in range(MAX_STRIP_LENGTH):
-                    merges[found, k, 0], merges[found, k, 1], removed[found, k] = -1, -1, -1
                 removed[found, 0], removed[found, 1] = number, other
                 shared_edge[found, 0], shared_edge[found, 1] = u, v
                 found += 1
@@ -138,7 +125,7 @@ def _find_seeds(
                 begins_strip = a >= 0
                 u, v = row[(i + 1) % 4], row[(i + 2) % 4]
             if begins_strip:
-                found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, shared_edge, found)
+                found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, found)
     return found
 
 
@@ -153,7 +140,6 @@ def _grow_strip(
     v: int,
     merges: IntArray,
     removed: IntArray,
-    shared_edge: IntArray,
     found: int,
 ) -> int:  # pragma: no cover
     """Seeds of the strip that crosses the edge from u to v and the edges opposite, up to a triangle or the box.
@@ -181,13 +167,9 @@ def _grow_strip(
         n_merges += 1
         ends_at_triangle = other >= 0 and stars.rows[other, 3] < 0
         if other < 0 or ends_at_triangle or (n_gone == 1 and first_removed < 0):
-            for k in range(MAX_STRIP_LENGTH):
-                merges[found, k, 0] = strip[k, 0] if k < n_merges else -1
-                merges[found, k, 1] = strip[k, 1] if k < n_merges else -1
-                removed[found, k] = gone[k] if k < n_gone else -1
+            merges[found, :n_merges], removed[found, :n_gone] = strip[:n_merges], gone[:n_gone]
             if ends_at_triangle:
                 removed[found, n_gone] = other
-            shared_edge[found, 0], shared_edge[found, 1] = -1, -1
             found += 1
         if other < 0 or ends_at_triangle:
             break

@@ -12,11 +12,11 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.quadmesh.quality import measure_polygon
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, PATCHES_PER_TRIANGLE
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import StripSeeds
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeeds
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars
 
 
-def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: StripSeeds) -> tuple[Array, IntArray]:
+def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: CollapseSeeds) -> tuple[Array, IntArray]:
     """Distortion of the worst polygon after each collapse, and the number of patches saved: (n,) each.
 
     The distortion is infinite if a polygon outside `removed` would degenerate, a valence would be too high or no patch would be
