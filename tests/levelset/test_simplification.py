@@ -20,6 +20,7 @@ from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
+from tpmscad.levelset.quadmesh.simplification import greedy_simplification
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import PolygonMesh, extract_mesh
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
@@ -129,7 +130,7 @@ def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_und
         made = fit_level_set(*args)
         return replace(made, bad_leaves=np.unique(made.mesh.leaf)[:2]) if len(asked) < 4 else made
 
-    monkeypatch.setattr(fit_simplification, "EditHistory", Reluctant)
+    monkeypatch.setattr(greedy_simplification, "EditHistory", Reluctant)
     monkeypatch.setattr(fit_simplification, "fit_level_set", missing)
     small = simplify_fit(whole)
     assert asked == [1, 2, 3, 4]
