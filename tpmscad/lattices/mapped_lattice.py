@@ -16,14 +16,14 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.brep.welding import SideMismatch, weld_patches
+from tpmscad.brep.welding import SideMismatch
 from tpmscad.errors import InvalidRequest
 from tpmscad.lattices import g2_fit
 from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
-from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
+from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
@@ -84,17 +84,22 @@ def select_placements_near_box(
     reach: float,
 ) -> Motion:
     """The placements whose mapped mid patch comes within `reach` of the box; the map must be valid a cell beyond the lattice."""
-    origins = cell_origins(cells, SEARCH_MARGIN_CELLS)
-    placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
-    t = np.linspace(0.0, 1.0, 7)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = placements[:, None].apply(patch.jet(u, v).position)
+    placements = translate_motions(
+        symmetry.cell_motions, cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase))
+    )
+    points = _sample_placements(patch, placements)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
     margin = reach + PATCH_BULGE_FRACTION * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
-    keep = np.flatnonzero(near)[inside]
-    return placements[keep]
+    return placements[np.flatnonzero(near)[inside]]
+
+
+def _sample_placements(patch: SurfacePatch, placements: Motion) -> Array:
+    """Points (n, 49, 3) of the placed mid patches, in cells."""
+    t = np.linspace(0.0, 1.0, 7)
+    u, v = (g.ravel() for g in np.meshgrid(t, t))
+    return placements[:, None].apply(patch.jet(u, v).position)
 
 
 def select_placements_in_lattice(
@@ -116,9 +121,7 @@ def select_placements_in_lattice(
     ]
     origins = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
-    t = np.linspace(0.0, 1.0, 7)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = placements[:, None].apply(patch.jet(u, v).position)
+    points = _sample_placements(patch, placements)
     margin = margin + PATCH_BULGE_FRACTION * float(np.ptp(points, axis=1).max())
     inside = (points.max(axis=1) > -margin) & (points.min(axis=1) < np.array(cells) + margin)
     keep = (inside | np.array(closed)).all(axis=1)
@@ -141,22 +144,16 @@ class MappedLayer:
         return self.patches[self.label[index]].moved(self.motion[index])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedFit:
-    """The lower and upper fitted surface (None: no surface), the worst patch's deviation and the convergence of the nets."""
-
-    lower: MappedLayer | None
-    upper: MappedLayer | None
-    deviation: Deviation
-    convergence: NetConvergence
+MappedLayers = tuple[MappedLayer | None, MappedLayer | None]
+"""The lower and the upper fitted surface; None where there is no surface."""
 
 
 def fit_mapped_layers(
     mapped: MappedSurface,
-    distances: tuple[float | None, float | None],
+    distances: Layers,
     tol: float,
     progress: Callable[[float], None] = lambda done: None,
-) -> MappedFit:
+) -> LayersFit[MappedLayers]:
     """Fit the lower and upper surface at their normal distances (model units; None: no surface).
 
     The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
@@ -191,7 +188,7 @@ def fit_mapped_layers(
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
-    return MappedFit(lower, upper, deviation, NetConvergence.worst(c for _, c in fits))
+    return LayersFit((lower, upper), deviation, convergence=NetConvergence.worst(c for _, c in fits))
 
 
 def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
@@ -279,26 +276,17 @@ def assemble_mapped_lattice(
     parts = []
     for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
         if layer is not None:
-            n = len(layer.label)
-            parts.append((len(carriers) + layer.label, layer.motion, np.full(n, outward * orientation), [tag] * n))
+            parts.append(place_faces(len(carriers) + layer.label, layer.motion, outward * orientation, tag))
             carriers += layer.patches
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
         open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements, mapped.periods), strict=True))
         n = len(open_at)
-        parts.append((len(carriers) + np.arange(n), Motion.identity(n), np.full(n, orientation), ["gap"] * n))
+        parts.append(place_faces(len(carriers) + np.arange(n), Motion.identity(n), orientation, "gap"))
         carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
-    carrier, motion, sense, tags = zip(*parts, strict=True)
     try:
-        return weld_patches(
-            carriers,
-            np.concatenate(carrier),
-            Motion.concatenate(motion),
-            np.concatenate(sense),
-            np.array([LATTICE_TAGS.index(name) for part in tags for name in part]),
-            LATTICE_TAGS,
-        )
+        return PlacedFaces.concatenate(parts).weld(carriers)
     except SideMismatch as mismatch:
         raise InvalidRequest(
             f"under {mapped.map.name} neighbouring patches near ({', '.join(f'{x:.4g}' for x in mismatch.place)}) differ by "

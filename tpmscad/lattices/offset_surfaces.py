@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
+import numpy as np
+
 from tpmscad._typing import Array, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep
@@ -61,7 +63,7 @@ class OffsetLayer:
     primitive: int
     swapped: bool
     outward: int
-    tag: int
+    tag: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,7 +82,7 @@ class OffsetSurfaces:
         """The lower surface, then the upper one, as far as they exist."""
         for layer, outward, tag in ((self.lower, -1, "offset-"), (self.upper, 1, "offset+")):
             if layer is not None:
-                yield OffsetLayer(*layer, outward, LATTICE_TAGS.index(tag))
+                yield OffsetLayer(*layer, outward, tag)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,3 +97,11 @@ class PlacedFaces(ArrayTable):
     def weld(self, primitives: Sequence[BSplineSurface]) -> Brep:
         """The boundary representation of the faces, with shared edges and vertices."""
         return weld_patches(primitives, self.carrier, self.motion, self.sense, self.tag, LATTICE_TAGS)
+
+
+def place_faces(carrier: int | IntArray, motion: Motion, sense: int | IntArray, tag: str) -> PlacedFaces:
+    """Faces (n,) of one tag on each motion; a single carrier or sense holds for all."""
+    n = len(motion)
+    return PlacedFaces(
+        np.broadcast_to(carrier, n), motion, np.broadcast_to(sense, n), np.full(n, LATTICE_TAGS.index(tag))
+    )

@@ -7,7 +7,7 @@ are also checked against the Betti numbers and the volume of the field itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
 from tpmscad.solids.field_patches import FieldPatches
 from tpmscad.sources.level_set_source import LevelSetSource
-from tpmscad.splines.cpia import NetConvergence
 
 OFFSET_TAGS = ("offset+", "offset-")
 """Tags of the faces that are offset surfaces of the reference."""
@@ -47,15 +47,13 @@ def measure_lattice_patches(
     request: LatticeRequest,
     mapping: Map | None,
     brep: Brep,
-    deviation: Deviation,
-    bounds: Mapping[str, float],
-    convergence: NetConvergence,
+    fit: LayersFit[Any],
     notes: tuple[str, ...] = (),
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
     continuity = measure_edge_continuity(brep, OFFSET_TAGS)
     if isinstance(request.source, LevelSetSource):
-        return _measure_level_set_patches(request, continuity, deviation, notes)
+        return _measure_level_set_patches(request, continuity, fit.deviation, notes)
     limits = (
         (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
         if mapping is None
@@ -66,11 +64,11 @@ def measure_lattice_patches(
     reference = f"{request.reference} {request.surface} surface"
     return PatchMeasures(
         request.tol,
-        deviation,
+        fit.deviation,
         reference if mapping is None else f"{reference} under {mapping.name}",
         continuity,
-        bounds=bounds,
-        figures={"CPIA iterations": convergence.iterations, "CPIA bound": convergence.bound},
+        bounds=fit.bounds,
+        figures={"CPIA iterations": fit.convergence.iterations, "CPIA bound": fit.convergence.bound},
         checks=tuple(map(Check, names, values, limits)),
         notes=(*notes, *request.notes),
     )

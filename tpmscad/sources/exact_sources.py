@@ -46,7 +46,7 @@ class CopiedPrimitive:
 
     def cover(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """All copies of the patch with a part inside the box."""
-        return PatchAssembly(copies.cover_box(self.symmetry, fitted, cells, phase), np.zeros(3))
+        return PatchAssembly(copies.patches_over_box(self.symmetry, fitted, cells, phase), np.zeros(3))
 
     def natural(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """Closed by ruled gap faces along the boundary of the block."""
@@ -88,18 +88,16 @@ class ReflectedPieces:
     has_facing_patches: ClassVar[bool] = True
 
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
-        """Without rigorous bounds: the reference surface is implicit."""
-        lower, upper = (None if d is None else d / cell for d in layers)
-        offsets, deviation, convergence = fit_mirror_pieces(self.name, (lower, upper), tol / cell)
-        return LayersFit(offsets, deviation.scaled(cell), {}, convergence.scaled(cell))
+        """The offset surfaces, without rigorous bounds: the reference surface is implicit."""
+        return fit_mirror_pieces(self.name, layers, cell, tol)
 
     def cover(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """The pieces in all tetrahedra with a part inside the box."""
-        return PatchAssembly(copies.cover_box_by_reflection(self.symmetry, fitted, cells, phase), np.zeros(3))
+        return PatchAssembly(copies.reflected_pieces_over_box(self.symmetry, fitted, cells, phase), np.zeros(3))
 
     def natural(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """Bounded by the mirrors around the block, which move with the phase: the box to trim by is flat there."""
-        brep = copies.cover_box_by_reflection(self.symmetry, fitted, cells, phase, natural=True)
+        brep = copies.reflected_pieces_over_box(self.symmetry, fitted, cells, phase, natural=True)
         return PatchAssembly(brep, phase)
 
     def fill(

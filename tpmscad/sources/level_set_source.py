@@ -24,12 +24,12 @@ from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import weld_in_box
 from tpmscad.lattices.offset_surfaces import (
-    LATTICE_TAGS,
     TOUCH_TOL_CELLS,
     Layers,
     LayersFit,
     PatchAssembly,
     PlacedFaces,
+    place_faces,
 )
 from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.levelset.periodic.periodic_fit import PeriodicFit
@@ -40,6 +40,7 @@ from tpmscad.levelset.periodic.periodic_layers import (
     patch_surfaces,
     place_copies_in_box,
 )
+from tpmscad.rigid_motion import Motion
 from tpmscad.sources.patched_surface import SignedDistance
 from tpmscad.splines.bspline import BSplineSurface
 
@@ -101,10 +102,9 @@ class LevelSetSource:
         for fit, outward, tag in ((fitted.lower, -1, "offset-"), (fitted.upper, 1, "offset+")):
             if fit is None:
                 continue
-            placed = place_copies_in_box(fit, -shift, size - shift, TOUCH_TOL_CELLS)
-            motion = type(placed.motion)(placed.motion.rotation, placed.motion.translation + shift)
-            tags = np.full(len(placed.patch), LATTICE_TAGS.index(tag))
-            parts.append(PlacedFaces(len(primitives) + placed.patch, motion, outward * placed.sense, tags))
+            patch, motion = place_copies_in_box(fit, -shift, size - shift, TOUCH_TOL_CELLS)
+            motion = Motion(motion.rotation, motion.translation + shift)
+            parts.append(place_faces(len(primitives) + patch, motion, outward * motion.handedness, tag))
             primitives += patch_surfaces(fit)
         return PatchAssembly(weld_in_box(primitives, PlacedFaces.concatenate(parts), size), np.zeros(3))
 
