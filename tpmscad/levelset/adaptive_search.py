@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.field import Field
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators
 from tpmscad.levelset.fit_simplification import merge_failing_polygons
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
@@ -276,14 +277,7 @@ def _presplit(tree: Octree, field: Field, cosine: float | None, places: Array | 
 def _choose_leaf_size(field: Field, samples: Array) -> float:
     """Leaf size for the curvature of most of the level set, by differences of the gradient at samples (n, 3) of it."""
     step = CURVATURE_STEP_FRACTION * float(np.ptp(samples, axis=0).max())
-    gradient = field.gradient(samples)
-    norm = np.linalg.norm(gradient, axis=1, keepdims=True)
-    normal = gradient / np.maximum(norm, MIN_DIVISOR)
-    hessian = np.stack(
-        [(field.gradient(samples + step * e) - field.gradient(samples - step * e)) / (2 * step) for e in np.eye(3)], -1
-    )
-    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    curvature = tangential @ hessian @ tangential / np.maximum(norm, MIN_DIVISOR)[..., None]
+    curvature = measure_shape_operators(field, samples, step)
     greatest = float(np.quantile(np.linalg.norm(curvature, ord=2, axis=(1, 2)), CURVATURE_QUANTILE))
     return LEAF_SIZE_TIMES_CURVATURE / max(greatest, MIN_DIVISOR)
 

@@ -194,6 +194,21 @@ def shift_level_off_corners(
     return replace(part, field=part.field + shift), note
 
 
+def measure_shape_operators(field: Field, points: Array, step: float) -> Array:
+    """Shape operators (n, 3, 3) of the level sets through points (n, 3), by differences of the gradient over `step`.
+
+    Their eigenvalues are the principal curvatures, and zero along the normal.
+    """
+    gradient = field.gradient(points)
+    norm = np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), MIN_DIVISOR)
+    normal = gradient / norm
+    hessian = np.stack(
+        [(field.gradient(points + step * e) - field.gradient(points - step * e)) / (2 * step) for e in np.eye(3)], -1
+    )
+    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    return np.asarray(tangential @ hessian @ tangential / norm[..., None])
+
+
 def box_corners(lo: Array, hi: Array) -> Array:
     """Corners (2, 2, 2, 3) of the box [lo, hi]."""
     return np.stack(np.meshgrid(*np.stack([lo, hi], axis=1), indexing="ij"), axis=-1)

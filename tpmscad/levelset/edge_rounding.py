@@ -27,6 +27,7 @@ from tpmscad.errors import NotMet
 from tpmscad.fields.field import CompositeField, Field, MinMaxField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField
 from tpmscad.fields.tape.tape_nodes import Node, piecewise_polynomial
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators
 
 SECOND_DERIVATIVES = (1.0, 1.0, -0.5, 0.0)
 """Second derivative of the profile at its knots, linear in between, before it is scaled."""
@@ -295,15 +296,8 @@ def _least_curvature_radius(field: Field, point: Array, allowed: float) -> float
     for _ in range(NEWTON_STEPS):
         value, slope = field.value_and_gradient(p)
         p = p - (value / np.maximum((slope**2).sum(axis=1), TINY))[:, None] * slope
-    h = CURVATURE_STEP_FRACTION * allowed
-    slope = field.gradient(p)[0]
-    length = float(np.linalg.norm(slope))
-    normal = slope / length
-    hessian = np.stack(
-        [(field.gradient(p + h * e) - field.gradient(p - h * e))[0] / (2 * h) for e in np.eye(3)], axis=-1
-    )
-    tangential = np.eye(3) - np.outer(normal, normal)
-    return length / max(float(np.linalg.norm(tangential @ hessian @ tangential, ord=2)), TINY)
+    operator = measure_shape_operators(field, p, CURVATURE_STEP_FRACTION * allowed)[0]
+    return 1.0 / max(float(np.linalg.norm(operator, ord=2)), TINY)
 
 
 def _half_openings(field: CompositeField, node: MinMaxField, points: Array) -> Array:

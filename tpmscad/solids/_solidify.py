@@ -117,7 +117,9 @@ def solidify(
     stages = StageTimer(progress)
     found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     with stages("build"):
-        brep, built, dropped = drop_loose_pieces(found.brep, build_solids(found.brep, found.moments), loose)
+        brep, built, dropped = drop_loose_pieces(
+            found.fitted.brep, build_solids(found.fitted.brep, found.moments), loose
+        )
     with stages("check"):
         whole = " with the pieces left out" if dropped.volumes else ""
         volumes = {

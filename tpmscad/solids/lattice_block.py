@@ -186,9 +186,9 @@ def build_field_block(
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
-    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.brep)]))
-    patches = drop_unused_geometry(select_faces(found.brep, on_splines))  # the caps lie outside the body
-    return LatticeBlock(patches, measures, lambda: found.brep)
+    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.fitted.brep)]))
+    patches = drop_unused_geometry(select_faces(found.fitted.brep, on_splines))  # the caps lie outside the body
+    return LatticeBlock(patches, measures, lambda: found.fitted.brep)
 
 
 def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:

@@ -107,7 +107,7 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
     fitted, properties = found.fitted, found.properties
     volume, volume_error = found.field_volume, found.field_volume_error
     checks = [
-        check_field_tangent_jump(fitted.jump_deg),
+        check_field_tangent_jump(fitted.continuity.tangent_jump_deg),
         require(
             found.field_betti in (None, properties.betti),
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
@@ -125,16 +125,16 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         notes = (*notes, "the field's Betti numbers did not settle on any grid tried: the solid's are its own")
     figures = {
         "tangent jump in degrees at the 95th percentile": fitted.jump_p95_deg,
-        "deviation of the solid from the field": fitted.patches_to_field,
-        "deviation of the field from the solid": fitted.field_to_patches,
+        "deviation of the solid from the field": fitted.deviation.to_reference,
+        "deviation of the field from the solid": fitted.deviation.from_reference,
     }
     if np.isfinite(fitted.min_wall):
         figures["thinnest wall"] = fitted.min_wall
     return PatchMeasures(
         fitted.tol,
-        found.deviation,
+        fitted.deviation,
         "field",
-        found.continuity,
+        fitted.continuity,
         figures=figures,
         checks=tuple(checks),
         notes=notes,

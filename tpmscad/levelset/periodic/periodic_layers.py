@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.analysis.isometries import find_isometries
 from tpmscad.fields.field import Field
-from tpmscad.levelset.boundary_level_sets import sample_level_set
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators, sample_level_set
 from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_periodic_patches, is_better_fit
 from tpmscad.levelset.periodic.periodic_mesh import (
     PeriodicMesh,
@@ -109,16 +109,8 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
 
 def measure_offset_limits(layout: PeriodicLayout) -> tuple[float, float]:
     """Signed distances to the nearest centres of curvature of the level set on either side, from its samples."""
-    field, points = layout.field, layout.samples
     step = CURVATURE_STEP_PERIODS * float(layout.mesh.period.min())
-    gradient = field.gradient(points)
-    size = np.linalg.norm(gradient, axis=1)
-    normal = gradient / size[:, None]
-    hessian = np.stack(
-        [(field.gradient(points + step * e) - field.gradient(points - step * e)) / (2 * step) for e in np.eye(3)], -1
-    )
-    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    curvatures = np.linalg.eigvalsh(tangential @ hessian @ tangential / size[:, None, None])
+    curvatures = np.linalg.eigvalsh(measure_shape_operators(layout.field, layout.samples, step))
     return -1.0 / float(curvatures.max()), -1.0 / float(curvatures.min())
 
 
