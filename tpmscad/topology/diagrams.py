@@ -99,16 +99,13 @@ class PersistenceDiagram:
         >>> [len(alive.pairs(dimension)) for dimension in (0, 1, 2)]
         [1, 1, 0]
         """
-        if self.sublevel:
-            alive = [(b <= level) & (level < d) for b, d in zip(self.births, self.deaths, strict=True)]
-        else:
-            alive = [(b >= level) & (level > d) for b, d in zip(self.births, self.deaths, strict=True)]
-        return PersistenceDiagram(
-            self.dimensions,
-            tuple(b[keep] for b, keep in zip(self.births, alive, strict=True)),
-            tuple(d[keep] for d, keep in zip(self.deaths, alive, strict=True)),
-            self.sublevel,
+        sign = 1 if self.sublevel else -1
+        pairs = list(zip(self.births, self.deaths, strict=True))
+        alive = [(sign * b <= sign * level) & (sign * level < sign * d) for b, d in pairs]
+        births, deaths = (
+            tuple(each[keep] for each, keep in zip(values, alive, strict=True)) for values in (self.births, self.deaths)
         )
+        return PersistenceDiagram(self.dimensions, births, deaths, self.sublevel)
 
     def plot_diagram(self, ax: Any = None) -> Any:
         """Draw the persistence diagram: deaths over births, one colour per dimension.
@@ -257,10 +254,10 @@ def persistence_diagram(
     values = _sample(field_or_values, domain, resolution)
     sign = 1.0 if sublevel else -1.0
     births, deaths = [], []
-    for birth, death in gudhi_diagram(sign * values, chosen, convention):
-        keep = death - birth > min_persistence
-        births.append(sign * birth[keep])
-        deaths.append(sign * death[keep])
+    for pairs in gudhi_diagram(sign * values, chosen, convention):
+        keep = pairs.death - pairs.birth > min_persistence
+        births.append(sign * pairs.birth[keep])
+        deaths.append(sign * pairs.death[keep])
     return PersistenceDiagram(chosen, tuple(births), tuple(deaths), sublevel)
 
 
