@@ -17,7 +17,7 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
 from tpmscad.brep.welding import SideMismatch
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
 from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
 from tpmscad.lattices.coordinate_maps import Map
@@ -289,7 +289,7 @@ def assemble_mapped_lattice(
         return PlacedFaces.concatenate(parts).weld(carriers)
     except SideMismatch as mismatch:
         raise InvalidRequest(
-            f"under {mapped.map.name} neighbouring patches near ({', '.join(f'{x:.4g}' for x in mismatch.place)}) differ by "
+            f"under {mapped.map.name} neighbouring patches near {format_point(mismatch.place)} differ by "
             f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map bends too sharply there for "
             "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
             "varies less over a cell"

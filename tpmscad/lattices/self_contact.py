@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.brep.orthogonal_projection import project_to_surface
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 
 SAMPLES_PER_PARAMETER = 7
@@ -232,9 +232,10 @@ def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
     own, other = mapped.points_at(pair.patch, *pair.own.T), mapped.points_at(pair.other, *pair.foot.T)
     place = (own.position + (pair.height * mapped.distance_unit(own.position))[:, None] * own.normal)[0]
     p, q = own.lattice[0], other.lattice[0]
+    here, there = format_point(p / mapped.cell), format_point(q / mapped.cell)
     message = (
-        f"under {mapped.map.name} the lattice overlaps itself: near {_format(place)} its wall at {_format(p / mapped.cell)} "
-        f"cells and its wall at {_format(q / mapped.cell)} cells lie {pair.depth[0]:.3g} deep in each other. "
+        f"under {mapped.map.name} the lattice overlaps itself: near {format_point(place)} its wall at {here} cells and its wall at "
+        f"{there} cells lie {pair.depth[0]:.3g} deep in each other. "
     )
     repeat = _find_repeat(mapped, p, q)
     if repeat is not None:
@@ -259,7 +260,3 @@ def _find_repeat(mapped: MappedSurface, p: Array, q: Array) -> tuple[int, float]
         return None
     points = mapped.cell * np.random.default_rng(0).random((20, 3)) + p - (along if step[axis] < 0 else 0.0)
     return (axis, length) if repeats_after(mapped.map, along, points) else None
-
-
-def _format(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import CONTROL_NET, DEGREES, KNOTS
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.jacobian_bounds import bound_jacobian
@@ -220,7 +220,7 @@ def _prove_positive_jacobian(volume: BSplineVolume, name: str) -> float:
     if bound.positive:
         return bound.lower
     at = corner[bound.body] + size[bound.body] * np.array(bound.parameters)
-    place = f"at {_format(at)} in its domain, {_format(volume.images(at[None])[0][0])} in the model"
+    place = f"at {format_point(at)} in its domain, {format_point(volume.images(at[None])[0][0])} in the model"
     if bound.attained > 0:
         raise InvalidRequest(
             f"the Jacobian of the {name} comes too close to zero to be proved positive: {bound.attained:.3g} {place}; "
@@ -265,8 +265,8 @@ def _require_one_to_one(map: SplineMap) -> None:
     if hit.any():
         k = int(np.flatnonzero(hit)[0])
         raise InvalidRequest(
-            f"the {map.name} lies on itself: {_format(target[k])} in the model is the image of "
-            f"{_format(samples[own][rows[k]])} and of {_format(preimage[k])} in its domain; move the poles apart there"
+            f"the {map.name} lies on itself: {format_point(target[k])} in the model is the image of "
+            f"{format_point(samples[own][rows[k]])} and of {format_point(preimage[k])} in its domain; move the poles apart there"
         )
 
 
@@ -282,7 +282,3 @@ def _find_preimages(volume: BSplineVolume, start: Array, target: Array) -> Array
         step = np.linalg.solve(jacobian, (target - image)[..., None])[..., 0]
         at = np.clip(at + np.clip(step, -slack, slack), low - slack, high + slack)
     return at
-
-
-def _format(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.field import Field
 from tpmscad.levelset.boundary_level_sets import measure_shape_operators
 from tpmscad.levelset.fit_simplification import merge_failing_polygons
@@ -120,10 +120,9 @@ def fit_level_set_adaptively(
         if hopeless_patches > MAX_HOPELESS_PATCHES:
             break
     if best is None:
-        place = ", ".join(f"{x:.4g}" for x in request.surface_samples[0])
         raise LevelSetError(
-            f"the surface at ({place}) is too small to be fitted: no leaf of the octree has corners inside and outside of it; "
-            "change the level, or the domain so that it holds more of the surface"
+            f"the surface at {format_point(request.surface_samples[0])} is too small to be fitted: no leaf of the octree has "
+            "corners inside and outside of it; change the level, or the domain so that it holds more of the surface"
         )
     raise LevelSetError(_explain_failure(best))
 
@@ -305,7 +304,7 @@ def _explain_failure(fit: LevelSetFit) -> str:
     slope_in_box_face = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
     singular = SINGULAR_SLOPE_FRACTION * np.median(np.linalg.norm(field.gradient(fit.network.vertices), axis=1))
     flattest = centre[np.argsort(slope)][:N_PLACES_REPORTED]
-    places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in flattest)
+    places = ", ".join(format_point(p) for p in flattest)
     if slope.min() < singular:
         cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
     elif (at_box.any(axis=1) & (slope_in_box_face < singular)).any():

@@ -8,7 +8,7 @@ solid and by the planar caps.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -233,9 +233,8 @@ def _find_open_edges(network: PatchNetwork, split: BoolArray, first_edge: IntArr
     curve = np.repeat(np.arange(len(split)), 1 + split)
     rows = np.flatnonzero(network.plane[curve] >= 0)
     curve, offset = curve[rows], int(first_edge[0]) if len(first_edge) else 0
-    sense = -sense_of_patch[curve]
-    a, b = edges.start[rows], edges.end[rows]
-    return CapEdges(network.plane[curve], offset + rows, sense, np.where(sense > 0, a, b), np.where(sense > 0, b, a))
+    opened = _orient_open_edges(network.plane[curve], rows, -sense_of_patch[curve], edges)
+    return replace(opened, edge=offset + rows)
 
 
 def _tabulate_box_edges(

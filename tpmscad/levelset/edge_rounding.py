@@ -23,7 +23,7 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 
 from tpmscad._typing import Array
-from tpmscad.errors import NotMet
+from tpmscad.errors import NotMet, format_point
 from tpmscad.fields.field import CompositeField, Field, MinMaxField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField
 from tpmscad.fields.tape.tape_nodes import Node, piecewise_polynomial
@@ -179,9 +179,9 @@ def round_edges(field: Field, lo: Array, hi: Array, allowed: float) -> EdgeRound
             break
         scale *= min(MAX_SCALE_GROWTH, 0.5 * (1 + MIN_USED_FRACTION) * allowed / max(displacement, TINY))
     if best is None:
-        where = ", ".join(f"{x:.5g}" for x in points[sharpest])
+        where = format_point(points[sharpest], 5)
         raise NotMet(
-            f"the edge of a blended wall near ({where}) could not be rounded within {allowed:g}; use a larger tol"
+            f"the edge of a blended wall near {where} could not be rounded within {allowed:g}; use a larger tol"
         )
     is_flat = half_openings[sharpest] >= MAX_HALF_OPENING_RAD
     radius = np.inf if is_flat else _least_curvature_radius(best[0], points[sharpest], allowed)

@@ -9,7 +9,7 @@ in a box is trimmed by the planes of the box and closed by caps.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,7 +20,7 @@ from tpmscad import surfaces
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep, scale_brep
-from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import mapped_lattice, mapped_surface
@@ -125,14 +125,10 @@ def _note_phase(request: LatticeRequest, n_pieces: int) -> tuple[str, ...]:
     known = surfaces.find_surface(request.surface).one_piece
     best = known.phase_of(request.kind, request.side)
     if request.phase != best:
-        return (f"phase {_format_phase(best)} gives fewer pieces: it is the default in a box",)
+        return (f"phase {format_point(best, 6)} gives fewer pieces: it is the default in a box",)
     if request.kind == "skeletal" and known.skeletal_chips:
         return (f"no phase makes one piece of every skeletal {request.surface}: this one leaves chips only",)
     return ("the endless solid itself is in several pieces, or these offsets are beyond those that one phase joins",)
-
-
-def _format_phase(phase: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{x:.6g}" for x in phase) + ")"
 
 
 def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:

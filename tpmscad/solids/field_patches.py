@@ -25,7 +25,7 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
@@ -187,7 +187,7 @@ def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[
     )
     if rounding is None:
         return field, 0.0, ()
-    edge = f"{rounding.opening_deg:.0f} degrees at ({', '.join(f'{x:.5g}' for x in rounding.sharpest_point)})"
+    edge = f"{rounding.opening_deg:.0f} degrees at {format_point(rounding.sharpest_point, 5)}"
     periods = [p for structure in rounding.field.structures for p in structure.periods() or () if p > 0]
     if rounding.radius < MIN_ROUNDING_RADIUS_PERIODS * min(periods, default=0.0):
         raise LevelSetError(

@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, PolygonMesh, extract_mesh
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, PolygonMesh, extract_mesh, sides_of
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import normalize
 
@@ -123,7 +123,7 @@ class EditHistory:
         """Edits that made a half-edge which the polygons restored by undoing the chosen edits would have, too."""
         gone = {n for i in chosen for n in self.edits[i].applied.new_numbers}
         restored = {n: p for i in chosen for n, p in self.edits[i].applied.old_polygons.items() if n not in gone}
-        edges = ((p[k - 1], v) for p in restored.values() for k, v in enumerate(p))
+        edges = (edge for polygon in restored.values() for edge in sides_of(polygon))
         owners = {self.polygons.polygon_of_half_edge.get(edge, -1) for edge in edges} - gone
         return {self._edit_that_made[n] for n in owners if n in self._edit_that_made}
 
