@@ -25,7 +25,7 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     build_vertex_stars,
     polygon_left_of,
 )
-from tpmscad.levelset.quadmesh.smoothing_steps import (
+from tpmscad.levelset.quadmesh.smoothing import (
     MAX_MOVE_FRACTION,
     MIN_BOX_SIDE_RATIO,
     place_vertices,

@@ -1,6 +1,9 @@
 """Lattices under a coordinate map: every patch is fitted to the mapped exact surface, offset along the mapped normal.
 
-Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. The
+Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. A ring
+repeats its cell by a rotation, a screw by a screw motion, a stretched lattice by translations; nothing is assumed about the map.
+Samples of all patches on one grid of parameters are compared. Distances between a few samples, which rigid motions keep, separate
+nearly all classes; within a class the best rigid motion is computed (Kabsch), and a patch that it misses is left alone. The
 control nets are those of `g2_fit`: each class is fitted on its own, by CPIA under conditions that make neighbours join with
 curvature continuity. Where the map closes, the patches at both ends are neighbours like any others.
 """
@@ -16,15 +19,14 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.brep.welding import SideMismatch
+from tpmscad.brep.welding import SideMismatch, cluster_points
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
-from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
 from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
-from tpmscad.rigid_motion import Motion
+from tpmscad.rigid_motion import Motion, match_points
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
@@ -294,3 +296,41 @@ def assemble_mapped_lattice(
             "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
             "varies less over a cell"
         ) from mismatch
+
+
+CONGRUENCE_TOL_FRACTION = 1e-11
+"""Samples that agree to this fraction of a patch's extent after a rigid motion belong to congruent patches: above the round-off
+of maps (1e-14) and of the differences that give a user's map its normals (1e-12)."""
+
+SIGNATURE_POINTS = 7
+"""Samples whose mutual distances separate the classes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CongruenceClasses:
+    """Classes of patches up to proper rigid motions.
+
+    `first` (n,) is the first patch of each class; patch i is patch first[label[i]] moved by `motion[i]`.
+    """
+
+    first: IntArray
+    label: IntArray
+    motion: Motion
+
+
+def group_congruent(samples: Array) -> CongruenceClasses:
+    """Classes of patches by their samples (P, m, 3) at common parameters, any number of points each."""
+    count = len(samples)
+    tol = CONGRUENCE_TOL_FRACTION * float(np.ptp(samples[0], axis=0).max())
+    chosen = samples[:, np.linspace(0, samples.shape[1] - 1, SIGNATURE_POINTS).astype(int)]
+    i, j = np.triu_indices(SIGNATURE_POINTS, 1)
+    distances = np.linalg.norm(chosen[:, i] - chosen[:, j], axis=2)
+    label, first = cluster_points(distances, 10 * tol)
+    motion = match_points(samples[first[label]], samples)
+    misses = np.abs(motion[:, None].apply(samples[first[label]]) - samples).max(axis=(1, 2)) > 10 * tol
+    alone = np.flatnonzero(misses)
+    label[alone] = len(first) + np.arange(len(alone))
+    first = np.concatenate([first, alone])
+    own = first[label] == np.arange(count)
+    motion.rotation[own], motion.translation[own] = np.eye(3), 0.0
+    return CongruenceClasses(first, label, motion)

@@ -234,8 +234,8 @@ def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
     p, q = own.lattice[0], other.lattice[0]
     here, there = format_point(p / mapped.cell), format_point(q / mapped.cell)
     message = (
-        f"under {mapped.map.name} the lattice overlaps itself: near {format_point(place)} its wall at {here} cells and its wall at "
-        f"{there} cells lie {pair.depth[0]:.3g} deep in each other. "
+        f"under {mapped.map.name} the lattice overlaps itself: near {format_point(place)} its wall at {here} cells and its wall "
+        f"at {there} cells lie {pair.depth[0]:.3g} deep in each other. "
     )
     repeat = _find_repeat(mapped, p, q)
     if repeat is not None:

@@ -32,7 +32,7 @@ from tpmscad.levelset.boundary_level_sets import (
     shift_level_off_corners,
 )
 from tpmscad.levelset.brep_assembly import assemble_field_brep
-from tpmscad.levelset.fit.joint_curvature import measure_curvature_jump
+from tpmscad.levelset.fit.fit_quality import measure_curvature_jump
 from tpmscad.levelset.fit_simplification import simplify_fit
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR

@@ -19,8 +19,7 @@ from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
-from tpmscad.requests.pore_request import solve_cell
-from tpmscad.requests.wall_request import resolve_wall
+from tpmscad.requests.wall_request import resolve_wall, solve_cell
 from tpmscad.sources.lattice_source import LatticeSource, lattice_source
 from tpmscad.sources.level_set_source import LevelSetSource
 

@@ -21,8 +21,7 @@ from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, WEIGHT_POWER, fit_regular_polygons
-from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
-from tpmscad.levelset.quadmesh.smoothing_steps import MAX_MOVE_FRACTION
+from tpmscad.levelset.quadmesh.smoothing import MAX_MOVE_FRACTION, project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, length, normalize, roll_next, sines_between_sides
 from tpmscad.rigid_motion import Motion
 

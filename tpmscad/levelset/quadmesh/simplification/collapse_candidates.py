@@ -11,8 +11,11 @@ from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.array_table import ArrayTable
 from tpmscad.levelset.quadmesh.simplification.diagonal_collapses import rate_diagonal_collapses
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeeds, find_strip_seeds
-from tpmscad.levelset.quadmesh.simplification.strip_ratings import rate_strip_collapses
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import (
+    CollapseSeeds,
+    find_strip_seeds,
+    rate_strip_collapses,
+)
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import SurfaceVertices, VertexStars
 
 SCORE_PER_SAVED_PATCH = 0.05

@@ -20,8 +20,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
-from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
-from tpmscad.levelset.quadmesh.side_curves import measure_side_distances
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory, RecordedEdit
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
