@@ -13,7 +13,7 @@ from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.lattices.copies import reflected_pieces_over_box
 from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
 from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
-from tpmscad.sources.lattice_source import lattice_source
+from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming.operands.polyhedra import box

@@ -20,7 +20,8 @@ from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
 from tpmscad.requests.wall_request import resolve_wall, solve_cell
-from tpmscad.sources.lattice_source import LatticeSource, lattice_source
+from tpmscad.sources.catalogue_sources import lattice_source
+from tpmscad.sources.lattice_source import LatticeSource
 from tpmscad.sources.level_set_source import LevelSetSource
 
 MIN_TOL = 2e-7

@@ -12,16 +12,13 @@ import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 FOOT_POINT_STEPS = 6
 """Largest number of Gauss-Newton steps of a projection."""
 
 REST_STEP = 1e-7
 """A projection ends with a step of the parameters below this: the distance is then off by about its square."""
-
-LEAST_DIVISOR = 1e-300
-"""Least divisor of a step: a derivative of length zero moves nothing."""
-
 
 RETRY_FRACTION = 0.5
 """Points farther from the patches than this fraction of the tolerance are tried again with more starts."""
@@ -115,8 +112,8 @@ def _project(
                 c += xv[x] * xv[x]
                 ru += xu[x] * residual[x]
                 rv += xv[x] * residual[x]
-            a, c = max(a, LEAST_DIVISOR), max(c, LEAST_DIVISOR)
-            determinant = max(a * c - b * b, LEAST_DIVISOR)
+            a, c = max(a, MIN_DIVISOR), max(c, MIN_DIVISOR)
+            determinant = max(a * c - b * b, MIN_DIVISOR)
             step_u, step_v = (c * ru - b * rv) / determinant, (a * rv - b * ru) / determinant
             stuck_u = not 0.0 <= u[n] + step_u <= 1.0
             stuck_v = not 0.0 <= v[n] + step_v <= 1.0

@@ -148,7 +148,7 @@ def place_copies_in_box(fit: PeriodicFit, low: Array, high: Array, touch_tol: fl
     counter-clockwise as seen from the void, and a mirror turns that round.
     """
     mesh = fit.mesh
-    row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
+    row = mesh.representative_row
     poles = mesh.polygon_motion[:, None].apply(fit.poles.reshape(len(fit.poles), -1, 3)[row])
     least, greatest = poles.min(axis=1), poles.max(axis=1)
     patches, motions = [], []
