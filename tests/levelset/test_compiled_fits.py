@@ -187,7 +187,7 @@ def test_measurements_of_samples_are_those_of_plain_sums_and_nan_stays():
     value = rng.normal(size=(4, 7))
     value[1, 2], gradient[2, 3], normals[3, 0] = np.nan, 0.0, np.nan
     lo, hi = np.full(3, -0.5), np.array([0.5, 0.6, 0.7])
-    found = measure_samples(points, normals, value, gradient, (lo, hi))
+    found = measure_samples(points, normals, value, gradient, lo, hi)
     size = np.linalg.norm(gradient, axis=2)
     beyond = np.maximum(np.maximum(lo - points, points - hi).max(axis=2), 0.0)
     with np.errstate(over="ignore"):

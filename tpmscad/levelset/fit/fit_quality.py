@@ -164,7 +164,8 @@ def sample_patches(field: Field, poles: Array) -> PatchSamples:
     if isinstance(field, LinearExtension):  # the solid ends at the box: a side that bulges out of it is off by as much
         box = np.array(field.lo), np.array(field.hi)
     side_normals = np.stack([_normals_along_side(poles, side) for side in range(4)], axis=1)
-    return PatchSamples(*measure_samples(points, normals, value, gradient, box), side_normals)
+    distance, mean_square, cosine = measure_samples(points, normals, value, gradient, *box)
+    return PatchSamples(distance, mean_square, cosine, side_normals)
 
 
 @lru_cache(maxsize=32)

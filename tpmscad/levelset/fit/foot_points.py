@@ -52,16 +52,8 @@ def foot_point_distances(poles: Array, patch: IntArray, points: Array, u: Array,
 
     `poles` (m, p + 1, q + 1, 3) are those of all patches.
     """
-    distances = np.empty(len(points))
-    _project(
-        np.ascontiguousarray(poles),
-        patch.astype(np.int64),
-        np.ascontiguousarray(points),
-        u.astype(float),
-        v.astype(float),
-        distances,
-    )
-    return distances
+    arrays = (np.ascontiguousarray(each) for each in (poles, patch.astype(np.int64), points))
+    return _project(*arrays, u.astype(float), v.astype(float))
 
 
 @njit_cached
@@ -81,10 +73,9 @@ def _bernstein(degree: int, t: float, values: Array, slopes: Array) -> None:  # 
 
 
 @njit_cached
-def _project(
-    poles: Array, patch: IntArray, points: Array, u: Array, v: Array, distances: Array
-) -> None:  # pragma: no cover
-    p, q = poles.shape[1] - 1, poles.shape[2] - 1
+def _project(poles: Array, patch: IntArray, points: Array, u: Array, v: Array) -> Array:  # pragma: no cover
+    """The distances (n,); the parameters become those of the foot points."""
+    distances, p, q = np.empty(len(points)), poles.shape[1] - 1, poles.shape[2] - 1
     bu, du, bv, dv = np.empty(p + 1), np.empty(p + 1), np.empty(q + 1), np.empty(q + 1)
     residual, xu, xv = np.empty(3), np.empty(3), np.empty(3)
     for n in range(len(points)):
@@ -125,3 +116,4 @@ def _project(
             if moved <= REST_STEP:
                 break
         distances[n] = np.sqrt(residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2)
+    return distances

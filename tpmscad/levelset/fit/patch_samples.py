@@ -15,31 +15,14 @@ BasisAndSlopes = tuple[Array, Array]
 
 def evaluate_points_and_normals(poles: Array, u: BasisAndSlopes, v: BasisAndSlopes) -> tuple[Array, Array]:
     """Points and normals (n, k l, 3), not of unit length, of patches (n, p + 1, q + 1, 3) on a grid (k, l), u first."""
-    points = np.empty((len(poles), len(u[0]) * len(v[0]), 3))
-    normals = np.empty(points.shape)
-    _evaluate(np.ascontiguousarray(poles), *u, *v, points, normals)
-    return points, normals
-
-
-def measure_samples(
-    points: Array, normals: Array, value: Array, gradient: Array, box: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """Largest and mean square distance (n,) of patches from a level set, and their least cosine (n,) with the gradient.
-
-    `points`, `normals` and `gradient` are (n, m, 3), `value` is (n, m). The distance is |value| / |gradient|, and what a point
-    is beyond the box is added to it. Measurements that are not finite make the result so.
-    """
-    distance, mean_square_distance, cosine = (np.empty(len(points)) for _ in range(3))
-    _measure(points, normals, value, gradient, *box, distance, mean_square_distance, cosine)
-    return distance, mean_square_distance, cosine
+    return _evaluate(np.ascontiguousarray(poles), *u, *v)
 
 
 @njit_cached
-def _evaluate(
-    poles: Array, bu: Array, du: Array, bv: Array, dv: Array, points: Array, normals: Array
-) -> None:  # pragma: no cover
+def _evaluate(poles: Array, bu: Array, du: Array, bv: Array, dv: Array) -> tuple[Array, Array]:  # pragma: no cover
     n, p, q, _ = poles.shape
     k, l = len(bu), len(bv)  # noqa: E741
+    points, normals = np.empty((n, k * l, 3)), np.empty((n, k * l, 3))
     rows = poles.reshape(n, p, 3 * q)
     at, along = np.empty(3 * q), np.empty(3 * q)
     xu, xv = np.empty(3), np.empty(3)
@@ -61,20 +44,19 @@ def _evaluate(
                 for x in range(3):
                     y, z = (x + 1) % 3, (x + 2) % 3
                     normal[x] = xu[y] * xv[z] - xu[z] * xv[y]
+    return points, normals
 
 
 @njit_cached
-def _measure(
-    points: Array,
-    normals: Array,
-    value: Array,
-    gradient: Array,
-    lo: Array,
-    hi: Array,
-    distances: Array,
-    mean_squares: Array,
-    cosines: Array,
-) -> None:  # pragma: no cover
+def measure_samples(
+    points: Array, normals: Array, value: Array, gradient: Array, lo: Array, hi: Array
+) -> tuple[Array, Array, Array]:  # pragma: no cover
+    """Largest and mean square distance (n,) of patches from a level set, and their least cosine (n,) with the gradient.
+
+    `points`, `normals` and `gradient` are (n, m, 3), `value` is (n, m). The distance is |value| / |gradient|, and what a point
+    is beyond the box [lo, hi] is added to it. Measurements that are not finite make the result so.
+    """
+    distances, mean_squares, cosines = np.empty(len(points)), np.empty(len(points)), np.empty(len(points))
     for each in range(len(points)):
         worst, squares, least = 0.0, 0.0, np.inf
         for k in range(points.shape[1]):
@@ -94,3 +76,4 @@ def _measure(
             if not (cosine >= least or np.isnan(least)):
                 least = cosine
         distances[each], mean_squares[each], cosines[each] = worst, squares / points.shape[1], least
+    return distances, mean_squares, cosines

@@ -59,10 +59,7 @@ def corner_distortion(vertices: Array, normals: Array, fixed: BoolArray, corners
 
     `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3).
     """
-    result = np.empty(len(corners))
-    arrays = (np.ascontiguousarray(each) for each in (vertices, normals, fixed, corners))
-    _measure_polygons(*arrays, result)
-    return result
+    return _measure_polygons(*(np.ascontiguousarray(each) for each in (vertices, normals, fixed, corners)))
 
 
 def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray) -> Array:
@@ -72,26 +69,25 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
     normals turn from the corners to there, and the corner angles of the four quarters into which these points divide a
     quadrilateral.
     """
-    count = len(polygons)
     corners = np.where(polygons < 0, polygons[:, 2:3], polygons)
-    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), bool), np.empty((count, 5))
-    _place_middles(vertices, fixed, corners, points, held, side)
+    points, held, side = _place_middles(vertices, fixed, corners)
     longest = MAX_SAG_FRACTION * side.ravel()
     projected, gradient = project_with_gradients(
         field, points.reshape(-1, 3), held.reshape(-1, 3), longest, NEWTON_STEPS_FROM_MIDPOINTS, 0.0
     )
-    projected, gradient, result = projected.reshape(points.shape), gradient.reshape(points.shape), np.empty(count)
-    _measure_interiors(vertices, normals, corners, points, projected, gradient, side, result)
-    return result
+    projected, gradient = projected.reshape(points.shape), gradient.reshape(points.shape)
+    return _measure_interiors(vertices, normals, corners, points, projected, gradient, side)
 
 
 @njit_cached
 def _measure_polygons(
-    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray, result: Array
-) -> None:  # pragma: no cover
+    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
+) -> Array:  # pragma: no cover
     """The distortion (Q,) of each polygon (Q, 4)."""
+    result = np.empty(len(polygons))
     for q in range(len(polygons)):
         result[q] = measure_polygon(vertices, normals, fixed, polygons[q])
+    return result
 
 
 @njit_cached
@@ -173,12 +169,14 @@ def _max_box_section_tilt(
 
 @njit_cached
 def _place_middles(
-    vertices: Array, fixed: BoolArray, corners: IntArray, points: Array, held: BoolArray, side: Array
-) -> None:  # pragma: no cover
+    vertices: Array, fixed: BoolArray, corners: IntArray
+) -> tuple[Array, BoolArray, Array]:  # pragma: no cover
     """The midpoints of the sides and the centres (Q, 5, 3), the coordinates held on the box, and the lengths (Q, 5) of the sides.
 
     The length of the longest side stands for the centre.
     """
+    count = len(corners)
+    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), np.bool_), np.empty((count, 5))
     for q in range(len(corners)):
         longest = 0.0
         for k in range(4):
@@ -192,6 +190,7 @@ def _place_middles(
         a, b, c, d = corners[q]
         for x in range(3):
             points[q, 4, x] = (vertices[a, x] + vertices[b, x] + vertices[c, x] + vertices[d, x]) / 4
+    return points, held, side
 
 
 @njit_cached
@@ -203,14 +202,13 @@ def _measure_interiors(
     projected: Array,
     gradient: Array,
     side: Array,
-    result: Array,
-) -> None:  # pragma: no cover
+) -> Array:  # pragma: no cover
     """The interior distortion (Q,) by the middles (Q, 5, 3), their projections, the gradients there and the sides (Q, 5).
 
     The last two corners (Q, 4) of a triangle are the same; it has no quarters to measure.
     """
     middle_normal, step = np.empty((5, 3)), np.empty(3)
-    quarter, quarter_normal = np.empty((4, 3)), np.empty((4, 3))
+    quarter, quarter_normal, result = np.empty((4, 3)), np.empty((4, 3)), np.empty(len(corners))
     for q in range(len(corners)):
         sag, cosine, sine = 0.0, np.inf, np.inf
         total = 0.0  # of all measures: not a number if one of them is
@@ -244,6 +242,7 @@ def _measure_interiors(
         worst = max(sag / MAX_SAG_FRACTION, (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE))
         worst = max(worst, (1 - sine) / (1 - MIN_QUARTER_SINE))
         result[q] = np.nan if np.isnan(total) else worst
+    return result
 
 
 @njit_cached
@@ -271,19 +270,18 @@ def measure_side_distances(
 
     `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3). Sides in a face of the box stay in it.
     """
-    shape = (len(polygons), 4, len(SIDE_PARAMETERS), 3)
-    points, free, result = np.empty(shape), np.empty((*shape[:2], 3), bool), np.empty(len(polygons))
-    _place_points(vertices, normals, fixed, polygons, points, free)
+    points, free = _place_points(vertices, normals, fixed, polygons)
     value, gradient = field.value_and_gradient(points)
-    _measure_distances(polygons, value, gradient, free, result)
-    return result
+    return _measure_distances(polygons, value, gradient, free)
 
 
 @njit_cached
 def _place_points(
-    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray, points: Array, free: BoolArray
-) -> None:  # pragma: no cover
+    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
+) -> tuple[Array, BoolArray]:  # pragma: no cover
     """The points (Q, 4, k, 3) on the cubics of the sides, and the coordinates (Q, 4, 3) along which these may move."""
+    count = len(polygons)
+    points, free = np.empty((count, 4, len(SIDE_PARAMETERS), 3)), np.empty((count, 4, 3), np.bool_)
     first, last, way = np.empty(3), np.empty(3), np.empty(3)
     for q in range(len(polygons)):
         n = 3 if polygons[q, 3] < 0 else 4
@@ -312,13 +310,13 @@ def _place_points(
                         + t**2 * (3.0 - 2.0 * t) * vertices[j, x]
                         + t * rest * (rest * first[x] - t * last[x])
                     )
+    return points, free
 
 
 @njit_cached
-def _measure_distances(
-    polygons: IntArray, value: Array, gradient: Array, free: BoolArray, result: Array
-) -> None:  # pragma: no cover
+def _measure_distances(polygons: IntArray, value: Array, gradient: Array, free: BoolArray) -> Array:  # pragma: no cover
     """The largest ratio (Q,) of values (Q, 4, k) to the lengths of gradients (Q, 4, k, 3) in the free coordinates."""
+    result = np.empty(len(polygons))
     for q in range(len(polygons)):
         largest = 0.0
         for side in range(4):
@@ -329,3 +327,4 @@ def _measure_distances(
                         square += gradient[q, side, k, x] ** 2
                 largest = max(largest, abs(value[q, side, k]) / max(np.sqrt(square), MIN_DIVISOR))
         result[q] = largest
+    return result

@@ -35,8 +35,7 @@ def rate_diagonal_collapses(
     count = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers, number, corner, is_doublet)
     number, corner, is_doublet = number[:count], corner[:count], is_doublet[:count]
     after = surface.append_merged_vertices(corner[:, 0], corner[:, 2])
-    worst = np.empty(count)
-    _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet, worst)
+    worst = _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet)
     seeds = CollapseSeeds.allocate(count)
     seeds.merges[:, 0], seeds.removed[:, 0] = corner[:, ::2], number
     return seeds, worst, 1 + is_doublet.sum(axis=1)
@@ -106,11 +105,10 @@ def _rate_diagonals(
     number: IntArray,
     corner: IntArray,
     is_doublet: BoolArray,
-    worst: Array,
-) -> None:  # pragma: no cover
+) -> Array:  # pragma: no cover
     """The distortion (n,) of the worst polygon after each collapse; the last n vertices are the merged ones."""
     first_merged = len(vertices) - len(number)
-    row = np.empty(4, np.int64)
+    row, worst = np.empty(4, np.int64), np.empty(len(number))
     for i in range(len(number)):
         merged, result = first_merged + i, 0.0
         for k in range(2):
@@ -135,6 +133,7 @@ def _rate_diagonals(
                 row[stars.slot[entry]] = merged
                 result = max(result, measure_polygon(vertices, normals, fixed, row))
         worst[i] = result
+    return worst
 
 
 @njit_cached

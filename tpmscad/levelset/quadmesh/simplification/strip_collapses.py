@@ -218,12 +218,8 @@ def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: Co
     """
     removed, kept = seeds.merges[seeds.merges[..., 0] >= 0].T
     after = surface.append_merged_vertices(removed, kept)
-    worst, saved = np.empty(len(seeds)), np.empty(len(seeds), np.int64)
-    _rate_strips(
-        stars, after.vertices, after.normals, after.fixed, len(surface.vertices),
-        seeds.merges, seeds.removed, seeds.shared_edge, worst, saved,
-    )  # fmt: skip
-    return worst, saved
+    vertices = after.vertices, after.normals, after.fixed, len(surface.vertices)
+    return _rate_strips(stars, *vertices, seeds.merges, seeds.removed, seeds.shared_edge)
 
 
 @njit_cached
@@ -236,10 +232,9 @@ def _rate_strips(
     merges: IntArray,
     removed: IntArray,
     shared_edge: IntArray,
-    worst: Array,
-    saved: IntArray,
-) -> None:  # pragma: no cover
+) -> tuple[Array, IntArray]:  # pragma: no cover
     """The worst distortion and the patches saved (n,); vertices beyond the first `n_vertices` are the merged ones, in order."""
+    worst, saved = np.empty(len(merges)), np.empty(len(merges), np.int64)
     new_name = np.full(n_vertices, -1)
     n_gone_at, n_joined_at = np.zeros(n_vertices, np.int64), np.zeros(n_vertices, np.int64)
     done, is_gone = np.full(len(stars.rows), -1), np.full(len(stars.rows), -1)
@@ -315,6 +310,7 @@ def _rate_strips(
                     if v >= 0:
                         n_gone_at[v], n_joined_at[v] = 0, 0
         first_merged += n_merges
+    return worst, saved
 
 
 @njit_cached
