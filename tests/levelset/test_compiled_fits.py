@@ -6,12 +6,11 @@ from scipy.optimize import minimize
 
 from tpmscad import fields
 from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
-from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.least_squares import PROJECTION_TOL_OF_MAX_STEP, project_curves_to_level_set, unit_vectors
 from tpmscad.levelset.fit.network_curves import hold_end_poles
 from tpmscad.levelset.fit.network_fit import _normal_products, _rows_of_inner_poles
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
-from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples
+from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, foot_point_distances, measure_samples
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, average_target_positions, fit_regular_polygons
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, IntArray, triple
 from tpmscad.api.public_calls import call_for_array
 from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import Map
@@ -156,8 +156,7 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
 
 def find_closed_axes(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[bool, bool, bool]:
     """Whether the map repeats after the length of the lattice along each axis, so that the lattice meets itself."""
-    x, y, z = (float(np.abs(moved).max()) <= limit for moved, limit in _compare_ends(map, cells, cell))
-    return x, y, z
+    return triple(float(np.abs(moved).max()) <= limit for moved, limit in _compare_ends(map, cells, cell))
 
 
 def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[float, float, float]:
@@ -170,8 +169,7 @@ def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float)
         length = float(moved[0, axis])
         miss = float(np.abs(moved - length * np.eye(3)[axis]).max())
         periods.append(length if length > limit and miss <= limit else 0.0)
-    x, y, z = periods
-    return x, y, z
+    return triple(periods)
 
 
 def _compare_ends(map: Map, cells: tuple[int, int, int], cell: float) -> Iterator[tuple[Array, float]]:

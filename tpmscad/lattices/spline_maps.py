@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import CONTROL_NET, DEGREES, KNOTS
 from tpmscad.errors import InvalidRequest, format_point
@@ -140,8 +140,7 @@ def trivariate(
     p, q, r = (int(n) - 1 for n in net.shape[:3]) if degrees is None else (int(d) for d in np.asarray(degrees))
     given = [bezier_knots(d) for d in (p, q, r)] if knots is None else [np.asarray(k, float) for k in knots]  # type: ignore[union-attr]
     _check_knots(net, given, (p, q, r))
-    u, v, w = given
-    return spline_map(BSplineVolume(net, (u, v, w), (p, q, r)), "trivariate spline")
+    return spline_map(BSplineVolume(net, triple(given), (p, q, r)), "trivariate spline")
 
 
 def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
@@ -195,8 +194,7 @@ def _find_closed_axes(volume: BSplineVolume) -> tuple[bool, bool, bool]:
             ends = volume.grid(grid[0], grid[1], grid[2], orders) * (high - low) ** order
             misses.append(np.abs(np.diff(ends, axis=axis)).max() / max(np.abs(ends).max(), extent))
         closed.append(bool(max(misses) <= CLOSED_TOL_FRACTION * 10 ** len(misses)))
-    u, v, w = closed
-    return u, v, w
+    return triple(closed)
 
 
 def _evaluate(volume: BSplineVolume, closed: tuple[bool, bool, bool], points: Array) -> tuple[Array, Array]:

@@ -9,9 +9,8 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
-
 from tpmscad import surfaces
+from tpmscad._typing import triple
 from tpmscad.sources.exact_sources import CopiedPrimitive, ReflectedPieces
 from tpmscad.sources.lattice_source import LatticeSource
 from tpmscad.sources.level_set_source import LevelSetSource
@@ -33,8 +32,7 @@ def lattice_source(
     `cell` holds the edges of the cell, `levels` the nodal levels of the two sides of a wall if they are no offsets.
     """
     if surfaces.find_surface(name).primitives == "level set":
-        x, y, z = (np.array(cell) / cell[0]).tolist()
-        return LevelSetSource(name, (x, y, z), levels)
+        return LevelSetSource(name, triple(edge / cell[0] for edge in cell), levels)
     symmetry = surfaces.surface_symmetry(name)
     if isinstance(symmetry, MirrorSymmetry):
         return ReflectedPieces(name, symmetry)

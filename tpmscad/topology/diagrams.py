@@ -27,6 +27,8 @@ from tpmscad.topology.voxels import Convention
 DEFAULT_SAMPLES = 64
 """Samples along the longest edge of the domain if no resolution is given."""
 
+ALL_DIMENSIONS = (0, 1, 2)
+
 FEATURE_NAMES = ("components", "tunnels", "cavities")
 """Features of dimensions 0, 1 and 2, as the legends of the figures name them."""
 
@@ -126,9 +128,7 @@ class PersistenceDiagram:
             If matplotlib is not installed.
         """
         ax = _make_axes(ax)
-        low, high = self._value_range()
-        margin = 0.05 * (high - low)
-        forever = high + margin if self.sublevel else low - margin
+        low, high, margin, forever = self._value_range(0.05)
         ax.plot([low, high], [low, high], color="0.7", linewidth=1)
         ax.axhline(0.0, color="0.85", linewidth=1)
         ax.axvline(0.0, color="0.85", linewidth=1)
@@ -161,9 +161,7 @@ class PersistenceDiagram:
             If matplotlib is not installed.
         """
         ax = _make_axes(ax)
-        low, high = self._value_range()
-        margin = 0.1 * (high - low)
-        forever = high + margin if self.sublevel else low - margin
+        low, high, margin, forever = self._value_range(0.1)
         first = 0
         for dimension, births, deaths in zip(self.dimensions, self.births, self.deaths, strict=True):
             rows = first + np.arange(len(births))
@@ -176,12 +174,14 @@ class PersistenceDiagram:
         ax.legend()
         return ax
 
-    def _value_range(self) -> tuple[float, float]:
-        """Least and greatest finite value of births and deaths and 0, never an empty interval."""
+    def _value_range(self, margin_fraction: float) -> tuple[float, float, float, float]:
+        """Least and greatest finite value of births and deaths and 0, never an empty interval; a margin, and infinity's place."""
         values = np.concatenate([np.zeros(1), *self.births, *self.deaths])
         values = values[np.isfinite(values)]
         low, high = float(values.min()), float(values.max())
-        return (low, high) if low < high else (low - 1.0, high + 1.0)
+        low, high = (low, high) if low < high else (low - 1.0, high + 1.0)
+        margin = margin_fraction * (high - low)
+        return low, high, margin, high + margin if self.sublevel else low - margin
 
 
 @validate_call()
@@ -201,11 +201,9 @@ def persistence_diagram(
         "Samples along the longest edge, or along each axis, ends included. By default the resolution of a blend, or "
         "64.",
     ] = None,
-    dimensions: Annotated[Sequence[int], DIMENSIONS, "0 for connected components, 1 for tunnels, 2 for cavities."] = (
-        0,
-        1,
-        2,
-    ),
+    dimensions: Annotated[
+        Sequence[int], DIMENSIONS, "0 for connected components, 1 for tunnels, 2 for cavities."
+    ] = ALL_DIMENSIONS,
     *,
     sublevel: Annotated[
         bool, FLAG, "True for the filtration {f <= c} of the solid, False for {f >= c}, that of the void."
@@ -246,7 +244,7 @@ def persistence_diagram(
     array([[-1., inf]])
     """
     chosen = tuple(sorted(set(dimensions)))
-    if not chosen or not set(chosen) <= {0, 1, 2}:
+    if not chosen or not set(chosen) <= set(ALL_DIMENSIONS):
         raise InvalidRequest(f"dimensions {tuple(dimensions)!r}: choose from 0 (components), 1 (tunnels), 2 (cavities)")
     # gudhi takes 0.2 s to import, which callers of the union-find sweeps do not need
     from tpmscad.topology.gudhi_complex import gudhi_diagram

@@ -20,9 +20,13 @@ from scipy.spatial import cKDTree
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension
-from tpmscad.levelset.fit.foot_points import foot_point_distances, least_foot_distances
 from tpmscad.levelset.fit.network_fit import ITEMS_PER_TASK, NetworkFit
-from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples
+from tpmscad.levelset.fit.patch_samples import (
+    evaluate_points_and_normals,
+    foot_point_distances,
+    least_foot_distances,
+    measure_samples,
+)
 from tpmscad.levelset.quadmesh.patch_network import WHOLE, PatchNetwork
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 from tpmscad.parallel import TaskRunner, run_serial, split_batches

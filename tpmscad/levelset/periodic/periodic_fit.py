@@ -17,10 +17,10 @@ from tpmscad.brep.deviation import Deviation
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.levelset.fit.fit_quality import PatchSamples, sample_patches
-from tpmscad.levelset.fit.foot_points import foot_point_distances, least_foot_distances
 from tpmscad.levelset.fit.joint_normals import EndShapes, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.network_fit import fit_patches
+from tpmscad.levelset.fit.patch_samples import foot_point_distances, least_foot_distances
 from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh, periodic_tree, wrap_into_period
 from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.rigid_motion import Motion

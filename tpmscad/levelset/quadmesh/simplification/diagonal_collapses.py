@@ -29,29 +29,27 @@ def rate_diagonal_collapses(
 
     Seeds, the distortion (n,) of the worst polygon afterwards, infinite if one degenerates, and the patches saved (n,).
     """
-    most = 2 * len(numbers)
-    number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
-    is_doublet = np.empty((most, 2), bool)
-    count = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers, number, corner, is_doublet)
-    number, corner, is_doublet = number[:count], corner[:count], is_doublet[:count]
+    number, corner, is_doublet = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers)
     after = surface.append_merged_vertices(corner[:, 0], corner[:, 2])
     worst = _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet)
-    seeds = CollapseSeeds.allocate(count)
+    seeds = CollapseSeeds.allocate(len(number))
     seeds.merges[:, 0], seeds.removed[:, 0] = corner[:, ::2], number
     return seeds, worst, 1 + is_doublet.sum(axis=1)
 
 
 @njit_cached
 def _find_feasible_diagonals(
-    stars: VertexStars, n_fixed: IntArray, numbers: IntArray, number: IntArray, corner: IntArray, is_doublet: BoolArray
-) -> int:  # pragma: no cover
-    """Diagonals whose collapse leaves allowed valences and no double edges, and how many they are.
+    stars: VertexStars, n_fixed: IntArray, numbers: IntArray
+) -> tuple[IntArray, IntArray, BoolArray]:  # pragma: no cover
+    """Diagonals whose collapse leaves allowed valences and no double edges.
 
     The removed vertex lies inside the box; of two vertices inside, that of the lower number is removed. Found are the
     quadrilaterals (n,), their corners (n, 4) counter-clockwise from the removed one, and whether the second and the fourth corner
     (n, 2) become doublets.
     """
-    found = 0
+    found, most = 0, 2 * len(numbers)
+    number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    is_doublet = np.empty((most, 2), np.bool_)
     for q in numbers:
         row = stars.rows[q]
         if row[3] < 0:
@@ -76,7 +74,7 @@ def _find_feasible_diagonals(
             if not _makes_double_edge(stars, q, corner[found]):
                 number[found] = q
                 found += 1
-    return found
+    return number[:found], corner[:found], is_doublet[:found]
 
 
 @njit_cached
