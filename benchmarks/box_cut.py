@@ -36,7 +36,7 @@ def cut(name: str, n: int) -> tuple[float, float, float, float]:
     sheet = fit_offset_surfaces(name, "minimal", (-HALF, HALF), CELL, TOL).surfaces
     cells, motions = (n, n, n), surfaces.patch_symmetry(name)
     begun = time.process_time()
-    covering = scale_brep(copies.cover_box(motions, sheet, cells, np.zeros(3)), CELL)
+    covering = scale_brep(copies.patches_over_box(motions, sheet, cells, np.zeros(3)), CELL)
     own = trim(covering, box(np.zeros(3), np.full(3, n * CELL))).brep
     built = build_solids(own)
     seconds = time.process_time() - begun

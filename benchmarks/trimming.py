@@ -27,7 +27,7 @@ from tpmscad.kernel.boolean import boolean_operations
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.kernel.measure.shape_report import check_shape, is_valid
 from tpmscad.requests.lattice_request import read_lattice_request
-from tpmscad.solids.lattice_block import LatticeCover, cover_box
+from tpmscad.solids.lattice_block import PatchesOverBox, fit_patches_over_box
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
 
@@ -63,13 +63,13 @@ def turned(lattice: Brep) -> Brep:
     return replace(lattice, faces=replace(lattice.faces, sense=-lattice.faces.sense))
 
 
-def covering(surface: str, low: np.ndarray, high: np.ndarray) -> LatticeCover:
+def covering(surface: str, low: np.ndarray, high: np.ndarray) -> PatchesOverBox:
     """Whole patches around a box."""
     request = read_lattice_request(
         surface, cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
-    return cover_box(request, low, high, lambda _: None)
+    return fit_patches_over_box(request, low, high, lambda _: None)
 
 
 def lattice_around(surface: str, low: np.ndarray, high: np.ndarray) -> tuple[Brep, Brep]:
@@ -114,7 +114,7 @@ def large(n: int) -> None:
         "gyroid", cell=CELL, cells=1, thickness=1.0, offset=None, volume_fraction=None, kind="sheet", side="-",
         reference=None, boundary="box", phase=(0.0, 0.0, 0.0), tol=TOL,
     )  # fmt: skip
-    patches = cover_box(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
+    patches = fit_patches_over_box(request, np.zeros(3), np.full(3, 2 * half), lambda _: None).patches
     stages = [("cover", time.process_time() - cpu)]
     begun = time.process_time()
     cut = trim(patches, brep_from_shape(shape))

@@ -19,6 +19,7 @@ GROUND = {
     "_lazy_import",
     "_typing",
     "api",
+    "array_table",
     "atomic_file",
     "catalogue",
     "errors",

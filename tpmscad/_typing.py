@@ -1,8 +1,9 @@
-"""Type aliases that all packages share."""
+"""Type aliases that all packages share, and a tuple of three with its type."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,3 +26,11 @@ ProgressOption = Progress | bool | None
 
 FractionProgress = Callable[[float], None]
 """Called with the fraction of one stage that is done, from 0 to 1."""
+
+T = TypeVar("T")
+
+
+def triple(values: Iterable[T]) -> tuple[T, T, T]:
+    """Three values, one for each axis, as a tuple of that length."""
+    x, y, z = values
+    return x, y, z

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 
@@ -121,3 +122,8 @@ class KernelError(TpmscadError):
 
     def _portable_state(self) -> dict[str, Any]:
         return {**self.__dict__, "shape": None}
+
+
+def format_point(point: Iterable[float], digits: int = 4) -> str:
+    """A point or vector for a message, in parentheses."""
+    return "(" + ", ".join(f"{x:.{digits}g}" for x in point) + ")"

@@ -12,18 +12,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from tpmscad._typing import Array, IntArray
+from tpmscad.array_table import ArrayTable
 
 TRANSLATION_TOL_FRACTION = 1e-10
 """Distance, in extents of the points, within which a motion found from them is a translation: above their round-off."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class Motion(ArrayTable):
     """Motions x -> rotation x + translation: orthogonal rotation (..., 3, 3), translation (..., 3)."""
 
     rotation: Array
@@ -40,20 +40,9 @@ class Motion:
         return cls(np.tile(np.eye(3), (len(vectors), 1, 1)), vectors)
 
     @classmethod
-    def concatenate(cls, motions: Sequence[Motion]) -> Motion:
-        """One-dimensional batches, one after another."""
-        return cls(np.concatenate([m.rotation for m in motions]), np.concatenate([m.translation for m in motions]))
-
-    @classmethod
     def stack(cls, motions: Sequence[Motion]) -> Motion:
         """Single motions as one batch (n,)."""
         return cls(np.stack([m.rotation for m in motions]), np.stack([m.translation for m in motions]))
-
-    def __len__(self) -> int:
-        return len(self.translation)
-
-    def __getitem__(self, key: Any) -> Motion:
-        return Motion(self.rotation[key], self.translation[key])
 
     def __iter__(self) -> Iterator[Motion]:
         return (self[i] for i in range(len(self)))

@@ -97,7 +97,7 @@ def test_a_phase_moves_the_block_and_scaling_scales_it() -> None:
 @pytest.mark.parametrize("name", SURFACES)
 def test_patches_that_cover_a_box_close_over_its_inside(name: str) -> None:
     cells, phase = (2, 1, 1), np.array([0.13, 0.21, -0.34])
-    brep = copies.cover_box(surfaces.patch_symmetry(name), sheet(name), cells, phase)
+    brep = copies.patches_over_box(surfaces.patch_symmetry(name), sheet(name), cells, phase)
     middles = (brep.vertices[brep.edges.start] + brep.vertices[brep.edges.end]) / 2
     open_edges = connectivity.count_edge_uses(brep) == 1
     # Chords of open edges stay near their curves; none may come well inside the box.
@@ -108,8 +108,8 @@ def test_patches_that_cover_a_box_close_over_its_inside(name: str) -> None:
 
 def test_schwarz_p_is_quartered_where_its_mirrors_are_the_box_and_only_there() -> None:
     motions = surfaces.patch_symmetry("schwarz_p")
-    on = copies.cover_box(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.5, 0.0, 1.0]))
-    off = copies.cover_box(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.1, 0.2, 0.3]))
+    on = copies.patches_over_box(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.5, 0.0, 1.0]))
+    off = copies.patches_over_box(motions, sheet("schwarz_p"), (1, 1, 1), np.array([0.1, 0.2, 0.3]))
     assert len(on.carriers) == 4 * len(off.carriers)
     assert len(on.faces) == 2 * 48
     box = np.array([on.vertices.min(axis=0), on.vertices.max(axis=0)])

@@ -146,7 +146,7 @@ def test_a_map_with_a_branch_point_in_the_lattice_is_refused_with_place_amount_a
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.025, 0.025), 0.05)
     match = r"under square neighbouring patches near \(.*\) differ by .*, more than .*: .*keep the lattice away"
     with pytest.raises(InvalidRequest, match=match):
-        mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
+        mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=True)
 
 
 @pytest.mark.parametrize("name", ["graded", "cylinder"])
@@ -166,7 +166,7 @@ def test_walls_are_as_thick_as_asked_wherever_the_map_stretches(name: str) -> No
 def test_a_mapped_cell_is_closed_smooth_and_within_its_tolerance(name: str) -> None:
     surface = mid(MAPS[name])
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.05)
-    brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
+    brep = mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=True)
     found, shape = measure_edge_continuity(brep, ("offset+", "offset-")), measure_solid(brep)
     assert fit.deviation.max <= 0.05
     assert found.gap < 1e-8
@@ -182,7 +182,7 @@ def test_the_identity_map_gives_the_lattice_itself() -> None:
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 1e-3)
     expected = 1000 * surfaces.volume_fraction("gyroid", "minimal", -0.03, 0.03)
     assert measure_solid(
-        mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
+        mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=True)
     ).volume == pytest.approx(expected, rel=1e-4)
 
 

@@ -10,10 +10,10 @@ from tpmscad import fields, surfaces, topology
 from tpmscad.brep import connectivity
 from tpmscad.brep.edge_continuity import measure_edge_continuity
 from tpmscad.brep.solid_properties import measure_solid
-from tpmscad.lattices.copies import cover_box_by_reflection
+from tpmscad.lattices.copies import reflected_pieces_over_box
 from tpmscad.lattices.harmonic_chart import compute_harmonic_chart
 from tpmscad.lattices.mirror_fit import PIECE_DEGREES, fit_mirror_piece, fit_mirror_pieces, measure_mirror_deviation
-from tpmscad.sources.lattice_source import lattice_source
+from tpmscad.sources.catalogue_sources import lattice_source
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.knots import restrict_surface
 from tpmscad.trimming.operands.polyhedra import box
@@ -109,9 +109,9 @@ def test_borders_lie_in_the_mirrors_poles_and_all(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.slow
 def test_pieces_meet_with_continuous_curvature_at_every_edge_and_vertex(name: str) -> None:
-    sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-4)
+    sheet = fit_mirror_pieces(name, OFFSETS[name], 1.0, 1e-4).surfaces
     found = measure_edge_continuity(
-        cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), np.array([0.2, 0.3, 0.4])),
+        reflected_pieces_over_box(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), np.array([0.2, 0.3, 0.4])),
         ("offset+", "offset-"),
     )
     assert found.gap < 1e-13
@@ -127,7 +127,7 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
     name: str, cells: tuple[int, int, int], phase: tuple[float, float, float]
 ) -> None:
     fit = lattice_source(name, "nodal").fit(OFFSETS[name], 1.0, 1e-4)
-    cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), fit.surfaces, cells, np.array(phase))
+    cover = reflected_pieces_over_box(surfaces.mirror_symmetry(name), fit.surfaces, cells, np.array(phase))
     assert len(cover.faces) == 2 * surfaces.CATALOGUE[name].patches_per_cell * np.prod(cells)
     box_of = np.array([cover.vertices.min(axis=0), cover.vertices.max(axis=0)])
     np.testing.assert_allclose(box_of, [[0, 0, 0], cells], rtol=0, atol=1e-13)
@@ -142,9 +142,9 @@ def test_a_box_of_mirrors_is_capped_without_a_cut(
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.slow
 def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: str) -> None:
-    sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], 1e-3)
+    sheet = fit_mirror_pieces(name, OFFSETS[name], 1.0, 1e-3).surfaces
     phase = np.array([0.1, -0.7, 3.3])
-    block = cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 2), phase, natural=True)
+    block = reflected_pieces_over_box(surfaces.mirror_symmetry(name), sheet, (1, 1, 2), phase, natural=True)
     np.testing.assert_allclose(block.vertices.min(axis=0), phase, rtol=0, atol=1e-12)
     np.testing.assert_allclose(block.vertices.max(axis=0), phase + np.array([1, 1, 2]), rtol=0, atol=1e-12)
 
@@ -153,9 +153,9 @@ def test_the_natural_boundary_is_the_block_between_mirrors_wherever_it_is(name: 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("side", ["-", "+"])
 def test_the_two_sides_have_the_betti_numbers_of_the_formula(name: str, side: str) -> None:
-    sheet, _, _ = fit_mirror_pieces(name, (0.0, None) if side == "+" else (None, 0.0), 1e-3)
+    sheet = fit_mirror_pieces(name, (0.0, None) if side == "+" else (None, 0.0), 1.0, 1e-3).surfaces
     solid = trim(
-        cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), STILL),
+        reflected_pieces_over_box(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), STILL),
         box([0, 0, 0], [1, 1, 1]),
         tol=1e-9,
     )
@@ -171,8 +171,8 @@ def test_a_box_anywhere_is_closed_with_the_volume_of_its_cell(name: str) -> None
     rng = np.random.default_rng(8)
     expected = surfaces.volume_fraction(name, "nodal", *OFFSETS[name])
     for tol in (1e-3, 1e-4, 1e-5):
-        sheet, _, _ = fit_mirror_pieces(name, OFFSETS[name], tol)
-        cover = cover_box_by_reflection(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), rng.random(3))
+        sheet = fit_mirror_pieces(name, OFFSETS[name], 1.0, tol).surfaces
+        cover = reflected_pieces_over_box(surfaces.mirror_symmetry(name), sheet, (1, 1, 1), rng.random(3))
         cut = trim(cover, box([0, 0, 0], [1, 1, 1]), tol=5e-10)
         assert connectivity.is_closed(cut.brep)
         assert measure_solid(cut.brep).volume == pytest.approx(expected, rel=30 * tol)

@@ -87,7 +87,7 @@ def test_a_block_that_closes_has_no_open_side_at_its_seam(name: str) -> None:
 def test_a_ring_is_one_smooth_closed_solid_with_the_tunnels_that_counting_gives(count: int) -> None:
     surface = mapped(ring(count), (count, 1, 1))
     fit = mapped_lattice.fit_mapped_layers(surface, (-0.3, 0.3), 0.3)
-    brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=True)
+    brep = mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=True)
     found, solid = measure_edge_continuity(brep, ("offset+", "offset-")), measure_solid(brep)
     assert solid.closed
     assert solid.betti == (1, 1 - count_euler_characteristic("schwarz_p", (count, 1, 1), (True, False, False)), 0)
@@ -95,8 +95,9 @@ def test_a_ring_is_one_smooth_closed_solid_with_the_tunnels_that_counting_gives(
     assert found.tangent_jump_deg < 1e-6
     assert found.curvature_jump < 1e-6
     # One cell is fitted and turned: the carriers of the two offset surfaces do not grow with the ring.
-    assert fit.lower is not None
-    assert len(fit.lower.patches) <= 12
+    lower, _ = fit.surfaces
+    assert lower is not None
+    assert len(lower.patches) <= 12
     # The centroid lies on the axis, because the ring has the symmetry of its cells.
     np.testing.assert_allclose(solid.centroid[:2], 0, atol=1e-8)
 

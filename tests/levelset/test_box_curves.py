@@ -45,7 +45,7 @@ def test_two_curves_that_cross_are_found_and_their_patches_are_folded(reach: flo
     spoilt = replace(fit, curves=curves)
     found = find_crossing_curves(net, sample_box_curves(net, spoilt))
     assert found[on_box[[one, other]]].all() == (reach > 1)
-    folded = classify_failures(net, spoilt, made.quality, made.tree, TOL).folded
+    folded = classify_failures(replace(made, fit=spoilt), made.tree, TOL).folded
     assert folded[(net.curve == on_box[other]).any(axis=1)].all() == (reach > 1)
 
 

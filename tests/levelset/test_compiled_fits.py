@@ -6,12 +6,11 @@ from scipy.optimize import minimize
 
 from tpmscad import fields
 from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
-from tpmscad.levelset.fit.foot_points import foot_point_distances
 from tpmscad.levelset.fit.least_squares import PROJECTION_TOL_OF_MAX_STEP, project_curves_to_level_set, unit_vectors
 from tpmscad.levelset.fit.network_curves import hold_end_poles
 from tpmscad.levelset.fit.network_fit import _normal_products, _rows_of_inner_poles
 from tpmscad.levelset.fit.normal_equations import NormalEquations, curve_basis
-from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, measure_samples
+from tpmscad.levelset.fit.patch_samples import evaluate_points_and_normals, foot_point_distances, measure_samples
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, average_target_positions, fit_regular_polygons
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
 
@@ -187,7 +186,7 @@ def test_measurements_of_samples_are_those_of_plain_sums_and_nan_stays():
     value = rng.normal(size=(4, 7))
     value[1, 2], gradient[2, 3], normals[3, 0] = np.nan, 0.0, np.nan
     lo, hi = np.full(3, -0.5), np.array([0.5, 0.6, 0.7])
-    found = measure_samples(points, normals, value, gradient, (lo, hi))
+    found = measure_samples(points, normals, value, gradient, lo, hi)
     size = np.linalg.norm(gradient, axis=2)
     beyond = np.maximum(np.maximum(lo - points, points - hi).max(axis=2), 0.0)
     with np.errstate(over="ignore"):

@@ -16,20 +16,16 @@ from tpmscad.levelset.quadmesh.octree_faces import (
     find_minimal_faces,
     pair_crossed_edges,
 )
-from tpmscad.levelset.quadmesh.simplification.collapse_candidates import (
-    SCORE_PER_SAVED_PATCH,
-    Candidates,
-    rank_candidates,
-)
+from tpmscad.levelset.quadmesh.simplification.collapse_candidates import SCORE_PER_SAVED_PATCH, rank_candidates
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import PolygonMesh
-from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeed, plan_edit
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     are_adjacent,
     build_vertex_stars,
     polygon_left_of,
 )
-from tpmscad.levelset.quadmesh.smoothing_steps import (
+from tpmscad.levelset.quadmesh.smoothing import (
     MAX_MOVE_FRACTION,
     MIN_BOX_SIDE_RATIO,
     place_vertices,
@@ -180,9 +176,9 @@ def test_ratings_are_those_of_the_planned_edits(name: str) -> None:
     found = rank_candidates(stars, surface, np.array(sorted(polygons.corners_of)), np.inf)
     compared = {True: 0, False: 0}
     for k in np.flatnonzero(np.isfinite(found.score)).tolist():
-        seed = found.seed(k)
+        seed = found.seeds.seed(k)
         edit = plan_edit(polygons, seed)
-        if edit is None or not edit.doublets <= _doublets_beside_diagonal(polygons, found, k):
+        if edit is None or not edit.doublets <= _doublets_beside_diagonal(polygons, seed):
             continue
         after = surface
         applied = polygons.apply(edit)
@@ -196,15 +192,19 @@ def test_ratings_are_those_of_the_planned_edits(name: str) -> None:
                 rows[rows == v] = len(mesh.vertices) + i
         worst = quality.corner_distortion(after.vertices, after.normals, after.fixed, rows).max()
         assert np.isclose(found.score[k], worst - SCORE_PER_SAVED_PATCH * edit.patches_saved, rtol=0, atol=1e-12)
-        compared[bool(found.strip[k] >= 0)] += 1
+        compared[_is_diagonal(polygons, seed)] += 1
     assert min(compared.values()) > 5
 
 
-def _doublets_beside_diagonal(polygons: PolygonMesh, found: Candidates, k: int) -> set[int]:
+def _is_diagonal(polygons: PolygonMesh, seed: CollapseSeed) -> bool:
+    return len(seed.removed) == len(seed.merges) == 1 and len(polygons.corners_of[seed.removed[0]]) == 4
+
+
+def _doublets_beside_diagonal(polygons: PolygonMesh, seed: CollapseSeed) -> set[int]:
     """Corners that become doublets at once; none for strips."""
-    if found.strip[k] >= 0:
+    if not _is_diagonal(polygons, seed):
         return set()
-    return {v for v in polygons.corners_of[int(found.polygon[k])] if len(polygons.polygons_at_vertex[v]) == 3}
+    return {v for v in polygons.corners_of[seed.removed[0]] if len(polygons.polygons_at_vertex[v]) == 3}
 
 
 def test_stars_hold_the_polygons_round_each_vertex() -> None:
@@ -231,7 +231,7 @@ def test_the_next_free_candidate_changes_no_polygon_at_a_taken_vertex() -> None:
     is_taken = np.random.default_rng(5).random(len(mesh.vertices)) < 0.07
     order, free = known.ranking(), []
     for place, k in enumerate(order.tolist()):
-        seed = known.seed(k)
+        seed = known.seeds.seed(k)
         changed = {f for pair in seed.merges for v in pair for f in polygons.polygons_at_vertex[v]} | {*seed.removed}
         if not any(is_taken[v] for f in changed for v in polygons.corners_of[f]):
             free.append(place)

@@ -51,8 +51,8 @@ class TestEverySolid:
 
     def test_keeps_within_tol_and_smooth(self, name: str) -> None:
         solid, _ = made(name)
-        assert max(solid.patches_to_field, solid.field_to_patches) <= TOL
-        assert solid.jump_deg <= 1e-5
+        assert solid.deviation.max <= TOL
+        assert solid.continuity.tangent_jump_deg <= 1e-5
 
 
 @pytest.mark.slow
@@ -63,7 +63,7 @@ def test_continuity_measured_on_the_brep_agrees(name: str) -> None:
     solid, _ = made(name)
     found = measure_edge_continuity(solid.brep, ("surface",))
     assert found.gap < 1e-12
-    assert abs(found.tangent_jump_deg - solid.jump_deg) < 1e-5
+    assert abs(found.tangent_jump_deg - solid.continuity.tangent_jump_deg) < 1e-5
 
 
 def test_a_balls_volume_and_area_are_those_of_the_closed_form() -> None:
@@ -80,7 +80,7 @@ def test_patches_lie_on_the_field_at_points_of_their_own() -> None:
         if hasattr(carrier, "poles"):
             value, slope = field.value_and_gradient(carrier(*rng.uniform(0, 1, (2, 20))))
             worst = max(worst, float((np.abs(value) / np.linalg.norm(slope, axis=1)).max()))
-    assert 0 < worst <= 1.2 * solid.patches_to_field
+    assert 0 < worst <= 1.2 * solid.deviation.to_reference
 
 
 @pytest.mark.slow

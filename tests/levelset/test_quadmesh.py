@@ -183,8 +183,8 @@ def test_a_tip_far_sharper_than_the_rest_of_a_surface_is_fitted_by_a_few_deep_le
     assert MAX_DEPTH < splits.max() <= MAX_DEPTH_OF_FEW
     assert np.mean(splits > MAX_DEPTH) < 0.2
     solid = fit_field_solid(blunt_cone(3e-4), np.zeros(3), np.ones(3), 1e-4)
-    assert solid.patches_to_field <= 1e-4
-    assert solid.jump_deg <= 0.01
+    assert solid.deviation.to_reference <= 1e-4
+    assert solid.continuity.tangent_jump_deg <= 0.01
 
 
 def test_an_edge_too_sharp_for_any_patch_is_refused_with_its_place() -> None:

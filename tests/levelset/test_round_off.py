@@ -58,7 +58,7 @@ def test_noise_changes_no_polygon_of_a_mesh_and_moves_no_vertex(case: tuple[str,
 @pytest.mark.parametrize("case", SYMMETRIC, ids=str)
 def test_noise_changes_no_collapse(case: tuple[str, float, float, int]) -> None:
     plain, *others = (
-        simplify_mesh(mesh, field, tree.lo, tree.hi).mesh
+        simplify_mesh(mesh, field, tree.lo, tree.hi).mesh()[0]
         for tree, field, mesh, _ in (tree_and_mesh(case, run) for run in range(3))
     )
     assert all(np.array_equal(noisy.corners, plain.corners) for noisy in others)

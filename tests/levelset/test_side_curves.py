@@ -9,7 +9,7 @@ from scipy.interpolate import CubicHermiteSpline
 from tests.levelset.test_collapses import full_mesh, normals
 from tests.shapes.cut_fields import FIELDS, HI, LO
 from tpmscad import fields
-from tpmscad.levelset.quadmesh.side_curves import PARAMETERS, measure_side_distances
+from tpmscad.levelset.quadmesh.quality import SIDE_PARAMETERS, measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.greedy_simplification import simplify_mesh
 from tpmscad.levelset.quadmesh.vectors import normalize
 
@@ -26,7 +26,7 @@ def side_distance(field: fields.Field, ends: np.ndarray, at_ends: np.ndarray, fi
     for normal in np.where(held, 0.0, at_ends):
         axis = unit(normal)
         tangents.append(np.linalg.norm(chord) * unit(chord - (chord @ axis) * axis))
-    points = CubicHermiteSpline([0, 1], ends, np.array(tangents))(PARAMETERS)
+    points = CubicHermiteSpline([0, 1], ends, np.array(tangents))(SIDE_PARAMETERS)
     value, gradient = field.value_and_gradient(points)
     return float((np.abs(value) / np.linalg.norm(np.where(held, 0.0, gradient), axis=1)).max())
 
@@ -59,7 +59,7 @@ def test_merged_polygons_keep_the_limit_and_a_narrow_one_leaves_more_of_them() -
     known = measure_side_distances(field, mesh.vertices, normals(mesh, name), mesh.fixed, mesh.corners)
     sizes = []
     for limit in (np.inf, known.max()):
-        small = simplify_mesh(mesh, field, LO, HI, 1.6, limit).mesh
+        small = simplify_mesh(mesh, field, LO, HI, 1.6, limit).mesh()[0]
         distance = measure_side_distances(field, small.vertices, normals(small, name), small.fixed, small.corners)
         assert distance.max() <= limit
         sizes.append(len(small.corners))

@@ -15,11 +15,12 @@ from tpmscad.brep.connectivity import is_closed
 from tpmscad.brep.solid_properties import measure_solid
 from tpmscad.levelset import fit_simplification
 from tpmscad.levelset.brep_assembly import assemble_field_brep
-from tpmscad.levelset.fit.network_fit import fit_network
+from tpmscad.levelset.fit.network_fit import WarmStart, fit_network
 from tpmscad.levelset.fit_simplification import merge_failing_polygons, simplify_fit
 from tpmscad.levelset.level_set_fit import LevelSetFit, classify_failures, fit_level_set
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion
+from tpmscad.levelset.quadmesh.simplification import greedy_simplification
 from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import PolygonMesh, extract_mesh
 from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
@@ -65,7 +66,7 @@ def test_a_patch_whose_measurements_are_not_finite_fails(name: str) -> None:
     values = getattr(measured, name).copy()
     values[7] = np.nan
     quality = replace(whole.quality, samples=replace(measured, **{name: values}))
-    failing = classify_failures(whole.network, whole.fit, quality, whole.tree, TOL).failing
+    failing = classify_failures(replace(whole, quality=quality), whole.tree, TOL).failing
     np.testing.assert_array_equal(failing, whole.quality.row == 7)
 
 
@@ -129,7 +130,7 @@ def test_where_nothing_is_left_to_undo_near_a_failure_edits_farther_away_are_und
         made = fit_level_set(*args)
         return replace(made, bad_leaves=np.unique(made.mesh.leaf)[:2]) if len(asked) < 4 else made
 
-    monkeypatch.setattr(fit_simplification, "EditHistory", Reluctant)
+    monkeypatch.setattr(greedy_simplification, "EditHistory", Reluctant)
     monkeypatch.setattr(fit_simplification, "fit_level_set", missing)
     small = simplify_fit(whole)
     assert asked == [1, 2, 3, 4]
@@ -172,7 +173,7 @@ def test_sides_on_the_box_that_leave_it_are_not_accepted() -> None:
     curve, top = side[height.argmax()], height.max()
     for high, bad in ((top + 0.1, False), (top - 0.3 * TOL, True)):
         tree = replace(whole.tree, hi=np.array([HI[0], high, HI[2]]))
-        coarse = classify_failures(net, whole.fit, whole.quality, tree, TOL).inaccurate
+        coarse = classify_failures(whole, tree, TOL).inaccurate
         assert coarse[(net.curve == curve).any(axis=1)].any() == bad
 
 
@@ -261,7 +262,8 @@ def test_patches_between_sides_of_different_degrees_have_one_degree_both_ways() 
     at = int(np.flatnonzero((whole.network.piece == 0).all(axis=1))[3])
     degree = np.full(len(fit.curves), 5)
     degree[whole.network.curve[at, 0]] = 9
-    again = fit_network(whole.network, whole.request.field, degree, np.full(len(fit.patches), 5))
+    anew = WarmStart(fit, np.ones(len(fit.curves), bool), np.ones(len(fit.patches), bool))
+    again = fit_network(whole.network, whole.request.field, degree, np.full(len(fit.patches), 5), anew)
     assert again.patches[at].shape[:2] == (10, 10)
     raised = (whole.network.curve == whole.network.curve[at, 0]).any(axis=1)
     assert {p.shape[:2] for p, high in zip(again.patches, raised, strict=True) if not high} == {(6, 6)}

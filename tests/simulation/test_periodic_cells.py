@@ -19,7 +19,7 @@ from tpmscad.simulation import multigrid
 from tpmscad.simulation.multigrid import solve
 from tpmscad.simulation.periodic_cell import IsotropicMaterial, solve_cell
 from tpmscad.simulation.properties import HomogenizedProperties
-from tpmscad.sources.lattice_source import lattice_source
+from tpmscad.sources.catalogue_sources import lattice_source
 
 pytest.importorskip("skfem")
 

@@ -103,7 +103,7 @@ def test_uncertain_numbers_that_differ_lead_to_no_verdict(monkeypatch: pytest.Mo
 
 def test_every_figure_beyond_its_limit_is_a_shortfall() -> None:
     found = fit()
-    rough = replace(found.fitted, jump_deg=0.011)
+    rough = replace(found.fitted, continuity=replace(found.fitted.continuity, tangent_jump_deg=0.011))
     words = failed(replace(found, fitted=rough, field_volume=1.01 * found.field_volume))
     assert words[0].split(" exceeds ")[-1] == "0.01"
     assert "differs from the field's" in words[1]

@@ -35,7 +35,7 @@ def covered(
     sizes = sorted({abs(d) for d in layers if d is not None})
     lower, upper = (None if d is None else (sizes.index(abs(d)), d < 0) for d in layers)
     sheet = lattices.OffsetSurfaces(tuple(primitive(name, size) for size in sizes), lower, upper)
-    return scale_brep(lattices.cover_box(surfaces.patch_symmetry(name), sheet, cells, np.array(phase)), CELL)
+    return scale_brep(lattices.patches_over_box(surfaces.patch_symmetry(name), sheet, cells, np.array(phase)), CELL)
 
 
 @pytest.fixture(scope="session")

@@ -30,3 +30,14 @@ Section = Annotated[Any, ANYTHING, "As in `tpmscad.render`."]
 PictureSize = Annotated[tuple[int, int], PICTURE_SIZE, "As in `tpmscad.render`."]
 ColorBy = Annotated[str | None, TEXT.described_as(example='"piece"'), "As in `tpmscad.render`."]
 ProgressKeyword = Annotated["ProgressOption", PROGRESS, "Who shows the progress; see `tpmscad.lattice`."]
+StageProgress = Annotated[
+    "ProgressOption",
+    PROGRESS,
+    "Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a "
+    "bar in a terminal or a notebook; False shows nothing.",
+]
+LoosePieces = Annotated[
+    str,
+    choice_of("drop", "keep"),
+    "Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.",
+]

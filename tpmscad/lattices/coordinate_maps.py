@@ -86,18 +86,9 @@ class Map:
             If the function returns another shape, or a value that is not finite.
         """
         points = np.asarray(points, float)
-        values = call_for_array(self.name, self.function, points)
-        if values.shape != points.shape:
-            raise InvalidRequest(
-                f"{self.name} returned shape {values.shape} for points of shape {points.shape}; "
-                "a map takes (..., 3) points and returns as many"
-            )
-        if not np.isfinite(values).all():
-            where = points.reshape(-1, 3)[~np.isfinite(values).all(axis=-1).ravel()][0]
-            raise InvalidRequest(
-                f"{self.name} is not finite at {where.tolist()}; it must hold a cell beyond the lattice's box"
-            )
-        return values
+        return _evaluate(
+            self.name, self.function, points, points.shape, "a map takes (..., 3) points and returns as many"
+        )
 
     def jacobian(self, points: ArrayLike, scale: float) -> Array:
         """Return the Jacobian matrices of the map.
@@ -116,18 +107,8 @@ class Map:
         """
         points = np.asarray(points, float)
         if self.jacobian_function is not None:
-            jacobian = call_for_array(f"the Jacobian of {self.name}", self.jacobian_function, points)
-            if jacobian.shape != (*points.shape, 3):
-                raise InvalidRequest(
-                    f"the Jacobian of {self.name} returned shape {jacobian.shape} for points of shape {points.shape}: it takes "
-                    "(..., 3) points and returns matrices (..., 3, 3)"
-                )
-            if not np.isfinite(jacobian).all():
-                where = points.reshape(-1, 3)[~np.isfinite(jacobian).all(axis=(-2, -1)).ravel()][0]
-                raise InvalidRequest(
-                    f"the Jacobian of {self.name} is not finite at {where.tolist()}: give a smooth map"
-                )
-            return jacobian
+            name, returned = f"the Jacobian of {self.name}", "it takes (..., 3) points and returns matrices (..., 3, 3)"
+            return _evaluate(name, self.jacobian_function, points, (*points.shape, 3), returned)
         h = DIFFERENCE_STEP_CELLS * scale
         columns = []
         for axis in np.eye(3):
@@ -392,6 +373,21 @@ def composition(
         f"{outer.name} after {inner.name}",
         inner.from_middle,
     )
+
+
+def _evaluate(
+    name: str, function: Callable[[Array], Array], points: Array, shape: tuple[int, ...], returned: str
+) -> Array:
+    """Values of this shape of a user's function at points (..., 3); InvalidRequest if they have another or are not finite."""
+    values = call_for_array(name, function, points)
+    if values.shape != shape:
+        raise InvalidRequest(f"{name} returned shape {values.shape} for points of shape {points.shape}; {returned}")
+    if not np.isfinite(values).all():
+        where = points.reshape(-1, 3)[~np.isfinite(values.reshape(points.size // 3, -1)).all(axis=1)][0]
+        raise InvalidRequest(
+            f"{name} is not finite at {where.tolist()}: give a smooth map, which must hold a cell beyond the lattice's box"
+        )
+    return values
 
 
 def _check_scales(scales: ArrayLike) -> None:

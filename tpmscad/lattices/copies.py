@@ -3,7 +3,7 @@
 Which patches there are is known from the symmetry group; nothing is searched for by distance. The offset surface at -d is the
 one at +d moved by the rotoinversion of the patch, so both share a primitive. There are two selections of patches:
 
-- all that reach into a box (`cover_box`, `cover_box_by_reflection`): open and ragged outside the box, to be trimmed by it;
+- all that reach into a box (`patches_over_box`, `reflected_pieces_over_box`): open and ragged outside, to be trimmed by it;
 - whole cells (`build_natural_lattice`): closed by ruled gap faces along the boundary (TPMS2STEP, section 3.6).
 
 Lengths are in cells (edge of the cubic cell = 1); the box has its lower corner in the origin and a whole number of cells along
@@ -22,7 +22,7 @@ from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points, roll_up
 from tpmscad.lattices.cell_block import build_incidence, choose_manifold_block
-from tpmscad.lattices.offset_surfaces import LATTICE_TAGS, TOUCH_TOL_CELLS, OffsetSurfaces, PlacedFaces
+from tpmscad.lattices.offset_surfaces import TOUCH_TOL_CELLS, OffsetSurfaces, PlacedFaces, place_faces
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.bspline import BSplineCurve, BSplineSurface
 from tpmscad.splines.knots import split_surface
@@ -34,7 +34,9 @@ SEARCH_MARGIN_CELLS = 2
 UNIT_SQUARE_CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
-def cover_box(symmetry: PatchSymmetry, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> Brep:
+def patches_over_box(
+    symmetry: PatchSymmetry, offsets: OffsetSurfaces, cells: tuple[int, int, int], phase: Array
+) -> Brep:
     """Every copy of the offset surfaces with a part inside the box; open, ragged outside.
 
     Where the midline of a patch lies in a plane of the box (which is then a mirror plane), all patches are divided into quarters
@@ -57,7 +59,7 @@ def weld_in_box(primitives: Sequence[BSplineSurface], faces: PlacedFaces, size: 
     return faces[inside].weld(primitives)
 
 
-def cover_box_by_reflection(
+def reflected_pieces_over_box(
     symmetry: MirrorSymmetry,
     offsets: OffsetSurfaces,
     cells: tuple[int, int, int],
@@ -75,7 +77,7 @@ def cover_box_by_reflection(
     for layer in offsets.layers():
         # A reflection reverses S_u x S_v against the image of the gradient, which it keeps.
         direction = layer.outward * orientation_sign(symmetry, offsets.primitives[layer.primitive])
-        parts.append(_place_layer(layer.primitive, motion, direction * motion.handedness, layer.tag))
+        parts.append(place_faces(layer.primitive, motion, direction * motion.handedness, layer.tag))
     return PlacedFaces.concatenate(parts).weld(offsets.primitives)
 
 
@@ -121,13 +123,7 @@ def build_natural_lattice(symmetry: PatchSymmetry, offsets: OffsetSurfaces, plac
     below, above = surfaces_over_mid_patch(symmetry, offsets)
     gaps = [ruled_surface(below.side(side), above.side(side)) for side in range(4)]
     patch, side = find_open_sides(symmetry, placements)
-    n = len(side)
-    bridges = PlacedFaces(
-        len(offsets.primitives) + side,
-        placements[patch],
-        np.full(n, symmetry.handedness),
-        np.full(n, LATTICE_TAGS.index("gap")),
-    )
+    bridges = place_faces(len(offsets.primitives) + side, placements[patch], symmetry.handedness, "gap")
     faces = PlacedFaces.concatenate([_place_layers(symmetry, offsets, placements), bridges])
     return faces.weld((*offsets.primitives, *gaps))
 
@@ -205,20 +201,15 @@ def _place_layers(symmetry: PatchSymmetry, offsets: OffsetSurfaces, placements: 
     """
     return PlacedFaces.concatenate(
         [
-            _place_layer(
+            place_faces(
                 layer.primitive,
                 placements @ symmetry.swap if layer.swapped else placements,
-                np.full(len(placements), layer.outward * symmetry.handedness),
+                layer.outward * symmetry.handedness,
                 layer.tag,
             )
             for layer in offsets.layers()
         ]
     )
-
-
-def _place_layer(primitive: int, motion: Motion, sense: IntArray, tag: int) -> PlacedFaces:
-    n = len(motion)
-    return PlacedFaces(np.full(n, primitive), motion, sense, np.full(n, tag))
 
 
 def _surface_over_mid_patch(symmetry: PatchSymmetry, primitive: BSplineSurface, swapped: bool) -> BSplineSurface:

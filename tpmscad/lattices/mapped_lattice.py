@@ -1,6 +1,9 @@
 """Lattices under a coordinate map: every patch is fitted to the mapped exact surface, offset along the mapped normal.
 
-Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. The
+Patches that the map leaves congruent, as the cells of a ring are, form a class that is fitted, measured and stored once. A ring
+repeats its cell by a rotation, a screw by a screw motion, a stretched lattice by translations; nothing is assumed about the map.
+Samples of all patches on one grid of parameters are compared. Distances between a few samples, which rigid motions keep, separate
+nearly all classes; within a class the best rigid motion is computed (Kabsch), and a patch that it misses is left alone. The
 control nets are those of `g2_fit`: each class is fitted on its own, by CPIA under conditions that make neighbours join with
 curvature continuity. Where the map closes, the patches at both ends are neighbours like any others.
 """
@@ -16,15 +19,14 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
 from tpmscad.brep.edge_continuity import evaluate_curvature
-from tpmscad.brep.welding import SideMismatch, weld_patches
-from tpmscad.errors import InvalidRequest
+from tpmscad.brep.welding import SideMismatch, cluster_points
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices import g2_fit
-from tpmscad.lattices.congruent_patches import CongruenceClasses, group_congruent
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import SEARCH_MARGIN_CELLS, cell_origins, find_open_sides, ruled_surface, translate_motions
 from tpmscad.lattices.mapped_surface import MappedSurface
-from tpmscad.lattices.offset_surfaces import LATTICE_TAGS
-from tpmscad.rigid_motion import Motion
+from tpmscad.lattices.offset_surfaces import Layers, LayersFit, PlacedFaces, place_faces
+from tpmscad.rigid_motion import Motion, match_points
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.cpia import NetConvergence
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
@@ -84,17 +86,22 @@ def select_placements_near_box(
     reach: float,
 ) -> Motion:
     """The placements whose mapped mid patch comes within `reach` of the box; the map must be valid a cell beyond the lattice."""
-    origins = cell_origins(cells, SEARCH_MARGIN_CELLS)
-    placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
-    t = np.linspace(0.0, 1.0, 7)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = placements[:, None].apply(patch.jet(u, v).position)
+    placements = translate_motions(
+        symmetry.cell_motions, cell_origins(cells, SEARCH_MARGIN_CELLS) + (phase - np.floor(phase))
+    )
+    points = _sample_placements(patch, placements)
     near = ((points.max(axis=1) > -0.5) & (points.min(axis=1) < np.array(cells) + 0.5)).all(axis=1)
     image = map(cell * points[near])
     margin = reach + PATCH_BULGE_FRACTION * np.ptp(image, axis=1).max()
     inside = ((image.max(axis=1) > box[0] - margin) & (image.min(axis=1) < box[1] + margin)).all(axis=1)
-    keep = np.flatnonzero(near)[inside]
-    return placements[keep]
+    return placements[np.flatnonzero(near)[inside]]
+
+
+def _sample_placements(patch: SurfacePatch, placements: Motion) -> Array:
+    """Points (n, 49, 3) of the placed mid patches, in cells."""
+    t = np.linspace(0.0, 1.0, 7)
+    u, v = (g.ravel() for g in np.meshgrid(t, t))
+    return placements[:, None].apply(patch.jet(u, v).position)
 
 
 def select_placements_in_lattice(
@@ -116,9 +123,7 @@ def select_placements_in_lattice(
     ]
     origins = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     placements = translate_motions(symmetry.cell_motions, origins + (phase - np.floor(phase)))
-    t = np.linspace(0.0, 1.0, 7)
-    u, v = (g.ravel() for g in np.meshgrid(t, t))
-    points = placements[:, None].apply(patch.jet(u, v).position)
+    points = _sample_placements(patch, placements)
     margin = margin + PATCH_BULGE_FRACTION * float(np.ptp(points, axis=1).max())
     inside = (points.max(axis=1) > -margin) & (points.min(axis=1) < np.array(cells) + margin)
     keep = (inside | np.array(closed)).all(axis=1)
@@ -141,22 +146,16 @@ class MappedLayer:
         return self.patches[self.label[index]].moved(self.motion[index])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedFit:
-    """The lower and upper fitted surface (None: no surface), the worst patch's deviation and the convergence of the nets."""
-
-    lower: MappedLayer | None
-    upper: MappedLayer | None
-    deviation: Deviation
-    convergence: NetConvergence
+MappedLayers = tuple[MappedLayer | None, MappedLayer | None]
+"""The lower and the upper fitted surface; None where there is no surface."""
 
 
 def fit_mapped_layers(
     mapped: MappedSurface,
-    distances: tuple[float | None, float | None],
+    distances: Layers,
     tol: float,
     progress: Callable[[float], None] = lambda done: None,
-) -> MappedFit:
+) -> LayersFit[MappedLayers]:
     """Fit the lower and upper surface at their normal distances (model units; None: no surface).
 
     The result has the lowest degree for which every patch meets `tol`, or the last degree tried: compare the deviation.
@@ -191,7 +190,7 @@ def fit_mapped_layers(
         )
     fitted = iter(layers)
     lower, upper = (None if d is None else next(fitted) for d in distances)
-    return MappedFit(lower, upper, deviation, NetConvergence.worst(c for _, c in fits))
+    return LayersFit((lower, upper), deviation, convergence=NetConvergence.worst(c for _, c in fits))
 
 
 def group_congruent_patches(mapped: MappedSurface, distance: float) -> CongruenceClasses:
@@ -279,30 +278,59 @@ def assemble_mapped_lattice(
     parts = []
     for layer, outward, tag in ((lower, -1, "offset-"), (upper, 1, "offset+")):
         if layer is not None:
-            n = len(layer.label)
-            parts.append((len(carriers) + layer.label, layer.motion, np.full(n, outward * orientation), [tag] * n))
+            parts.append(place_faces(len(carriers) + layer.label, layer.motion, outward * orientation, tag))
             carriers += layer.patches
     if natural:
         if lower is None or upper is None:
             raise ValueError("a natural boundary bridges two surfaces; a skeletal solid has one")
         open_at = list(zip(*find_open_sides(mapped.symmetry, mapped.placements, mapped.periods), strict=True))
         n = len(open_at)
-        parts.append((len(carriers) + np.arange(n), Motion.identity(n), np.full(n, orientation), ["gap"] * n))
+        parts.append(place_faces(len(carriers) + np.arange(n), Motion.identity(n), orientation, "gap"))
         carriers += [ruled_surface(lower.patch(p).side(s), upper.patch(p).side(s)) for p, s in open_at]
-    carrier, motion, sense, tags = zip(*parts, strict=True)
     try:
-        return weld_patches(
-            carriers,
-            np.concatenate(carrier),
-            Motion.concatenate(motion),
-            np.concatenate(sense),
-            np.array([LATTICE_TAGS.index(name) for part in tags for name in part]),
-            LATTICE_TAGS,
-        )
+        return PlacedFaces.concatenate(parts).weld(carriers)
     except SideMismatch as mismatch:
         raise InvalidRequest(
-            f"under {mapped.map.name} neighbouring patches near ({', '.join(f'{x:.4g}' for x in mismatch.place)}) differ by "
+            f"under {mapped.map.name} neighbouring patches near {format_point(mismatch.place)} differ by "
             f"{mismatch.gap:.3g} along their common side, more than {mismatch.limit:.3g}: the map bends too sharply there for "
             "one patch, as near a branch point; keep the lattice away from there, take smaller cells, or use a map that "
             "varies less over a cell"
         ) from mismatch
+
+
+CONGRUENCE_TOL_FRACTION = 1e-11
+"""Samples that agree to this fraction of a patch's extent after a rigid motion belong to congruent patches: above the round-off
+of maps (1e-14) and of the differences that give a user's map its normals (1e-12)."""
+
+SIGNATURE_POINTS = 7
+"""Samples whose mutual distances separate the classes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CongruenceClasses:
+    """Classes of patches up to proper rigid motions.
+
+    `first` (n,) is the first patch of each class; patch i is patch first[label[i]] moved by `motion[i]`.
+    """
+
+    first: IntArray
+    label: IntArray
+    motion: Motion
+
+
+def group_congruent(samples: Array) -> CongruenceClasses:
+    """Classes of patches by their samples (P, m, 3) at common parameters, any number of points each."""
+    count = len(samples)
+    tol = CONGRUENCE_TOL_FRACTION * float(np.ptp(samples[0], axis=0).max())
+    chosen = samples[:, np.linspace(0, samples.shape[1] - 1, SIGNATURE_POINTS).astype(int)]
+    i, j = np.triu_indices(SIGNATURE_POINTS, 1)
+    distances = np.linalg.norm(chosen[:, i] - chosen[:, j], axis=2)
+    label, first = cluster_points(distances, 10 * tol)
+    motion = match_points(samples[first[label]], samples)
+    misses = np.abs(motion[:, None].apply(samples[first[label]]) - samples).max(axis=(1, 2)) > 10 * tol
+    alone = np.flatnonzero(misses)
+    label[alone] = len(first) + np.arange(len(alone))
+    first = np.concatenate([first, alone])
+    own = first[label] == np.arange(count)
+    motion.rotation[own], motion.translation[own] = np.eye(3), 0.0
+    return CongruenceClasses(first, label, motion)

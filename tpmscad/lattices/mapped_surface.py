@@ -11,9 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import Array, IntArray, triple
 from tpmscad.api.public_calls import call_for_array
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.rigid_motion import Motion
 from tpmscad.surfaces import PatchSymmetry, SurfacePatch
@@ -116,8 +116,8 @@ def evaluate_thickness(thickness: Callable[[Array], Array], points: Array) -> Ar
     wrong = ~(np.isfinite(values) & (values > 0))
     if wrong.any():
         raise InvalidRequest(
-            f"the thickness {values[wrong].flat[0]:g} at {_format(points[wrong][0])} in the model must be positive and finite "
-            "all along the lattice"
+            f"the thickness {values[wrong].flat[0]:g} at {format_point(points[wrong][0], 6)} in the model must be positive and "
+            "finite all along the lattice"
         )
     return values
 
@@ -134,11 +134,11 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
     jacobian = map.jacobian(points, cell)
     if not np.isfinite(jacobian).all():
         where = points[~np.isfinite(jacobian).all(axis=(1, 2))][0]
-        raise InvalidRequest(f"the Jacobian of {map.name} is not finite at {_format(where)}: give a smooth map")
+        raise InvalidRequest(f"the Jacobian of {map.name} is not finite at {format_point(where, 6)}: give a smooth map")
     sizes = np.linalg.svd(jacobian, compute_uv=False)
     sign = np.sign(np.linalg.det(jacobian))
     worst = int(np.argmin(sizes[:, 2] / np.maximum(sizes[:, 0], np.finfo(float).tiny)))
-    place = f"near lattice point {_format(points[worst])}"
+    place = f"near lattice point {format_point(points[worst], 6)}"
     if sign.min() != sign.max():
         raise InvalidRequest(
             f"{map.name} folds: its Jacobian determinant changes sign over the lattice, {place}; "
@@ -156,8 +156,7 @@ def require_regular(map: Map, points: Array, cell: float) -> int:
 
 def find_closed_axes(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[bool, bool, bool]:
     """Whether the map repeats after the length of the lattice along each axis, so that the lattice meets itself."""
-    x, y, z = (float(np.abs(moved).max()) <= limit for moved, limit in _compare_ends(map, cells, cell))
-    return x, y, z
+    return triple(float(np.abs(moved).max()) <= limit for moved, limit in _compare_ends(map, cells, cell))
 
 
 def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float) -> tuple[float, float, float]:
@@ -170,8 +169,7 @@ def find_translation_periods(map: Map, cells: tuple[int, int, int], cell: float)
         length = float(moved[0, axis])
         miss = float(np.abs(moved - length * np.eye(3)[axis]).max())
         periods.append(length if length > limit and miss <= limit else 0.0)
-    x, y, z = periods
-    return x, y, z
+    return triple(periods)
 
 
 def _compare_ends(map: Map, cells: tuple[int, int, int], cell: float) -> Iterator[tuple[Array, float]]:
@@ -191,7 +189,3 @@ def repeats_after(map: Map, step: Array, points: Array) -> bool:
     """Whether the map has the same images after a translation of lattice points (n, 3) by `step` (3,)."""
     miss = float(np.abs(map(points + step) - map(points)).max())
     return miss <= CLOSING_TOL_FRACTION * float(np.abs(step).max())
-
-
-def _format(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.6g}" for x in point) + ")"

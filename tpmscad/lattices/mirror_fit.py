@@ -30,7 +30,7 @@ from tpmscad.brep.orthogonal_projection import project_to_patch
 from tpmscad.errors import NoFoot
 from tpmscad.lattices.harmonic_chart import HarmonicChart, compute_harmonic_chart
 from tpmscad.lattices.mirror_continuity import mirror_conditions
-from tpmscad.lattices.offset_surfaces import OffsetSurfaces
+from tpmscad.lattices.offset_surfaces import Layers, LayersFit, OffsetSurfaces
 from tpmscad.splines.affine_subspace import AffineSubspace, pole_metric, solve_conditions
 from tpmscad.splines.bspline import BSplineSurface
 from tpmscad.splines.continuity_conditions import ContinuityConditions
@@ -107,20 +107,20 @@ class MirrorPieceFit:
     convergence: NetConvergence
 
 
-def fit_mirror_pieces(
-    name: str, layers: tuple[float | None, float | None], tol: float
-) -> tuple[OffsetSurfaces, Deviation, NetConvergence]:
-    """Fit the lower and upper surface at their normal offsets (cells; None: no surface) to within `tol` (cells).
+def fit_mirror_pieces(name: str, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
+    """Fit the lower and upper surface at their normal offsets (model units; None: no surface) to within `tol`.
 
-    Where no degree meets `tol` the best one is returned: compare the deviation.
+    Where no degree meets `tol` the best one is returned: compare the deviation. There are no rigorous bounds, as the reference
+    surface is implicit.
     """
-    fits = {d: fit_mirror_piece(name, d, tol) for d in layers if d is not None}
+    in_cells = [None if d is None else d / cell for d in layers]
+    fits = {d: fit_mirror_piece(name, d, tol / cell) for d in in_cells if d is not None}
     order = list(fits)
-    lower, upper = (None if d is None else (order.index(d), False) for d in layers)
-    return (
+    lower, upper = (None if d is None else (order.index(d), False) for d in in_cells)
+    return LayersFit(
         OffsetSurfaces(tuple(fits[d].patch for d in order), lower, upper),
-        combine_deviations([fit.deviation for fit in fits.values()]),
-        NetConvergence.worst(fit.convergence for fit in fits.values()),
+        combine_deviations([fit.deviation for fit in fits.values()]).scaled(cell),
+        convergence=NetConvergence.worst(fit.convergence for fit in fits.values()).scaled(cell),
     )
 
 

@@ -12,7 +12,8 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.welding import weld_patches
@@ -62,7 +63,7 @@ class OffsetLayer:
     primitive: int
     swapped: bool
     outward: int
-    tag: int
+    tag: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,11 +82,11 @@ class OffsetSurfaces:
         """The lower surface, then the upper one, as far as they exist."""
         for layer, outward, tag in ((self.lower, -1, "offset-"), (self.upper, 1, "offset+")):
             if layer is not None:
-                yield OffsetLayer(*layer, outward, LATTICE_TAGS.index(tag))
+                yield OffsetLayer(*layer, outward, tag)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlacedFaces:
+class PlacedFaces(ArrayTable):
     """n whole patches as faces: primitive, rigid motion, sense of the outward normal, tag; (n,) each."""
 
     carrier: IntArray
@@ -93,19 +94,14 @@ class PlacedFaces:
     sense: IntArray
     tag: IntArray
 
-    def __getitem__(self, key: BoolArray | IntArray) -> PlacedFaces:
-        return PlacedFaces(self.carrier[key], self.motion[key], self.sense[key], self.tag[key])
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[PlacedFaces]) -> PlacedFaces:
-        """The faces of several parts, one after another."""
-        return cls(
-            np.concatenate([p.carrier for p in parts]),
-            Motion.concatenate([p.motion for p in parts]),
-            np.concatenate([p.sense for p in parts]),
-            np.concatenate([p.tag for p in parts]),
-        )
-
     def weld(self, primitives: Sequence[BSplineSurface]) -> Brep:
         """The boundary representation of the faces, with shared edges and vertices."""
         return weld_patches(primitives, self.carrier, self.motion, self.sense, self.tag, LATTICE_TAGS)
+
+
+def place_faces(carrier: int | IntArray, motion: Motion, sense: int | IntArray, tag: str) -> PlacedFaces:
+    """Faces (n,) of one tag on each motion; a single carrier or sense holds for all."""
+    n = len(motion)
+    return PlacedFaces(
+        np.broadcast_to(carrier, n), motion, np.broadcast_to(sense, n), np.full(n, LATTICE_TAGS.index(tag))
+    )

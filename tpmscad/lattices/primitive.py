@@ -16,7 +16,7 @@ import numpy as np
 
 from tpmscad import surfaces
 from tpmscad.brep.deviation import Deviation, combine_deviations, measure_deviation
-from tpmscad.lattices.offset_surfaces import LayersFit, OffsetSurfaces
+from tpmscad.lattices.offset_surfaces import Layers, LayersFit, OffsetSurfaces
 from tpmscad.splines import error_bounds
 from tpmscad.splines.adaptive_fit import AdaptiveFit, GridEvaluator, SplineSpace, fit_in_space, fit_to_tolerance
 from tpmscad.splines.bspline import BSplineSurface
@@ -35,7 +35,7 @@ BOUND_SAMPLES_PER_PARAMETER = 65
 
 
 def fit_offset_surfaces(
-    name: str, reference: str, layers: tuple[float | None, float | None], cell: float, tol: float
+    name: str, reference: str, layers: Layers, cell: float, tol: float
 ) -> LayersFit[OffsetSurfaces]:
     """Fit the lower and upper surface at their normal offsets (model units; None: no surface) to within `tol`.
 

@@ -19,9 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.orthogonal_projection import project_to_surface
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.mapped_surface import MappedSurface, repeats_after
 
 SAMPLES_PER_PARAMETER = 7
@@ -63,7 +64,7 @@ TOUCH_FRACTION = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WallPairs:
+class WallPairs(ArrayTable):
     """n points of the wall that may lie in another part of it, and their second feet.
 
     The point is that at parameters `own` (n, 2) of placement `patch` (n,), at signed distance `height` (n,) from the mid surface,
@@ -77,10 +78,6 @@ class WallPairs:
     other: IntArray
     foot: Array
     depth: Array
-
-    def select(self, keep: BoolArray | IntArray) -> WallPairs:
-        """Some of the pairs."""
-        return WallPairs(*(getattr(self, name)[keep] for name in self.__slots__))
 
 
 def require_no_self_contact(
@@ -106,19 +103,19 @@ def require_no_self_contact(
             break
         pairs = _refine(pairs, window, offsets)
     if pairs.depth[0] > TOUCH_FRACTION * mapped.cell:
-        raise InvalidRequest(_describe(mapped, pairs.select(np.array([0]))))
+        raise InvalidRequest(_describe(mapped, pairs[np.array([0])]))
 
 
 def _deepest(pairs: WallPairs, each: int, count: int) -> WallPairs:
     """The `count` deepest pairs in order of depth, at most `each` of any two patches."""
-    pairs = pairs.select(np.argsort(-pairs.depth, kind="stable"))
+    pairs = pairs[np.argsort(-pairs.depth, kind="stable")]
     patches = np.stack([pairs.patch, pairs.other], axis=1)
     _, label = np.unique(patches, axis=0, return_inverse=True)
     by_patches = np.argsort(label.ravel(), kind="stable")
     sorted_label = label.ravel()[by_patches]
     rank = np.empty(len(label.ravel()), np.int64)
     rank[by_patches] = np.arange(len(rank)) - np.searchsorted(sorted_label, sorted_label)
-    return pairs.select(np.flatnonzero(rank < each)[:count])
+    return pairs[np.flatnonzero(rank < each)[:count]]
 
 
 def _sample_units(mapped: MappedSurface) -> Array:
@@ -172,11 +169,7 @@ def _predict_pairs(mapped: MappedSurface, offsets: tuple[float, float]) -> WallP
         sides = np.stack([u, v], axis=1)
         n = shape[1]
         found.append(WallPairs(a // n, sides[a % n], np.full(len(a), height), b // n, sides[b % n], depth))
-    return _concatenate(found)
-
-
-def _concatenate(parts: list[WallPairs]) -> WallPairs:
-    return WallPairs(*(np.concatenate([getattr(p, name) for p in parts]) for name in WallPairs.__slots__))
+    return WallPairs.concatenate(found)
 
 
 def _lattice_distance(mapped: MappedSurface, difference: Array) -> Array:
@@ -196,7 +189,7 @@ def _within(mapped: MappedSurface, pairs: WallPairs, limits: tuple[Array, Array]
         if len(index):
             at = mapped.points_at(index, *sides.T).lattice
             keep &= ((at >= limits[0]) & (at <= limits[1])).all(axis=1)
-    return pairs.select(keep)
+    return pairs[keep]
 
 
 def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, float]) -> WallPairs:
@@ -216,7 +209,7 @@ def _find_feet(mapped: MappedSurface, pairs: WallPairs, offsets: tuple[float, fl
     unit = mapped.distance_unit(at.position)
     depth = np.minimum(distance - offsets[0] * unit, offsets[1] * unit - distance) - sideways
     far = _lattice_distance(mapped, at.lattice - own.lattice) > MIN_LATTICE_DISTANCE_CELLS * mapped.cell
-    return replace(pairs, foot=sides, depth=depth).select(far)
+    return replace(pairs, foot=sides, depth=depth)[far]
 
 
 def _refine(pairs: WallPairs, spacing: float, offsets: tuple[float, float]) -> WallPairs:
@@ -239,9 +232,10 @@ def _describe(mapped: MappedSurface, pair: WallPairs) -> str:
     own, other = mapped.points_at(pair.patch, *pair.own.T), mapped.points_at(pair.other, *pair.foot.T)
     place = (own.position + (pair.height * mapped.distance_unit(own.position))[:, None] * own.normal)[0]
     p, q = own.lattice[0], other.lattice[0]
+    here, there = format_point(p / mapped.cell), format_point(q / mapped.cell)
     message = (
-        f"under {mapped.map.name} the lattice overlaps itself: near {_format(place)} its wall at {_format(p / mapped.cell)} "
-        f"cells and its wall at {_format(q / mapped.cell)} cells lie {pair.depth[0]:.3g} deep in each other. "
+        f"under {mapped.map.name} the lattice overlaps itself: near {format_point(place)} its wall at {here} cells and its wall "
+        f"at {there} cells lie {pair.depth[0]:.3g} deep in each other. "
     )
     repeat = _find_repeat(mapped, p, q)
     if repeat is not None:
@@ -266,7 +260,3 @@ def _find_repeat(mapped: MappedSurface, p: Array, q: Array) -> tuple[int, float]
         return None
     points = mapped.cell * np.random.default_rng(0).random((20, 3)) + p - (along if step[axis] < 0 else 0.0)
     return (axis, length) if repeats_after(mapped.map, along, points) else None
-
-
-def _format(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import cKDTree
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import CONTROL_NET, DEGREES, KNOTS
-from tpmscad.errors import InvalidRequest
+from tpmscad.errors import InvalidRequest, format_point
 from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.splines.bspline_volume import BSplineVolume
 from tpmscad.splines.jacobian_bounds import bound_jacobian
@@ -140,8 +140,7 @@ def trivariate(
     p, q, r = (int(n) - 1 for n in net.shape[:3]) if degrees is None else (int(d) for d in np.asarray(degrees))
     given = [bezier_knots(d) for d in (p, q, r)] if knots is None else [np.asarray(k, float) for k in knots]  # type: ignore[union-attr]
     _check_knots(net, given, (p, q, r))
-    u, v, w = given
-    return spline_map(BSplineVolume(net, (u, v, w), (p, q, r)), "trivariate spline")
+    return spline_map(BSplineVolume(net, triple(given), (p, q, r)), "trivariate spline")
 
 
 def spline_map(volume: BSplineVolume, name: str) -> SplineMap:
@@ -195,8 +194,7 @@ def _find_closed_axes(volume: BSplineVolume) -> tuple[bool, bool, bool]:
             ends = volume.grid(grid[0], grid[1], grid[2], orders) * (high - low) ** order
             misses.append(np.abs(np.diff(ends, axis=axis)).max() / max(np.abs(ends).max(), extent))
         closed.append(bool(max(misses) <= CLOSED_TOL_FRACTION * 10 ** len(misses)))
-    u, v, w = closed
-    return u, v, w
+    return triple(closed)
 
 
 def _evaluate(volume: BSplineVolume, closed: tuple[bool, bool, bool], points: Array) -> tuple[Array, Array]:
@@ -220,7 +218,7 @@ def _prove_positive_jacobian(volume: BSplineVolume, name: str) -> float:
     if bound.positive:
         return bound.lower
     at = corner[bound.body] + size[bound.body] * np.array(bound.parameters)
-    place = f"at {_format(at)} in its domain, {_format(volume.images(at[None])[0][0])} in the model"
+    place = f"at {format_point(at)} in its domain, {format_point(volume.images(at[None])[0][0])} in the model"
     if bound.attained > 0:
         raise InvalidRequest(
             f"the Jacobian of the {name} comes too close to zero to be proved positive: {bound.attained:.3g} {place}; "
@@ -265,8 +263,8 @@ def _require_one_to_one(map: SplineMap) -> None:
     if hit.any():
         k = int(np.flatnonzero(hit)[0])
         raise InvalidRequest(
-            f"the {map.name} lies on itself: {_format(target[k])} in the model is the image of "
-            f"{_format(samples[own][rows[k]])} and of {_format(preimage[k])} in its domain; move the poles apart there"
+            f"the {map.name} lies on itself: {format_point(target[k])} in the model is the image of "
+            f"{format_point(samples[own][rows[k]])} and of {format_point(preimage[k])} in its domain; move the poles apart there"
         )
 
 
@@ -282,7 +280,3 @@ def _find_preimages(volume: BSplineVolume, start: Array, target: Array) -> Array
         step = np.linalg.solve(jacobian, (target - image)[..., None])[..., 0]
         at = np.clip(at + np.clip(step, -slack, slack), low - slack, high + slack)
     return at
-
-
-def _format(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.4g}" for x in point) + ")"

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, BoolArray, IntArray, triple
 from tpmscad.brep.welding import WELD_RADIUS_FRACTION, cluster_points, roll_up
 from tpmscad.lattices.copies import surfaces_over_mid_patch
 from tpmscad.lattices.mapped_lattice import MappedLayer
@@ -67,10 +67,10 @@ class SplineVolumes:
 
     def scaled(self, factor: float) -> SplineVolumes:
         """The bodies scaled about the origin."""
-        x, y, z = (factor * period for period in self.periods)
+        periods = triple(factor * period for period in self.periods)
         motion = Motion(self.motion.rotation, factor * self.motion.translation)
         primitives = tuple(primitive.scaled(factor) for primitive in self.primitives)
-        return replace(self, primitives=primitives, motion=motion, periods=(x, y, z))
+        return replace(self, primitives=primitives, motion=motion, periods=periods)
 
     def body(self, index: int) -> BSplineVolume:
         """One body, right-handed: w runs downwards where the placed primitive is left-handed."""

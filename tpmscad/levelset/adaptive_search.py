@@ -17,8 +17,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.field import Field
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators
 from tpmscad.levelset.fit_simplification import merge_failing_polygons
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit, fit_level_set, locate_leaves, mesh_level_set
 from tpmscad.levelset.quadmesh import octree
@@ -119,10 +120,9 @@ def fit_level_set_adaptively(
         if hopeless_patches > MAX_HOPELESS_PATCHES:
             break
     if best is None:
-        place = ", ".join(f"{x:.4g}" for x in request.surface_samples[0])
         raise LevelSetError(
-            f"the surface at ({place}) is too small to be fitted: no leaf of the octree has corners inside and outside of it; "
-            "change the level, or the domain so that it holds more of the surface"
+            f"the surface at {format_point(request.surface_samples[0])} is too small to be fitted: no leaf of the octree has "
+            "corners inside and outside of it; change the level, or the domain so that it holds more of the surface"
         )
     raise LevelSetError(_explain_failure(best))
 
@@ -276,14 +276,7 @@ def _presplit(tree: Octree, field: Field, cosine: float | None, places: Array | 
 def _choose_leaf_size(field: Field, samples: Array) -> float:
     """Leaf size for the curvature of most of the level set, by differences of the gradient at samples (n, 3) of it."""
     step = CURVATURE_STEP_FRACTION * float(np.ptp(samples, axis=0).max())
-    gradient = field.gradient(samples)
-    norm = np.linalg.norm(gradient, axis=1, keepdims=True)
-    normal = gradient / np.maximum(norm, MIN_DIVISOR)
-    hessian = np.stack(
-        [(field.gradient(samples + step * e) - field.gradient(samples - step * e)) / (2 * step) for e in np.eye(3)], -1
-    )
-    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    curvature = tangential @ hessian @ tangential / np.maximum(norm, MIN_DIVISOR)[..., None]
+    curvature = measure_shape_operators(field, samples, step)
     greatest = float(np.quantile(np.linalg.norm(curvature, ord=2, axis=(1, 2)), CURVATURE_QUANTILE))
     return LEAF_SIZE_TIMES_CURVATURE / max(greatest, MIN_DIVISOR)
 
@@ -311,7 +304,7 @@ def _explain_failure(fit: LevelSetFit) -> str:
     slope_in_box_face = np.linalg.norm(np.where(at_box, 0.0, gradient), axis=1)
     singular = SINGULAR_SLOPE_FRACTION * np.median(np.linalg.norm(field.gradient(fit.network.vertices), axis=1))
     flattest = centre[np.argsort(slope)][:N_PLACES_REPORTED]
-    places = ", ".join("(" + ", ".join(f"{x:.4g}" for x in p) + ")" for p in flattest)
+    places = ", ".join(format_point(p) for p in flattest)
     if slope.min() < singular:
         cause = "the field is nearly singular there: change the level, the transition or the minimum neck"
     elif (at_box.any(axis=1) & (slope_in_box_face < singular)).any():

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, BoolArray
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.analysis.saddles import find_narrow_points, spread_directions
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import Field, MinMaxField
@@ -93,7 +93,7 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
         if distance.max() > tol:
             crossing = np.where(distance > tol, distance, np.inf).argmin()
             raise LevelSetError(
-                f"two surfaces cross near {_format_point(points[i][crossing])}: an edge that smooth patches can't "
+                f"two surfaces cross near {format_point(points[i][crossing], 5)}: an edge that smooth patches can't "
                 "follow; round it (`width` of a smooth intersection or union), or give the body that cuts the solid as `domain`"
             )
         for other in (o for j, o in enumerate(parts) if j != i):
@@ -102,7 +102,7 @@ def check_separation(field: Field, parts: tuple[Field, ...], points: list[Array]
             least = min(least, float(wall.min()))
             if least <= MIN_WALL_TOLS * tol:
                 raise LevelSetError(
-                    f"the wall is {wall.min():.3g} thick near {_format_point(points[i][wall.argmin()])}, too thin for `tol` "
+                    f"the wall is {wall.min():.3g} thick near {format_point(points[i][wall.argmin()], 5)}, too thin for `tol` "
                     f"{tol:g}: use one below {wall.min() / 2:.2g}, or a thicker wall"
                 )
     return least
@@ -131,7 +131,7 @@ def sample_level_set(field: Field, lo: Array, hi: Array, spacing: float) -> Arra
     if flat.any():
         raise LevelSetError(
             f"the gradient is zero on the field's surface, at {flat.sum()} of {len(points)} points, the first near "
-            f"{_format_point(points[flat][0])}: a surface needs a slope there; check the gradient given, or move the level"
+            f"{format_point(points[flat][0], 5)}: a surface needs a slope there; check the gradient given, or move the level"
         )
     return points[inside & converged]
 
@@ -189,9 +189,23 @@ def shift_level_off_corners(
     volume_per_area = _estimate_volume_per_area(field, points, lo, hi, spacing)
     distance = min(MAX_SHIFT_FRACTION * tol, MAX_VOLUME_CHANGE_FRACTION * volume_per_area)
     shift = distance * float(np.linalg.norm(part.gradient(points), axis=1).min())
-    where = ", ".join(f"{x:g}" for x in corners[near][0])
-    note = f"the surface passes through the box's corner ({where}): its level was moved by {shift:.3g}"
+    note = f"the surface passes through the box's corner {format_point(corners[near][0], 6)}: its level was moved by {shift:.3g}"
     return replace(part, field=part.field + shift), note
+
+
+def measure_shape_operators(field: Field, points: Array, step: float) -> Array:
+    """Shape operators (n, 3, 3) of the level sets through points (n, 3), by differences of the gradient over `step`.
+
+    Their eigenvalues are the principal curvatures, and zero along the normal.
+    """
+    gradient = field.gradient(points)
+    norm = np.maximum(np.linalg.norm(gradient, axis=1, keepdims=True), MIN_DIVISOR)
+    normal = gradient / norm
+    hessian = np.stack(
+        [(field.gradient(points + step * e) - field.gradient(points - step * e)) / (2 * step) for e in np.eye(3)], -1
+    )
+    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
+    return np.asarray(tangential @ hessian @ tangential / norm[..., None])
 
 
 def box_corners(lo: Array, hi: Array) -> Array:
@@ -237,7 +251,7 @@ def _check_no_jump(field: Field, bracket: Array) -> None:
     if (jump > JUMP_FRACTION * height).any():
         worst = int((jump / np.maximum(height, MIN_DIVISOR)).argmax())
         raise LevelSetError(
-            f"the field jumps from {first[worst]:.3g} to {last[worst]:.3g} at {_format_point(low[worst])}: it must be "
+            f"the field jumps from {first[worst]:.3g} to {last[worst]:.3g} at {format_point(low[worst], 5)}: it must be "
             "continuous in the domain; of a blend, keep the domain within the regions, and the border between them within the "
             "blending region"
         )
@@ -249,7 +263,3 @@ def _estimate_volume_per_area(field: Field, points: Array, lo: Array, hi: Array,
     volume = float(np.mean(field.on_grid(*axes) < 0) * np.prod(hi - lo))
     step_squared = float(np.prod([axis[1] - axis[0] for axis in axes]) ** (2 / 3))
     return volume / (len(points) * step_squared / CROSSINGS_PER_AREA)
-
-
-def _format_point(point: Array) -> str:
-    return "(" + ", ".join(f"{x:.5g}" for x in point) + ")"

@@ -8,12 +8,13 @@ solid and by the planar caps.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep.boundary_representation import Brep, Edges, EdgeUses, Faces
 from tpmscad.brep.carriers import Plane
 from tpmscad.levelset.caps import (
@@ -47,7 +48,7 @@ _CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _EdgeTable:
+class _EdgeTable(ArrayTable):
     """Edges (n,): curve, first and last vertex, translation (n, 3) and span (n, 2) of the curve."""
 
     curve: IntArray
@@ -55,17 +56,6 @@ class _EdgeTable:
     end: IntArray
     shift: Array
     span: Array
-
-    @staticmethod
-    def concatenate(tables: Sequence[_EdgeTable]) -> _EdgeTable:
-        """The rows of the tables, one after another."""
-        return _EdgeTable(
-            np.concatenate([t.curve for t in tables]),
-            np.concatenate([t.start for t in tables]),
-            np.concatenate([t.end for t in tables]),
-            np.concatenate([t.shift for t in tables]),
-            np.concatenate([t.span for t in tables]),
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -243,9 +233,8 @@ def _find_open_edges(network: PatchNetwork, split: BoolArray, first_edge: IntArr
     curve = np.repeat(np.arange(len(split)), 1 + split)
     rows = np.flatnonzero(network.plane[curve] >= 0)
     curve, offset = curve[rows], int(first_edge[0]) if len(first_edge) else 0
-    sense = -sense_of_patch[curve]
-    a, b = edges.start[rows], edges.end[rows]
-    return CapEdges(network.plane[curve], offset + rows, sense, np.where(sense > 0, a, b), np.where(sense > 0, b, a))
+    opened = _orient_open_edges(network.plane[curve], rows, -sense_of_patch[curve], edges)
+    return replace(opened, edge=offset + rows)
 
 
 def _tabulate_box_edges(

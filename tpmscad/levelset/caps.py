@@ -6,16 +6,16 @@ vertices of the level sets, starting from the phase at the edge's first corner.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 
 from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.brep import loops
 from tpmscad.brep.carriers import Plane
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.levelset.quadmesh.octree_faces import FACE_AXES
 
 LOOP_PARAMETERS = np.linspace(0.0, 1.0, 9)
@@ -23,7 +23,7 @@ LOOP_PARAMETERS = np.linspace(0.0, 1.0, 9)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CapEdges:
+class CapEdges(ArrayTable):
     """Open edges (n,): plane (2 * axis + upper), number, sense (+1 or -1) in the cap, first and last vertex in that sense."""
 
     plane: IntArray
@@ -31,12 +31,6 @@ class CapEdges:
     sense: IntArray
     start: IntArray
     end: IntArray
-
-    @staticmethod
-    def concatenate(parts: Sequence[CapEdges]) -> CapEdges:
-        """The open edges of the parts, one after another."""
-        columns = zip(*((p.plane, p.edge, p.sense, p.start, p.end) for p in parts), strict=True)
-        return CapEdges(*(np.concatenate(column) for column in columns))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,9 +73,9 @@ def find_solid_box_edges(
         corners = [tuple({axis: end, b: upper_b, c: upper_c}[k] for k in range(3)) for end in (0, 1)]
         first, last = (bool(corner_solid[corner]) for corner in corners)
         if (len(between) % 2 == 1) == (first == last):
-            where = ", ".join(f"{x:.6g}" for x in np.where(np.array(corners[1]), hi, lo))
+            where = format_point(np.where(np.array(corners[1]), hi, lo), 6)
             raise LevelSetError(
-                f"solid and void do not alternate along the edge of the box at ({where}) along {'xyz'[axis]}: "
+                f"solid and void do not alternate along the edge of the box at {where} along {'xyz'[axis]}: "
                 "walls touch there; use a finer `tol` or move the box"
             )
         stops = between.tolist()
@@ -119,21 +113,18 @@ def chain_cap_loops(
     def direction(i: int, at_end: bool) -> Array:
         return np.asarray(flat[i, -1] - flat[i, -2] if at_end else flat[i, 1] - flat[i, 0])
 
-    def where(point: Array) -> str:
-        return ", ".join(f"{x:.6g}" for x in point)
-
     try:
         chained = loops.chain_loops(open_edges.start[rows], open_edges.end[rows], direction)
     except loops.LoopError as error:
-        end = where(polylines[error.index][-1])
+        end = format_point(polylines[error.index][-1], 6)
         raise LevelSetError(
-            f"the cap's boundary does not close at ({end}): a finer mesh is needed there, so use a finer `tol`"
+            f"the cap's boundary does not close at {end}: a finer mesh is needed there, so use a finer `tol`"
         ) from error
     try:
         faces = loops.nest_loops([flat[loop][:, :-1].reshape(-1, 2) for loop in chained])
     except loops.LoopError as error:
-        start = where(polylines[chained[error.index][0]][0])
-        raise LevelSetError(f"{error} near ({start}): a finer mesh is needed there, so use a finer `tol`") from error
+        start = format_point(polylines[chained[error.index][0]][0], 6)
+        raise LevelSetError(f"{error} near {start}: a finer mesh is needed there, so use a finer `tol`") from error
     return [
         [[(int(open_edges.edge[rows[k]]), int(open_edges.sense[rows[k]])) for k in chained[i]] for i in face]
         for face in faces

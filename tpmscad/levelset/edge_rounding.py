@@ -23,19 +23,18 @@ from scipy.interpolate import PPoly
 from scipy.optimize import brentq
 
 from tpmscad._typing import Array
-from tpmscad.errors import NotMet
+from tpmscad.errors import NotMet, format_point
 from tpmscad.fields.field import CompositeField, Field, MinMaxField
 from tpmscad.fields.kinds.booleans import RoundedMinMaxField
 from tpmscad.fields.tape.tape_nodes import Node, piecewise_polynomial
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators
+from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 SECOND_DERIVATIVES = (1.0, 1.0, -0.5, 0.0)
 """Second derivative of the profile at its knots, linear in between, before it is scaled."""
 
 MIN_EXTRA_STEEPNESS, MAX_EXTRA_STEEPNESS = 1e-3, 2.0
 """Bracket of the profile's extra steepness (see `_make_profile`)."""
-
-TINY = 1e-300
-"""Smallest divisor: keeps quotients of vanishing gradients finite."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,11 +175,11 @@ def round_edges(field: Field, lo: Array, hi: Array, allowed: float) -> EdgeRound
             best = rounded, displacement
         if best is not None and (best[1] >= MIN_USED_FRACTION * allowed or attempt >= MAX_SCALINGS):
             break
-        scale *= min(MAX_SCALE_GROWTH, 0.5 * (1 + MIN_USED_FRACTION) * allowed / max(displacement, TINY))
+        scale *= min(MAX_SCALE_GROWTH, 0.5 * (1 + MIN_USED_FRACTION) * allowed / max(displacement, MIN_DIVISOR))
     if best is None:
-        where = ", ".join(f"{x:.5g}" for x in points[sharpest])
+        where = format_point(points[sharpest], 5)
         raise NotMet(
-            f"the edge of a blended wall near ({where}) could not be rounded within {allowed:g}; use a larger tol"
+            f"the edge of a blended wall near {where} could not be rounded within {allowed:g}; use a larger tol"
         )
     is_flat = half_openings[sharpest] >= MAX_HALF_OPENING_RAD
     radius = np.inf if is_flat else _least_curvature_radius(best[0], points[sharpest], allowed)
@@ -226,14 +225,14 @@ def _find_edge_points(field: CompositeField, node: MinMaxField, lo: Array, hi: A
     smooth = _round_field(field, widths, profile)
     for _ in range(NEWTON_STEPS):
         difference, across = crease.value_and_gradient(points)
-        points = points - (difference / np.maximum((across**2).sum(axis=1), TINY))[:, None] * across
+        points = points - (difference / np.maximum((across**2).sum(axis=1), MIN_DIVISOR))[:, None] * across
         value, slope = smooth.value_and_gradient(points)
         across = crease.gradient(points)
-        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), TINY)
+        across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), MIN_DIVISOR)
         slope -= (slope * across).sum(axis=1, keepdims=True) * across
-        move = -(value / np.maximum((slope**2).sum(axis=1), TINY))[:, None] * slope
+        move = -(value / np.maximum((slope**2).sum(axis=1), MIN_DIVISOR))[:, None] * slope
         length = np.linalg.norm(move, axis=1)
-        points = points + np.minimum(1.0, step / np.maximum(length, TINY))[:, None] * move
+        points = points + np.minimum(1.0, step / np.maximum(length, MIN_DIVISOR))[:, None] * move
         points = np.clip(points, lo - step, hi + step)
     tol = EDGE_TOL_FRACTION * float(np.linalg.norm(hi - lo))
     difference, across = crease.value_and_gradient(points)
@@ -267,7 +266,7 @@ def _median_crease_slope(node: MinMaxField, points: Array) -> float:
 def _edge_displacement(field: CompositeField, rounded: CompositeField, points: Array) -> Array:
     """Displacement of the level set at points (n, 3) of the original surface, to first order: (n,)."""
     value, slope = rounded.value_and_gradient(points)
-    return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), TINY)
+    return np.abs(value - field(points)) / np.maximum(np.linalg.norm(slope, axis=1), MIN_DIVISOR)
 
 
 def _side_displacement(
@@ -294,16 +293,9 @@ def _least_curvature_radius(field: Field, point: Array, allowed: float) -> float
     p = point[None]
     for _ in range(NEWTON_STEPS):
         value, slope = field.value_and_gradient(p)
-        p = p - (value / np.maximum((slope**2).sum(axis=1), TINY))[:, None] * slope
-    h = CURVATURE_STEP_FRACTION * allowed
-    slope = field.gradient(p)[0]
-    length = float(np.linalg.norm(slope))
-    normal = slope / length
-    hessian = np.stack(
-        [(field.gradient(p + h * e) - field.gradient(p - h * e))[0] / (2 * h) for e in np.eye(3)], axis=-1
-    )
-    tangential = np.eye(3) - np.outer(normal, normal)
-    return length / max(float(np.linalg.norm(tangential @ hessian @ tangential, ord=2)), TINY)
+        p = p - (value / np.maximum((slope**2).sum(axis=1), MIN_DIVISOR))[:, None] * slope
+    operator = measure_shape_operators(field, p, CURVATURE_STEP_FRACTION * allowed)[0]
+    return 1.0 / max(float(np.linalg.norm(operator, ord=2)), MIN_DIVISOR)
 
 
 def _half_openings(field: CompositeField, node: MinMaxField, points: Array) -> Array:

@@ -14,6 +14,8 @@ import numpy as np
 
 from tpmscad._typing import Array, FractionProgress
 from tpmscad.brep.boundary_representation import Brep
+from tpmscad.brep.deviation import Deviation
+from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.errors import InvalidRequest, LevelSetError
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension, extend_linearly
@@ -30,7 +32,7 @@ from tpmscad.levelset.boundary_level_sets import (
     shift_level_off_corners,
 )
 from tpmscad.levelset.brep_assembly import assemble_field_brep
-from tpmscad.levelset.fit.joint_curvature import measure_curvature_jump
+from tpmscad.levelset.fit.fit_quality import measure_curvature_jump
 from tpmscad.levelset.fit_simplification import simplify_fit
 from tpmscad.levelset.level_set_fit import FitRequest, LevelSetFit
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
@@ -54,23 +56,14 @@ class FieldSolid:
     brep: Brep
     field: Field
     tol: float
-    patches_to_field: float
-    """Largest distance from the patches to the level sets."""
-    field_to_patches: float
-    """Largest distance from samples of the level sets to the patches."""
-    rms: float
-    """Root mean square distance from the patches to the level sets."""
-    min_normal_cosine: float
-    """Least cosine of the angle between a patch's normal and the gradient."""
-    jump_deg: float
-    """Largest angle between the normals of two patches along their joint."""
+    deviation: Deviation
+    """From the patches to the level sets, and from samples of these to the patches."""
+    continuity: EdgeContinuity
+    """Across the joints of the patches; curvatures are compared in the Frobenius norm."""
     jump_p95_deg: float
-    """95th percentile over all joints of that angle."""
-    curvature_jump: float
-    """Largest difference of the curvature tensors of two patches along their joint, relative to the largest curvature."""
+    """95th percentile over all joints of the largest angle between the normals of two patches."""
     min_wall: float
     """Least distance between two level sets, infinite for a single one."""
-    n_leaves: int
     notes: tuple[str, ...]
 
 
@@ -234,18 +227,17 @@ def measure_field_fit(fit: FieldFit) -> FieldSolid:
     qualities = [each.quality for each in fit.fits]
     jump = np.concatenate([q.tangent_jump_deg for q in qualities])
     curvature_jump, max_curvature = np.max([measure_curvature_jump(f.network, f.fit) for f in fit.fits], axis=0)
+    to_field = max(float(q.distance.max()) for q in qualities)
+    from_field = max(float(each.sample_distances.max(initial=0.0)) for each in fit.fits)
+    rms = float(np.sqrt(np.mean(np.concatenate([q.mean_square_distance for q in qualities]))))
+    gap, jump_deg = float(fit.brep.edges.deviation.max(initial=0.0)), float(jump.max(initial=0.0))
     return FieldSolid(
         brep=fit.brep,
         field=fit.field,
         tol=fit.tol,
-        patches_to_field=max(float(q.distance.max()) for q in qualities),
-        field_to_patches=max(float(each.sample_distances.max(initial=0.0)) for each in fit.fits),
-        rms=float(np.sqrt(np.mean(np.concatenate([q.mean_square_distance for q in qualities])))),
-        min_normal_cosine=min(float(q.min_normal_cosine.min()) for q in qualities),
-        jump_deg=float(jump.max(initial=0.0)),
+        deviation=Deviation(max(to_field, from_field), rms, to_field, from_field),
+        continuity=EdgeContinuity(gap, jump_deg, float(curvature_jump / max(max_curvature, MIN_DIVISOR)), 0),
         jump_p95_deg=float(np.percentile(jump, 95)) if len(jump) else 0.0,
-        curvature_jump=float(curvature_jump / max(max_curvature, MIN_DIVISOR)),
         min_wall=fit.min_wall,
-        n_leaves=sum(len(each.tree.size) for each in fit.fits),
         notes=fit.notes,
     )

@@ -71,10 +71,9 @@ def _simplify_once(fit: LevelSetFit, max_distortion: float) -> LevelSetFit | Non
     """Fit of a simplified mesh, None if none passes, and `fit` itself if there is nothing to simplify."""
     request, tree = fit.request, fit.tree
     side_distance = MAX_SIDE_DISTANCE_TOLS * request.tol
-    simplified = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
-    if not simplified.history:
+    history = simplify_mesh(fit.mesh, request.field, tree.lo, tree.hi, max_distortion, side_distance)
+    if not history.edits:
         return fit
-    history = EditHistory(fit.mesh, simplified, request.field, tree.lo, tree.hi)
     times_bad = np.zeros(len(tree.size), np.int64)
     refit = fit
     for _ in range(MAX_REFITS):

@@ -162,27 +162,22 @@ def fit_level_set(
     Patches of a `previous` fit between the same vertices are reused unless they failed.
     """
     network = build_patch_network(mesh, request.field)
-    fitted = _fit_cold(request, tree, network) if previous is None else _fit_warm(request, tree, network, previous)
-    failures = _classify(request, tree, fitted)
+    fitted = _fit_lowest_degrees(request, tree, network, previous)
+    failures = classify_failures(fitted, tree, request.tol)
     # once more with the highest degree: raised patches raise sides of their neighbours, which may fail then
     for degree in (*PATCH_DEGREES[1:], PATCH_DEGREES[-1]):
         weak = _select_weak_patches(request, fitted, failures) & (fitted.patch_degree < degree)
         if not weak.any():
             break
         fitted = _raise_degree(request, fitted, weak, degree)
-        failures = _classify(request, tree, fitted)
+        failures = classify_failures(fitted, tree, request.tol)
     return _find_bad_leaves(request, tree, mesh, fitted, failures)
 
 
-def _classify(request: FitRequest, tree: Octree, fitted: _FittedNetwork) -> PatchFailures:
-    return classify_failures(fitted.network, fitted.fit, fitted.quality, tree, request.tol)
-
-
-def classify_failures(
-    network: PatchNetwork, fit: NetworkFit, quality: FitQuality, tree: Octree, tol: float
-) -> PatchFailures:
+def classify_failures(fitted: _FittedNetwork | LevelSetFit, tree: Octree, tol: float) -> PatchFailures:
     """The patches that fail, by reason; a tangent jump at a folded or inaccurate patch is that patch's failure only."""
-    box_curves = sample_box_curves(network, fit)
+    network, quality = fitted.network, fitted.quality
+    box_curves = sample_box_curves(network, fitted.fit)
     leaving = measure_overshoot(network, box_curves, tree) > MAX_OVERSHOOT_FRACTION * tol
     crossing = find_crossing_curves(network, box_curves)
     # negated, so that patches that are not finite fail
@@ -194,37 +189,31 @@ def classify_failures(
     return PatchFailures(folded, inaccurate, np.asarray(steep[network.curve].any(axis=1)))
 
 
-def _fit_cold(request: FitRequest, tree: Octree, network: PatchNetwork) -> _FittedNetwork:
-    """The network fitted with the lowest degree."""
-    field, run_tasks = request.field, request.run_tasks
-    curve_degree = np.full(len(network.ends), PATCH_DEGREES[0])
-    patch_degree = np.full(len(network.curve), PATCH_DEGREES[0])
-    network, copies = find_translated_copies(network, field, tree)
-    fit = fit_network(network, field, curve_degree, patch_degree, run_tasks=run_tasks, copies=copies)
-    return _FittedNetwork(network, fit, measure_fit(network, fit, field, None, run_tasks), curve_degree, patch_degree)
-
-
-def _fit_warm(request: FitRequest, tree: Octree, network: PatchNetwork, previous: LevelSetFit) -> _FittedNetwork:
+def _fit_lowest_degrees(
+    request: FitRequest, tree: Octree, network: PatchNetwork, previous: LevelSetFit | None
+) -> _FittedNetwork:
     """The network fitted with the lowest degree, except what is reused of a previous fit, with its degree."""
     field, run_tasks = request.field, request.run_tasks
-    match = _drop_failing(match_networks(network, previous.network), network, previous)
-    keep_curves, keep_patches = match.previous_curve >= 0, match.previous_patch >= 0
-    network, copies = find_translated_copies(network, field, tree, (keep_curves, keep_patches))
-    curves, normals = ([np.empty(0)] * len(keep_curves) for _ in range(2))
-    patches = [np.empty(0)] * len(keep_patches)
-    curve_degree = np.full(len(curves), PATCH_DEGREES[0])
-    patch_degree = np.full(len(patches), PATCH_DEGREES[0])
-    for i in np.flatnonzero(keep_curves):
-        curves[i] = previous.fit.curves[match.previous_curve[i]]
-        normals[i] = previous.fit.normals[match.previous_curve[i]]
-        curve_degree[i] = len(curves[i]) - 1
-    for i in np.flatnonzero(keep_patches):
-        patches[i] = previous.fit.patches[match.previous_patch[i]]
-        patch_degree[i] = min(patches[i].shape[:2]) - 1
+    n_curves, n_patches = len(network.ends), len(network.curve)
+    keep_curves, keep_patches = np.zeros(n_curves, bool), np.zeros(n_patches, bool)
+    curves, normals, patches = ([np.empty(0)] * n for n in (n_curves, n_curves, n_patches))
+    curve_degree, patch_degree = np.full(n_curves, PATCH_DEGREES[0]), np.full(n_patches, PATCH_DEGREES[0])
+    known = None
+    if previous is not None:
+        match = _drop_failing(match_networks(network, previous.network), network, previous)
+        keep_curves, keep_patches = match.previous_curve >= 0, match.previous_patch >= 0
+        for i in np.flatnonzero(keep_curves):
+            curves[i] = previous.fit.curves[match.previous_curve[i]]
+            normals[i] = previous.fit.normals[match.previous_curve[i]]
+            curve_degree[i] = len(curves[i]) - 1
+        for i in np.flatnonzero(keep_patches):
+            patches[i] = previous.fit.patches[match.previous_patch[i]]
+            patch_degree[i] = min(patches[i].shape[:2]) - 1
+        known = PreviousQuality(previous.quality, ~keep_patches, match.previous_patch, match.previous_curve)
+    network, copies = find_translated_copies(network, field, tree, keep_curves, keep_patches)
     curve_degree, patch_degree = curve_degree[copies.curve], patch_degree[copies.patch]
     warm_start = WarmStart(NetworkFit(curves, normals, patches, copies), ~keep_curves, ~keep_patches)
     fit = fit_network(network, field, curve_degree, patch_degree, warm_start, run_tasks)
-    known = PreviousQuality(previous.quality, ~keep_patches, match.previous_patch, match.previous_curve)
     return _FittedNetwork(network, fit, measure_fit(network, fit, field, known, run_tasks), curve_degree, patch_degree)
 
 

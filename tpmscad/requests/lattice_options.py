@@ -11,6 +11,7 @@ from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 from tpmscad.api.argument_kinds import POINT, choice_of
+from tpmscad.api.shared_arguments import LoosePieces, StageProgress
 from tpmscad.api.shared_kinds import (
     CELL_COUNTS,
     FACES,
@@ -20,14 +21,13 @@ from tpmscad.api.shared_kinds import (
     NAME_OR_FIELD,
     OFFSET,
     POSITIVE,
-    PROGRESS,
     SHAPE,
     TEXT,
     WALL_THICKNESS,
 )
 
 if TYPE_CHECKING:
-    from tpmscad._typing import Array, ProgressOption
+    from tpmscad._typing import Array
     from tpmscad.fields.field import Field
     from tpmscad.lattices.coordinate_maps import Map
 
@@ -75,12 +75,7 @@ class WallOptions:
         "Greatest orthogonal deviation from the surface or the field, mm; by default a thousandth of the smallest cell edge. "
         "Required for a field.",
     ] = None
-    progress: Annotated[
-        ProgressOption,
-        PROGRESS,
-        "Called with the name of a stage and the fraction of it that is done. By default work of more than two seconds shows a "
-        "bar in a terminal or a notebook; False shows nothing.",
-    ] = None
+    progress: StageProgress = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,11 +95,7 @@ class SolidOptions(WallOptions):
         choice_of("-", "+"),
         "Solid side of a skeletal lattice: '-' is where the nodal value is negative.",
     ] = "-"
-    loose: Annotated[
-        str,
-        choice_of("drop", "keep"),
-        "Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left out.",
-    ] = "drop"
+    loose: LoosePieces = "drop"
 
 
 @dataclass(frozen=True)

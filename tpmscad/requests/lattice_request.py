@@ -14,14 +14,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from tpmscad import surfaces
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.api.arguments import select_arguments
 from tpmscad.api.public_calls import validate_options
 from tpmscad.errors import InvalidRequest
 from tpmscad.requests.lattice_options import FluidDomainsOptions, InfillOptions, LatticeOptions
-from tpmscad.requests.pore_request import solve_cell
-from tpmscad.requests.wall_request import resolve_wall
-from tpmscad.sources.lattice_source import LatticeSource, lattice_source
+from tpmscad.requests.wall_request import resolve_wall, solve_cell
+from tpmscad.sources.catalogue_sources import lattice_source
+from tpmscad.sources.lattice_source import LatticeSource
 from tpmscad.sources.level_set_source import LevelSetSource
 
 MIN_TOL = 2e-7
@@ -155,8 +155,7 @@ def lattice_in_body(options: InfillOptions | FluidDomainsOptions) -> LatticeOpti
 
 def as_triple(value: T | Sequence[T]) -> tuple[T, T, T]:
     """One value for each axis; a single value stands for three."""
-    x, y, z = value if isinstance(value, Sequence) else (value,) * 3
-    return x, y, z
+    return triple(value if isinstance(value, Sequence) else (value,) * 3)
 
 
 def _resolve_phase(info: surfaces.SurfaceRecord, options: LatticeOptions) -> tuple[float, float, float]:
@@ -187,8 +186,7 @@ def lattice_size(options: LatticeOptions) -> tuple[float, float, float]:
     cell = options.cell
     if cell is None:  # it follows from the pore size
         cell = resolve_lattice_request(options).cell
-    x, y, z = (edge * count for edge, count in zip(as_triple(cell), as_triple(options.cells), strict=True))
-    return x, y, z
+    return triple(edge * count for edge, count in zip(as_triple(cell), as_triple(options.cells), strict=True))
 
 
 def rotation_matrix(rotation: Sequence[float]) -> Array:

@@ -9,7 +9,7 @@ in a box is trimmed by the planes of the box and closed by caps.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -20,12 +20,12 @@ from tpmscad import surfaces
 from tpmscad._typing import Array
 from tpmscad.api.public_calls import validate_options
 from tpmscad.brep.boundary_representation import Brep, scale_brep
-from tpmscad.brep.deviation import Deviation
-from tpmscad.errors import InvalidRequest, TrimmingError
+from tpmscad.errors import InvalidRequest, TrimmingError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.build.solids import build_solids
 from tpmscad.lattices import mapped_lattice, mapped_surface
 from tpmscad.lattices.coordinate_maps import Map, as_map, composition, stretching
+from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.lattices.self_contact import require_no_self_contact
 from tpmscad.lattices.spline_volumes import SplineVolumes, mapped_walls
 from tpmscad.memory_limit import require_memory
@@ -38,7 +38,6 @@ from tpmscad.solids.lattice_block import find_trim_tolerance
 from tpmscad.solids.mapped_block import cover_mapped_lattice, exact_source
 from tpmscad.solids.patch_measures import measure_lattice_patches
 from tpmscad.solids.reference_distance import lattice_distance
-from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
@@ -102,7 +101,7 @@ def make_lattice(
             *dropped.notes,
             *(_note_phase(request, len(dropped.volumes) + built.n_solids) if map is None else ()),
         )
-        measures = measure_lattice_patches(request, mapping, brep, made.deviation, made.bounds, made.convergence, notes)
+        measures = measure_lattice_patches(request, mapping, brep, made.fit, notes)
         certificate = certify_built_solids(built, measures, dropped=dropped.volumes)
     name = f"{request.surface} {request.kind}"
     unit_cell = made.unit_cell
@@ -126,14 +125,10 @@ def _note_phase(request: LatticeRequest, n_pieces: int) -> tuple[str, ...]:
     known = surfaces.find_surface(request.surface).one_piece
     best = known.phase_of(request.kind, request.side)
     if request.phase != best:
-        return (f"phase {_format_phase(best)} gives fewer pieces: it is the default in a box",)
+        return (f"phase {format_point(best, 6)} gives fewer pieces: it is the default in a box",)
     if request.kind == "skeletal" and known.skeletal_chips:
         return (f"no phase makes one piece of every skeletal {request.surface}: this one leaves chips only",)
     return ("the endless solid itself is in several pieces, or these offsets are beyond those that one phase joins",)
-
-
-def _format_phase(phase: Sequence[float]) -> str:
-    return "(" + ", ".join(f"{x:.6g}" for x in phase) + ")"
 
 
 def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:
@@ -146,12 +141,10 @@ def _refuse_unit_cell(name: str, n_dropped: int) -> Brep:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatticePatches:
-    """The closed boundary representation of a lattice in model units, its deviation from the surface, and notes on its making."""
+    """The closed boundary representation of a lattice in model units, the fit of its patches, and notes on its making."""
 
     brep: Brep
-    deviation: Deviation
-    bounds: Mapping[str, float]
-    convergence: NetConvergence
+    fit: LayersFit[Any]
     notes: tuple[str, ...]
     unit_cell: UnitCell | None = None
     make_spline_volumes: Callable[[], SplineVolumes | None] | None = None
@@ -191,7 +184,7 @@ def _fit_and_copy(request: LatticeRequest, stages: StageTimer) -> LatticePatches
         unit_cell = UnitCell(partial(_copy_one_cell, request, fit.surfaces), request.cell, request.cells)
         is_filled = request.kind == "sheet" and request.source.has_facing_patches and not notes
         fill = partial(_fill_cells, request, fit.surfaces) if is_filled else None
-        return LatticePatches(brep, fit.deviation, fit.bounds, fit.convergence, notes, unit_cell, fill)
+        return LatticePatches(brep, fit, notes, unit_cell, fill)
 
     return _fit_until_traced(request, fit_and_copy)
 
@@ -241,20 +234,20 @@ def _fit_mapped_patches(request: LatticeRequest, mapping: Map, stages: StageTime
     def fit_and_trim(tol: float) -> LatticePatches:
         with stages("fit") as done:
             fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, tol, done)
+            lower, upper = fit.surfaces
         with stages("assemble"):
-            brep = mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=cover.body is None)
+            brep = mapped_lattice.assemble_mapped_lattice(surface, lower, upper, natural=cover.body is None)
         notes: tuple[str, ...] = ()
         if cover.body is not None:
             with stages("trim"):
                 brep, notes = _trim_by_body(brep, cover.body, cell)
         fill = None
-        if cover.body is None and fit.lower is not None and fit.upper is not None:
-            repeats = request.thickness is None
-            periods = (
-                mapped_surface.find_translation_periods(mapping, request.cells, cell) if repeats else (0.0, 0.0, 0.0)
-            )
-            fill = partial(mapped_walls, fit.lower, fit.upper, periods)
-        return LatticePatches(brep, fit.deviation, {}, fit.convergence, notes, make_spline_volumes=fill)
+        if cover.body is None and lower is not None and upper is not None:
+            periods = 0.0, 0.0, 0.0
+            if request.thickness is None:
+                periods = mapped_surface.find_translation_periods(mapping, request.cells, cell)
+            fill = partial(mapped_walls, lower, upper, periods)
+        return LatticePatches(brep, fit, notes, make_spline_volumes=fill)
 
     return _fit_until_traced(request, fit_and_trim)
 

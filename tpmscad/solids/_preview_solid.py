@@ -10,9 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-import numpy as np
-
-from tpmscad._typing import BoxCorners
+from tpmscad._typing import BoxCorners, triple
 from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_kinds import DOMAIN, FIELD, POSITIVE
 from tpmscad.fields import volume_fraction
@@ -53,10 +51,5 @@ def preview_solid(
         low, high = enclosing_box(body.shape)
         extended = extend_level_sets_linearly(field, low, high)
         check_field_in_box(extended, *expand_body_box(low, high), tol)
-    corners = _as_triple(low), _as_triple(high)
+    corners = triple(low.tolist()), triple(high.tolist())
     return SolidPreview(corners, volume_fraction(field, corners, samples=PREVIEW_SAMPLES))
-
-
-def _as_triple(point: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = point.tolist()
-    return x, y, z

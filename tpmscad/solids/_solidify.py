@@ -15,10 +15,11 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from tpmscad._typing import BoxCorners, ProgressOption
-from tpmscad.api.argument_kinds import choice_of, show_value
+from tpmscad._typing import BoxCorners
+from tpmscad.api.argument_kinds import show_value
 from tpmscad.api.public_calls import validate_call
-from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE, PROGRESS
+from tpmscad.api.shared_arguments import LoosePieces, StageProgress
+from tpmscad.api.shared_kinds import DOMAIN, EXECUTOR, FIELD, POSITIVE
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field, as_field
 from tpmscad.fields.kinds.linear_extension import extend_level_sets_linearly
@@ -59,24 +60,14 @@ def solidify(
         POSITIVE.described_as(example="0.01"),
         "Greatest orthogonal deviation between the surface and the level set, model units.",
     ],
-    loose: Annotated[
-        str,
-        choice_of("drop", "keep"),
-        "Whether pieces below 1 % of the largest one's volume are left out or kept. The certificate counts those left "
-        "out.",
-    ] = "drop",
+    loose: LoosePieces = "drop",
     executor: Annotated[
         Executor | None,
         EXECUTOR,
         "Runs the fits of a box; its workers must be able to import this package. It pays where the field is a slow "
         "function of Python. By default this process fits. The result is the same, bit for bit. Not for bodies.",
     ] = None,
-    progress: Annotated[
-        ProgressOption,
-        PROGRESS,
-        "Called with the name of a stage and the fraction of it that is done. By default work of more than two "
-        "seconds shows a bar in a terminal or a notebook; False shows nothing.",
-    ] = None,
+    progress: StageProgress = None,
 ) -> Model:
     """Make the solid {field < 0} inside a domain, its surface within `tol` of the level set.
 
@@ -117,7 +108,9 @@ def solidify(
     stages = StageTimer(progress)
     found = fit_field_patches(field, *parse_corners(domain), tol, stages, executor=executor)
     with stages("build"):
-        brep, built, dropped = drop_loose_pieces(found.brep, build_solids(found.brep, found.moments), loose)
+        brep, built, dropped = drop_loose_pieces(
+            found.fitted.brep, build_solids(found.fitted.brep, found.moments), loose
+        )
     with stages("check"):
         whole = " with the pieces left out" if dropped.volumes else ""
         volumes = {

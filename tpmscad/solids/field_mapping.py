@@ -55,7 +55,7 @@ def solidify_mapped(
     stretch = _greatest_stretch(map)
     found = fit_field_patches(as_field(field), *map.domain, FIT_TOL_FRACTION * tol / stretch, stages, executor=executor)
     with stages("map"):
-        image = map_brep(found.brep, map.volume)
+        image = map_brep(found.fitted.brep, map.volume)
         moments = integral_properties.integrate_faces(image.brep)
     with stages("build"):
         brep, built, dropped = drop_loose_pieces(image.brep, build_solids(image.brep, moments), loose)
@@ -80,9 +80,9 @@ def _measure(found: FieldPatches, image: MappedBrep, map: SplineMap, stretch: fl
     """
     fitted = found.fitted
     distance = _distances_from_level_set(fitted.field, image, map)
-    backward = stretch * fitted.field_to_patches + image.fit_error
+    backward = stretch * fitted.deviation.from_reference + image.fit_error
     deviation = Deviation(
-        max(float(distance.max()), stretch * fitted.patches_to_field + image.fit_error, backward),
+        max(float(distance.max()), stretch * fitted.deviation.to_reference + image.fit_error, backward),
         float(np.sqrt((distance**2).mean())),
         float(distance.max()),
         backward,

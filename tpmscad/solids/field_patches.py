@@ -22,11 +22,10 @@ from tpmscad._typing import Array
 from tpmscad.brep import connectivity
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
-from tpmscad.brep.edge_continuity import EdgeContinuity
 from tpmscad.brep.moments import integral_properties
 from tpmscad.brep.moments.integral_properties import FaceMoments
 from tpmscad.brep.solid_properties import SolidProperties, measure_solid
-from tpmscad.errors import LevelSetError
+from tpmscad.errors import LevelSetError, format_point
 from tpmscad.fields.analysis import volume_quadrature
 from tpmscad.fields.analysis.betti_numbers import FINER_LINES, Betti, compute_betti_numbers
 from tpmscad.fields.field import Field, as_field
@@ -73,23 +72,6 @@ class FieldPatches:
     field_volume: float
     field_volume_error: float
 
-    @property
-    def brep(self) -> Brep:
-        """The patches and the caps of the box."""
-        return self.fitted.brep
-
-    @property
-    def deviation(self) -> Deviation:
-        """Distance between the patches and the level set, in both directions."""
-        to_field, from_field = self.fitted.patches_to_field, self.fitted.field_to_patches
-        return Deviation(max(to_field, from_field), self.fitted.rms, to_field, from_field)
-
-    @property
-    def continuity(self) -> EdgeContinuity:
-        """Position, tangent and curvature mismatch across the edges."""
-        gap = float(self.brep.edges.deviation.max(initial=0.0))
-        return EdgeContinuity(gap, self.fitted.jump_deg, self.fitted.curvature_jump, 0)
-
 
 def fit_field_patches(
     field: Field | Callable[..., Any],
@@ -133,13 +115,9 @@ def fit_field_patches(
                 betti = unrounded
         spacing = float((hi - lo).max()) / N_QUADRATURE_LINES
         volume, volume_error = volume_quadrature.integrate_volume(field, lo, hi, spacing)
-    fitted = replace(
-        fitted,
-        tol=tol,
-        patches_to_field=fitted.patches_to_field + moved,
-        field_to_patches=fitted.field_to_patches + moved,
-        notes=notes + fitted.notes,
-    )
+    d = fitted.deviation
+    deviation = Deviation(d.max + moved, d.rms, d.to_reference + moved, d.from_reference + moved)
+    fitted = replace(fitted, tol=tol, deviation=deviation, notes=notes + fitted.notes)
     return FieldPatches(fitted, moments, properties, betti, volume, volume_error)
 
 
@@ -209,7 +187,7 @@ def _round_field_edges(field: Field, lo: Array, hi: Array, tol: float) -> tuple[
     )
     if rounding is None:
         return field, 0.0, ()
-    edge = f"{rounding.opening_deg:.0f} degrees at ({', '.join(f'{x:.5g}' for x in rounding.sharpest_point)})"
+    edge = f"{rounding.opening_deg:.0f} degrees at {format_point(rounding.sharpest_point, 5)}"
     periods = [p for structure in rounding.field.structures for p in structure.periods() or () if p > 0]
     if rounding.radius < MIN_ROUNDING_RADIUS_PERIODS * min(periods, default=0.0):
         raise LevelSetError(

@@ -8,7 +8,7 @@ than the body's.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import ceil, floor
@@ -26,7 +26,6 @@ from tpmscad.brep.boundary_representation import (
     spline_faces,
     translate_brep,
 )
-from tpmscad.brep.deviation import Deviation
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
 from tpmscad.kernel.body_import.cad_body import CadBody
@@ -35,15 +34,15 @@ from tpmscad.kernel.occt.bounding_boxes import enclosing_box
 from tpmscad.kernel.occt.convert import transform_shape
 from tpmscad.lattices import mapped_lattice
 from tpmscad.lattices.coordinate_maps import Map, stretching
-from tpmscad.lattices.mapped_lattice import MappedFit
+from tpmscad.lattices.mapped_lattice import MappedLayers
 from tpmscad.lattices.mapped_surface import MappedSurface
+from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import PatchMeasures, require
 from tpmscad.rigid_motion import Motion
 from tpmscad.solids.field_patches import fit_field_patches
 from tpmscad.solids.mapped_block import exact_source
 from tpmscad.solids.patch_measures import measure_field_patches, measure_lattice_patches
-from tpmscad.splines.cpia import NetConvergence
 from tpmscad.stage_timer import StageTimer
 from tpmscad.trimming.operands.polyhedra import box
 from tpmscad.trimming.trim_pipeline import trim
@@ -68,7 +67,7 @@ BOX_TRIM_ROUND_OFF_CELLS = 5e-13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LatticeCover:
+class PatchesOverBox:
     """Whole patches that cover the box [low, high], in lattice coordinates: open, ragged outside the box.
 
     `mapping` is the map that they were fitted under, None for copies of primitives.
@@ -77,9 +76,7 @@ class LatticeCover:
     patches: Brep
     low: Array
     high: Array
-    deviation: Deviation
-    bounds: Mapping[str, float]
-    convergence: NetConvergence
+    fit: LayersFit[Any]
     mapping: Map | None
 
 
@@ -88,7 +85,9 @@ def find_trim_tolerance(cell: float) -> float:
     return max(min(BOX_TRIM_TOL_CELLS * cell, MAX_BOX_TRIM_TOL), BOX_TRIM_ROUND_OFF_CELLS * cell)
 
 
-def cover_box(request: LatticeRequest, low: Array, high: Array, progress: FractionProgress) -> LatticeCover:
+def fit_patches_over_box(
+    request: LatticeRequest, low: Array, high: Array, progress: FractionProgress
+) -> PatchesOverBox:
     """The patches of the offset surfaces over the box [low, high] (lattice coordinates, model units) and a margin around it."""
     edges = np.array(request.cell)
     low, high = low - BLOCK_MARGIN_CELLS * edges, high + BLOCK_MARGIN_CELLS * edges
@@ -100,22 +99,19 @@ def cover_box(request: LatticeRequest, low: Array, high: Array, progress: Fracti
             "enlarge the cell, or cut the body"
         )
     cells, phase = (int(counts[0]), int(counts[1]), int(counts[2])), np.array(request.phase)
-    mapping = None
     if len(set(request.cell)) == 1 or request.source.follows_cell_edges:
-        cell = request.cell[0]
+        mapping, cell = None, request.cell[0]
         fit = request.source.fit(request.layer_offsets, cell, request.tol)
         patches = scale_brep(request.source.cover(fit.surfaces, cells, phase).brep, cell)
-        deviation, bounds, convergence = fit.deviation, fit.bounds, fit.convergence
     else:
         mapping = stretching(tuple(edge / request.cell[0] for edge in request.cell))
-        patches, stretched = _fit_stretched_patches(request, mapping, cells, phase, progress)
-        deviation, bounds, convergence = stretched.deviation, {}, stretched.convergence
-    return LatticeCover(translate_brep(patches, first * edges), low, high, deviation, bounds, convergence, mapping)
+        patches, fit = _fit_stretched_patches(request, mapping, cells, phase, progress)
+    return PatchesOverBox(translate_brep(patches, first * edges), low, high, fit, mapping)
 
 
 def _fit_stretched_patches(
     request: LatticeRequest, mapping: Map, cells: tuple[int, int, int], phase: Array, progress: FractionProgress
-) -> tuple[Brep, MappedFit]:
+) -> tuple[Brep, LayersFit[MappedLayers]]:
     """Patches of a lattice whose cell has unequal edges, fitted class by class, and their fit."""
     cell, source = request.cell[0], exact_source(request)
     bounds = np.zeros(3), np.array(cells) * np.array(request.cell)
@@ -126,7 +122,7 @@ def _fit_stretched_patches(
     surface = MappedSurface(source.patch, source.symmetry, placements, mapping, cell)
     mapped_lattice.require_offsets_below_curvature_radius(surface, request.offset, f"stretched {source.name}")
     fit = mapped_lattice.fit_mapped_layers(surface, request.layer_offsets, request.tol, progress)
-    return mapped_lattice.assemble_mapped_lattice(surface, fit.lower, fit.upper, natural=False), fit
+    return mapped_lattice.assemble_mapped_lattice(surface, *fit.surfaces, natural=False), fit
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +163,10 @@ def build_lattice_block(request: LatticeRequest, rotation: Array, body: CadBody,
             f"{' x '.join(f'{v:.4g}' for v in request.cell)}: make the cell smaller"
         )
     with stages("fit") as done:
-        cover = cover_box(request, low, high, done)
+        cover = fit_patches_over_box(request, low, high, done)
     with stages("assemble"):
         patches = move_brep(cover.patches, motion)
-        measures = measure_lattice_patches(
-            request, cover.mapping, patches, cover.deviation, cover.bounds, cover.convergence
-        )
+        measures = measure_lattice_patches(request, cover.mapping, patches, cover.fit)
 
     def trim_to_box() -> Brep:
         closed = trim(cover.patches, box(cover.low, cover.high), find_trim_tolerance(max(request.cell))).brep
@@ -192,9 +186,9 @@ def build_field_block(
     measures = measure_field_patches(found)
     closed = require(found.properties.closed, "the field's patches do not close in the body's box")
     measures = replace(measures, checks=(*measures.checks, closed))
-    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.brep)]))
-    patches = drop_unused_geometry(select_faces(found.brep, on_splines))  # the caps lie outside the body
-    return LatticeBlock(patches, measures, lambda: found.brep)
+    on_splines = np.sort(np.concatenate([own for own, _ in spline_faces(found.fitted.brep)]))
+    patches = drop_unused_geometry(select_faces(found.fitted.brep, on_splines))  # the caps lie outside the body
+    return LatticeBlock(patches, measures, lambda: found.fitted.brep)
 
 
 def expand_body_box(low: Array, high: Array) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array
+from tpmscad._typing import Array, triple
 from tpmscad.brep.boundary_representation import Brep
 from tpmscad.errors import InvalidRequest
 from tpmscad.kernel.body_import.body_brep import brep_from_shape
@@ -70,8 +70,7 @@ def cover_mapped_lattice(request: LatticeRequest, map: Map) -> MappedCover:
             patch, symmetry, map, bounds, request.cells, phase, cell, reach
         )
         return MappedCover(placements, (0.0, 0.0, 0.0), box(*bounds), (np.zeros(3), size))
-    x, y, z = (revolved.closed and axis == revolved.lattice_axis for axis in range(3))
-    closed = x, y, z
+    closed = triple(revolved.closed and axis == revolved.lattice_axis for axis in range(3))
     points = _points_inside(revolved, request)
     mapped_surface.require_regular(map, points, cell)
     least_stretch = float(np.linalg.svd(map.jacobian(points, cell), compute_uv=False).min())
@@ -102,8 +101,7 @@ def _points_inside(revolved: RevolvedBox, request: LatticeRequest) -> Array:
 
 
 def _periods(request: LatticeRequest, closed: tuple[bool, bool, bool]) -> tuple[float, float, float]:
-    x, y, z = (float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
-    return x, y, z
+    return triple(float(n) if c else 0.0 for n, c in zip(request.cells, closed, strict=True))
 
 
 def _sweep(revolved: RevolvedBox) -> Brep:

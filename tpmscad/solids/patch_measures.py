@@ -7,7 +7,7 @@ are also checked against the Betti numbers and the volume of the field itself.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from tpmscad.brep.boundary_representation import Brep
 from tpmscad.brep.deviation import Deviation
 from tpmscad.brep.edge_continuity import EdgeContinuity, measure_edge_continuity
 from tpmscad.lattices.coordinate_maps import Map
+from tpmscad.lattices.offset_surfaces import LayersFit
 from tpmscad.requests.lattice_request import LatticeRequest
 from tpmscad.results.certificate import Check, PatchMeasures, require
 from tpmscad.solids.field_patches import FieldPatches
 from tpmscad.sources.level_set_source import LevelSetSource
-from tpmscad.splines.cpia import NetConvergence
 
 OFFSET_TAGS = ("offset+", "offset-")
 """Tags of the faces that are offset surfaces of the reference."""
@@ -47,15 +47,13 @@ def measure_lattice_patches(
     request: LatticeRequest,
     mapping: Map | None,
     brep: Brep,
-    deviation: Deviation,
-    bounds: Mapping[str, float],
-    convergence: NetConvergence,
+    fit: LayersFit[Any],
     notes: tuple[str, ...] = (),
 ) -> PatchMeasures:
     """The measures of a lattice's patches: copies of primitives, or fitted under `mapping`, with the limits of either."""
     continuity = measure_edge_continuity(brep, OFFSET_TAGS)
     if isinstance(request.source, LevelSetSource):
-        return _measure_level_set_patches(request, continuity, deviation, notes)
+        return _measure_level_set_patches(request, continuity, fit.deviation, notes)
     limits = (
         (MAX_GAP_CELLS * request.cell[0], MAX_TANGENT_JUMP_DEG, MAX_RELATIVE_CURVATURE_JUMP)
         if mapping is None
@@ -66,11 +64,11 @@ def measure_lattice_patches(
     reference = f"{request.reference} {request.surface} surface"
     return PatchMeasures(
         request.tol,
-        deviation,
+        fit.deviation,
         reference if mapping is None else f"{reference} under {mapping.name}",
         continuity,
-        bounds=bounds,
-        figures={"CPIA iterations": convergence.iterations, "CPIA bound": convergence.bound},
+        bounds=fit.bounds,
+        figures={"CPIA iterations": fit.convergence.iterations, "CPIA bound": fit.convergence.bound},
         checks=tuple(map(Check, names, values, limits)),
         notes=(*notes, *request.notes),
     )
@@ -109,7 +107,7 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
     fitted, properties = found.fitted, found.properties
     volume, volume_error = found.field_volume, found.field_volume_error
     checks = [
-        check_field_tangent_jump(fitted.jump_deg),
+        check_field_tangent_jump(fitted.continuity.tangent_jump_deg),
         require(
             found.field_betti in (None, properties.betti),
             f"Betti numbers {properties.betti} differ from the field's, {found.field_betti}: use a finer `tol`; "
@@ -127,16 +125,16 @@ def measure_field_patches(found: FieldPatches) -> PatchMeasures:
         notes = (*notes, "the field's Betti numbers did not settle on any grid tried: the solid's are its own")
     figures = {
         "tangent jump in degrees at the 95th percentile": fitted.jump_p95_deg,
-        "deviation of the solid from the field": fitted.patches_to_field,
-        "deviation of the field from the solid": fitted.field_to_patches,
+        "deviation of the solid from the field": fitted.deviation.to_reference,
+        "deviation of the field from the solid": fitted.deviation.from_reference,
     }
     if np.isfinite(fitted.min_wall):
         figures["thinnest wall"] = fitted.min_wall
     return PatchMeasures(
         fitted.tol,
-        found.deviation,
+        fitted.deviation,
         "field",
-        found.continuity,
+        fitted.continuity,
         figures=figures,
         checks=tuple(checks),
         notes=notes,

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from tpmscad._typing import Array
-from tpmscad.errors import InvalidRequest, KernelError
+from tpmscad.errors import InvalidRequest, KernelError, format_point
 from tpmscad.fallbacks import Fallback, Fallbacks
 from tpmscad.kernel.body_import.cad_body import CadBody, read_body
 from tpmscad.kernel.boolean.boolean_operations import OcctSolids, betti_numbers
@@ -161,8 +161,8 @@ def check_eroded(parts: Sequence[CadBody], open_faces: Sequence[Any], skin: floa
     gaps = np.min([bound.distances(missed) for bound in bounds], axis=0)
     missed = missed[(gaps > MITRE_GAP * skin) | (depth.distances(missed) > MAX_THICKNESS_RATIO * skin)]
     if len(missed):
-        where = ", ".join(f"{c:.4g}" for c in missed[0])
-        raise KernelError("offset by the skin", f"the offset misses a part of the body near ({where})")
+        where = format_point(missed[0])
+        raise KernelError("offset by the skin", f"the offset misses a part of the body near {where}")
 
 
 def check_skin_thickness(measured: SkinThickness, skin: float) -> tuple[Check, ...]:

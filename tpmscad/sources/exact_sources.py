@@ -10,21 +10,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from tpmscad import fields, surfaces
+from tpmscad import surfaces
 from tpmscad._typing import Array
-from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.lattices import copies
 from tpmscad.lattices.coordinate_maps import Map, stretching
 from tpmscad.lattices.mirror_fit import fit_mirror_pieces
 from tpmscad.lattices.offset_surfaces import TOUCH_TOL_CELLS, Layers, LayersFit, OffsetSurfaces, PatchAssembly
 from tpmscad.lattices.primitive import fit_offset_surfaces
 from tpmscad.lattices.spline_volumes import SplineVolumes, copy_wall, wall_of_piece, wall_over_mid_patch
+from tpmscad.sources.lattice_source import LatticeSource
 from tpmscad.sources.patched_surface import PatchedSurface, SignedDistance
 from tpmscad.surfaces import MirrorSymmetry, PatchSymmetry, SurfacePatch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CopiedPrimitive:
+class CopiedPrimitive(LatticeSource[OffsetSurfaces]):
     """A surface made of proper motions of one exact patch."""
 
     name: str
@@ -32,8 +32,6 @@ class CopiedPrimitive:
     symmetry: PatchSymmetry
 
     can_be_mapped: ClassVar[bool] = True
-    follows_cell_edges: ClassVar[bool] = False
-    has_facing_patches: ClassVar[bool] = True
 
     @property
     def patch(self) -> SurfacePatch:
@@ -46,7 +44,7 @@ class CopiedPrimitive:
 
     def cover(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """All copies of the patch with a part inside the box."""
-        return PatchAssembly(copies.cover_box(self.symmetry, fitted, cells, phase), np.zeros(3))
+        return PatchAssembly(copies.patches_over_box(self.symmetry, fitted, cells, phase), np.zeros(3))
 
     def natural(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """Closed by ruled gap faces along the boundary of the block."""
@@ -74,7 +72,7 @@ class CopiedPrimitive:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ReflectedPieces:
+class ReflectedPieces(LatticeSource[OffsetSurfaces]):
     """A surface made of reflections of one piece in the mirrors around it.
 
     A map would bend the mirrors, so these lattices cannot be mapped.
@@ -83,23 +81,17 @@ class ReflectedPieces:
     name: str
     symmetry: MirrorSymmetry
 
-    can_be_mapped: ClassVar[bool] = False
-    follows_cell_edges: ClassVar[bool] = False
-    has_facing_patches: ClassVar[bool] = True
-
     def fit(self, layers: Layers, cell: float, tol: float) -> LayersFit[OffsetSurfaces]:
-        """Without rigorous bounds: the reference surface is implicit."""
-        lower, upper = (None if d is None else d / cell for d in layers)
-        offsets, deviation, convergence = fit_mirror_pieces(self.name, (lower, upper), tol / cell)
-        return LayersFit(offsets, deviation.scaled(cell), {}, convergence.scaled(cell))
+        """The offset surfaces, without rigorous bounds: the reference surface is implicit."""
+        return fit_mirror_pieces(self.name, layers, cell, tol)
 
     def cover(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """The pieces in all tetrahedra with a part inside the box."""
-        return PatchAssembly(copies.cover_box_by_reflection(self.symmetry, fitted, cells, phase), np.zeros(3))
+        return PatchAssembly(copies.reflected_pieces_over_box(self.symmetry, fitted, cells, phase), np.zeros(3))
 
     def natural(self, fitted: OffsetSurfaces, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """Bounded by the mirrors around the block, which move with the phase: the box to trim by is flat there."""
-        brep = copies.cover_box_by_reflection(self.symmetry, fitted, cells, phase, natural=True)
+        brep = copies.reflected_pieces_over_box(self.symmetry, fitted, cells, phase, natural=True)
         return PatchAssembly(brep, phase)
 
     def fill(
@@ -111,9 +103,3 @@ class ReflectedPieces:
         if corners.min() < -TOUCH_TOL_CELLS or (corners > np.array(cells) + TOUCH_TOL_CELLS).any():
             return None
         return copy_wall(wall_of_piece(fitted), placements, cells, "cap")
-
-    def mid_surface(
-        self, cell: tuple[float, float, float], cells: tuple[int, int, int], phase: Array, map: Map | None
-    ) -> SignedDistance:
-        """Signed distances from the nodal level set, which has no patch in closed form."""
-        return NormalDistance(fields.tpms(self.name, cell))

@@ -20,18 +20,15 @@ from tpmscad._typing import Array
 from tpmscad.brep.deviation import combine_deviations
 from tpmscad.errors import InvalidRequest
 from tpmscad.fields.field import Field
-from tpmscad.fields.kinds.normal_distance import NormalDistance
-from tpmscad.lattices.coordinate_maps import Map
 from tpmscad.lattices.copies import weld_in_box
 from tpmscad.lattices.offset_surfaces import (
-    LATTICE_TAGS,
     TOUCH_TOL_CELLS,
     Layers,
     LayersFit,
     PatchAssembly,
     PlacedFaces,
+    place_faces,
 )
-from tpmscad.lattices.spline_volumes import SplineVolumes
 from tpmscad.levelset.periodic.periodic_fit import PeriodicFit
 from tpmscad.levelset.periodic.periodic_layers import (
     fit_periodic_offset,
@@ -40,7 +37,8 @@ from tpmscad.levelset.periodic.periodic_layers import (
     patch_surfaces,
     place_copies_in_box,
 )
-from tpmscad.sources.patched_surface import SignedDistance
+from tpmscad.rigid_motion import Motion
+from tpmscad.sources.lattice_source import LatticeSource
 from tpmscad.splines.bspline import BSplineSurface
 
 COARSEST_GRIDS: Mapping[str, tuple[int, float]] = {
@@ -52,16 +50,12 @@ COARSEST_GRIDS: Mapping[str, tuple[int, float]] = {
 """Leaves to a period, and origin in leaves, of the coarsest grid that resolves the surface; others are searched for."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LevelSetLayers:
-    """The fits of the lower and the upper surface, in units of the first cell edge; None where there is no surface."""
-
-    lower: PeriodicFit | None
-    upper: PeriodicFit | None
+LevelSetLayers = tuple[PeriodicFit | None, PeriodicFit | None]
+"""The fits of the lower and the upper surface, in units of the first cell edge; None where there is no surface."""
 
 
 @dataclass(frozen=True, slots=True)
-class LevelSetSource:
+class LevelSetSource(LatticeSource[LevelSetLayers]):
     """A catalogued surface as offsets of its nodal level set; lengths in units of the first cell edge.
 
     `period` holds the cell edges in that unit. `levels`: nodal values of the lower and upper surface instead of normal offsets.
@@ -71,7 +65,6 @@ class LevelSetSource:
     period: tuple[float, float, float]
     levels: tuple[float, float] | None = None
 
-    can_be_mapped: ClassVar[bool] = False
     follows_cell_edges: ClassVar[bool] = True
     has_facing_patches: ClassVar[bool] = False
 
@@ -89,7 +82,8 @@ class LevelSetSource:
             else:
                 fits.append(fit_periodic_offset(self._field(self.levels[number]), 0.0, tol / cell))
         deviation = combine_deviations([f.deviation for f in fits if f is not None]).scaled(cell)
-        return LayersFit(LevelSetLayers(*fits), deviation)
+        lower, upper = fits
+        return LayersFit((lower, upper), deviation)
 
     def cover(self, fitted: LevelSetLayers, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """All copies of the patches with a part inside the box of `cells`."""
@@ -98,31 +92,18 @@ class LevelSetSource:
         shift = (phase - np.floor(phase)) * period
         primitives: list[BSplineSurface] = []
         parts = []
-        for fit, outward, tag in ((fitted.lower, -1, "offset-"), (fitted.upper, 1, "offset+")):
+        for fit, outward, tag in zip(fitted, (-1, 1), ("offset-", "offset+"), strict=True):
             if fit is None:
                 continue
-            placed = place_copies_in_box(fit, -shift, size - shift, TOUCH_TOL_CELLS)
-            motion = type(placed.motion)(placed.motion.rotation, placed.motion.translation + shift)
-            tags = np.full(len(placed.patch), LATTICE_TAGS.index(tag))
-            parts.append(PlacedFaces(len(primitives) + placed.patch, motion, outward * placed.sense, tags))
+            patch, motion = place_copies_in_box(fit, -shift, size - shift, TOUCH_TOL_CELLS)
+            motion = Motion(motion.rotation, motion.translation + shift)
+            parts.append(place_faces(len(primitives) + patch, motion, outward * motion.handedness, tag))
             primitives += patch_surfaces(fit)
         return PatchAssembly(weld_in_box(primitives, PlacedFaces.concatenate(parts), size), np.zeros(3))
 
     def natural(self, fitted: LevelSetLayers, cells: tuple[int, int, int], phase: Array) -> PatchAssembly:
         """Refused: the patches do not end at a boundary of whole cells (`lattice_request` says so first)."""
         raise InvalidRequest(f"the {self.name} has no natural boundary: use boundary='box'")
-
-    def fill(
-        self, fitted: LevelSetLayers, cells: tuple[int, int, int], phase: Array, *, natural: bool
-    ) -> SplineVolumes | None:
-        """None: the patches of the two sides do not face each other."""
-        return None
-
-    def mid_surface(
-        self, cell: tuple[float, float, float], cells: tuple[int, int, int], phase: Array, map: Map | None
-    ) -> SignedDistance:
-        """Signed distances from the nodal level set."""
-        return NormalDistance(fields.tpms(self.name, cell))
 
     def _check_stretched_offset(self, distance: float, cell: float) -> None:
         """InvalidRequest if an offset of the stretched surface passes its radius of curvature."""

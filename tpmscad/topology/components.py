@@ -191,9 +191,7 @@ class LabelledComponents:
 
 @validate_call()
 def label_components(
-    values: Samples,
-    level: Level = 0.0,
-    convention: SampleConnectivity = "strict",
+    values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
 ) -> LabelledComponents:
     """Label the connected components of the solid {f <= level}.
 
@@ -212,14 +210,12 @@ def label_components(
     array([[1, 1, 1],
            [3, 3, 3]])
     """
-    return _label_phase(values, level, CONNECTIVITY[convention][0], solid=True)
+    return _label_and_measure(values, level, convention, solid=True)
 
 
 @validate_call()
 def label_cavities(
-    values: Samples,
-    level: Level = 0.0,
-    convention: SampleConnectivity = "strict",
+    values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
 ) -> LabelledComponents:
     """Label the cavities of the solid {f <= level}: void components not connected to the border of the array.
 
@@ -237,14 +233,12 @@ def label_cavities(
     >>> len(topology.label_cavities(values))
     1
     """
-    return _label_phase(values, level, CONNECTIVITY[convention][1], solid=False)
+    return _label_and_measure(values, level, convention, solid=False)
 
 
 @validate_call()
 def count_components_and_cavities(
-    values: Samples,
-    level: Level = 0.0,
-    convention: SampleConnectivity = "strict",
+    values: Samples, level: Level = 0.0, convention: SampleConnectivity = "strict"
 ) -> tuple[int, int]:
     """Count the components and the cavities of the solid {f <= level}.
 
@@ -267,15 +261,16 @@ def count_components_and_cavities(
     (2, 0)
     """
     field = as_sample_array(values)
-    solid, void = CONNECTIVITY[convention]
-    return (
-        label_runs(field, level, True, solid, exterior=False).count,
-        label_runs(field, level, False, void, exterior=True).count,
-    )
+    return label_phase(field, level, convention, True).count, label_phase(field, level, convention, False).count
 
 
-def _label_phase(values: ArrayLike, level: float, neighbours: int, solid: bool) -> LabelledComponents:
+def label_phase(field: Array, level: float, convention: str, solid: bool) -> Runs:
+    """Components of the solid, or of the void with the exterior as component 0, by the neighbours of a convention."""
+    return label_runs(field, level, solid, CONNECTIVITY[convention][0 if solid else 1], exterior=not solid)
+
+
+def _label_and_measure(values: ArrayLike, level: float, convention: str, solid: bool) -> LabelledComponents:
     field = as_sample_array(values)
-    runs = label_runs(field, level, solid, neighbours, exterior=not solid)
+    runs = label_phase(field, level, convention, solid)
     deepest = find_extreme_voxels(field, runs, 1 if solid else -1)
     return LabelledComponents(paint_labels(runs, field.shape), count_voxels(runs)[1:], deepest[1:])

@@ -18,6 +18,12 @@ from tpmscad.api.shared_arguments import Level, Samples
 from tpmscad.topology.components import count_components_and_cavities
 from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 
+ComplexConvention = Annotated[
+    Convention,
+    choice_of("vertices", "top_cells", "strict"),
+    "Cubical complex of the samples: as vertices, or as cubes.",
+]
+
 
 @dataclass(frozen=True, slots=True)
 class Betti:
@@ -34,15 +40,7 @@ class Betti:
 
 
 @validate_call()
-def betti(
-    values: Samples,
-    level: Level = 0.0,
-    convention: Annotated[
-        Convention,
-        choice_of("vertices", "top_cells", "strict"),
-        "Cubical complex of the samples: as vertices, or as cubes.",
-    ] = "vertices",
-) -> Betti:
+def betti(values: Samples, level: Level = 0.0, convention: ComplexConvention = "vertices") -> Betti:
     """Compute the Betti numbers of the solid {f <= level}.
 
     Returns
@@ -65,15 +63,7 @@ def betti(
 
 
 @validate_call()
-def euler_characteristic(
-    values: Samples,
-    level: Level = 0.0,
-    convention: Annotated[
-        Convention,
-        choice_of("vertices", "top_cells", "strict"),
-        "Cubical complex of the samples: as vertices, or as cubes.",
-    ] = "vertices",
-) -> int:
+def euler_characteristic(values: Samples, level: Level = 0.0, convention: ComplexConvention = "vertices") -> int:
     """Compute the Euler characteristic of the solid {f <= level}.
 
     Returns
@@ -103,10 +93,7 @@ def euler_characteristic(
 
 
 @validate_call()
-def bound_component_counts(
-    values: Samples,
-    level: Level = 0.0,
-) -> tuple[tuple[int, int], tuple[int, int]]:
+def bound_component_counts(values: Samples, level: Level = 0.0) -> tuple[tuple[int, int], tuple[int, int]]:
     """Bound the numbers of components and cavities of the trilinear interpolant of the samples.
 
     Returns

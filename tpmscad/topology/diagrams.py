@@ -27,6 +27,8 @@ from tpmscad.topology.voxels import Convention
 DEFAULT_SAMPLES = 64
 """Samples along the longest edge of the domain if no resolution is given."""
 
+ALL_DIMENSIONS = (0, 1, 2)
+
 FEATURE_NAMES = ("components", "tunnels", "cavities")
 """Features of dimensions 0, 1 and 2, as the legends of the figures name them."""
 
@@ -99,16 +101,13 @@ class PersistenceDiagram:
         >>> [len(alive.pairs(dimension)) for dimension in (0, 1, 2)]
         [1, 1, 0]
         """
-        if self.sublevel:
-            alive = [(b <= level) & (level < d) for b, d in zip(self.births, self.deaths, strict=True)]
-        else:
-            alive = [(b >= level) & (level > d) for b, d in zip(self.births, self.deaths, strict=True)]
-        return PersistenceDiagram(
-            self.dimensions,
-            tuple(b[keep] for b, keep in zip(self.births, alive, strict=True)),
-            tuple(d[keep] for d, keep in zip(self.deaths, alive, strict=True)),
-            self.sublevel,
+        sign = 1 if self.sublevel else -1
+        pairs = list(zip(self.births, self.deaths, strict=True))
+        alive = [(sign * b <= sign * level) & (sign * level < sign * d) for b, d in pairs]
+        births, deaths = (
+            tuple(each[keep] for each, keep in zip(values, alive, strict=True)) for values in (self.births, self.deaths)
         )
+        return PersistenceDiagram(self.dimensions, births, deaths, self.sublevel)
 
     def plot_diagram(self, ax: Any = None) -> Any:
         """Draw the persistence diagram: deaths over births, one colour per dimension.
@@ -129,9 +128,7 @@ class PersistenceDiagram:
             If matplotlib is not installed.
         """
         ax = _make_axes(ax)
-        low, high = self._value_range()
-        margin = 0.05 * (high - low)
-        forever = high + margin if self.sublevel else low - margin
+        low, high, margin, forever = self._value_range(0.05)
         ax.plot([low, high], [low, high], color="0.7", linewidth=1)
         ax.axhline(0.0, color="0.85", linewidth=1)
         ax.axvline(0.0, color="0.85", linewidth=1)
@@ -164,9 +161,7 @@ class PersistenceDiagram:
             If matplotlib is not installed.
         """
         ax = _make_axes(ax)
-        low, high = self._value_range()
-        margin = 0.1 * (high - low)
-        forever = high + margin if self.sublevel else low - margin
+        low, high, margin, forever = self._value_range(0.1)
         first = 0
         for dimension, births, deaths in zip(self.dimensions, self.births, self.deaths, strict=True):
             rows = first + np.arange(len(births))
@@ -179,12 +174,14 @@ class PersistenceDiagram:
         ax.legend()
         return ax
 
-    def _value_range(self) -> tuple[float, float]:
-        """Least and greatest finite value of births and deaths and 0, never an empty interval."""
+    def _value_range(self, margin_fraction: float) -> tuple[float, float, float, float]:
+        """Least and greatest finite value of births and deaths and 0, never an empty interval; a margin, and infinity's place."""
         values = np.concatenate([np.zeros(1), *self.births, *self.deaths])
         values = values[np.isfinite(values)]
         low, high = float(values.min()), float(values.max())
-        return (low, high) if low < high else (low - 1.0, high + 1.0)
+        low, high = (low, high) if low < high else (low - 1.0, high + 1.0)
+        margin = margin_fraction * (high - low)
+        return low, high, margin, high + margin if self.sublevel else low - margin
 
 
 @validate_call()
@@ -204,11 +201,9 @@ def persistence_diagram(
         "Samples along the longest edge, or along each axis, ends included. By default the resolution of a blend, or "
         "64.",
     ] = None,
-    dimensions: Annotated[Sequence[int], DIMENSIONS, "0 for connected components, 1 for tunnels, 2 for cavities."] = (
-        0,
-        1,
-        2,
-    ),
+    dimensions: Annotated[
+        Sequence[int], DIMENSIONS, "0 for connected components, 1 for tunnels, 2 for cavities."
+    ] = ALL_DIMENSIONS,
     *,
     sublevel: Annotated[
         bool, FLAG, "True for the filtration {f <= c} of the solid, False for {f >= c}, that of the void."
@@ -249,7 +244,7 @@ def persistence_diagram(
     array([[-1., inf]])
     """
     chosen = tuple(sorted(set(dimensions)))
-    if not chosen or not set(chosen) <= {0, 1, 2}:
+    if not chosen or not set(chosen) <= set(ALL_DIMENSIONS):
         raise InvalidRequest(f"dimensions {tuple(dimensions)!r}: choose from 0 (components), 1 (tunnels), 2 (cavities)")
     # gudhi takes 0.2 s to import, which callers of the union-find sweeps do not need
     from tpmscad.topology.gudhi_complex import gudhi_diagram
@@ -257,10 +252,10 @@ def persistence_diagram(
     values = _sample(field_or_values, domain, resolution)
     sign = 1.0 if sublevel else -1.0
     births, deaths = [], []
-    for birth, death in gudhi_diagram(sign * values, chosen, convention):
-        keep = death - birth > min_persistence
-        births.append(sign * birth[keep])
-        deaths.append(sign * death[keep])
+    for pairs in gudhi_diagram(sign * values, chosen, convention):
+        keep = pairs.death - pairs.birth > min_persistence
+        births.append(sign * pairs.birth[keep])
+        deaths.append(sign * pairs.death[keep])
     return PersistenceDiagram(chosen, tuple(births), tuple(deaths), sublevel)
 
 

@@ -11,56 +11,44 @@ built from vertices are located by `vertices_of_persistence_pairs`, those of com
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import gudhi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tpmscad._typing import Array, IntArray
+from tpmscad._typing import IntArray
 from tpmscad.topology.persistence import NO_VOXEL, PersistencePairs
 from tpmscad.topology.voxels import Convention, as_sample_array, check_complex
 
 
 def gudhi_diagram(
     values: ArrayLike, dimensions: Sequence[int], convention: Convention = "vertices"
-) -> list[tuple[Array, Array]]:
-    """Births and deaths (n,) in each of the dimensions, by ascending birth."""
+) -> list[PersistencePairs]:
+    """Pairs of each of the dimensions, 0, 1 or 2, in the form of `compute_persistence`."""
     field = as_sample_array(values)
-    cubical_complex = build_cubical_complex(field, convention)
-    pairs = [pairs_in_dimension(cubical_complex, field, dimension, convention) for dimension in dimensions]
-    return [(found.birth, found.death) for found in pairs]
+    check_complex(convention)
+    is_vertices = convention == "vertices"
+    cubical_complex = gudhi.CubicalComplex(**{"vertices" if is_vertices else "top_dimensional_cells": field})
+    cubical_complex.compute_persistence()
+    finite, endless = (
+        cubical_complex.vertices_of_persistence_pairs()
+        if is_vertices
+        else cubical_complex.cofaces_of_persistence_pairs()
+    )
+    diagram = []
+    for dimension in dimensions:
+        pairs = _indices_in_dimension(finite, dimension).reshape(-1, 2)
+        unpaired = _indices_in_dimension(endless, dimension).reshape(-1)
+        births = _to_c_order(np.concatenate([pairs[:, 0], unpaired]), field.shape)
+        deaths = _to_c_order(np.concatenate([pairs[:, 1], np.full(unpaired.size, NO_VOXEL)]), field.shape)
+        found = PersistencePairs.from_voxels(field, dimension, births, deaths)
+        diagram.append(found.select(found.birth < found.death))
+    return diagram
 
 
 def gudhi_pairs(values: ArrayLike, dimension: int, convention: Convention = "vertices") -> PersistencePairs:
-    """Pairs of dimension 0, 1 or 2 in the form of `compute_persistence`."""
-    field = as_sample_array(values)
-    return pairs_in_dimension(build_cubical_complex(field, convention), field, dimension, convention)
-
-
-def build_cubical_complex(field: Array, convention: Convention) -> Any:
-    """Gudhi's complex of the samples, with the persistence of all dimensions computed."""
-    check_complex(convention)
-    if convention == "vertices":
-        cubical_complex = gudhi.CubicalComplex(vertices=field)
-    else:
-        cubical_complex = gudhi.CubicalComplex(top_dimensional_cells=field)
-    cubical_complex.compute_persistence()
-    return cubical_complex
-
-
-def pairs_in_dimension(cubical_complex: Any, field: Array, dimension: int, convention: Convention) -> PersistencePairs:
-    """Pairs of one dimension of a complex made by `build_cubical_complex`."""
-    vertices = convention == "vertices"
-    finite, endless = (
-        cubical_complex.vertices_of_persistence_pairs() if vertices else cubical_complex.cofaces_of_persistence_pairs()
-    )
-    pairs = _indices_in_dimension(finite, dimension).reshape(-1, 2)
-    unpaired = _indices_in_dimension(endless, dimension).reshape(-1)
-    births = _to_c_order(np.concatenate([pairs[:, 0], unpaired]), field.shape)
-    deaths = _to_c_order(np.concatenate([pairs[:, 1], np.full(unpaired.size, NO_VOXEL)]), field.shape)
-    found = PersistencePairs.from_voxels(field, dimension, births, deaths)
-    return found.select(found.birth < found.death)
+    """Pairs of one dimension, as `gudhi_diagram`."""
+    return gudhi_diagram(values, (dimension,), convention)[0]
 
 
 def _indices_in_dimension(found: list[IntArray], dimension: int) -> IntArray:

@@ -22,9 +22,11 @@ from tpmscad.api.public_calls import validate_call
 from tpmscad.api.shared_arguments import Level, SampleConnectivity, Samples
 from tpmscad.api.shared_kinds import WHOLE_NUMBER
 from tpmscad.errors import InvalidRequest
-from tpmscad.topology.components import Runs, find_extreme_voxels, label_runs
+from tpmscad.topology.components import Runs, find_extreme_voxels, label_phase
 from tpmscad.topology.merge_tree import UNASSIGNED, compute_merges, pad_keys
 from tpmscad.topology.voxels import CONNECTIVITY, Labels, as_sample_array
+
+SweepDimension = Annotated[int, WHOLE_NUMBER.described_as("0 or 2", "0"), "0 for components, 2 for cavities."]
 
 NO_VOXEL = -1
 """Location of the death of a class that never dies."""
@@ -81,9 +83,7 @@ class PersistencePairs:
 
 @validate_call()
 def compute_persistence(
-    values: Samples,
-    dimension: Annotated[int, WHOLE_NUMBER.described_as("0 or 2", "0"), "0 for components, 2 for cavities."],
-    convention: SampleConnectivity = "vertices",
+    values: Samples, dimension: SweepDimension, convention: SampleConnectivity = "vertices"
 ) -> PersistencePairs:
     """Compute the persistence pairs of samples in dimension 0 or 2 by a union-find sweep.
 
@@ -103,11 +103,10 @@ def compute_persistence(
     (array([-1., -1.]), array([ 1., inf]))
     """
     field = as_sample_array(values)
-    solid, void = CONNECTIVITY[convention]
     check_dimension(dimension)
     keys, basins = initialise_sweep(field, dimension)
     basins[1:-1, 1:-1, 1:-1] = UNASSIGNED
-    minima, saddles = compute_merges(keys, basins, solid if dimension == 0 else void, np.inf, 0)
+    minima, saddles = compute_merges(keys, basins, CONNECTIVITY[convention][0 if dimension == 0 else 1], np.inf, 0)
     return assemble_pairs(field, dimension, minima, saddles)
 
 
@@ -145,7 +144,7 @@ def _unpad_indices(flat: IntArray, shape: tuple[int, ...]) -> IntArray:
 @validate_call()
 def compute_pairs_at_level(
     values: Samples,
-    dimension: Annotated[int, WHOLE_NUMBER.described_as("0 or 2", "0"), "0 for components, 2 for cavities."],
+    dimension: SweepDimension,
     convention: SampleConnectivity = "vertices",
     level: Level = 0.0,
 ) -> PersistencePairs:
@@ -168,12 +167,13 @@ def compute_pairs_at_level(
     field, level = as_sample_array(values), float(level)
     check_dimension(dimension)
     solid = dimension == 0
-    neighbours = CONNECTIVITY[convention][0 if solid else 1]
-    runs = label_runs(field, level, solid, neighbours, exterior=not solid)
+    runs = label_phase(field, level, convention, solid)
     if runs.count <= (1 if solid else 0):
         minima = saddles = np.empty(0, np.int64)
     else:
-        minima, saddles = _merges_beyond_level(field, runs, level, dimension, neighbours)
+        minima, saddles = _merges_beyond_level(
+            field, runs, level, dimension, CONNECTIVITY[convention][0 if solid else 1]
+        )
     pairs = assemble_pairs(field, dimension, minima, saddles)
     return pairs if runs.count else pairs.alive_at(level)
 

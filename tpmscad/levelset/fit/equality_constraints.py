@@ -45,12 +45,7 @@ class EqualityConstraints:
         """The factors of rows (n, m, unknowns)."""
         rows = np.ascontiguousarray(rows)
         involved = np.flatnonzero(_mark_involved(rows))
-        n, m, k = len(rows), rows.shape[1], len(involved)
-        columns = np.empty((n, k, m))
-        order, rank = np.empty((n, m), np.int64), np.empty(n, np.int64)
-        reflectors, scales, null_space = np.empty((n, min(k, m), k)), np.empty((n, min(k, m))), np.empty((n, k, k))
-        _factorise(rows, involved, columns, order, rank, reflectors, scales, null_space)
-        return EqualityConstraints(involved, order, rank, columns, reflectors, scales, null_space)
+        return EqualityConstraints(involved, *_factorise(rows, involved))
 
     def minimise(self, matrix: Array, rhs: Array, target: Array) -> Array:
         """The solutions (n, unknowns) of rows @ x = target (n, m) that minimise x' matrix x / 2 - rhs' x.
@@ -59,20 +54,8 @@ class EqualityConstraints:
         """
         is_free = np.ones(matrix.shape[1], bool)
         is_free[self.involved] = False
-        solution = np.empty(rhs.shape)
-        _minimise(
-            *(
-                self.involved,
-                np.flatnonzero(is_free),
-                self.order,
-                self.rank,
-                self.triangle,
-                self.reflectors,
-                self.scales,
-            ),
-            *(self.null_space, matrix, rhs, target, solution),
-        )
-        return solution
+        factors = self.order, self.rank, self.triangle, self.reflectors, self.scales, self.null_space
+        return _minimise(self.involved, np.flatnonzero(is_free), *factors, matrix, rhs, target)
 
 
 @njit_cached
@@ -145,17 +128,13 @@ def _reflect(
 
 @njit_cached
 def _factorise(
-    rows: Array,
-    involved: IntArray,
-    columns: Array,
-    order: IntArray,
-    rank: IntArray,
-    reflectors: Array,
-    scales: Array,
-    null_space: Array,
-) -> None:  # pragma: no cover
-    """The triangular factors (n, k, m) in `columns`, and the other arrays of `EqualityConstraints`, of rows (n, m, unknowns)."""
-    n, k, m = columns.shape
+    rows: Array, involved: IntArray
+) -> tuple[IntArray, IntArray, Array, Array, Array, Array]:  # pragma: no cover
+    """The arrays of `EqualityConstraints` but the first, of rows (n, m, unknowns); the triangular factors are (n, k, m)."""
+    n, m, k = len(rows), rows.shape[1], len(involved)
+    columns = np.empty((n, k, m))
+    order, rank = np.empty((n, m), np.int64), np.empty(n, np.int64)
+    reflectors, scales, null_space = np.empty((n, min(k, m), k)), np.empty((n, min(k, m))), np.empty((n, k, k))
     norms, full_norms, products = np.empty(m), np.empty(m), np.empty(max(k, m))
     for each in range(n):
         work, own_order, null = columns[each], order[each], null_space[each]
@@ -204,6 +183,7 @@ def _factorise(
             null[done + i, i] = 1.0
         for j in range(done - 1, -1, -1):
             _reflect(null[j:], reflectors[each, j, : k - j], scales[each, j], 0, k - done, products)
+    return order, rank, columns, reflectors, scales, null_space
 
 
 @njit_cached
@@ -219,9 +199,9 @@ def _minimise(
     matrix: Array,
     rhs: Array,
     target: Array,
-    solution: Array,
-) -> None:  # pragma: no cover
+) -> Array:  # pragma: no cover
     n, size = rhs.shape
+    solution = np.empty(rhs.shape)
     k, m, n_free = len(involved), order.shape[1], len(free)
     all_unknowns = np.concatenate((free, involved))
     start, left, slope, factors = np.empty(k), np.empty(m), np.empty(size), np.empty(k)
@@ -277,6 +257,7 @@ def _minimise(
             for e in range(d):
                 moved += null[i, e] * reduced[n_free + e, total]
             solution[each, involved[i]] = moved
+    return solution
 
 
 @njit_cached

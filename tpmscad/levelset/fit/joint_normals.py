@@ -30,7 +30,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad._typing import Array, BoolArray
+from tpmscad.array_table import ArrayTable
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.linear_extension import LinearExtension
 from tpmscad.levelset.fit.equality_constraints import EqualityConstraints
@@ -56,16 +57,12 @@ class EndShapes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SpokeStarts:
+class SpokeStarts(ArrayTable):
     """What the spokes (n,) take from the curves in whose middle they begin: n, n' and c' there, (n, 3) each."""
 
     normal: Array
     normal_derivative: Array
     derivative: Array
-
-    def take(self, rows: IntArray) -> SpokeStarts:
-        """Those of the given rows."""
-        return SpokeStarts(self.normal[rows], self.normal_derivative[rows], self.derivative[rows])
 
 
 def measure_second_forms(field: Field, points: Array, size: float) -> tuple[Array, Array]:

@@ -51,15 +51,14 @@ def project_curves_to_level_set(field: Field, points: Array, fixed: BoolArray, m
 def unit_vectors(vectors: Array, fixed: BoolArray | None = None) -> Array:
     """Unit vectors along vectors (n, m, 3), without their components that are `fixed` (n, 3)."""
     fixed = np.zeros((len(vectors), 3), bool) if fixed is None else np.ascontiguousarray(fixed)
-    result = np.empty(vectors.shape)
-    _normalize_free(np.ascontiguousarray(vectors), fixed, result)
-    return result
+    return _normalize_free(np.ascontiguousarray(vectors), fixed)
 
 
 @njit_cached
-def _normalize_free(vectors: Array, fixed: BoolArray, result: Array) -> None:  # pragma: no cover
+def _normalize_free(vectors: Array, fixed: BoolArray) -> Array:  # pragma: no cover
     """Unit vectors along vectors (n, m, 3) without their components that are fixed (n, 3); a vector of length zero stays zero."""
     n, m, _ = vectors.shape
+    result = np.empty(vectors.shape)
     for each in range(n):
         for k in range(m):
             square = 0.0
@@ -69,3 +68,4 @@ def _normalize_free(vectors: Array, fixed: BoolArray, result: Array) -> None:  #
             length = np.sqrt(square)
             for x in range(3):
                 result[each, k, x] /= MIN_DIVISOR if length < MIN_DIVISOR else length
+    return result

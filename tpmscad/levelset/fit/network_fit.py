@@ -30,7 +30,7 @@ from tpmscad.levelset.fit.least_squares import (
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.normal_equations import NormalEquations
 from tpmscad.levelset.quadmesh.patch_network import PatchNetwork
-from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies, no_copies
+from tpmscad.levelset.quadmesh.periodicity import TranslatedCopies
 from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.parallel import TaskRunner, run_serial, split_batches
 from tpmscad.splines.basis import (
@@ -72,23 +72,18 @@ def fit_network(
     field: Field,
     curve_degree: IntArray,
     patch_degree: IntArray,
-    warm_start: WarmStart | None = None,
+    warm_start: WarmStart,
     run_tasks: TaskRunner = run_serial,
-    copies: TranslatedCopies | None = None,
 ) -> NetworkFit:
     """Fit every curve with its degree (C,), then every patch with its degree (Q,) or those of its sides where they are higher.
 
-    `copies` are those of the warm start by default, and none without one; a copy must have the degree of its original.
+    Copies are those of the warm start; a copy must have the degree of its original.
     """
-    n_curves, n_patches = len(network.ends), len(network.curve)
-    if warm_start is None:
-        copies = copies or no_copies(n_curves, n_patches)
-        nothing = NetworkFit([np.empty(0)] * n_curves, [np.empty(0)] * n_curves, [np.empty(0)] * n_patches, copies)
-        warm_start = WarmStart(nothing, np.ones(n_curves, bool), np.ones(n_patches, bool))
-    copies = copies or warm_start.fit.copies
-    curves, normals = _fit_network_curves(network, field, curve_degree, warm_start, copies, run_tasks)
-    joined = (curves, normals)
-    patches = _fit_network_patches(network, field, joined, curve_degree, patch_degree, warm_start, copies, run_tasks)
+    copies = warm_start.fit.copies
+    curves, normals = _fit_network_curves(network, field, curve_degree, warm_start, run_tasks)
+    # the same both ways: patches of degrees 9 and 5 between sides of both degrees fold
+    degrees = np.maximum(patch_degree, curve_degree[network.curve].max(axis=1))
+    patches = _fit_network_patches(network, field, (curves, normals), degrees, warm_start, run_tasks)
     return NetworkFit(curves, normals, patches, copies)
 
 
@@ -169,11 +164,10 @@ def _fit_network_curves(
     field: Field,
     degree: IntArray,
     warm_start: WarmStart,
-    copies: TranslatedCopies,
     run_tasks: TaskRunner,
 ) -> tuple[list[Array], list[Array]]:
     """All curves and the normals along them: the sides of polygons first, then the spokes, which begin at midpoints of sides."""
-    curves, normals = list(warm_start.fit.curves), list(warm_start.fit.normals)
+    curves, normals, copies = list(warm_start.fit.curves), list(warm_start.fit.normals), warm_start.fit.copies
     refit, is_spoke = copies.original_curves & warm_start.refit_curves, np.arange(len(curves)) >= network.n_sides
     start, end = network.vertices[network.ends[:, 0]], network.vertices[network.ends[:, 1]]
     on_box = np.flatnonzero(network.plane >= 0)
@@ -192,7 +186,13 @@ def _fit_network_curves(
             for batch in split_batches(np.flatnonzero(degree[numbers] == d), ITEMS_PER_TASK)
         ]
         tasks = [
-            (field, *(each[numbers[rows]] for each in (start, end, fixed)), size, d, starts and starts.take(rows))
+            (
+                field,
+                *(each[numbers[rows]] for each in (start, end, fixed)),
+                size,
+                d,
+                None if starts is None else starts[rows],
+            )
             for rows, d in batches
         ]
         results = run_tasks(fit_joined_curves, tasks)
@@ -240,25 +240,18 @@ def _fit_network_patches(
     network: PatchNetwork,
     field: Field,
     joined: tuple[list[Array], list[Array]],
-    curve_degree: IntArray,
-    patch_degree: IntArray,
+    degrees: IntArray,
     warm_start: WarmStart,
-    copies: TranslatedCopies,
     run_tasks: TaskRunner,
 ) -> list[Array]:
-    """All patches between fitted curves with normals along them, with degrees no lower than that of any of their sides."""
-    curves, normals = joined
-    side_degree = curve_degree[network.curve]
-    # the same both ways: patches of degrees 9 and 5 between sides of both degrees fold
-    degrees = np.maximum(patch_degree, side_degree.max(axis=1))
-    patches = list(warm_start.fit.patches)
+    """All patches between fitted curves with normals along them, with degrees (Q,) no lower than that of any of their sides."""
+    patches, copies = list(warm_start.fit.patches), warm_start.fit.copies
     numbers = np.flatnonzero(copies.original_patches & warm_start.refit_patches)
     tasks, batches = [], []
     for degree in np.unique(degrees[numbers]).tolist():
         for batch in split_batches(numbers[degrees[numbers] == degree], ITEMS_PER_TASK):
             border, along = (
-                [_collect_side_poles(network, poles, batch, side, degree) for side in range(4)]
-                for poles in (curves, normals)
+                [_collect_side_poles(network, poles, batch, side, degree) for side in range(4)] for poles in joined
             )
             tasks.append((field, border, along))
             batches.append(batch)

@@ -11,18 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from tpmscad._typing import Array, IntArray
 from tpmscad.brep.deviation import Deviation
 from tpmscad.fields.field import Field
 from tpmscad.fields.kinds.normal_distance import NormalDistance
 from tpmscad.levelset.fit.fit_quality import PatchSamples, sample_patches
-from tpmscad.levelset.fit.foot_points import foot_point_distances, least_foot_distances
 from tpmscad.levelset.fit.joint_normals import EndShapes, fit_normals, measure_second_forms
 from tpmscad.levelset.fit.network_curves import fit_curves
 from tpmscad.levelset.fit.network_fit import fit_patches
-from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh
+from tpmscad.levelset.fit.patch_samples import foot_point_distances, least_foot_distances
+from tpmscad.levelset.periodic.periodic_mesh import PeriodicMesh, periodic_tree, wrap_into_period
 from tpmscad.levelset.quadmesh.vectors import normalize
 from tpmscad.rigid_motion import Motion
 from tpmscad.splines.basis import bernstein_basis, evaluate_bezier_patches
@@ -124,8 +123,7 @@ def _reduce_sides(mesh: PeriodicMesh, isometries: Motion) -> _Sides:
     after = np.roll(points, -1, axis=1)
     middle, chord = (points + after).reshape(-1, 3) / 2, (after - points).reshape(-1, 3)
     period = mesh.period
-    reduced = np.mod(middle, period)
-    tree = cKDTree(np.minimum(reduced, np.nextafter(period, 0)), boxsize=period)
+    tree = periodic_tree(middle, period)
     tolerance = SAME_PLACE_TOL * float(period.min())
     n = len(middle)
     curve, sense = np.full(n, -1), np.zeros(n, np.int64)
@@ -136,7 +134,7 @@ def _reduce_sides(mesh: PeriodicMesh, isometries: Motion) -> _Sides:
         if curve[k] >= 0:
             continue
         images = isometries.apply(middle[k])
-        found = tree.query_ball_point(np.minimum(np.mod(images, period), np.nextafter(period, 0)), tolerance)
+        found = tree.query_ball_point(wrap_into_period(images, period), tolerance)
         directions = isometries.apply_to_vectors(chord[k])
         for g, hits in enumerate(found):
             for j in hits:
@@ -246,17 +244,10 @@ def _measure(
 
 def _tangent_jumps(mesh: PeriodicMesh, sides: _Sides, quality: PatchSamples) -> Array:
     """Greatest angle in degrees (n,) between the normals along every side of the representatives."""
-    row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
-    motion = mesh.polygon_motion
+    row, motion, tolerance = mesh.representative_row, mesh.polygon_motion, SAME_PLACE_TOL * float(mesh.period.min())
+    pairs = periodic_tree(mesh.side_middles(), mesh.period).query_pairs(tolerance, output_type="ndarray")
+    pairs = pairs[np.isin(pairs // 4, mesh.representatives).any(axis=1)]
     # normals along all sides in the frame of the side's curve, so that the two uses of a side compare
-    period = mesh.period
-    polygons = np.arange(len(mesh.corners))
-    points = mesh.corner_points(polygons)
-    middle = ((points + np.roll(points, -1, axis=1)) / 2).reshape(-1, 3)
-    wrapped = np.minimum(np.mod(middle, period), np.nextafter(period, 0))
-    pairs = cKDTree(wrapped, boxsize=period).query_pairs(SAME_PLACE_TOL * float(period.min()), output_type="ndarray")
-    of_representative = np.isin(pairs // 4, mesh.representatives).any(axis=1)
-    pairs = pairs[of_representative]
     normals = []
     for side in pairs.T:
         q, i = side // 4, side % 4
@@ -277,11 +268,9 @@ def distances_to_copies(mesh: PeriodicMesh, poles: Array, points: Array, tol: fl
     degree = poles.shape[1] - 1
     basis = bernstein_basis(degree, t)
     grid = evaluate_bezier_patches(basis, poles, basis)
-    row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
-    everywhere = mesh.polygon_motion[:, None].apply(grid[row])
-    flat = everywhere.reshape(-1, 3)
-    tree = cKDTree(np.minimum(np.mod(flat, period), np.nextafter(period, 0)), boxsize=period)
-    wrapped = np.minimum(np.mod(points, period), np.nextafter(period, 0))
+    row = mesh.representative_row
+    flat = mesh.polygon_motion[:, None].apply(grid[row]).reshape(-1, 3)
+    tree, wrapped = periodic_tree(flat, period), wrap_into_period(points, period)
     u, v = (g.ravel() for g in np.meshgrid(t, t, indexing="ij"))
 
     def measure(chosen: IntArray, at: IntArray) -> Array:

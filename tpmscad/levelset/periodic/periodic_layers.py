@@ -16,7 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.errors import LevelSetError
 from tpmscad.fields.analysis.isometries import find_isometries
 from tpmscad.fields.field import Field
-from tpmscad.levelset.boundary_level_sets import sample_level_set
+from tpmscad.levelset.boundary_level_sets import measure_shape_operators, sample_level_set
 from tpmscad.levelset.periodic.periodic_fit import PeriodicFit, fit_periodic_patches, is_better_fit
 from tpmscad.levelset.periodic.periodic_mesh import (
     PeriodicMesh,
@@ -66,15 +66,6 @@ class PeriodicLayout:
     samples: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedPatches:
-    """Copies (n,) of the patches of a fit: the patch, its motion, and +1 where S_u x S_v points along the gradient, else -1."""
-
-    patch: IntArray
-    motion: Motion
-    sense: IntArray
-
-
 @lru_cache(maxsize=CACHE_SIZE)
 def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = None) -> PeriodicLayout:
     """The layout of {field = 0} on the coarsest grid whose mesh has the level set's topology and well-shaped polygons.
@@ -118,16 +109,8 @@ def make_periodic_layout(field: Field, first_grid: tuple[int, float] | None = No
 
 def measure_offset_limits(layout: PeriodicLayout) -> tuple[float, float]:
     """Signed distances to the nearest centres of curvature of the level set on either side, from its samples."""
-    field, points = layout.field, layout.samples
     step = CURVATURE_STEP_PERIODS * float(layout.mesh.period.min())
-    gradient = field.gradient(points)
-    size = np.linalg.norm(gradient, axis=1)
-    normal = gradient / size[:, None]
-    hessian = np.stack(
-        [(field.gradient(points + step * e) - field.gradient(points - step * e)) / (2 * step) for e in np.eye(3)], -1
-    )
-    tangential = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    curvatures = np.linalg.eigvalsh(tangential @ hessian @ tangential / size[:, None, None])
+    curvatures = np.linalg.eigvalsh(measure_shape_operators(layout.field, layout.samples, step))
     return -1.0 / float(curvatures.max()), -1.0 / float(curvatures.min())
 
 
@@ -158,22 +141,23 @@ def patch_surfaces(fit: PeriodicFit) -> tuple[BSplineSurface, ...]:
     return tuple(BSplineSurface(poles, knots, knots, fit.degree, fit.degree) for poles in fit.poles)
 
 
-def place_copies_in_box(fit: PeriodicFit, low: Array, high: Array, touch_tol: float) -> PlacedPatches:
-    """All copies of the patches whose poles reach into the box [low, high] by more than `touch_tol`."""
+def place_copies_in_box(fit: PeriodicFit, low: Array, high: Array, touch_tol: float) -> tuple[IntArray, Motion]:
+    """All copies of the patches whose poles reach into the box [low, high] by more than `touch_tol`: patch and motion, (n,) each.
+
+    S_u x S_v of a copy points along the gradient times the handedness of its motion: the corners of a representative are
+    counter-clockwise as seen from the void, and a mirror turns that round.
+    """
     mesh = fit.mesh
-    row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
+    row = mesh.representative_row
     poles = mesh.polygon_motion[:, None].apply(fit.poles.reshape(len(fit.poles), -1, 3)[row])
     least, greatest = poles.min(axis=1), poles.max(axis=1)
-    patches, rotations, translations = [], [], []
+    patches, motions = [], []
     for shift in _periods_in_reach(mesh.period, least.min(axis=0), greatest.max(axis=0), low, high):
         inside = ((greatest + shift > low + touch_tol) & (least + shift < high - touch_tol)).all(axis=1)
+        placed = mesh.polygon_motion[inside]
         patches.append(row[inside])
-        rotations.append(mesh.polygon_motion.rotation[inside])
-        translations.append(mesh.polygon_motion.translation[inside] + shift)
-    motion = Motion(np.concatenate(rotations), np.concatenate(translations))
-    patch = np.concatenate(patches)
-    # the corners of a representative are counter-clockwise as seen from the void; a mirror turns that round
-    return PlacedPatches(patch, motion, motion.handedness)
+        motions.append(Motion(placed.rotation, placed.translation + shift))
+    return np.concatenate(patches), Motion.concatenate(motions)
 
 
 def _count_vertices_less_faces(mesh: PeriodicMesh) -> int:

@@ -21,8 +21,7 @@ from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh import octree
 from tpmscad.levelset.quadmesh.dual_mesh import build_dual_mesh
 from tpmscad.levelset.quadmesh.regular_polygons import MIN_WEIGHTED_SINE, WEIGHT_POWER, fit_regular_polygons
-from tpmscad.levelset.quadmesh.smoothing import project_to_level_set
-from tpmscad.levelset.quadmesh.smoothing_steps import MAX_MOVE_FRACTION
+from tpmscad.levelset.quadmesh.smoothing import MAX_MOVE_FRACTION, project_to_level_set
 from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR, length, normalize, roll_next, sines_between_sides
 from tpmscad.rigid_motion import Motion
 
@@ -67,6 +66,16 @@ class PeriodicMesh:
     def representatives(self) -> IntArray:
         """The polygons (P,) of which the others are images."""
         return np.unique(self.polygon_origin)
+
+    @property
+    def representative_row(self) -> IntArray:
+        """Row (Q,) of each polygon's origin among the representatives."""
+        return np.searchsorted(self.representatives, self.polygon_origin)
+
+    def side_middles(self) -> Array:
+        """Middles (4 Q, 3) of the chords of all sides."""
+        points = self.corner_points(np.arange(len(self.corners)))
+        return np.asarray((points + np.roll(points, -1, axis=1)) / 2).reshape(-1, 3)
 
     def corner_points(self, polygons: IntArray) -> Array:
         """Positions (n, 4, 3) of the corners of polygons."""
@@ -114,6 +123,16 @@ def _smooth_and_place(field: Field, isometries: Motion, quotient: _Quotient) -> 
     if not np.array_equal(np.sort(corners, axis=1), np.sort(quotient.corners, axis=1)):
         raise LevelSetError("the mesh of a period does not have the symmetry of its field: use a finer grid")
     return PeriodicMesh(quotient.period, vertices, corners, corner_period, origin_of, motion)
+
+
+def wrap_into_period(points: Array, period: Array) -> Array:
+    """Points (..., 3) moved into the first period, as a `periodic_tree` takes them."""
+    return np.minimum(np.mod(points, period), np.nextafter(period, 0))
+
+
+def periodic_tree(points: Array, period: Array) -> cKDTree:
+    """The tree of points (n, 3) modulo the periods (3,)."""
+    return cKDTree(wrap_into_period(points, period), boxsize=period)
 
 
 def count_euler_characteristic(field: Field, n_leaves: IntArray, origin: Array) -> int:
@@ -164,13 +183,14 @@ def _select_strips(mesh: PeriodicMesh, field: Field) -> BoolArray:
 
     A strip passes from each side of a polygon to the opposite one; its images by the isometries belong to it.
     """
-    polygons = np.arange(len(mesh.corners))
     normals = normalize(field.gradient(mesh.vertices))[mesh.corners]
     cosine = np.einsum("qij,qij->qi", normals, np.roll(normals, -1, axis=1))
-    side, _ = cluster_points(_wrapped_middles(mesh, polygons), SAME_POINT_TOL_PERIODS * float(mesh.period.min()))
+    middle, tolerance = mesh.side_middles(), SAME_POINT_TOL_PERIODS * mesh.period
+    # moved into one period so that equal ones are near each other
+    wrapped = middle - np.floor((middle + tolerance) / mesh.period) * mesh.period
+    side, _ = cluster_points(wrapped, float(tolerance.min()))
     # nodes are the sides of representatives, joined where polygons share a side or have it opposite
-    row = np.searchsorted(mesh.representatives, mesh.polygon_origin)
-    node = (4 * row[:, None] + np.arange(4)).ravel()
+    node = (4 * mesh.representative_row[:, None] + np.arange(4)).ravel()
     n_nodes = 4 * len(mesh.representatives)
     opposite = np.arange(n_nodes).reshape(-1, 4)
     links = np.concatenate(
@@ -182,14 +202,6 @@ def _select_strips(mesh: PeriodicMesh, field: Field) -> BoolArray:
     strip = label_linked(n_nodes + int(side.max()) + 1, links)[node].reshape(-1, 4)
     bad = np.unique(strip[cosine < MIN_SIDE_COSINE])
     return min((strip == number for number in bad), key=np.count_nonzero, default=np.zeros(strip.shape, bool))
-
-
-def _wrapped_middles(mesh: PeriodicMesh, polygons: IntArray) -> Array:
-    """Middles (4 n, 3) of the chords of all sides, moved into one period so that equal ones are near each other."""
-    points = mesh.corner_points(polygons)
-    middle = ((points + np.roll(points, -1, axis=1)) / 2).reshape(-1, 3)
-    tolerance = SAME_POINT_TOL_PERIODS * mesh.period
-    return np.asarray(middle - np.floor((middle + tolerance) / mesh.period) * mesh.period)
 
 
 def _split_strips(mesh: PeriodicMesh, split: BoolArray) -> _Quotient:
@@ -233,12 +245,7 @@ def _match_images(points: Array, isometries: Motion, period: Array) -> tuple[Int
 def _locate(images: Array, points: Array, period: Array) -> tuple[IntArray, IntArray]:
     """Numbers (...) and periods (..., 3) of the points (n, 3) that lie at `images` (..., 3) modulo the periods."""
     low = points.min(axis=0) - 0.5 * SAME_POINT_TOL_PERIODS * period
-
-    def wrap(values: Array) -> Array:
-        return np.asarray(np.mod(values - low, period))
-
-    tree = cKDTree(wrap(points), boxsize=period)
-    distance, number = tree.query(np.minimum(wrap(images), np.nextafter(period, 0)))
+    distance, number = periodic_tree(points - low, period).query(wrap_into_period(images - low, period))
     if distance.max() > SAME_POINT_TOL_PERIODS * period.min():
         raise LevelSetError("the grid of a period does not have the symmetry of its field: choose another grid")
     return number, np.rint((images - points[number]) / period).astype(np.int64)
@@ -276,7 +283,7 @@ def _smooth(
     shift = np.take_along_axis(quotient.corner_period[polygon], (corner[:, None, None] + np.arange(4)[:, None]) % 4, 1)
     shift = (shift - shift[:, :1]) * period
     centre = np.searchsorted(chosen, ring[:, 0])
-    leaf = float(np.cbrt(np.prod(period) / max(1, len(quotient.start)))) if not len(ring) else _mean_side(quotient)
+    leaf = _mean_side(quotient)
     points = quotient.start[chosen]
     free = np.zeros(points.shape, bool)
 

@@ -106,16 +106,15 @@ def snap_translated_vertices(mesh: QuadMesh, field: Field, tree: Octree) -> Quad
 
 
 def find_translated_copies(
-    network: PatchNetwork, field: Field, tree: Octree, fitted: tuple[BoolArray, BoolArray] | None = None
+    network: PatchNetwork, field: Field, tree: Octree, fitted_curves: BoolArray, fitted_patches: BoolArray
 ) -> tuple[PatchNetwork, TranslatedCopies]:
     """The network with congruent vertices translated exactly, and the copies among its curves and patches.
 
-    `fitted`: masks (C,) and (Q,) of curves and patches that are fitted already and are preferred as originals.
+    `fitted_curves` (C,) and `fitted_patches` (Q,) mark those that are fitted already and are preferred as originals.
     """
     period = _find_whole_periods(field, tree)
     if not period.any():
         return network, no_copies(len(network.ends), len(network.curve))
-    fitted = fitted or (np.zeros(len(network.ends), bool), np.zeros(len(network.curve), bool))
     ticks, cell = _quantise_positions(network.vertices, tree.lo, period)
     vertex = _first_equal_rows(ticks)
     shift = cell - cell[vertex]
@@ -129,16 +128,16 @@ def find_translated_copies(
     position = np.zeros((len(network.ends), 3), np.int64)  # period of a curve's start, less that of its original vertex
     position[sides] = shift[a]
     rows = np.column_stack([vertex[a], vertex[b], shift[b] - shift[a], network.plane[sides]])
-    curve[sides] = _first_equal_rows(rows, fitted[0][sides])
+    curve[sides] = _first_equal_rows(rows, fitted_curves[sides])
     if len(network.split_curve):
         end = network.ends[spokes, 1]
         position[spokes] = position[network.split_curve]
         rows = np.column_stack([curve[network.split_curve], vertex[end], shift[end] - position[network.split_curve]])
-        curve[spokes] = network.n_sides + _first_equal_rows(rows, fitted[0][spokes])
+        curve[spokes] = network.n_sides + _first_equal_rows(rows, fitted_curves[spokes])
 
     between = (position[network.curve[:, 1:]] - position[network.curve[:, :1]]).reshape(-1, 9)
     rows = np.column_stack([curve[network.curve], between, network.sense, network.piece])
-    patch = _first_equal_rows(rows, fitted[1])
+    patch = _first_equal_rows(rows, fitted_patches)
     first = position[network.curve[:, 0]]
     curve_shift, patch_shift = (position - position[curve]) * period, (first - first[patch]) * period
     return network, TranslatedCopies(curve, curve_shift, patch, patch_shift)

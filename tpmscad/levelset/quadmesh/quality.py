@@ -3,6 +3,11 @@
 `corner_distortion` measures a polygon by its corners: the sines of its angles, the tilt of its sides and diagonals against the
 surface and the turning of the normals. `interior_distortion` measures the surface between the corners. Both are above 1 beyond
 the limits.
+
+`measure_side_distances` foretells whether patches reach the tolerance, by sides as cubic curves. Between two vertices the cubic
+with their chord as its derivative at both ends, turned into the tangent planes there, leaves the level set where this bends
+unevenly, as beside the rounded edge of a wall. The fit has the same end points and tangents, and a higher degree: of 1655
+polygons of a blended sheet with all sides within six tolerances none failed, of 422 others one in 26.
 """
 
 from __future__ import annotations
@@ -12,15 +17,15 @@ import numpy as np
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
-from tpmscad.levelset.quadmesh.short_vectors import (
+from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
+from tpmscad.levelset.quadmesh.vectors import (
+    MIN_DIVISOR,
     difference_of,
     dot_as_einsum,
     dot_of,
     norm_of,
     triple_product_of,
 )
-from tpmscad.levelset.quadmesh.smoothing import project_with_gradients
-from tpmscad.levelset.quadmesh.vectors import MIN_DIVISOR
 
 MIN_CORNER_SINE = 0.42
 """Least signed sine of a corner angle: of well-shaped polygons nearly all patches were fitted, of thin ones one in five was
@@ -54,10 +59,7 @@ def corner_distortion(vertices: Array, normals: Array, fixed: BoolArray, corners
 
     `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3).
     """
-    result = np.empty(len(corners))
-    arrays = (np.ascontiguousarray(each) for each in (vertices, normals, fixed, corners))
-    _measure_polygons(*arrays, result)
-    return result
+    return _measure_polygons(*(np.ascontiguousarray(each) for each in (vertices, normals, fixed, corners)))
 
 
 def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray) -> Array:
@@ -67,26 +69,25 @@ def interior_distortion(field: Field, vertices: Array, normals: Array, fixed: Bo
     normals turn from the corners to there, and the corner angles of the four quarters into which these points divide a
     quadrilateral.
     """
-    count = len(polygons)
     corners = np.where(polygons < 0, polygons[:, 2:3], polygons)
-    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), bool), np.empty((count, 5))
-    _place_middles(vertices, fixed, corners, points, held, side)
+    points, held, side = _place_middles(vertices, fixed, corners)
     longest = MAX_SAG_FRACTION * side.ravel()
     projected, gradient = project_with_gradients(
         field, points.reshape(-1, 3), held.reshape(-1, 3), longest, NEWTON_STEPS_FROM_MIDPOINTS, 0.0
     )
-    projected, gradient, result = projected.reshape(points.shape), gradient.reshape(points.shape), np.empty(count)
-    _measure_interiors(vertices, normals, corners, points, projected, gradient, side, result)
-    return result
+    projected, gradient = projected.reshape(points.shape), gradient.reshape(points.shape)
+    return _measure_interiors(vertices, normals, corners, points, projected, gradient, side)
 
 
 @njit_cached
 def _measure_polygons(
-    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray, result: Array
-) -> None:  # pragma: no cover
+    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
+) -> Array:  # pragma: no cover
     """The distortion (Q,) of each polygon (Q, 4)."""
+    result = np.empty(len(polygons))
     for q in range(len(polygons)):
         result[q] = measure_polygon(vertices, normals, fixed, polygons[q])
+    return result
 
 
 @njit_cached
@@ -168,12 +169,14 @@ def _max_box_section_tilt(
 
 @njit_cached
 def _place_middles(
-    vertices: Array, fixed: BoolArray, corners: IntArray, points: Array, held: BoolArray, side: Array
-) -> None:  # pragma: no cover
+    vertices: Array, fixed: BoolArray, corners: IntArray
+) -> tuple[Array, BoolArray, Array]:  # pragma: no cover
     """The midpoints of the sides and the centres (Q, 5, 3), the coordinates held on the box, and the lengths (Q, 5) of the sides.
 
     The length of the longest side stands for the centre.
     """
+    count = len(corners)
+    points, held, side = np.empty((count, 5, 3)), np.zeros((count, 5, 3), np.bool_), np.empty((count, 5))
     for q in range(len(corners)):
         longest = 0.0
         for k in range(4):
@@ -187,6 +190,7 @@ def _place_middles(
         a, b, c, d = corners[q]
         for x in range(3):
             points[q, 4, x] = (vertices[a, x] + vertices[b, x] + vertices[c, x] + vertices[d, x]) / 4
+    return points, held, side
 
 
 @njit_cached
@@ -198,14 +202,13 @@ def _measure_interiors(
     projected: Array,
     gradient: Array,
     side: Array,
-    result: Array,
-) -> None:  # pragma: no cover
+) -> Array:  # pragma: no cover
     """The interior distortion (Q,) by the middles (Q, 5, 3), their projections, the gradients there and the sides (Q, 5).
 
     The last two corners (Q, 4) of a triangle are the same; it has no quarters to measure.
     """
     middle_normal, step = np.empty((5, 3)), np.empty(3)
-    quarter, quarter_normal = np.empty((4, 3)), np.empty((4, 3))
+    quarter, quarter_normal, result = np.empty((4, 3)), np.empty((4, 3)), np.empty(len(corners))
     for q in range(len(corners)):
         sag, cosine, sine = 0.0, np.inf, np.inf
         total = 0.0  # of all measures: not a number if one of them is
@@ -239,6 +242,7 @@ def _measure_interiors(
         worst = max(sag / MAX_SAG_FRACTION, (1 - cosine) / (1 - MIN_MIDPOINT_NORMAL_COSINE))
         worst = max(worst, (1 - sine) / (1 - MIN_QUARTER_SINE))
         result[q] = np.nan if np.isnan(total) else worst
+    return result
 
 
 @njit_cached
@@ -253,3 +257,74 @@ def _min_corner_sine(points: Array, normals: Array) -> float:  # pragma: no cove
         least = min(least, triple_product_of(previous, chord, normals[k]) / max(size * previous_size, MIN_DIVISOR))
         previous, previous_size = chord, size
     return least
+
+
+SIDE_PARAMETERS = np.array([0.25, 0.5, 0.75])
+"""Parameters of the points of a cubic at which its distance is measured."""
+
+
+def measure_side_distances(
+    field: Field, vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
+) -> Array:
+    """Largest distance (Q,) from {field = 0}, to first order, of the cubic sides of polygons (Q, 4), triangles padded with -1.
+
+    `vertices`, unit `normals` and coordinates `fixed` on the box are (V, 3). Sides in a face of the box stay in it.
+    """
+    points, free = _place_points(vertices, normals, fixed, polygons)
+    value, gradient = field.value_and_gradient(points)
+    return _measure_distances(polygons, value, gradient, free)
+
+
+@njit_cached
+def _place_points(
+    vertices: Array, normals: Array, fixed: BoolArray, polygons: IntArray
+) -> tuple[Array, BoolArray]:  # pragma: no cover
+    """The points (Q, 4, k, 3) on the cubics of the sides, and the coordinates (Q, 4, 3) along which these may move."""
+    count = len(polygons)
+    points, free = np.empty((count, 4, len(SIDE_PARAMETERS), 3)), np.empty((count, 4, 3), np.bool_)
+    first, last, way = np.empty(3), np.empty(3), np.empty(3)
+    for q in range(len(polygons)):
+        n = 3 if polygons[q, 3] < 0 else 4
+        for side in range(4):
+            # the fourth side of a triangle is its first once more
+            i, j = polygons[q, side % n], polygons[q, (side + 1) % n]
+            chord = difference_of(vertices, i, j)
+            length = norm_of(chord)
+            for end, tangent in ((i, first), (j, last)):
+                for x in range(3):
+                    free[q, side, x] = not (fixed[i, x] and fixed[j, x])
+                    way[x] = normals[end, x] if free[q, side, x] else 0.0
+                square = max(dot_of(way, way), MIN_DIVISOR)
+                share = dot_of(chord, way) / square
+                for x in range(3):
+                    tangent[x] = chord[x] - share * way[x]
+                stretch = length / max(norm_of(tangent), MIN_DIVISOR)
+                for x in range(3):
+                    tangent[x] *= stretch
+            for k in range(len(SIDE_PARAMETERS)):
+                t = SIDE_PARAMETERS[k]
+                rest = 1.0 - t
+                for x in range(3):
+                    points[q, side, k, x] = (
+                        (1.0 + 2.0 * t) * rest**2 * vertices[i, x]
+                        + t**2 * (3.0 - 2.0 * t) * vertices[j, x]
+                        + t * rest * (rest * first[x] - t * last[x])
+                    )
+    return points, free
+
+
+@njit_cached
+def _measure_distances(polygons: IntArray, value: Array, gradient: Array, free: BoolArray) -> Array:  # pragma: no cover
+    """The largest ratio (Q,) of values (Q, 4, k) to the lengths of gradients (Q, 4, k, 3) in the free coordinates."""
+    result = np.empty(len(polygons))
+    for q in range(len(polygons)):
+        largest = 0.0
+        for side in range(4):
+            for k in range(value.shape[2]):
+                square = 0.0
+                for x in range(3):
+                    if free[q, side, x]:
+                        square += gradient[q, side, k, x] ** 2
+                largest = max(largest, abs(value[q, side, k]) / max(np.sqrt(square), MIN_DIVISOR))
+        result[q] = largest
+    return result

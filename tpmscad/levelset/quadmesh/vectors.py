@@ -1,13 +1,16 @@
-"""Vector algebra on arrays with the components first, (3, ...), and corner look-ups of polygon meshes.
+"""Vector algebra on arrays with the components first, (3, ...), and in compiled loops, and corner look-ups of polygon meshes.
 
 Many short vectors are processed several times faster with the components along the first axis than along the last one.
 `normalize` and the arguments named `vertices` or `corners` keep the usual layout, (..., 3) and (Q, n).
+Functions of compiled loops take single vectors, arrays (3,) or tuples; they add in the order of the array operations, so that a
+loop has the same bits as these.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, IntArray
 
 MIN_DIVISOR = 1e-300
@@ -75,3 +78,34 @@ def close_triangles(corners: IntArray) -> IntArray:
 def gather(vectors: Array, corners: IntArray) -> Array:
     """Rows of `vectors` (V, 3) at `corners` (...), components first: (3, ...)."""
     return np.take(np.ascontiguousarray(vectors.T), corners, axis=1)
+
+
+@njit_cached
+def difference_of(points, i, j):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The vector from point i to point j of points (n, 3)."""
+    return points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+
+
+@njit_cached
+def dot_of(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The scalar product of two vectors."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit_cached
+def dot_as_einsum(a, b):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The scalar product of two vectors, summed in the order of `numpy.einsum`, whose vector units add every second term."""
+    return (a[0] * b[0] + a[2] * b[2]) + a[1] * b[1]
+
+
+@njit_cached
+def norm_of(a):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The length of a vector."""
+    return np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+@njit_cached
+def triple_product_of(a, b, c):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The scalar product of a x b with c."""
+    x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+    return x * c[0] + y * c[1] + z * c[2]

@@ -7,14 +7,13 @@ stars of the diagonal's ends tell; `PolygonMesh.plan_collapse` makes the full te
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.levelset.quadmesh.quality import measure_polygon
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MAX_VALENCE, MIN_VALENCE
+from tpmscad.levelset.quadmesh.simplification.strip_collapses import CollapseSeeds
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
     SurfaceVertices,
     VertexStars,
@@ -23,41 +22,34 @@ from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DiagonalCollapses:
-    """n diagonal collapses: quadrilateral, removed and kept vertex, distortion of the worst polygon afterwards, patches saved."""
+def rate_diagonal_collapses(
+    stars: VertexStars, surface: SurfaceVertices, numbers: IntArray
+) -> tuple[CollapseSeeds, Array, IntArray]:
+    """The diagonal collapses of the quadrilaterals among these polygons.
 
-    polygon: IntArray
-    removed: IntArray
-    kept: IntArray
-    distortion: Array
-    patches_saved: IntArray
-
-
-def rate_diagonal_collapses(stars: VertexStars, surface: SurfaceVertices, numbers: IntArray) -> DiagonalCollapses:
-    """The diagonal collapses of the quadrilaterals among these polygons, with an infinite distortion if a polygon degenerates."""
-    most = 2 * len(numbers)
-    number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
-    is_doublet = np.empty((most, 2), bool)
-    count = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers, number, corner, is_doublet)
-    number, corner, is_doublet = number[:count], corner[:count], is_doublet[:count]
+    Seeds, the distortion (n,) of the worst polygon afterwards, infinite if one degenerates, and the patches saved (n,).
+    """
+    number, corner, is_doublet = _find_feasible_diagonals(stars, surface.fixed.sum(axis=1), numbers)
     after = surface.append_merged_vertices(corner[:, 0], corner[:, 2])
-    worst = np.empty(count)
-    _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet, worst)
-    return DiagonalCollapses(number, corner[:, 0], corner[:, 2], worst, 1 + is_doublet.sum(axis=1))
+    worst = _rate_diagonals(stars, after.vertices, after.normals, after.fixed, number, corner, is_doublet)
+    seeds = CollapseSeeds.allocate(len(number))
+    seeds.merges[:, 0], seeds.removed[:, 0] = corner[:, ::2], number
+    return seeds, worst, 1 + is_doublet.sum(axis=1)
 
 
 @njit_cached
 def _find_feasible_diagonals(
-    stars: VertexStars, n_fixed: IntArray, numbers: IntArray, number: IntArray, corner: IntArray, is_doublet: BoolArray
-) -> int:  # pragma: no cover
-    """Diagonals whose collapse leaves allowed valences and no double edges, and how many they are.
+    stars: VertexStars, n_fixed: IntArray, numbers: IntArray
+) -> tuple[IntArray, IntArray, BoolArray]:  # pragma: no cover
+    """Diagonals whose collapse leaves allowed valences and no double edges.
 
     The removed vertex lies inside the box; of two vertices inside, that of the lower number is removed. Found are the
     quadrilaterals (n,), their corners (n, 4) counter-clockwise from the removed one, and whether the second and the fourth corner
     (n, 2) become doublets.
     """
-    found = 0
+    found, most = 0, 2 * len(numbers)
+    number, corner = np.empty(most, np.int64), np.empty((most, 4), np.int64)
+    is_doublet = np.empty((most, 2), np.bool_)
     for q in numbers:
         row = stars.rows[q]
         if row[3] < 0:
@@ -82,7 +74,7 @@ def _find_feasible_diagonals(
             if not _makes_double_edge(stars, q, corner[found]):
                 number[found] = q
                 found += 1
-    return found
+    return number[:found], corner[:found], is_doublet[:found]
 
 
 @njit_cached
@@ -111,11 +103,10 @@ def _rate_diagonals(
     number: IntArray,
     corner: IntArray,
     is_doublet: BoolArray,
-    worst: Array,
-) -> None:  # pragma: no cover
+) -> Array:  # pragma: no cover
     """The distortion (n,) of the worst polygon after each collapse; the last n vertices are the merged ones."""
     first_merged = len(vertices) - len(number)
-    row = np.empty(4, np.int64)
+    row, worst = np.empty(4, np.int64), np.empty(len(number))
     for i in range(len(number)):
         merged, result = first_merged + i, 0.0
         for k in range(2):
@@ -140,6 +131,7 @@ def _rate_diagonals(
                 row[stars.slot[entry]] = merged
                 result = max(result, measure_polygon(vertices, normals, fixed, row))
         worst[i] = result
+    return worst
 
 
 @njit_cached

@@ -1,4 +1,4 @@
-"""Edits of a simplified mesh, of which those near polygons that a fit rejects can be undone.
+"""The edits of a simplified mesh, of which those near polygons that a fit rejects can be undone.
 
 An edit can be undone only after the later edits of the polygons that it made. The vertices round it return to where they were
 before it, and are smoothed if that improves the polygons there. Polygons that are rejected again after they came back get the
@@ -7,7 +7,8 @@ original positions exactly.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from tpmscad._typing import Array, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
 from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
-from tpmscad.levelset.quadmesh.simplification.greedy_simplification import SimplifiedMesh
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import extract_mesh
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, PolygonMesh, extract_mesh, sides_of
 from tpmscad.levelset.quadmesh.smoothing import smooth_vertices
 from tpmscad.levelset.quadmesh.vectors import normalize
 
@@ -25,26 +25,44 @@ SWEEPS_AFTER_UNDO = 40
 """Rings of polygons round restored ones that are smoothed, and the number of sweeps."""
 
 
-class EditHistory:
-    """The edits of a simplified mesh that still stand; it takes over and changes the polygons of `simplified`."""
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedEdit:
+    """An applied edit, and vertices (n,) round it with their positions (n, 3) before."""
 
-    def __init__(self, original: QuadMesh, simplified: SimplifiedMesh, field: Field, lo: Array, hi: Array) -> None:
+    applied: AppliedEdit
+    vertices: IntArray
+    positions: Array
+
+
+class EditHistory:
+    """A simplified mesh and the edits by number that led to it and still stand.
+
+    Polygons numbered below the original's count are the original's, row by row. Positions (V, 3) and sizes (V,) are
+    those of all vertices of the original.
+    """
+
+    def __init__(
+        self,
+        original: QuadMesh,
+        polygons: PolygonMesh,
+        vertices: Array,
+        size: Array,
+        edits: Sequence[RecordedEdit],
+        field: Field,
+        lo: Array,
+        hi: Array,
+    ) -> None:
         self._original, self._field, self._lo, self._hi = original, field, lo, hi
-        self._polygons = simplified.polygons
-        self._vertices, self._size = original.vertices.copy(), original.size.copy()
-        ids = simplified.original_vertex
-        self._vertices[ids], self._size[ids] = simplified.mesh.vertices, simplified.mesh.size
-        self._applied = dict(enumerate(simplified.history))
-        self._edit_that_made = {number: i for i, each in self._applied.items() for number in each.applied.new_numbers}
-        self._edit_that_removed = {
-            number: i for i, each in self._applied.items() for number in each.applied.old_polygons
-        }
+        self.polygons, self._vertices, self._size = polygons, vertices, size
+        self.edits = dict(enumerate(edits))
+        self._edit_that_made = {number: i for i, each in self.edits.items() for number in each.applied.new_numbers}
+        self._edit_that_removed = {number: i for i, each in self.edits.items() for number in each.applied.old_polygons}
         self._pinned = np.zeros(len(original.vertices), bool)
 
     def mesh(self) -> tuple[QuadMesh, IntArray]:
         """The present mesh, and the number of each of its polygons (Q,)."""
-        numbers = sorted(self._polygons.corners_of)
-        return extract_mesh(self._polygons, self._vertices, self._size, numbers)[0], np.array(numbers, np.int64)
+        numbers = sorted(self.polygons.corners_of)
+        return extract_mesh(self.polygons, self._vertices, self._size, numbers)[0], np.array(numbers, np.int64)
 
     def undo(self, numbers: Iterable[int], levels: int) -> bool:
         """Undo the edits that made the polygons of these numbers, and what surrounds them the deeper the higher `levels` is.
@@ -52,7 +70,7 @@ class EditHistory:
         The region grows by `levels` - 1 rings, and edits are undone `levels` generations back. False if nothing changes: all
         these polygons are original ones at their original positions.
         """
-        corners_of, at_vertex = self._polygons.corners_of, self._polygons.polygons_at_vertex
+        corners_of, at_vertex = self.polygons.corners_of, self.polygons.polygons_at_vertex
         region = {n for n in numbers if n in corners_of}
         came_back = {v for n in region if n not in self._edit_that_made for v in corners_of[n]}
         for _ in range(levels - 1):
@@ -61,7 +79,7 @@ class EditHistory:
         for _ in range(levels):
             makers = {self._edit_that_made[n] for n in region if n in self._edit_that_made}
             chosen |= self._dependents_of(makers - chosen)
-            region |= {n for i in chosen for n in self._applied[i].applied.old_polygons}
+            region |= {n for i in chosen for n in self.edits[i].applied.old_polygons}
         while conflicting := self._conflicting_edits(chosen) - chosen:
             chosen |= self._dependents_of(conflicting)
         for i in sorted(chosen, reverse=True):
@@ -79,9 +97,9 @@ class EditHistory:
 
     def _undo_edit(self, i: int) -> set[int]:
         """Undo one edit; the numbers of the polygons that come back."""
-        recorded = self._applied.pop(i)
+        recorded = self.edits.pop(i)
         applied = recorded.applied
-        self._polygons.undo(applied)
+        self.polygons.undo(applied)
         self._vertices[recorded.vertices] = recorded.positions
         for number in applied.new_numbers:
             del self._edit_that_made[number]
@@ -97,21 +115,21 @@ class EditHistory:
             i = stack.pop()
             if i not in found:
                 found.add(i)
-                made = self._applied[i].applied.new_numbers
+                made = self.edits[i].applied.new_numbers
                 stack += [self._edit_that_removed[n] for n in made if n in self._edit_that_removed]
         return found
 
     def _conflicting_edits(self, chosen: set[int]) -> set[int]:
         """Edits that made a half-edge which the polygons restored by undoing the chosen edits would have, too."""
-        gone = {n for i in chosen for n in self._applied[i].applied.new_numbers}
-        restored = {n: p for i in chosen for n, p in self._applied[i].applied.old_polygons.items() if n not in gone}
-        edges = ((p[k - 1], v) for p in restored.values() for k, v in enumerate(p))
-        owners = {self._polygons.polygon_of_half_edge.get(edge, -1) for edge in edges} - gone
+        gone = {n for i in chosen for n in self.edits[i].applied.new_numbers}
+        restored = {n: p for i in chosen for n, p in self.edits[i].applied.old_polygons.items() if n not in gone}
+        edges = (edge for polygon in restored.values() for edge in sides_of(polygon))
+        owners = {self.polygons.polygon_of_half_edge.get(edge, -1) for edge in edges} - gone
         return {self._edit_that_made[n] for n in owners if n in self._edit_that_made}
 
     def _smooth_around(self, near: set[int]) -> None:
         """Smooth the vertices within RINGS_AROUND_UNDONE rings of `near` that are not pinned."""
-        corners_of, at_vertex = self._polygons.corners_of, self._polygons.polygons_at_vertex
+        corners_of, at_vertex = self.polygons.corners_of, self.polygons.polygons_at_vertex
         for _ in range(RINGS_AROUND_UNDONE):
             near = {w for v in near for f in at_vertex[v] for w in corners_of[f]}
         free = np.zeros(len(self._vertices), bool)
@@ -119,7 +137,7 @@ class EditHistory:
         free &= ~self._pinned
         touched = sorted({f for v in np.flatnonzero(free).tolist() for f in at_vertex[v]})
         if touched:
-            part, ids = extract_mesh(self._polygons, self._vertices, self._size, touched)
+            part, ids = extract_mesh(self.polygons, self._vertices, self._size, touched)
             smoothed = smooth_vertices(part, free[ids], self._field, self._lo, self._hi, SWEEPS_AFTER_UNDO)
             vertices = self._vertices.copy()
             vertices[ids] = smoothed.vertices
@@ -129,7 +147,7 @@ class EditHistory:
 
     def _measure_distortion(self, vertices: Array, numbers: list[int]) -> float:
         """The largest distortion of the polygons of these numbers, with all vertices (V, 3) at the given positions."""
-        rows, fixed = self._polygons.rows[numbers], self._original.fixed
+        rows, fixed = self.polygons.rows[numbers], self._original.fixed
         normals = normalize(self._field.gradient(vertices))
         corner = corner_distortion(vertices, normals, fixed, rows)
         inside = interior_distortion(self._field, vertices, normals, fixed, rows)

@@ -20,9 +20,9 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray, IntArray
 from tpmscad.fields.field import Field
 from tpmscad.levelset.quadmesh.dual_mesh import QuadMesh
-from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion
-from tpmscad.levelset.quadmesh.side_curves import measure_side_distances
+from tpmscad.levelset.quadmesh.quality import corner_distortion, interior_distortion, measure_side_distances
 from tpmscad.levelset.quadmesh.simplification.collapse_candidates import Candidates, rank_candidates
+from tpmscad.levelset.quadmesh.simplification.edit_history import EditHistory, RecordedEdit
 from tpmscad.levelset.quadmesh.simplification.polygon_mesh import AppliedEdit, MeshEdit, PolygonMesh, extract_mesh
 from tpmscad.levelset.quadmesh.simplification.strip_collapses import plan_edit
 from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
@@ -48,30 +48,6 @@ MAX_REQUEUES = 10
 """Rounds before the polygons whose surroundings moved are rated again, and how often that is done."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RecordedEdit:
-    """An applied edit, and vertices (n,) round it with their positions (n, 3) before."""
-
-    applied: AppliedEdit
-    vertices: IntArray
-    positions: Array
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SimplifiedMesh:
-    """A simplified mesh and the edits that led to it.
-
-    `original_vertex` (V',) and `polygon_numbers` (Q,) number the mesh's vertices in the original and its polygons in `polygons`.
-    `history` holds the edits in order; polygons numbered below the original's count are the original's, row by row.
-    """
-
-    mesh: QuadMesh
-    original_vertex: IntArray
-    polygon_numbers: IntArray
-    polygons: PolygonMesh
-    history: tuple[RecordedEdit, ...]
-
-
 def simplify_mesh(
     mesh: QuadMesh,
     field: Field,
@@ -79,10 +55,11 @@ def simplify_mesh(
     hi: Array,
     max_distortion: float = 1.0,
     max_side_distance: float = math.inf,
-) -> SimplifiedMesh:
-    """The mesh of {field = 0} in the box [lo, hi] with polygons merged whose distortion is at most `max_distortion`.
+) -> EditHistory:
+    """The edits that merge polygons of a mesh of {field = 0} in the box [lo, hi], whose mesh is the simplified one.
 
-    The cubic sides of merged polygons are at most `max_side_distance` from the level set (`measure_side_distances`).
+    The distortion of merged polygons is at most `max_distortion`, and their cubic sides are at most `max_side_distance` from the
+    level set (`measure_side_distances`).
     """
     state = _Simplification(mesh, field, lo, hi, max_distortion, max_side_distance)
     for _ in range(MAX_REQUEUES):
@@ -92,9 +69,8 @@ def simplify_mesh(
         if not state.requeue_stale():
             break
     polygons = state.polygons
-    numbers = sorted(polygons.corners_of)
-    small, ids = extract_mesh(polygons, state.vertices, state.vertex_sizes(polygons.rows[numbers]), numbers)
-    return SimplifiedMesh(small, ids, np.array(numbers, np.int64), polygons, tuple(state.history))
+    sizes = state.vertex_sizes(polygons.rows)
+    return EditHistory(mesh, polygons, state.vertices, sizes, state.history, field, lo, hi)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +127,7 @@ class _Simplification:
         stars = build_vertex_stars(rows, len(self.vertices))
         surface = SurfaceVertices(self.field, self.vertices, self.normals, self.fixed)
         ranked = rank_candidates(stars, surface, queue, MAX_RATIO_BEFORE_SMOOTHING * self.max_distortion)
-        self.candidates = self.candidates.drop_stale(rows[:, 0] >= 0, queue).combine(ranked)
+        self.candidates = Candidates.concatenate([self.candidates.drop_stale(rows[:, 0] >= 0, queue), ranked])
         selected, infeasible = self._select_independent(stars)
         if not selected:
             return 0
@@ -176,7 +152,7 @@ class _Simplification:
         order, place = known.ranking(), -1
         while (place := known.find_next_free(order, place + 1, stars, is_taken)) < len(order):
             k = int(order[place])
-            edit = plan_edit(self.polygons, known.seed(k))
+            edit = plan_edit(self.polygons, known.seeds.seed(k))
             if edit is None:
                 infeasible.append(k)
                 continue

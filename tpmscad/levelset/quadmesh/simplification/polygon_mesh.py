@@ -8,7 +8,8 @@ at most one edge between two vertices, with allowed valences and with the same b
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,11 @@ class AppliedEdit:
     new_numbers: list[int]
     old_polygons: dict[int, Polygon]
     old_box_sides: dict[HalfEdge, int]
+
+
+def sides_of(polygon: Polygon) -> Iterator[HalfEdge]:
+    """The half-edges of a polygon, from the one that ends at its first vertex."""
+    return zip((polygon[-1], *polygon), polygon, strict=False)
 
 
 def is_valence_allowed(count: int, inside: bool) -> bool:
@@ -193,20 +199,16 @@ class PolygonMesh:
     def _insert(self, number: int, polygon: Polygon) -> None:
         self.corners_of[number] = polygon
         self._outdated_rows.add(number)
-        a = polygon[-1]
-        for b in polygon:
+        for a, b in sides_of(polygon):
             self.polygons_at_vertex[b].add(number)
             self.polygon_of_half_edge[a, b] = number
-            a = b
 
     def _remove(self, number: int) -> None:
         polygon = self.corners_of.pop(number)
         self._outdated_rows.add(number)
-        a = polygon[-1]
-        for b in polygon:
+        for a, b in sides_of(polygon):
             self.polygons_at_vertex[b].discard(number)
             del self.polygon_of_half_edge[a, b]
-            a = b
 
     def _validate_edit(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> MeshEdit | None:
         """The edit with its doublets removed, or None if it is not valid or saves no patch; extends `removed` and `added`."""
@@ -223,17 +225,13 @@ class PolygonMesh:
     def _keeps_edges_manifold(self, removed: set[int], added: list[Polygon], merges: dict[int, int]) -> bool:
         """Whether every half-edge occurs once after the edit, and the boundary on the box is the image of the old one."""
         half_edges = self.polygon_of_half_edge
-        edges = [(polygon[i - 1], v) for polygon in added for i, v in enumerate(polygon)]
+        edges = [edge for polygon in added for edge in sides_of(polygon)]
         distinct = set(edges)
         if len(distinct) < len(edges) or any(half_edges.get(e, -1) not in removed and e in half_edges for e in edges):
             return False
-        boundary = set()
-        for number in removed:
-            polygon = self.corners_of[number]
-            for i, v in enumerate(polygon):
-                if (v, polygon[i - 1]) not in half_edges:
-                    boundary.add((merges.get(polygon[i - 1], polygon[i - 1]), merges.get(v, v)))
-        boundary = {(a, b) for a, b in boundary if a != b}
+        old = [edge for number in removed for edge in sides_of(self.corners_of[number]) if edge[::-1] not in half_edges]
+        images = {(merges.get(a, a), merges.get(b, b)) for a, b in old}
+        boundary = {(a, b) for a, b in images if a != b}
         gone = removed | {-1}
         opened = {(a, b) for a, b in edges if (b, a) not in distinct and half_edges.get((b, a), -1) in gone}
         return opened == boundary
@@ -278,15 +276,9 @@ class PolygonMesh:
 
     def _half_edges_on_box(self, numbers: Iterable[int]) -> list[HalfEdge]:
         """Half-edges of these polygons that have no opposite and whose ends lie on the box."""
-        edges, n_fixed, half_edges = [], self.n_fixed, self.polygon_of_half_edge
-        for number in numbers:
-            polygon = self.corners_of[number]
-            a = polygon[-1]
-            for b in polygon:
-                if n_fixed[a] and n_fixed[b] and (b, a) not in half_edges:
-                    edges.append((a, b))
-                a = b
-        return edges
+        n_fixed, half_edges = self.n_fixed, self.polygon_of_half_edge
+        edges = [edge for number in numbers for edge in sides_of(self.corners_of[number])]
+        return [(a, b) for a, b in edges if n_fixed[a] and n_fixed[b] and (b, a) not in half_edges]
 
 
 def extract_mesh(
@@ -318,13 +310,9 @@ def extract_mesh(
     return QuadMesh(*of_vertices, small, sides, ends, plane), ids
 
 
-def _count_corners(polygons: Iterable[Polygon]) -> dict[int, int]:
+def _count_corners(polygons: Iterable[Polygon]) -> Counter[int]:
     """Number of these polygons round each of their vertices, in the order of first occurrence."""
-    count: dict[int, int] = {}
-    for polygon in polygons:
-        for v in polygon:
-            count[v] = count.get(v, 0) + 1
-    return count
+    return Counter(v for polygon in polygons for v in polygon)
 
 
 def _patch_count(polygon: Polygon) -> int:

@@ -2,7 +2,10 @@
 
 A strip (polychord) collapse merges the ends of opposite edges along a chain of quadrilaterals between two triangles or sides on
 the box (Daniels et al. 2008). A collapse is described by its seed, which `plan_edit` turns into an exact edit. `plan_edits_from`
-plans those of one polygon exactly; it is the reference for `strip_ratings`, which rates many at once.
+plans those of one polygon exactly; it is the reference for `rate_strip_collapses`, which rates many at once, in a compiled loop.
+
+The ratings treat doublets approximately: the polygons at a doublet are left out, since their union is known only once the edit is
+planned.
 """
 
 from __future__ import annotations
@@ -12,9 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from tpmscad._compiled_loops import njit_cached
-from tpmscad._typing import BoolArray, IntArray
-from tpmscad.levelset.quadmesh.simplification.polygon_mesh import MeshEdit, PolygonMesh
-from tpmscad.levelset.quadmesh.simplification.vertex_stars import VertexStars, build_vertex_stars, polygon_left_of
+from tpmscad._typing import Array, BoolArray, IntArray
+from tpmscad.array_table import ArrayTable
+from tpmscad.levelset.quadmesh.quality import measure_polygon
+from tpmscad.levelset.quadmesh.simplification.polygon_mesh import (
+    MAX_VALENCE,
+    PATCHES_PER_TRIANGLE,
+    MeshEdit,
+    PolygonMesh,
+)
+from tpmscad.levelset.quadmesh.simplification.vertex_stars import (
+    SurfaceVertices,
+    VertexStars,
+    build_vertex_stars,
+    polygon_left_of,
+)
 
 MAX_STRIP_QUADS = 8
 """Largest number of quadrilaterals in a strip."""
@@ -39,30 +54,18 @@ class CollapseSeed:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class StripSeeds:
+class CollapseSeeds(ArrayTable):
     """The seeds of n collapses in arrays, padded with -1: merges (n, m, 2), removed polygons (n, m), shared edges (n, 2)."""
 
     merges: IntArray
     removed: IntArray
     shared_edge: IntArray
 
-    def __len__(self) -> int:
-        return len(self.merges)
-
     @staticmethod
-    def allocate(count: int) -> StripSeeds:
-        """Arrays for so many seeds, to be filled in."""
+    def allocate(count: int) -> CollapseSeeds:
+        """So many seeds without merges and polygons, to be filled in."""
         shapes = (count, MAX_STRIP_LENGTH, 2), (count, MAX_STRIP_LENGTH), (count, 2)
-        return StripSeeds(*(np.empty(shape, np.int64) for shape in shapes))
-
-    def select(self, rows: IntArray | BoolArray | slice) -> StripSeeds:
-        """The seeds of these rows, or of a mask."""
-        return StripSeeds(self.merges[rows], self.removed[rows], self.shared_edge[rows])
-
-    def combine(self, more: StripSeeds) -> StripSeeds:
-        """These seeds followed by `more`."""
-        pairs = (self.merges, more.merges), (self.removed, more.removed), (self.shared_edge, more.shared_edge)
-        return StripSeeds(*(np.concatenate(pair) for pair in pairs))
+        return CollapseSeeds(*(np.full(shape, -1) for shape in shapes))
 
     def seed(self, row: int) -> CollapseSeed:
         """One of the seeds."""
@@ -99,14 +102,14 @@ def plan_edits_from(polygons: PolygonMesh, number: int) -> list[MeshEdit]:
     return [edit for edit in (plan_edit(polygons, seed) for seed in seeds) if edit is not None]
 
 
-def find_strip_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> StripSeeds:
+def find_strip_seeds(stars: VertexStars, n_fixed: IntArray, numbers: IntArray) -> CollapseSeeds:
     """Seeds of all collapses that start from these polygons, except their diagonals.
 
     `n_fixed` (V,): number of fixed coordinates of each vertex.
     """
-    found = StripSeeds.allocate(MAX_SEEDS_PER_POLYGON * len(numbers))
+    found = CollapseSeeds.allocate(MAX_SEEDS_PER_POLYGON * len(numbers))
     count = _find_seeds(stars, n_fixed, numbers, found.merges, found.removed, found.shared_edge)
-    return found.select(slice(0, count))
+    return found[:count]
 
 
 @njit_cached
@@ -128,8 +131,6 @@ def _find_seeds(
             other = polygon_left_of(stars, v, u)
             a, b, begins_strip = -1, -1, n == 3
             if n == 3 and other >= 0 and stars.rows[other, 3] < 0:
-                for k in range(MAX_STRIP_LENGTH):
-                    merges[found, k, 0], merges[found, k, 1], removed[found, k] = -1, -1, -1
                 removed[found, 0], removed[found, 1] = number, other
                 shared_edge[found, 0], shared_edge[found, 1] = u, v
                 found += 1
@@ -138,7 +139,7 @@ def _find_seeds(
                 begins_strip = a >= 0
                 u, v = row[(i + 1) % 4], row[(i + 2) % 4]
             if begins_strip:
-                found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, shared_edge, found)
+                found = _grow_strip(stars, n_fixed, number, a, b, u, v, merges, removed, found)
     return found
 
 
@@ -153,7 +154,6 @@ def _grow_strip(
     v: int,
     merges: IntArray,
     removed: IntArray,
-    shared_edge: IntArray,
     found: int,
 ) -> int:  # pragma: no cover
     """Seeds of the strip that crosses the edge from u to v and the edges opposite, up to a triangle or the box.
@@ -181,13 +181,9 @@ def _grow_strip(
         n_merges += 1
         ends_at_triangle = other >= 0 and stars.rows[other, 3] < 0
         if other < 0 or ends_at_triangle or (n_gone == 1 and first_removed < 0):
-            for k in range(MAX_STRIP_LENGTH):
-                merges[found, k, 0] = strip[k, 0] if k < n_merges else -1
-                merges[found, k, 1] = strip[k, 1] if k < n_merges else -1
-                removed[found, k] = gone[k] if k < n_gone else -1
+            merges[found, :n_merges], removed[found, :n_gone] = strip[:n_merges], gone[:n_gone]
             if ends_at_triangle:
                 removed[found, n_gone] = other
-            shared_edge[found, 0], shared_edge[found, 1] = -1, -1
             found += 1
         if other < 0 or ends_at_triangle:
             break
@@ -212,3 +208,161 @@ def _collapse_direction(n_fixed: IntArray, a: int, b: int, on_box: bool) -> tupl
     if other > one or (other == one and b > a):
         return a, b
     return b, a
+
+
+def rate_strip_collapses(stars: VertexStars, surface: SurfaceVertices, seeds: CollapseSeeds) -> tuple[Array, IntArray]:
+    """Distortion of the worst polygon after each collapse, and the number of patches saved: (n,) each.
+
+    The distortion is infinite if a polygon outside `removed` would degenerate, a valence would be too high or no patch would be
+    saved.
+    """
+    removed, kept = seeds.merges[seeds.merges[..., 0] >= 0].T
+    after = surface.append_merged_vertices(removed, kept)
+    vertices = after.vertices, after.normals, after.fixed, len(surface.vertices)
+    return _rate_strips(stars, *vertices, seeds.merges, seeds.removed, seeds.shared_edge)
+
+
+@njit_cached
+def _rate_strips(
+    stars: VertexStars,
+    vertices: Array,
+    normals: Array,
+    fixed: BoolArray,
+    n_vertices: int,
+    merges: IntArray,
+    removed: IntArray,
+    shared_edge: IntArray,
+) -> tuple[Array, IntArray]:  # pragma: no cover
+    """The worst distortion and the patches saved (n,); vertices beyond the first `n_vertices` are the merged ones, in order."""
+    worst, saved = np.empty(len(merges)), np.empty(len(merges), np.int64)
+    new_name = np.full(n_vertices, -1)
+    n_gone_at, n_joined_at = np.zeros(n_vertices, np.int64), np.zeros(n_vertices, np.int64)
+    done, is_gone = np.full(len(stars.rows), -1), np.full(len(stars.rows), -1)
+    valence = np.zeros(merges.shape[1], np.int64)
+    row = np.empty(4, np.int64)
+    first_merged = n_vertices
+    for i in range(len(merges)):
+        n_merges = 0
+        while n_merges < merges.shape[1] and merges[i, n_merges, 0] >= 0:
+            for v in merges[i, n_merges]:
+                new_name[v] = first_merged + n_merges
+            valence[n_merges] = 0
+            n_merges += 1
+        total = 0
+        for q in removed[i]:
+            if q >= 0:
+                is_gone[q] = i
+                total += _patch_count(stars.rows[q])
+                for v in stars.rows[q]:
+                    if v >= 0:
+                        n_gone_at[v] += 1
+        if not n_merges:
+            _join_triangles(stars, removed[i], shared_edge[i], row)
+            for v in row:
+                n_joined_at[v] = 1
+
+        # doublets: inner corners of removed polygons, or of joined triangles, at which two polygons are left
+        n_doublets = 0
+        for q in removed[i]:
+            if q >= 0:
+                for v in stars.rows[q]:
+                    if v >= 0 and _is_doublet(stars, fixed, new_name, n_gone_at, n_joined_at, v):
+                        n_gone_at[v] = -1 - n_gone_at[v]  # marked, and counted once
+                        n_doublets += 1
+
+        result = 0.0
+        if not n_merges:
+            total -= 1
+            if not _has_doublet(row, n_gone_at, n_vertices):
+                result = measure_polygon(vertices, normals, fixed, row)
+        for k in range(n_merges):
+            for vertex in merges[i, k]:
+                for entry in range(stars.first[vertex], stars.first[vertex + 1]):
+                    polygon = stars.polygon[entry]
+                    if done[polygon] == i or is_gone[polygon] == i:
+                        continue
+                    done[polygon] = i
+                    total += _patch_count(stars.rows[polygon])
+                    for c in range(4):
+                        v = stars.rows[polygon, c]
+                        row[c] = new_name[v] if v >= 0 and new_name[v] >= 0 else v
+                    is_valid = _shrink_degenerate_quad(row)
+                    total -= _patch_count(row)
+                    for v in row:
+                        if v >= n_vertices:
+                            valence[v - first_merged] += 1
+                    if not is_valid:
+                        result = np.inf
+                    elif not _has_doublet(row, n_gone_at, n_vertices):
+                        result = max(result, measure_polygon(vertices, normals, fixed, row))
+        for k in range(n_merges):
+            if valence[k] > MAX_VALENCE + n_doublets:
+                result = np.inf
+        saved[i] = total + n_doublets
+        worst[i] = np.inf if saved[i] <= 0 else result
+
+        for k in range(n_merges):
+            for v in merges[i, k]:
+                new_name[v] = -1
+        for q in removed[i]:
+            if q >= 0:
+                for v in stars.rows[q]:
+                    if v >= 0:
+                        n_gone_at[v], n_joined_at[v] = 0, 0
+        first_merged += n_merges
+    return worst, saved
+
+
+@njit_cached
+def _is_doublet(
+    stars: VertexStars, fixed: BoolArray, new_name: IntArray, n_gone_at: IntArray, n_joined_at: IntArray, v: int
+) -> bool:  # pragma: no cover
+    """Whether two polygons are left at an inner vertex that is not merged and not marked yet."""
+    if n_gone_at[v] < 0 or new_name[v] >= 0 or fixed[v, 0] or fixed[v, 1] or fixed[v, 2]:
+        return False
+    return stars.first[v + 1] - stars.first[v] - n_gone_at[v] + n_joined_at[v] == 2
+
+
+@njit_cached
+def _has_doublet(row: IntArray, n_gone_at: IntArray, n_vertices: int) -> bool:  # pragma: no cover
+    """Whether a corner of a polygon (4,) is marked as a doublet."""
+    is_marked = False
+    for v in row:
+        is_marked |= 0 <= v < n_vertices and n_gone_at[v] < 0
+    return is_marked
+
+
+@njit_cached
+def _shrink_degenerate_quad(row: IntArray) -> bool:  # pragma: no cover
+    """Make a quadrilateral (4,) with one zero side a triangle, in place; whether the corners are then distinct."""
+    if row[3] >= 0:
+        n_same, place = 0, 0
+        for k in range(4):
+            if row[k] == row[(k + 1) % 4]:
+                n_same, place = n_same + 1, k
+        if n_same == 1:
+            a, b, c = row[(place + 1) % 4], row[(place + 2) % 4], row[(place + 3) % 4]
+            row[0], row[1], row[2], row[3] = a, b, c, -1
+    for k in range(4):
+        for m in range(k):
+            if row[k] == row[m]:
+                return False
+    return True
+
+
+@njit_cached
+def _join_triangles(
+    stars: VertexStars, removed: IntArray, shared_edge: IntArray, row: IntArray
+) -> None:  # pragma: no cover
+    """The quadrilateral (4,) of two triangles without their shared edge."""
+    a, b = shared_edge[0], shared_edge[1]
+    c, d = -a - b, -a - b
+    for k in range(3):
+        c += stars.rows[removed[0], k]
+        d += stars.rows[removed[1], k]
+    row[0], row[1], row[2], row[3] = a, d, b, c
+
+
+@njit_cached
+def _patch_count(row: IntArray) -> int:  # pragma: no cover
+    return PATCHES_PER_TRIANGLE if row[3] < 0 else 1
