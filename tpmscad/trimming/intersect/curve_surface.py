@@ -126,7 +126,6 @@ def intersect_segments(
         root_segment=np.repeat(s[rooted], count[rooted]),
         root_surface=np.repeat(surface[rooted], count[rooted]),
         coincident_deviation=deviation,
-        n_classes=len(first),
     )
 
 
