@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.constraints import WeightConstraints
 from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
 from tpmscad.fields.data.sample_grid import SampleGrid
-from tpmscad.fields.tape.tape_nodes import Node
+from tpmscad.fields.field import ConstantField
 
 GridWindow = tuple[slice, slice, slice]
 
@@ -100,25 +99,7 @@ def evaluate_affine_form(field: BlendedField, stage: int, points: Array) -> tupl
     return value_at_zero, value_at_one - value_at_zero
 
 
-@dataclass(frozen=True, slots=True)
-class _ConstantWeight:
-    value: float
-
-    def __call__(self, points: ArrayLike) -> Array:
-        points = np.asarray(points)
-        return np.full(points.shape[:-1], self.value)
-
-    def gradient(self, points: ArrayLike) -> Array:
-        return np.zeros(np.shape(points))
-
-    def trace(self, x: Node, y: Node, z: Node) -> Node:
-        return x.recorder.constant(self.value)
-
-    def on_grid(self, x: Array, y: Array, z: Array) -> Array:
-        return np.full((len(x), len(y), len(z)), self.value)
-
-
 def _evaluate_at_weight(field: BlendedField, stage: int, points: Array, value: float) -> Array:
     weights: list[WeightFunction] = list(field.weights)
-    weights[stage] = _ConstantWeight(value)
+    weights[stage] = ConstantField(value)
     return field.with_weights(weights)(points)
