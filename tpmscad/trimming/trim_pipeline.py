@@ -129,7 +129,6 @@ def trim_domains(
     lattice: Brep,
     body: Brep,
     domains: Sequence[LatticeDomain],
-    tol: float | None = None,
     *,
     clearance: float = 0.0,
     max_shift: float = 0.0,
@@ -139,7 +138,7 @@ def trim_domains(
     Lattice and body are intersected and classified once; only the rebuilding is repeated for each domain.
     """
     request = _TrimRequest(domains, None, None)
-    trimmed, report = _trim_with_placements(lattice, body, tol, request, clearance, max_shift)
+    trimmed, report = _trim_with_placements(lattice, body, None, request, clearance, max_shift)
     return trimmed.result, report
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from tpmscad._typing import Array, BoolArray
 from tpmscad.blending.composition.blended_field import BlendedField
 from tpmscad.blending.weights.constraints import WeightConstraints
-from tpmscad.blending.weights.weight_protocol import SplineWeight, WeightFunction
+from tpmscad.blending.weights.weight_protocol import SplineWeight
 from tpmscad.fields.data.sample_grid import SampleGrid
 from tpmscad.fields.field import ConstantField
 
@@ -95,11 +95,8 @@ def find_bounding_window(mask: BoolArray, margin: int = 0) -> GridWindow:
 
 def evaluate_affine_form(field: BlendedField, stage: int, points: Array) -> tuple[Array, Array]:
     """Constant and slope (n,) of the field as a function of one stage's weight at points (n, 3)."""
-    value_at_zero, value_at_one = (_evaluate_at_weight(field, stage, points, value) for value in (0.0, 1.0))
+    before, after = field.weights[:stage], field.weights[stage + 1 :]
+    value_at_zero, value_at_one = (
+        field.with_weights((*before, ConstantField(weight), *after))(points) for weight in (0.0, 1.0)
+    )
     return value_at_zero, value_at_one - value_at_zero
-
-
-def _evaluate_at_weight(field: BlendedField, stage: int, points: Array, value: float) -> Array:
-    weights: list[WeightFunction] = list(field.weights)
-    weights[stage] = ConstantField(value)
-    return field.with_weights(weights)(points)

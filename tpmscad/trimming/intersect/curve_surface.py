@@ -21,12 +21,7 @@ from tpmscad.brep.carriers import EdgeCurve
 from tpmscad.errors import TrimmingError
 from tpmscad.splines.basis import design_matrix
 from tpmscad.splines.bspline import BSplineCurve
-from tpmscad.trimming.intersect.arrangement import (
-    Arrangement,
-    CurveSegments,
-    CurveSurfaceIntersections,
-    SubSegments,
-)
+from tpmscad.trimming.intersect.arrangement import Arrangement, CurveSegments, CurveSurfaceIntersections, SubSegments
 from tpmscad.trimming.operands.quadric_table import QuadricTable, group_rows
 
 SAMPLES_PER_SEGMENT = 34
